@@ -22,7 +22,8 @@ from ..elements.stated import Stated
 from ..loads import CablePressure, LineLoads, SelfWeight
 from ..loads.load import Acting
 from ..model.structure import Structure
-from .phases import ABSOLUTE, INCREMENTS, Phase, is_scalar, spread
+from .by_group import is_scalar, spread
+from .phases import ABSOLUTE, INCREMENTS, Phase
 from .presence import Presence
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
@@ -20,6 +21,7 @@ from ..loads.load import Load
 from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import Supports
+from .by_group import is_scalar, spread
 from .prestress_rules import capacity_rules, span_rules, value_rules
 
 ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking")
@@ -45,23 +47,27 @@ class Phase:
       where beams and struts give way: `jacking` keeps a force, and `design.tune` finds what ends
       in it.
     - force_density: pretension over initial length, N/m.
-    - prestrain: strain in the initial geometry, on the unstressed length.
+    - prestrain: strain in the initial geometry, on the unstressed length, without unit.
     - rest_length: unstressed length, m (has only the digits of a length: a relative error of
       eps EA/N in the force).
     - sag: of catenaries, vertical distance from the chord at midspan (half of the horizontal
       distance of the ends), m, under the whole weight of the group along -z, whatever loads act.
-    - jacking: force that a jack keeps in the element during this phase whatever its length, N. At
-      the end of the phase the jack is anchored: the unstressed length is locked in.
+    - jacking: force that a jack keeps in the element during this phase whatever its length, N: the
+      force in equilibrium. At the end of the phase the jack is anchored: the unstressed length is
+      locked in, and the force follows later loads.
 
-    Increments may be combined with absolute statements: shortening (turnbuckle), m; temperature
-    (change; the group needs `expansion`), K. Increments of all phases add. Changes of temperature
-    lengthen an element to ``L (1 + expansion sum(dt))``, where L is its unstressed length at the
-    temperature before the first phase, or at that of the phase that adds it: it has seen only
-    changes from this phase on. Within a phase the absolute statement comes first, then the
-    shortening, then the temperature. An absolute statement holds at the temperature that the
-    element has then, and replaces all earlier statements and shortenings. The element stays as
-    warm as it was: cooled again, it is shorter than stated. A shortening is measured at the
-    temperature of its phase, too. Heat changes no weight, and no load per unstressed length.
+    Increments may be combined with absolute statements, and those of all phases add:
+
+    - shortening: by how much a turnbuckle shortens the unstressed length, m.
+    - temperature: change of the temperature, K; the group needs `expansion`.
+
+    Changes of temperature lengthen an element to ``L (1 + expansion sum(dt))``, where L is its
+    unstressed length at the temperature before the first phase, or at that of the phase that adds
+    it: it has seen only changes from this phase on. Within a phase the absolute statement comes
+    first, then the shortening, then the temperature. An absolute statement holds at the temperature
+    that the element has then, and replaces all earlier statements and shortenings. The element
+    stays as warm as it was: cooled again, it is shorter than stated. A shortening is measured at
+    the temperature of its phase, too. Heat changes no weight, and no load per unstressed length.
 
     A statement acts on elements that are there (see `adds`). ``only(elements, values)`` for an
     element that is not there, or a statement for a group without any that is, raises ValueError,
@@ -70,14 +76,14 @@ class Phase:
     statement, that an array before has had a number for.
 
     Args:
-        loads: one load or a list; they add to those of earlier phases.
+        loads: one load or a list; they add to those of earlier phases, which go on acting.
         supports: replaces the set of supports. A freedom that becomes fixed is held where it is,
             and nodal loads on it end (an anchored jack does not also pull). A freedom that becomes
             free begins with its reaction as a load, which is ramped out.
         increments: number of equal steps of the load factor.
-        adds: elements that are there from this phase on, and not before: keys of groups, or
-            `only(numbers)` or booleans [n_elem] by group. An element is unstressed where it
-            finds its ends, unless it has a `rest_length` or a statement, whose geometry is that of
+        adds: elements that are there from this phase on, and not before: keys of groups, or a
+            `Selection` or booleans [n_elem] by group. An element is unstressed where it finds its
+            ends, unless it has a `rest_length` or a statement, whose geometry is that of
             the structure's nodes. What no phase of an analysis adds is there from its beginning: an
             analysis of the first stages alone has to remove in its first phase what comes later.
             An empty list means None.
@@ -135,7 +141,7 @@ class Phase:
     temperature: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
     adds: str | Sequence[str] | PyTree[Bool[ArrayLike, " n_elem"] | Selection] | None = None
     removes: str | Sequence[str] | PyTree[Bool[ArrayLike, " n_elem"] | Selection] | None = None
-    placed: str = "drawn"
+    placed: Literal["drawn", "attached"] = "drawn"
 
     def __post_init__(self):
         for name in ("adds", "removes"):
@@ -164,14 +170,16 @@ class Phase:
         named = structure.named_groups()
         per_group = [{} for _ in named]
         for name in ABSOLUTE + INCREMENTS:
-            if getattr(self, name) is None:
+            given = getattr(self, name)
+            if given is None:
                 continue
-            values = spread(getattr(self, name), structure, name)
-            if is_scalar(getattr(self, name)):
+            if is_scalar(given):
                 values = [
-                    None if _passes_by(group, name, structure) else value
-                    for value, group in zip(values, structure.groups, strict=True)
+                    None if _passes_by(group, name, structure) else given
+                    for group in structure.groups
                 ]
+            else:
+                values = spread(given, structure, name)
             for statements, (where, group), value in zip(per_group, named, values, strict=True):
                 if value is not None:
                     try:
@@ -182,7 +190,8 @@ class Phase:
         for statements, (where, group) in zip(per_group, named, strict=True):
             _require_apart(statements, where, group)
             for name, stated in statements.items():
-                plausibility.prestress(name, stated, group, where, structure.nodes)
+                if not _has_components(group, name):
+                    plausibility.prestress(name, stated, group, where, structure.nodes)
         return per_group
 
 
@@ -231,101 +240,29 @@ def _meant(stated, group):
     return np.ones(len(group.links), bool) if stated.chosen is None else stated.chosen
 
 
-def is_scalar(value: Any) -> bool:
-    """Whether a statement is one number for the whole structure."""
-    leaf = jax.tree_util.treedef_is_leaf(jax.tree.structure(value))
-    return leaf and not isinstance(value, dict | None) and np.ndim(value) == 0
-
-
 def _passes_by(group, name, structure):
     """Whether a scalar stated for the whole structure leaves out `group`.
 
-    It leaves out groups that cannot take it, if another group can; and beams beside cables or bars.
+    It leaves out groups that cannot take it, if another group can; and beams, and groups that take
+    several components, beside cables or bars.
     """
 
     def takes(any_group):
         return isinstance(any_group, Prestressable) and name in any_group.statements
 
+    def differs(any_group):  # its numbers mean something else than those of cables and bars
+        return any_group.rotates or _has_components(any_group, name)
+
     if not takes(group):
         return any(map(takes, structure.groups))
-    mixed = any(takes(other) and not other.rotates for other in structure.groups)
+    mixed = any(takes(other) and not differs(other) for other in structure.groups)
     warms = name == "temperature" and group.expansion is not None
-    return group.rotates and mixed and not warms
+    return differs(group) and mixed and not warms
 
 
-def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
-    """A prefix pytree of the elements as a list with one entry per group, None if not stated.
-
-    Groups that a dict leaves out have no entry.
-
-    Raises:
-        ValueError: keys that no group has, or another shape.
-    """
-    if value is None or is_scalar(value):
-        return [value] * len(structure.groups)
-    numbers = structure.arrange(list(range(len(structure.groups))))
-    value = _filled(value, numbers, name)
-    if isinstance(numbers, int) and isinstance(value, list | tuple):
-        return [value]  # the values of the only group
-
-    def is_values(x):
-        return isinstance(x, list | tuple) and not any(
-            isinstance(v, list | tuple | dict | Only | Selection) for v in x
-        )
-
-    def is_one(x):
-        return x is None or isinstance(x, Named | Only | Selection)
-
-    # a list is first taken as a branch of the tree of groups, then as the values of one group
-    for is_leaf in (is_one, lambda x: is_one(x) or is_values(x)):
-        values = [None] * len(structure.groups)
-
-        def assign(v, subtree, values=values):
-            for number in jax.tree.leaves(subtree):
-                values[number] = v
-
-        try:
-            jax.tree.map(assign, value, numbers, is_leaf=is_leaf)
-        except (ValueError, TypeError, KeyError):
-            continue
-        return values
-    raise ValueError(
-        f"{name}: expected one number, numbers [n_elem] of the only group, or these by group: "
-        f"the structure has {_told(numbers)}, got {_told(value)}"
-    )
-
-
-def _filled(value, numbers, name):
-    """`value` with nothing for the groups that its dicts leave out; ValueError for unknown keys.
-
-    Args:
-        value: prefix pytree of the elements; its lists and tuples have all of their items.
-        numbers: numbers of the groups, in the shape of the elements.
-        name: of what is stated, for messages.
-    """
-    if type(numbers) is dict and isinstance(value, dict):
-        for key in value:
-            if key not in numbers:
-                raise ValueError(
-                    f"{name}: no group {key!r} in the structure's elements"
-                    f"{checks.meant(key, numbers)}"
-                )
-        return {key: _filled(value.get(key), own, name) for key, own in numbers.items()}
-    if type(value) in (list, tuple) and type(value) is type(numbers) and len(value) == len(numbers):
-        return type(value)(_filled(*pair, name) for pair in zip(value, numbers, strict=True))
-    return value
-
-
-def _told(tree):
-    """What a tree is at its top, in words."""
-    if isinstance(tree, dict):
-        return f"groups by name: {', '.join(map(repr, tree))}" if tree else "no group"
-    if isinstance(tree, list | tuple):
-        return f"a list of {len(tree)}"
-    if isinstance(tree, int):
-        return "one group without a name"
-    shape = f" of shape {np.shape(tree)}" if isinstance(tree, np.ndarray | jax.Array) else ""
-    return f"{type(tree).__name__}{shape}"
+def _has_components(group, name):
+    """Whether a statement has several numbers for an element of a group."""
+    return isinstance(group, Prestressable) and name in group.components
 
 
 def _checked(value, group, name, structure):
@@ -346,18 +283,32 @@ def _checked(value, group, name, structure):
         raise ValueError(f"jacking: a group of {type(group).__name__} has no jack")
     if name == "temperature" and group.expansion is None:
         raise ValueError("temperature: the group has no expansion coefficient; give expansion=...")
-    count = len(group.links)
+    count, components = len(group.links), group.components.get(name, ())
     if isinstance(value, Only):
         chosen = value.chosen(count, name)
-        given = checks.per_element(value.values, len(value.elements), name)
-        value = value.spread(np.zeros(count))
+        given = _per_element(value.values, len(value.elements), name, components)
+        value = value.spread(np.zeros((count, *given.shape[1:])))
     else:
         chosen = None
-        value = given = checks.per_element(value, count, name)
+        value = given = _per_element(value, count, name, components)
     refuse(value_rules(name, given, group))
     refuse(capacity_rules(name, value, group, group.capacity))
     refuse(span_rules(name, group, structure.nodes, chosen))
     return Stated(value, chosen)
+
+
+def _per_element(value, count, name, components):
+    """Values as floats [n_elem], or [n_elem, n_component]; one number is for all of them."""
+    if not components:
+        return checks.per_element(value, count, name)
+    array, shape = checks.floats(value, name), (count, len(components))
+    if array.shape not in ((), shape):
+        raise ValueError(
+            f"{name}: expected a scalar or shape {shape}, for every element "
+            f"{', '.join(components)}, got shape {array.shape}"
+        )
+    pack = jnp if isinstance(array, jax.Array) else np
+    return pack.broadcast_to(array, shape)
 
 
 def as_phases(structure: Structure, phases: Phase | Sequence[Phase] | None) -> list[Phase]:

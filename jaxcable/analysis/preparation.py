@@ -16,7 +16,7 @@ from ..common import checks, status
 from ..common.fusion import fuses
 from ..common.rules import kept, rules_of
 from ..common.tree import cast, copy, once, thaw
-from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..elements.abilities import Secant
 from ..elements.element import Element
 from ..elements.prestress import Prestressed
@@ -135,7 +135,9 @@ def prepare(
     shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
     schedule = Schedule(
         number=np.arange(len(phases), dtype=np.int32),
-        inputs=stated([bundles.inputs(statements) for statements in inputs], bundled),
+        inputs=stated(
+            inputs if bundles.plain else [bundles.inputs(each) for each in inputs], bundled
+        ),
         added_load=on_rows(nodal, "nodal_forces", shape, dtype),
         moved=on_rows(movements, "steps", shape, dtype),
         freedoms=freedoms,
@@ -282,9 +284,9 @@ def _no_method(method):
     return checks.kind(method, "Newton()")
 
 
-def exact(parameters: Frame) -> Frame:
-    """Nodes, groups, carry and schedule with all floats in the dtype of the nodes."""
-    return cast(parameters, jnp.asarray(parameters[0]).dtype)
+def in_precision_of(nodes: Float[ArrayLike, "n_row 3"], tree: PyTree[Any]) -> PyTree[Any]:
+    """A tree with all floats in the dtype of the nodes."""
+    return cast(tree, jnp.asarray(nodes).dtype)
 
 
 def ready(parameters: Frame, bundles: Bundles) -> Frame:
@@ -293,7 +295,7 @@ def ready(parameters: Frame, bundles: Bundles) -> Frame:
     All of them are of bundles of groups. Laws are extended beyond the ends of their curves: the
     iteration may pass there (a result may not).
     """
-    nodes, groups, carry, schedule = exact(parameters)
+    nodes, groups, carry, schedule = in_precision_of(parameters[0], parameters)
     dtype = nodes.dtype
     if carry is None:
         carry = unloaded(nodes, groups)
@@ -306,7 +308,8 @@ def ready(parameters: Frame, bundles: Bundles) -> Frame:
     if carry.bearing is None and schedule.freedoms.axes is not None:
         carry = copy(carry, bearing=space_of(groups).rotations(carry.motion))
     begun = nodes + carry.motion[:, :3]
-    loads = [stack.bundled(bundles) for stack in (*carry.loads, *schedule.loads)]
+    loads = [*carry.loads, *schedule.loads]
+    loads = loads if bundles.plain else [stack.bundled(bundles) for stack in loads]
     carry = copy(
         carry,
         loads=loads,

@@ -15,10 +15,12 @@ import numpy as np
 from ..common import checks
 from ..common.selection import Named, Only, Selection
 from ..common.types import Array, ArrayLike, Bool
-from ..elements.element import Element, ElementState
+from ..elements.element import Element
+from ..elements.element_state import ElementState
 from ..mechanics.bundles import Bundles
 from ..model.structure import Structure
-from .phases import Phase, spread
+from .by_group import spread
+from .phases import Phase
 
 
 class Presence(NamedTuple):

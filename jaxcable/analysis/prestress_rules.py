@@ -31,6 +31,10 @@ def keeps_rules(
     for group, statements in zip(groups, inputs, strict=True):
         for name, stated in statements.items():
             rules = value_rules(name, stated.values, group)
+            if np.ndim(stated.values) > 1:  # a law of one strain says nothing of them
+                chosen = None if stated.chosen is None else stated.chosen[:, None]
+                all_kept = all_kept & kept(rules, chosen)
+                continue
             capacity = functools.partial(of_each, "capacity", group)
             rules += capacity_rules(name, stated.values, group, capacity)
             rules += span_rules(name, group, nodes)

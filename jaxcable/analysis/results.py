@@ -103,12 +103,18 @@ def element_fields(found: dict[str, list[Float[Array, " ..."] | None]]) -> dict[
     return fields | {"results": others}
 
 
-def per_element(part: Part, function: Callable[[PyTree[Array]], PyTree[Array]]) -> Part:
-    """A copy with `function` applied to every field that is a list with an item per group."""
+def per_element(
+    part: Part, function: Callable[[PyTree[Array]], PyTree[Array]], **changes: Any
+) -> Part:
+    """A copy with `function` applied to every field that is a list with an item per group.
+
+    Further fields change as stated.
+    """
     fields = vars(part)
     there = [name for name in _PER_ELEMENT if fields.get(name) is not None]
     others = {name: function(values) for name, values in (part.results or {}).items()}
-    return copy(part, **{name: function(fields[name]) for name in there}, results=others)
+    changes |= {name: function(fields[name]) for name in there}
+    return copy(part, **changes, results=others)
 
 
 def with_peaks(part: Part) -> Part:

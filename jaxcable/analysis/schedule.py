@@ -99,15 +99,14 @@ def stated(
     found = []
     for k, group in enumerate(groups):
         names = list(dict.fromkeys(name for phase in inputs for name in phase[k]))
-        nothing = Stated(np.zeros(len(group.links)), np.zeros(len(group.links), bool))
-        statements = {}
+        count, statements = len(group.links), {}
         for name in names:
+            some = next(phase[k][name] for phase in inputs if name in phase[k])
+            nothing = Stated(np.zeros(np.shape(some.values)), np.zeros(count, bool))
             parts = [phase[k].get(name, nothing) for phase in inputs]
             if any(part.chosen is not None for part in parts):
                 parts = [
-                    copy(part, chosen=np.ones(len(group.links), bool))
-                    if part.chosen is None
-                    else part
+                    copy(part, chosen=np.ones(count, bool)) if part.chosen is None else part
                     for part in parts
                 ]
             statements[name] = stacked(parts)

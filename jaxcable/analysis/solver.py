@@ -28,7 +28,7 @@ from ..numerics.one_function import as_one
 from .one_phase import run_phase
 from .phase_results import PhaseResult, PhaseResults
 from .phases import Phase
-from .preparation import exact, prepare, ready, verdicts
+from .preparation import in_precision_of, prepare, ready, verdicts
 from .results import common_fields, per_element
 from .solution import Solution, State
 from .states import Reached, arranged, state_of, system_of
@@ -139,7 +139,7 @@ def _through(differentiate_path, listen, bundles, thawed, arrays, method, code):
         arrays_of_phase, verdict, *steps = scanned
         data = schedule.of(arrays_of_phase)
         code = status.first_failure(run.code, verdict)
-        before = knowing(copy(run.carry, loads=loads), data.number)
+        before = knowing(run.carry, loads, data.number)
         problem = nodes, groups, before, data
         sane = sound & _finite((before, data)) & (code == status.OK)
         ramp = Ramp.build(*implicit.gate(sane, problem))
@@ -172,21 +172,20 @@ def _through(differentiate_path, listen, bundles, thawed, arrays, method, code):
     run = _Run(code, jnp.zeros((), bool), start, end, factored, reached, seen)
     run, (ends, paths, log) = lax.scan(phase, run, (schedule.rows, codes, counts, factors))
     if not differentiate_path and isinstance(method, Newton):
-        paths = implicit.undifferentiated(paths, parameters)
+        paths = implicit.undifferentiated(paths, touched)
     known = [stack.until(run.reached.number) for stack in _all_loads(parameters)]
     states = bundles.apart(run.carry.states)
     carry = copy(run.carry, states=states, loads=[jax.tree.leaves(stack.load) for stack in known])
-    final = _unless(run.code == status.OK, run.end, touched)
-    end, final = (_apart(bundles, part) for part in (run.end, final))
     ends, paths = _apart(bundles, ends, axis=1), _apart(bundles, paths, axis=2)
     watched = isinstance(method, Newton) and method.watch
-    return Solution(
+    solution = Solution(
         status=run.code,
         stable=run.stable,
-        last=copy(end, carry=carry),
+        last=copy(_apart(bundles, run.end), carry=carry),
         phases=PhaseResults(ends, paths, log, schedule.increments, watched),
-        **common_fields(final),
+        **implicit.nan_beside(run.code == status.OK, common_fields(run.end), touched),
     )
+    return _apart(bundles, solution)
 
 
 def _blank(function):
@@ -196,12 +195,14 @@ def _blank(function):
 
 def _all_loads(parameters):
     """Element loads of `start` and of all phases on the user's groups, list of `LoadStack`."""
-    _, _, carry, schedule = exact(parameters)
-    return [*(() if carry is None else carry.loads), *schedule.loads]
+    nodes, _, carry, schedule = parameters
+    return in_precision_of(nodes, [*(() if carry is None else carry.loads), *schedule.loads])
 
 
 def _apart(bundles, part, axis=0):
     """Results of bundles as those of their groups; `axis` is that of the elements."""
+    if bundles.plain:
+        return part
     return per_element(part, lambda values: bundles.apart(values, axis))
 
 

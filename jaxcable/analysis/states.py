@@ -180,19 +180,24 @@ def arranged(structure: Structure, solution: Solution, task: Prepared) -> Soluti
         task: `preparation.Prepared`.
     """
 
-    def arrange(part: Part) -> Part:
-        return per_element(with_peaks(part), structure.arrange)
+    def arrange(part: Part, **changes) -> Part:
+        return per_element(with_peaks(part), structure.arrange, **changes)
 
-    phases = copy(
-        solution.phases, ends=arrange(solution.phases.ends), paths=arrange(solution.phases.paths)
-    )
-    solution, last = arrange(solution), arrange(solution.last)
-    stacks: Any = last.carry.loads  # of leaves each
+    ends, paths = arrange(solution.phases.ends), arrange(solution.phases.paths)
+    carry = solution.last.carry
+    stacks: Any = carry.loads  # of leaves each
     loads = [
         copy(stack, load=jax.tree.unflatten(jax.tree.structure(stack.load), leaves))
         for stack, leaves in zip(task.loads, stacks, strict=True)
     ]
-    carry = copy(last.carry, loads=loads)
-    last = copy(last, carry=carry, fixed=task.fixed, topology=topology_of(structure))
-    links = tuple(group.links for group in structure.groups)
-    return copy(solution, phases=phases, last=last, links=links)
+    return arrange(
+        solution,
+        phases=copy(solution.phases, ends=ends, paths=paths),
+        last=arrange(
+            solution.last,
+            carry=copy(carry, loads=loads),
+            fixed=task.fixed,
+            topology=topology_of(structure),
+        ),
+        links=tuple(group.links for group in structure.groups),
+    )

@@ -10,7 +10,7 @@ from ..analysis import solver
 from ..analysis.solution import Solution
 from ..model.structure import Structure
 from . import inputs
-from .guard import Refused
+from .guard import refusing
 
 _Shown = TypeVar("_Shown")
 
@@ -20,8 +20,6 @@ def shown(
 ) -> tuple[Solution, _Shown]:
     """The solution of the scene of a command, and what `show` makes of structure and solution."""
     structure, phases = inputs.scene(options)
-    try:
+    with refusing(options.scene):
         solution = solver.solve(structure, phases, progress=not options.quiet)
         return solution, show(structure, solution)
-    except ValueError as error:
-        raise Refused(f"{options.scene}: {error}") from None

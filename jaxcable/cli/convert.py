@@ -1,4 +1,6 @@
-"""``convert``: read a net of another program, or a scene, and write it as a scene or a net."""
+"""``convert``: make a scene of a net: OBJ, DXF, JSON of compas or jax_fdm, two CSV tables; or a
+drawing.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,7 @@ from argparse import Namespace
 
 from ..files import save_dxf, save_network, save_scene
 from . import inputs, outputs
-from .guard import Refused, require_writable
+from .guard import Refused, refusing
 
 PROPERTIES = "axial_stiffness", "weight", "strength", "expansion", "pretension", "force_density"
 """Options that complete a net to a scene."""
@@ -20,8 +22,7 @@ _NOT_THERE = {
 
 def run(options: Namespace) -> None:
     """Read the net or scene that `options` name and write it in the format of the suffix."""
-    outputs.check_suffix(options.save, (".json", ".dxf"), "--save")
-    require_writable(options.save, inputs=options.files)
+    outputs.target(options.save, (".json", ".dxf"), inputs=options.files)
     name, scale = options.save.lower(), 1.0
     if name.endswith((".dxf", ".compas.json")) and inputs.is_scene(options):
         others = ("anchors", "bars", "split", "tol", "supports", "sagitta", "hidden", "columns")
@@ -32,15 +33,13 @@ def run(options: Namespace) -> None:
         scene = inputs.scene(options)
     else:
         scene = _scene(options)
-    try:
+    with refusing(options.save):
         if name.endswith(".dxf"):
             save_dxf(options.save, scene.structure, scale=scale)
         elif name.endswith(".compas.json"):
             save_network(options.save, scene.structure)
         else:
             save_scene(options.save, scene)
-    except ValueError as error:
-        raise Refused(f"{options.save}: {error}") from None
     count = sum(len(group.links) for group in scene.structure.groups)
     lost = next((f"; {text}" for end, text in _NOT_THERE.items() if name.endswith(end)), "")
     print(f"wrote {options.save}: {scene.structure.n_node} nodes, {count} links{lost}")

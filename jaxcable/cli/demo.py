@@ -1,4 +1,4 @@
-"""``demo``: analyse the hyperbolic paraboloid net and compare it with published deflections."""
+"""``demo``: the hyperbolic paraboloid net beside the published deflections."""
 
 from __future__ import annotations
 
@@ -13,18 +13,13 @@ from ..analysis import solver
 from ..common import status
 from ..scenes import hypar
 from . import outputs
-from .guard import require_ours, require_writable
 
 _PICTURE = "hypar_net.png"
 
 
 def run(options: Namespace) -> None:
     """Prestress and load the net, print a table of deflections, write a picture."""
-    picture = _PICTURE if options.plot is None else options.plot
-    outputs.check_suffix(picture, outputs.PICTURES, "--plot")
-    require_writable(picture)
-    if options.plot is None:
-        require_ours(picture, "--plot")
+    picture = outputs.target(options.plot, outputs.PICTURES, "--plot", usual=_PICTURE)
     structure, phases = scenes.hypar_net()
     free = hypar.plan()[2]
     offsets = np.linalg.norm(np.asarray(structure.nodes)[free] - hypar.plan()[0][free], axis=1)

@@ -1,4 +1,6 @@
-"""``form``: find the form of a net and write it as a scene."""
+"""``form``: find the form of a net of cables and bars under loads of the scene; other phases are
+kept.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..analysis.phases import ABSOLUTE, Phase, spread
+from ..analysis.by_group import spread
+from ..analysis.phases import ABSOLUTE, Phase
 from ..common import status
 from ..common.progress import SHOW, compiling
 from ..common.selection import Only
@@ -23,7 +26,7 @@ from ..model.parts import groups_by_name
 from ..model.supports import pinned
 from ..scenes import Scene
 from . import inputs, outputs
-from .guard import Refused, require_writable
+from .guard import Refused
 
 FOUND = (NodalLoads, SelfWeight, LineLoads, AreaLoads)
 """Kinds of loads that form finding takes."""
@@ -45,10 +48,9 @@ class _Acting(NamedTuple):
 
 def run(options: Namespace) -> None:
     """Find the form that `options` ask for, print its numbers, write it."""
-    outputs.check_suffix(options.save, (".json",), "--save")
-    require_writable(options.save, inputs=[options.scene])
+    outputs.target(options.save, (".json",), inputs=[options.scene])
     structure, phases = inputs.scene(options)
-    table = Omissions()
+    table = Omissions(options.scene)
     if phases[0].supports is not None:
         structure = replace(structure, supports=phases[0].supports)
     acting = _acting(options, phases, table)
@@ -83,7 +85,7 @@ def run(options: Namespace) -> None:
     print(f"nodes moved by up to {inputs.short(float(moved.max()))} m{flat}")
     _print_groups(found, stated)
     first = Phase(**stated, loads=acting.loads or None, increments=phases[0].increments)
-    table.warn(options.scene)
+    table.warn()
     if options.save is not None:
         save_scene(options.save, Scene(found, [first, *_later(phases, acting.left)]))
         print(f"wrote {options.save}: the form, its prestress and loads, and the other phases")
@@ -204,16 +206,7 @@ def _lengths(words, structure):
     """The lengths of ``--length``, a list in the shape of the elements, or None if not given."""
     if words is None:
         return None
-    own = dict(_by_name(structure))
-    drawn = [word.removesuffix("=drawn") for word in words if word.endswith("=drawn")]
-    rest = [word for word in words if not word.endswith("=drawn")]
-    given = inputs.numbers(rest, "--length") if rest else {}
-    if not isinstance(given, dict):
-        raise Refused("--length: expected group=drawn, or group=number, m")
-    for name in (*drawn, *given):
-        if name not in own:
-            raise Refused(f"--length: no group {name!r}; there are {', '.join(own)}")
-    return structure.arrange([own[name] if name in drawn else given.get(name) for name in own])
+    return inputs.values(words, structure, "--length", drawn=dict(_by_name(structure)))
 
 
 def _by_name(structure):

@@ -8,7 +8,7 @@ import sys
 import threading
 import warnings
 from argparse import Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from ..common import writing
@@ -25,6 +25,17 @@ _MARKS = MADE_BY.encode(), b'<meta name="generator" content="jaxcable">'  # of p
 
 class Refused(Exception):  # noqa: N818 - the input is at fault, not the program
     """Input that a command cannot use; the text is the line to print."""
+
+
+@contextlib.contextmanager
+def refusing(place: str | Path) -> Iterator[None]:
+    """Refuse what the package calls a `ValueError` in the block, with `place` before its text."""
+    try:
+        yield
+    except FileError:
+        raise
+    except ValueError as error:
+        raise Refused(f"{place}: {error}") from None
 
 
 def guarded(command: Callable[[Namespace], int | None], options: Namespace) -> int:

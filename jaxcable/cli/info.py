@@ -1,4 +1,4 @@
-"""``info``: print the contents of a scene or net, without any analysis."""
+"""``info``: what is in a scene or a net, and whether it is sound."""
 
 from __future__ import annotations
 

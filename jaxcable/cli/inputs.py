@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -17,7 +18,7 @@ from ..files.scene import FORMAT
 from ..model.parts import groups_by_name
 from ..model.structure import Structure
 from ..scenes import Scene
-from .guard import Refused
+from .guard import Refused, refusing
 
 _MOST_BYTES = 8e9  # limit on the memory of the results at all increments
 
@@ -50,10 +51,8 @@ def net(options: Namespace) -> Net:
         return found
     # chords are that far from ends which lie on their arc
     tolerance = max(options.tol or 1e-6, options.sagitta or 0.0)
-    try:
+    with refusing("--split"):
         made = found.split(options.split or None, tolerance=tolerance)
-    except ValueError as error:
-        raise Refused(f"--split: {error}") from None
     print(
         f"split: {counted(len(made.nodes) - len(found.nodes), 'node')} made, "
         f"{len(made.links)} links of {len(found.links)}"
@@ -118,7 +117,7 @@ def _read(options):
     if suffixes == [".obj"]:
         return read_obj(paths[0], options.scale or 1.0, tolerance=tolerance, largest=largest)
     if suffixes == [".dxf"]:
-        try:
+        with refusing(paths[0]):  # ezdxf is not installed
             return read_dxf(
                 paths[0],
                 options.scale,
@@ -128,10 +127,6 @@ def _read(options):
                 hidden=options.hidden,
                 largest=largest,
             )
-        except FileError:
-            raise
-        except ValueError as error:  # ezdxf is not installed
-            raise Refused(f"{paths[0]}: {error}") from None
     if suffixes == [".json"]:
         if read_json(paths[0], largest).get("format") == FORMAT:
             raise Refused(f"{paths[0]}: is a scene of jaxcable already")
@@ -139,30 +134,49 @@ def _read(options):
     raise Refused(f"{paths[0]}: expected .obj, .dxf, .json, or two .csv tables (nodes, links)")
 
 
-def numbers(words: Sequence[str], name: str) -> float | dict[str, float]:
-    """Numbers on a command line: one for all groups, or ``group=number`` for some of them."""
+def numbers(
+    words: Sequence[str], name: str, read: Callable[[str], Any] = number
+) -> float | dict[str, float]:
+    """Numbers on a command line: one for all groups, or ``group=number`` for some of them.
+
+    Args:
+        words: on the command line.
+        name: of the option.
+        read: what is made of the text of a number.
+    """
     try:
         if len(words) == 1 and "=" not in words[0]:
-            return number(words[0])
+            return read(words[0])
         pairs = dict(word.rsplit("=", 1) for word in words)
-        return {key: number(word) for key, word in pairs.items()}
+        return {key: read(word) for key, word in pairs.items()}
     except ValueError:
         raise Refused(f"{name}: expected a number, or group=number: {' '.join(words)}") from None
 
 
-def values(words: Sequence[str], structure: Structure, name: str) -> float | PyTree[float | None]:
+def values(
+    words: Sequence[str], structure: Structure, name: str, drawn: Mapping[str, Any] | None = None
+) -> float | PyTree[Any]:
     """Numbers on a command line: one for all elements, or ``group=number`` for groups.
+
+    Args:
+        words: on the command line.
+        structure: whose groups are meant.
+        name: of the option.
+        drawn: what ``group=drawn`` means, by group; then one number for all is refused.
 
     Returns:
         A float, or a prefix pytree of the structure's elements.
     """
-    found = numbers(words, name)
+    found = numbers(words, name, lambda word: None if drawn and word == "drawn" else number(word))
     if not isinstance(found, dict):
+        if drawn is not None:
+            raise Refused(f"{name}: expected group=drawn, or group=number, m")
         return found
     names = [label for label, _ in groups_by_name(structure)]
-    for key in found:
+    for key, value in found.items():
         if key not in names:
             raise Refused(f"{name}: no group {key!r}; there are {', '.join(names)}")
+        found[key] = drawn[key] if value is None else value
     return structure.arrange([found.get(label) for label in names])
 
 
@@ -194,6 +208,13 @@ def spread(arrays: PyTree[Float[ArrayLike, " ..."]]) -> str:
     flat = np.concatenate([np.ravel(np.asarray(a, float)) for a in jax.tree.leaves(arrays)])
     low, high = short(float(flat.min())), short(float(flat.max()))
     return low if low == high else f"{low} to {high}"
+
+
+def farthest(displacement: Float[ArrayLike, "n_node 3"]) -> tuple[float, str]:
+    """The largest displacement, m, and the same with its node as text."""
+    moved = np.linalg.norm(np.asarray(displacement), axis=1)
+    node = int(moved.argmax())
+    return float(moved[node]), f"{short(float(moved[node]))} m at node {node}"
 
 
 def counted(number: int, word: str) -> str:

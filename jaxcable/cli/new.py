@@ -1,4 +1,4 @@
-"""``new``: write a small scene to begin with, which explains itself, and the same as a script."""
+"""``new``: write a small scene that explains itself, to begin with, and the same in Python."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""``optimize``: find the pretension for a purpose by exact gradients, and write the scene."""
+"""``optimize``: find the pretension for a purpose, with gradients through all phases."""
 
 from __future__ import annotations
 
-import itertools
 import sys
 import warnings
 from argparse import Namespace
@@ -10,6 +9,7 @@ from argparse import Namespace
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 
 from .. import design
 from ..analysis.solver import solve
@@ -19,7 +19,7 @@ from ..common.tree import replace
 from ..files import save_scene
 from ..scenes import Scene
 from . import inputs, outputs
-from .guard import Refused, require_writable, say
+from .guard import Refused, refusing, say
 
 _WIDTH = 0.02  # width of the smooth maximum of deflections, relative to their limit
 _ROUNDING = 1e-9  # relative to a limit: two analyses of the same numbers differ by less
@@ -37,18 +37,19 @@ def run(options: Namespace) -> None:
             raise Refused("optimize: give --target, or --deflection and/or --lowest")
     elif options.target is not None:
         raise Refused("optimize: --target has no limits; leave out --deflection and --lowest")
-    outputs.check_suffix(options.save, (".json",), "--save")
-    require_writable(options.save, inputs=[options.scene])
+    outputs.target(options.save, (".json",), inputs=[options.scene])
     structure, phases = inputs.scene(options)
     number = next((k for k, p in enumerate(phases) if p.pretension is not None), None)
     if number is None:
         raise Refused(f"{options.scene}: no phase has a pretension to optimize")
     start, spread_out = _parameters(structure, phases[number], options)
 
+    def changed(pretension):
+        phase = replace(phases[number], pretension=pretension)
+        return [*phases[:number], phase, *phases[number + 1 :]]
+
     def analysed(parameters, progress=False):
-        phase = replace(phases[number], pretension=spread_out(parameters))
-        changed = [*phases[:number], phase, *phases[number + 1 :]]
-        return solve(structure, changed, progress=progress)
+        return solve(structure, changed(spread_out(parameters)), progress=progress)
 
     low, high = options.bounds
     if not low <= high:
@@ -58,14 +59,10 @@ def run(options: Namespace) -> None:
         text = f"the search starts within {low:g} to {high:g} N, where the scene does not"
         warnings.warn(text, InputWarning, stacklevel=1)
     start = inside
-    try:
-        if options.target is not None:
-            found, description = _to_target(analysed, start, (low, high), options)
-        else:
-            found, description = _least(analysed, start, (low, high), options)
+    with refusing(options.scene):
+        search = _least if options.target is None else _to_target
+        found, description = search(analysed, start, (low, high), options)
         solution = analysed(found.params, progress=not options.quiet)
-    except ValueError as error:
-        raise Refused(f"{options.scene}: {error}") from None
     code = int(found.status)
     if code in (status.STATIONARY, status.STALLED) and _is_met(found, start, options):
         code = status.OK
@@ -85,8 +82,7 @@ def run(options: Namespace) -> None:
     cause = "the limits are violated" if violated else "the search has not come to its end"
     if options.save is not None and good:
         best = jax.tree.map(np.asarray, spread_out(found.params))
-        phase = replace(phases[number], pretension=best)
-        save_scene(options.save, Scene(structure, [*phases[:number], phase, *phases[number + 1 :]]))
+        save_scene(options.save, Scene(structure, changed(best)))
         ended = "the scene with this pretension"
         if code != status.OK:
             ended += f", the best one found: {cause}"
@@ -104,38 +100,18 @@ def _parameters(structure, phase, options):
     stated = [statements.get("pretension") for statements in phase.inputs(structure)]
     if any(statement is not None and statement.chosen is not None for statement in stated):
         raise Refused(f"{options.scene}: a pretension of some elements only cannot be optimized")
-    sizes = [
-        0 if statement is None else len(group.links)
-        for statement, group in _pairs(stated, structure)
-    ]
+    values = [None if one is None else np.asarray(one.values, float) for one in stated]
     if options.one:
-        start = [
-            np.mean(np.asarray(statement.values, float))
-            for statement in stated
-            if statement is not None
-        ]
-        ends = np.cumsum([0, *(min(size, 1) for size in sizes)])
-    else:
-        start = np.concatenate(
-            [np.asarray(statement.values, float) for statement in stated if statement is not None]
-        )
-        ends = np.cumsum([0, *sizes])
+        values = [None if value is None else value.mean(keepdims=True) for value in values]
+    start, by_group = ravel_pytree(values)
 
     def spread_out(parameters):
-        parts = [parameters[a:b] for a, b in itertools.pairwise(ends)]
+        parts = zip(by_group(parameters), structure.groups, strict=True)
         return structure.arrange(
-            [
-                jnp.broadcast_to(part, (size,)) if size else None
-                for part, size in zip(parts, sizes, strict=True)
-            ]
+            [None if own is None else jnp.broadcast_to(own, len(of.links)) for own, of in parts]
         )
 
-    return jnp.asarray(start), spread_out
-
-
-def _pairs(stated, structure):
-    """Pairs of a statement and its group."""
-    return zip(stated, structure.groups, strict=True)
+    return start, spread_out
 
 
 def _to_target(analysed, start, bounds, options):
@@ -188,21 +164,14 @@ def _least(analysed, start, bounds, options):
     return found, f"{words}, KKT residual {found.kkt_residual:.1e}"
 
 
-def _deflection(solution):
-    """The largest displacement of a node in the last phase, m, and the number of the node."""
-    moved = np.linalg.norm(np.asarray(solution.phases[-1].displacement), axis=1)
-    return float(moved.max()), int(moved.argmax())
-
-
 def _limits(solution, options):
     """The largest displacement, and for every limit what is reached and whether it is violated."""
-    reached, node = _deflection(solution)
+    reached, where = inputs.farthest(solution.phases[-1].displacement)
     if options.deflection is None:
-        lines = [f"largest displacement of the last phase {inputs.short(reached)} m at node {node}"]
+        lines = [f"largest displacement of the last phase {where}"]
     else:
-        where = f"m at node {node}: {_violated(reached / options.deflection - 1.0)}"
         limit = f"limit on displacements of the last phase: {inputs.short(options.deflection)} m"
-        lines = [f"{limit}, reached {inputs.short(reached)} {where}"]
+        lines = [f"{limit}, reached {where}: {_violated(reached / options.deflection - 1.0)}"]
     if options.lowest is not None:
         forces = np.concatenate(
             [np.ravel(np.asarray(v, float)) for v in jax.tree.leaves(solution.tension)]

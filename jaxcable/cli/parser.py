@@ -56,24 +56,35 @@ def parser() -> argparse.ArgumentParser:
     _convert(commands)
     _schema(commands)
     _demo(commands)
-    text = "print errors only: no results, no warnings, no progress"
     for command in commands.choices.values():
-        command.add_argument("--quiet", action="store_true", help=text)
+        _flag(command, "--quiet", "print errors only: no results, no warnings, no progress")
     return top
 
 
-def _command(commands, name, module, help_, example):
-    """Add a command and return its parser."""
+def _command(commands, module, example):
+    """Add the command of a module, whose docstring begins with the help, and return its parser."""
+    name = module.__name__.split(".")[-1]
+    text = " ".join((module.__doc__ or "").split("\n\n")[0].split()).removeprefix(f"``{name}``: ")
     command = commands.add_parser(
         name,
-        help=help_,
-        description=help_[0].upper() + help_[1:] + ".",
+        help=text.removesuffix("."),
+        description=text[:1].upper() + text[1:],
         epilog=f"example: jaxcable {name} {example}\n{_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.set_defaults(run=module.run)
     command._negative_number_matcher = _NEGATIVE
     return command
+
+
+def _saves(command, text, **settings):
+    """Add the option that names the file to write."""
+    command.add_argument("--save", metavar="FILE", help=text, **settings)
+
+
+def _flag(command, name, text):
+    """Add an option without a value."""
+    command.add_argument(name, action="store_true", help=text)
 
 
 def _reads(command, scene=True):
@@ -98,7 +109,7 @@ def _reads(command, scene=True):
         text = "of a DXF file: largest distance of arcs from chords in their place, m"
         command.add_argument("--sagitta", type=_positive, metavar="D", help=text)
         text = "of a DXF file: read layers that are off or frozen, and invisible entities, too"
-        command.add_argument("--hidden", action="store_true", help=text)
+        _flag(command, "--hidden", text)
         text = (
             "of CSV tables: what the files call the columns node, x, y, z, support, fx, first, "
             "last, kind, group and others, as x=X_COORD support=Fixed; free=NAME for a column in "
@@ -112,50 +123,46 @@ def _reads(command, scene=True):
 
 
 def _new(commands):
-    text = "write a small scene that explains itself, to begin with, and the same in Python"
-    command = _command(commands, "new", new, text, "bridge --save my_bridge.json")
+    command = _command(commands, new, "bridge --save my_bridge.json")
     text = "; ".join(f"{kind}: {about}" for kind, about in new.KINDS.items())
     command.add_argument("kind", choices=new.KINDS, help=text)
     text = "scene to write (.json; default its kind, in this folder); the script lies beside it"
-    command.add_argument("--save", metavar="FILE", help=text)
+    _saves(command, text)
     text = "replace files that exist; otherwise the command writes nothing and ends with 2"
-    command.add_argument("--force", action="store_true", help=text)
+    _flag(command, "--force", text)
 
 
 def _demo(commands):
-    text = "the hyperbolic paraboloid net beside the published deflections"
-    command = _command(commands, "demo", demo, text, "--plot hypar.png")
+    command = _command(commands, demo, "--plot hypar.png")
     text = "picture to write (png, pdf, svg; default hypar_net.png)"
     command.add_argument("--plot", metavar="FILE", help=text)
 
 
 def _solve(commands):
-    text = "analyse a scene through its phases"
     example = "net.json --plot net.png --save result.json --save net.vtk --report net.txt"
-    command = _command(commands, "solve", solve, text, example)
+    command = _command(commands, solve, example)
     _reads(command)
     command.add_argument("--plot", metavar="FILE", help="picture to write (png, pdf, svg)")
     text = (
         "result: .json, .npz, .csv (tables), .vtk (ParaView), .py (OpenSees), .dxf, .compas.json; "
         "can be repeated"
     )
-    command.add_argument("--save", metavar="FILE", action="append", default=[], help=text)
+    _saves(command, text, action="append", default=[])
     text = "report: reactions, forces, cutting list; a .txt, .csv or .json file, or on the screen"
     command.add_argument("--report", metavar="FILE", nargs="?", const="-", help=text)
     text = "relative residual of the equilibrium (default 1e-10; 1e-5 in float32)"
     command.add_argument("--tol", type=_positive, help=text)
     text = "increments with this many corrections instead of equilibrium iterations"
-    command.add_argument("--corrections", type=_few, metavar="N", help=text)
+    command.add_argument("--corrections", type=_up_to(20), metavar="N", help=text)
     text = "default: by size"
     command.add_argument("--linear-solver", choices=linear.offered(), help=text)
 
 
 def _plot(commands):
-    text = "analyse a scene and draw it, without a report"
-    command = _command(commands, "plot", plot, text, "mast.json --of My --save moments.pdf")
+    command = _command(commands, plot, "mast.json --of My --save moments.pdf")
     _reads(command)
     text = "picture to write (png, pdf, svg; default: beside the scene, with its name, .png)"
-    command.add_argument("--save", metavar="FILE", help=text)
+    _saves(command, text)
     text = (
         "what to draw: tension (default), utilisation (force over strength) or another result as "
         "colours; N, Vy, Vz, T, My, Mz as a diagram on beams"
@@ -163,30 +170,21 @@ def _plot(commands):
     command.add_argument("--of", default="tension", metavar="RESULT", help=text)
     text = "default: by the shape of the structure"
     command.add_argument("--view", choices=("plan", "elevation", "space"), help=text)
-    text = "the end of every phase, beside each other"
-    command.add_argument("--sequence", action="store_true", help=text)
+    _flag(command, "--sequence", "the end of every phase, beside each other")
     text = "factor on displacements (default 1), not of diagrams"
     command.add_argument("--magnify", type=_positive, metavar="X", help=text)
-    text = "draw the reactions of supports, too"
-    command.add_argument("--reactions", action="store_true", help=text)
+    _flag(command, "--reactions", "draw the reactions of supports, too")
 
 
 def _view(commands):
-    text = "analyse a scene and open a page in which it turns, with its phases and results"
-    command = _command(commands, "view", view, text, "net.json --save net.html")
+    command = _command(commands, view, "net.json --save net.html")
     _reads(command)
-    text = "page to write (default: the name of the scene, .html, in this folder)"
-    command.add_argument("--save", metavar="FILE", help=text)
-    command.add_argument("--no-open", action="store_true", help="write the page, open no browser")
+    _saves(command, "page to write (default: the name of the scene, .html, in this folder)")
+    _flag(command, "--no-open", "write the page, open no browser")
 
 
 def _form(commands):
-    text = (
-        "find the form of a net of cables and bars under loads of the scene; other phases are kept"
-    )
-    command = _command(
-        commands, "form", form, text, "net.json --force-density 50 --save formed.json"
-    )
+    command = _command(commands, form, "net.json --force-density 50 --save formed.json")
     _reads(command)
     method = command.add_mutually_exclusive_group()
     text = (
@@ -206,13 +204,12 @@ def _form(commands):
         "loads)"
     )
     command.add_argument("--loads", nargs="+", metavar="PHASE", help=text)
-    command.add_argument("--save", metavar="FILE", help="scene to write (.json)")
+    _saves(command, "scene to write (.json)")
 
 
 def _optimize(commands):
-    text = "find the pretension for a purpose, with gradients through all phases"
     example = "net.json --deflection 0.03 --lowest 80 --bounds 0 5000 --save tuned.json"
-    command = _command(commands, "optimize", optimize, text, example)
+    command = _command(commands, optimize, example)
     _reads(command)
     text = "tension that all elements shall have at the end, N (least squares)"
     command.add_argument("--target", type=number, metavar="T", help=text)
@@ -221,36 +218,25 @@ def _optimize(commands):
     text = "least pretension with which no tension at the end is lower than this, N"
     command.add_argument("--lowest", type=_positive, metavar="T", help=text)
     text = "least and greatest pretension, N (default 0 and no limit)"
+    names, whole_range = ("LOW", "HIGH"), (0.0, float("inf"))
     command.add_argument(
-        "--bounds",
-        type=number,
-        nargs=2,
-        metavar=("LOW", "HIGH"),
-        default=(0.0, float("inf")),
-        help=text,
+        "--bounds", type=number, nargs=2, metavar=names, default=whole_range, help=text
     )
-    command.add_argument(
-        "--one", action="store_true", help="one pretension for each group of elements"
-    )
+    _flag(command, "--one", "one pretension for each group of elements")
     text = "steps of the search at most (default 100)"
-    command.add_argument("--steps", type=_count, default=100, metavar="N", help=text)
-    text = "scene to write (.json), if the search comes to its end"
-    command.add_argument("--save", metavar="FILE", help=text)
+    command.add_argument("--steps", type=_up_to(100_000), default=100, metavar="N", help=text)
+    _saves(command, "scene to write (.json), if the search comes to its end")
     text = "write the best scene found even if the search does not come to its end (exit status 1)"
-    command.add_argument("--keep", action="store_true", help=text)
+    _flag(command, "--keep", text)
 
 
 def _info(commands):
-    text = "what is in a scene or a net, and whether it is sound"
-    _reads(_command(commands, "info", info, text, "net.json"), scene=False)
+    _reads(_command(commands, info, "net.json"), scene=False)
 
 
 def _convert(commands):
-    text = (
-        "make a scene of a net: OBJ, DXF, JSON of compas or jax_fdm, two CSV tables; or a drawing"
-    )
     example = "net.obj --scale 0.001 --anchors ends --axial-stiffness 1e6 --save net.json"
-    command = _command(commands, "convert", convert, text, example)
+    command = _command(commands, convert, example)
     _reads(command, scene=False)
     text = 'supported nodes: numbers, ranges as 5-8, "ends" (nodes with one link), or both'
     command.add_argument("--anchors", nargs="+", metavar="NODE", help=text)
@@ -267,13 +253,12 @@ def _convert(commands):
     text = "groups that are bars, such as masts"
     command.add_argument("--bars", nargs="+", metavar="GROUP", default=(), help=text)
     text = "scene to write (.json), or of a scene or net: a drawing (.dxf), a graph (.compas.json)"
-    command.add_argument("--save", metavar="FILE", required=True, help=text)
+    _saves(command, text, required=True)
 
 
 def _schema(commands):
-    text = "print the JSON Schema of scene files, with which editors explain and check them"
-    command = _command(commands, "schema", schema, text, "--save scene.schema.json")
-    command.add_argument("--save", metavar="FILE", help="file to write instead (.json)")
+    command = _command(commands, schema, "--save scene.schema.json")
+    _saves(command, "file to write instead (.json)")
 
 
 def _positive(word):
@@ -284,17 +269,13 @@ def _positive(word):
     return value
 
 
-def _count(word):
-    """A number of steps."""
-    value = whole(word)
-    if not 0 <= value <= 100_000:
-        raise argparse.ArgumentTypeError(f"{word}: expected a whole number from 0 to 100000")
-    return value
+def _up_to(most):
+    """A function that reads a whole number from 0 to `most`."""
 
+    def whole_number(word):
+        value = whole(word)
+        if not 0 <= value <= most:
+            raise argparse.ArgumentTypeError(f"{word}: expected a whole number from 0 to {most}")
+        return value
 
-def _few(word):
-    """A number of corrections."""
-    value = whole(word)
-    if not 0 <= value <= 20:
-        raise argparse.ArgumentTypeError(f"{word}: expected a whole number from 0 to 20")
-    return value
+    return whole_number

@@ -1,4 +1,4 @@
-"""``plot``: analyse a scene and draw it."""
+"""``plot``: analyse a scene and draw it, without a report."""
 
 from __future__ import annotations
 
@@ -13,24 +13,19 @@ from ..elements.element import SECTION_FORCES
 from ..model.structure import Structure
 from . import derived, outputs
 from .analysed import shown
-from .guard import Refused, require_ours, require_writable, say
+from .guard import Refused, say
 
 
 def run(options: Namespace) -> int | None:
     """Draw the scene that `options` name; returns the exit status, 1 if the analysis fails."""
-    path = options.save
-    if path is None:
-        path = str(derived.beside(options.scene, ".png"))
-    outputs.check_suffix(path, outputs.PICTURES, "--save")
     diagram = options.of in SECTION_FORCES.components
     for name in ("sequence", "magnify", "reactions"):
         if diagram and getattr(options, name):
             raise Refused(f"--{name}: not of a diagram; give --of tension, or another colour")
     if options.sequence and options.reactions:
         raise Refused("--reactions: not in a sequence")
-    require_writable(path, inputs=[options.scene])
-    if options.save is None:
-        require_ours(path)
+    usual = derived.beside(options.scene, ".png")
+    path = outputs.target(options.save, outputs.PICTURES, usual=usual, inputs=[options.scene])
 
     def draw(structure: Structure, solution: Solution) -> Figure | None:
         if int(solution.status) != status.OK:

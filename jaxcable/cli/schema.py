@@ -1,4 +1,4 @@
-"""``schema``: print the JSON Schema of scene files, for editors."""
+"""``schema``: print the JSON Schema of scene files, with which editors explain and check them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,11 @@ from ..common.writing import written
 from ..files import scene_schema
 from ..files.layout import laid_out
 from . import outputs
-from .guard import require_writable
 
 
 def run(options: Namespace) -> None:
     """Print the schema, or write it to the file that `options` name."""
-    outputs.check_suffix(options.save, (".json",), "--save")
-    require_writable(options.save)
+    outputs.target(options.save, (".json",))
     text = laid_out(scene_schema())
     if options.save is None:
         print(text)

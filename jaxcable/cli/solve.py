@@ -1,12 +1,10 @@
-"""``solve``: analyse a scene, print a summary, write results."""
+"""``solve``: analyse a scene through its phases."""
 
 from __future__ import annotations
 
 from argparse import Namespace
 from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from .. import plots
 from ..analysis import solver
@@ -17,7 +15,7 @@ from ..equilibrium.newton import Newton
 from ..files.opensees import require_exportable
 from ..reporting import report
 from . import derived, inputs, outputs
-from .guard import Refused, require_writable, say
+from .guard import refusing, require_writable, say
 
 _STAGED = "no balance of work and energy: elements come or go"
 
@@ -34,17 +32,14 @@ def run(options: Namespace) -> int | None:
     reports = derived.files(report_path, derived.REPORT)
     require_writable(options.plot, *results, *reports, inputs=[options.scene])
     structure, phases = inputs.scene(options)
-    try:
-        for path in options.save:
-            if path.lower().endswith(".py"):
-                require_exportable(structure)
+    with refusing(options.scene):
+        if any(path.lower().endswith(".py") for path in options.save):
+            require_exportable(structure)
         solution = solver.solve(structure, phases, _method(options), progress=not options.quiet)
         # energies take time: they are computed for a report only
         staged = any(phase.adds is not None or phase.removes is not None for phase in phases)
         energy = options.report is not None and not staged
         findings = report(structure, solution, phases, energy=energy)
-    except ValueError as error:
-        raise Refused(f"{options.scene}: {error}") from None
     if options.report is not None and staged:
         findings = replace(findings, summary=(*findings.summary, _STAGED))
     wrote = _write(options, structure, solution, findings)  # before printing: the reader may end
@@ -82,13 +77,8 @@ def highlights(solution: Solution) -> list[str]:
     if len(solution.phases) > 1:
         last = f"in phase {len(solution.phases)}"
         parts = {last: solution.phases[-1], "in all phases": solution}
-    moved = []
-    for name, part in parts.items():
-        size = np.linalg.norm(np.asarray(part.displacement), axis=1)
-        node = int(size.argmax())
-        where = f"{inputs.short(float(size[node]))} m at node {node}"
-        moved.append(f"largest displacement {name}: {where}")
-    return [
-        *moved,
-        f"forces: {inputs.spread(solution.peak_tension)} N",
+    moved = [
+        f"largest displacement {name}: {inputs.farthest(part.displacement)[1]}"
+        for name, part in parts.items()
     ]
+    return [*moved, f"forces: {inputs.spread(solution.peak_tension)} N"]

@@ -1,4 +1,4 @@
-"""``view``: analyse a scene and open a page in which it turns."""
+"""``view``: analyse a scene and open a page in which it turns, with its phases and results."""
 
 from __future__ import annotations
 
@@ -9,17 +9,12 @@ from pathlib import Path
 from .. import plots
 from . import derived, outputs
 from .analysed import shown
-from .guard import require_ours, require_writable
 
 
 def run(options: Namespace) -> int | None:
     """Write and open the page; returns the exit status, 1 if the analysis fails."""
     usual = derived.beside(options.scene, ".html").name
-    out = usual if options.save is None else options.save
-    outputs.check_suffix(out, outputs.PAGES, "--save")
-    require_writable(out, inputs=[options.scene])
-    if options.save is None:
-        require_ours(out)
+    out = outputs.target(options.save, outputs.PAGES, usual=usual, inputs=[options.scene])
     title = Path(options.scene).stem
     solution, page = shown(
         options,

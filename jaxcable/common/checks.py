@@ -6,7 +6,7 @@ import contextlib
 import difflib
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextvars import ContextVar
 from pathlib import Path
 from types import FrameType
@@ -86,9 +86,9 @@ def without_warnings() -> Iterator[None]:
         _SUSPECTS.reset(token)
 
 
-def concrete(x: ArrayLike) -> np.ndarray | None:
-    """Return `x` as a NumPy array, or None while it is being traced."""
-    return None if isinstance(x, jax.core.Tracer) else np.asarray(x)
+def concrete(x: ArrayLike | None) -> np.ndarray | None:
+    """Return `x` as a NumPy array; None if it is None, or while it is being traced."""
+    return None if x is None or isinstance(x, jax.core.Tracer) else np.asarray(x)
 
 
 def floats(value: Float[ArrayLike, " ..."], name: str) -> Float[ArrayLike, " ..."]:
@@ -126,6 +126,24 @@ def scalar(value: Float[ArrayLike, ""], name: str) -> Float[ArrayLike, ""]:
     if number.ndim:
         raise ValueError(f"{name}: expected a scalar, got shape {number.shape}")
     return number
+
+
+def shaped(
+    value: Float[ArrayLike, " ..."], name: str, *shapes: tuple[int, ...], hint: str = ""
+) -> Float[ArrayLike, " ..."]:
+    """Return `value` as floats; ValueError unless it has one of the shapes, () for a scalar."""
+    array = floats(value, name)
+    if array.shape not in shapes:
+        words = ["a scalar"] * (() in shapes)
+        words += ["shape " + " or ".join(str(shape) for shape in shapes if shape)]
+        raise ValueError(f"{name}: expected {' or '.join(words)}, got {array.shape}{hint}")
+    return array
+
+
+def one_of(value: str, name: str, known: Sequence[str]) -> None:
+    """Raise ValueError unless `value` is one of the known words."""
+    if value not in known:
+        raise ValueError(f"{name} = {value!r}: expected one of {', '.join(known)}")
 
 
 def per_element(

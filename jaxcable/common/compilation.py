@@ -12,10 +12,9 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
-import numpy as np
 
 from .jax_internals import is_tracing, quick_options
-from .keeping import kept
+from .keeping import kept, kind_of
 from .progress import compiling
 
 _SMALL = 400  # unknowns up to which a program is compiled quickly
@@ -54,7 +53,7 @@ def program(function, static=()):
             with without_collection():
                 return plain(*arguments, **options)
         small = size <= _SMALL
-        key = tree, tuple(map(_kind, leaves)), tuple(options.items()), small, settings()
+        key = tree, tuple(map(kind_of, leaves)), tuple(options.items()), small, settings()
         with lock:
             compiled = known.pop(key, None)
         if compiled is None:
@@ -80,13 +79,13 @@ def _compiled(function, arguments, leaves, options, small):
     def own(*leaves):  # jax forgets what it has traced together with it
         return function(*tree.unflatten(leaves), **options)
 
-    with without_collection(), kept(words, arguments, leaves, options) as found:
-        if found.program is None:
-            quick = quick_options() if small else None
-            with compiling(options.get("listen")):
-                stages = jax.jit(own, compiler_options=quick).trace(*leaves)
-                found.program = stages.lower().compile()
-        return found.program
+    def compiled():
+        quick = quick_options() if small else None
+        with compiling(options.get("listen")):
+            return jax.jit(own, compiler_options=quick).trace(*leaves).lower().compile()
+
+    with without_collection():
+        return kept(compiled, words, arguments, options)
 
 
 def forget_programs() -> None:
@@ -122,13 +121,6 @@ def forgets(function: Callable[[], object]) -> Callable[[], object]:
     """Have `forget_programs` call a function."""
     _FORGET.append(function)
     return function
-
-
-def _kind(x):
-    """What a program depends on of an argument: shape and dtype, and where it is."""
-    if isinstance(x, jax.Array):
-        return x.shape, x.dtype, x.weak_type, x.sharding
-    return (x.shape, x.dtype) if isinstance(x, np.ndarray | np.generic) else type(x)
 
 
 def settings() -> tuple[Any, ...]:

@@ -1,27 +1,28 @@
-"""A digest of what a function computes: its traced program, with the values of its constants.
+"""Digests of what functions compute, and of the code of the package.
 
-Functions are compared by what they do, not by name or text: a function that closes over another
-model, another array or another random key has another digest. Processes agree on it.
+A traced function is known by its program, with the values of its constants: functions are compared
+by what they do, not by name or text, and one that closes over another model, another array or
+another random key has another digest. Functions that cannot be traced, and the code of the package,
+are read as `python_objects` takes them apart. Processes agree on all digests.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
+import enum
 import re
+import sys
 from collections.abc import Callable
 from typing import Any
 
 import jax
 import numpy as np
 
-from . import host_functions
 from .jax_internals import is_literal, is_program
+from .python_objects import PLAIN, constants, hashed, is_described, parts
 
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
-_SIZE = 16  # bytes of a digest
-_PLAIN = {bool, int, float, complex, str, bytes, type(None), type(...)}
-_PLAIN |= {tuple, list, dict, set, frozenset, range, slice}
+_COLLECTIONS = {tuple, list, dict, set, frozenset, range, slice}
 
 
 def of_function(function: Callable[..., Any], *arguments: Any) -> str:
@@ -36,20 +37,18 @@ def of_function(function: Callable[..., Any], *arguments: Any) -> str:
     """
     traced, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
     names = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(shapes)]
-    return _Digests().of([traced, names]).hex()
+    return _hash(_Reader().of([traced, names]))
 
 
 def of_host_function(function: Callable[..., Any]) -> str:
     """Digest of a function of NumPy arrays, which cannot be traced: a text of 32 characters.
 
     It is that of the function's code and of all values that the code can reach: globals, functions
-    and classes that it uses, defaults, what it closes over (`host_functions`). Those of libraries
-    and of this package count by their names and versions.
+    and classes that it uses, defaults, what it closes over. Those of libraries and of this package
+    count by their names and versions.
     """
-    digests = _Digests()
-    digests.host = True
     try:
-        return digests.of(function).hex()
+        return _hash(_Reader(_Read.USER).of(function))
     except RecursionError:
         raise ValueError(
             "the function uses objects that are nested too deeply for a digest of all that decides "
@@ -60,101 +59,122 @@ def of_host_function(function: Callable[..., Any]) -> str:
 def of_arrays(tree: Any) -> str:
     """Digest of a pytree of arrays: names, shapes, dtypes and values; a text of 32 characters."""
     leaves = jax.tree_util.tree_leaves_with_path(tree)
-    return _Digests().of([(jax.tree_util.keystr(path), leaf) for path, leaf in leaves]).hex()
+    return _hash(_Reader().of([(jax.tree_util.keystr(path), leaf) for path, leaf in leaves]))
 
 
-def _hash(*parts: bytes) -> bytes:
-    """The digest of some bytes in their order."""
-    found = hashlib.blake2b(digest_size=_SIZE)
-    for part in parts:
-        found.update(len(part).to_bytes(8, "little") + part)
-    return found.digest()
+def of_package() -> str:
+    """Digest of all functions, classes and constants that modules of the package name.
+
+    It is that of the code in memory, for programs that are kept on disk. Contents of lists, and of
+    dictionaries that hold objects, are left out: they are registries, and caches. What
+    `import jaxcable` does not import (the command line) cannot be part of a program.
+
+    Raises:
+        ForeignError: a function or class in the package is replaced by one defined elsewhere.
+    """
+    reader, words = _Reader(_Read.PACKAGE), []
+    for module in filter(is_described, sorted(sys.modules)):
+        names = dict(vars(sys.modules[module]))  # another thread may import meanwhile
+        words += [  # names with underscores at both ends are Python's
+            (name, reader.of(names[name])) for name in sorted(names) if name[:2] != "__"
+        ]
+    return _hash(words)
 
 
-class _Digests:
-    """Digests of what can stand in a jaxpr, `bytes`; what stands there often is read once."""
+def _hash(words):
+    """The digest of words, nested lists and tuples."""
+    return hashed(repr(words).encode())
 
-    def __init__(self):
+
+class _Read(enum.Enum):
+    """Whose functions are read, and not known by their names."""
+
+    USER = 1
+    PACKAGE = 2
+
+
+class _Reader:
+    """Words for what can stand in a jaxpr or be reached by code; objects are read once."""
+
+    def __init__(self, read=None):
         self.known = {}  # by the address of an object: the object, so that it stays, and its digest
-        self.host = False  # whether functions are read that a program calls on the host
+        self.read = read
 
-    def of(self, value: Any) -> bytes:
-        """The digest of any object; of unknown ones that of their text without addresses."""
-        if is_program(value):
-            return self._once(value, self._jaxpr)
+    def of(self, value: Any) -> Any:
+        """The words for any object; for unknown ones their text without addresses."""
+        kind = type(value)
+        if kind in PLAIN:
+            return repr(value)  # tells 1, 1.0 and True apart
         if isinstance(value, jax.Array | np.ndarray):
-            if self.host and isinstance(value, np.memmap):
+            if self.read and isinstance(value, np.memmap):
                 return self._once(value, self._parts)
             return self.of(value.tolist()) if value.dtype == object else self._once(value, _array)
         if isinstance(value, np.generic):
             return _array(value)
-        if self.host and type(value) not in _PLAIN:
+        if is_program(value):
+            return self._once(value, self._jaxpr)
+        if self.read and kind not in _COLLECTIONS:
             return self._once(value, self._parts)
         if isinstance(value, tuple):
-            return _hash(type(value).__name__.encode(), *map(self.of, value))
+            return kind.__name__, [self.of(part) for part in value]
         if isinstance(value, list | dict | set | frozenset):
             return self._once(value, self._collection)
-        if callable(value) and not isinstance(value, type):
-            return self._function(value)
+        if callable(value) and not isinstance(value, type):  # not called on the host: by its name
+            names = getattr(value, "__module__", ""), getattr(value, "__qualname__", "")
+            return kind.__name__, *names
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
-            return self._once(value, self._fields)
-        return _hash(type(value).__name__.encode(), _ADDRESS.sub("", repr(value)).encode())
+            fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+            return kind.__qualname__, self._once(value, lambda _: self._collection(fields))
+        return kind.__name__, _ADDRESS.sub("", repr(value))
 
     def _once(self, value, read):
-        """``read(value)``, computed once for an object."""
+        """The digest of ``read(value)``, computed once for an object."""
         if id(value) not in self.known:
-            self.known[id(value)] = value, b"again"  # for one that is in itself
-            self.known[id(value)] = value, read(value)
+            self.known[id(value)] = value, "again"  # for one that is in itself
+            self.known[id(value)] = value, _hash(read(value))
         return self.known[id(value)][1]
 
+    def _parts(self, value):
+        """The words for anything that is read."""
+        return [self.of(part) for part in parts(value, self.read is _Read.PACKAGE)]
+
+    def _collection(self, value):
+        """The words for a list, a dictionary or a set."""
+        if self.read is _Read.PACKAGE:
+            return type(value).__name__, constants(value)
+        if isinstance(value, list):
+            return type(value).__name__, [self.of(part) for part in value]
+        if isinstance(value, dict):
+            pairs = ((self.of(key), self.of(item)) for key, item in value.items())
+            return "dict", sorted(map(repr, pairs))
+        return "set", sorted(repr(self.of(part)) for part in value)
+
     def _jaxpr(self, jaxpr):
-        """The digest of a jaxpr: its equations, with variables by the order in which they occur."""
-        constants = getattr(jaxpr, "consts", ())
+        """The words for a jaxpr: its equations, with variables by the order in which they occur."""
+        consts = getattr(jaxpr, "consts", ())
         jaxpr = getattr(jaxpr, "jaxpr", jaxpr)  # of one with constants; later in jax, itself
         numbers: dict[Any, int] = {}
 
         def atom(x):
             if is_literal(x):
-                return self.of(x.val) + repr(x.aval).encode()
-            return numbers.setdefault(x, len(numbers)).to_bytes(4, "little")
+                return self.of(x.val), repr(x.aval)
+            return numbers.setdefault(x, len(numbers))
 
         def new(x):
-            return atom(x) + repr(x.aval).encode()
+            return atom(x), repr(x.aval)
 
-        parts = [*map(new, jaxpr.constvars), b"|", *map(new, jaxpr.invars)]
+        words = [*map(self.of, consts), *map(new, jaxpr.constvars), *map(new, jaxpr.invars)]
         for equation in jaxpr.eqns:
-            parts.append(equation.primitive.name.encode())
-            parts += map(atom, equation.invars)
-            host, self.host = self.host, "callback" in equation.primitive.name
+            words += equation.primitive.name, *map(atom, equation.invars)
+            read, self.read = self.read, None
+            if "callback" in equation.primitive.name:
+                self.read = _Read.USER
             for name, value in sorted(equation.params.items()):
                 if name != "name":  # of a function
-                    parts += [name.encode(), self.of(value)]
-            self.host = host
-            parts += map(new, equation.outvars)
-        return _hash(*map(self.of, constants), *parts, b"|", *map(atom, jaxpr.outvars))
-
-    def _collection(self, value):
-        """The digest of a list, a dictionary or a set."""
-        if isinstance(value, list):
-            return _hash(type(value).__name__.encode(), *map(self.of, value))
-        if isinstance(value, dict):
-            pairs = sorted((self.of(key), self.of(item)) for key, item in value.items())
-            return _hash(b"dict", *(part for pair in pairs for part in pair))
-        return _hash(b"set", *sorted(map(self.of, value)))
-
-    def _parts(self, value):
-        """The digest of anything on the host."""
-        return _hash(*map(self.of, host_functions.parts(value)))
-
-    def _function(self, function):
-        """The digest of a function that the program does not call on the host: by its name."""
-        name = f"{getattr(function, '__module__', '')}.{getattr(function, '__qualname__', '')}"
-        return _hash(f"{type(function).__name__} {name}".encode())
-
-    def _fields(self, value):
-        """The digest of a dataclass."""
-        fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
-        return _hash(type(value).__qualname__.encode(), self.of(fields))
+                    words += name, self.of(value)
+            self.read = read
+            words += map(new, equation.outvars)
+        return [*words, *map(atom, jaxpr.outvars)]
 
 
 def _array(value):
@@ -162,4 +182,4 @@ def _array(value):
     told = repr((str(value.dtype), value.shape)).encode()
     if jax.dtypes.issubdtype(value.dtype, jax.dtypes.prng_key):
         value = jax.random.key_data(value)
-    return _hash(told, np.ascontiguousarray(value).tobytes())
+    return hashed(told, np.ascontiguousarray(value).tobytes())

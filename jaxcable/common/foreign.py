@@ -16,12 +16,13 @@ import jax
 import numpy as np
 
 from .jax_internals import register_host_function
-from .keeping import host_function, names_host_functions
 from .types import Array
 
 Function = Callable[..., Sequence[np.ndarray]]
 Family = Callable[..., Function]
 
+PREFIX = "jaxcable: "
+"""Names by which programs call host functions begin so."""
 _FAMILIES: dict[str, Any] = {}  # by module and qualified name
 
 
@@ -51,13 +52,13 @@ def _name(make):
 
 
 def _named(words):
-    """A family and its words, as one text; `_made` reads it."""
+    """A family and its words, as one text, by which programs call it; `_made` reads it."""
     family, *words = words
     if not callable(family) or _name(family) not in _FAMILIES:
         raise ValueError(f"words[0] = {family!r}: expected a function registered by `family`")
     if any("," in word for word in words):
         raise ValueError(f"words = {words}: a word has no comma")
-    return ", ".join((_name(family), *words))
+    return PREFIX + ", ".join((_name(family), *words))
 
 
 def tell(words: Sequence[Family | str], *arguments: Array) -> None:
@@ -67,9 +68,8 @@ def tell(words: Sequence[Family | str], *arguments: Array) -> None:
         words, arguments: as for `call`.
     """
     name = _named(words)
-    if jax.default_backend() == "cpu" and _known(name):
-        target = host_function(name)
-        none = jax.ffi.ffi_call(target, (), has_side_effect=True, vmap_method="sequential")
+    if jax.default_backend() == "cpu" and is_known(name):
+        none = jax.ffi.ffi_call(name, (), has_side_effect=True, vmap_method="sequential")
         none(*arguments)
     else:
         jax.debug.callback(_made(name), *arguments)
@@ -90,10 +90,8 @@ def call(
         arguments: arrays.
     """
     name = _named(words)
-    if jax.default_backend() == "cpu" and _known(name):
-        target = host_function(name)
-        found = jax.ffi.ffi_call(target, tuple(shapes), vmap_method="expand_dims")(*arguments)
-        return tuple(found)
+    if jax.default_backend() == "cpu" and is_known(name):
+        return tuple(jax.ffi.ffi_call(name, tuple(shapes), vmap_method="expand_dims")(*arguments))
     function = _made(name)
 
     def converted(*arrays):
@@ -106,14 +104,11 @@ def call(
 
 def _made(name):
     """The function of a name."""
-    family, *words = name.split(", ")
+    family, *words = name.removeprefix(PREFIX).split(", ")
     return _FAMILIES[family](*words)
 
 
 @functools.cache
-def _known(name):
+def is_known(name: str) -> bool:
     """Make the function of a name known to XLA; False if XLA's interface is another one."""
-    return register_host_function(host_function(name), _made(name))
-
-
-names_host_functions(_known)
+    return register_host_function(name, _made(name))

@@ -2,7 +2,18 @@
 
 Everything that the package takes from jax beyond its documented interface is here, as are the
 options of XLA. A name that is missing costs speed, never a result: `missing` says once what is
-lost. The names were there in jax 0.10 to 0.12 (`TESTED`), if nothing else is said.
+lost. The names were there in jax 0.10 to 0.12 (`TESTED`), if nothing else is said. When jax 0.10 is
+no longer supported, some of it is needless, with its guards:
+
+- `primitive` for roots: since jax 0.12 `lax.custom_root` has its second derivatives in the reverse
+  mode of a `lax.scan`, too. It stays for functions as a whole (`custom_vmap` has no reverse mode,
+  jax-ml/jax#9073) and for linear maps (`linear_call` has no `jax.vmap`, jax-ml/jax#13283).
+- `register_host_function`: jax keeps programs with callbacks since jax-ml/jax#38405; but a callback
+  makes arrays of jax, for which a busy program can wait for ever.
+- `quick_options`: XLA has no older emitters since jax 0.12.
+
+`serializer`, `settings`, `reset_cache`, `not_kept_by_jax` are needless once jax keeps programs by
+a key that is known before they are traced.
 """
 
 from __future__ import annotations
@@ -11,6 +22,7 @@ import contextlib
 import ctypes
 import functools
 import importlib
+import math
 import os
 import traceback
 import warnings
@@ -291,14 +303,13 @@ def prepare_lapack() -> None:
 _VERSION = 0, 3  # of the interface
 _METADATA = 1  # kind of the extension that asks for the version
 _FAILED = 13  # XLA_FFI_Error_Code_INTERNAL
-_DTYPES = {
-    number: np.dtype(name)
-    for number, name in {
-        **{1: "bool", 2: "int8", 3: "int16", 4: "int32", 5: "int64"},
-        **{6: "uint8", 7: "uint16", 8: "uint32", 9: "uint64", 11: "float32", 12: "float64"},
-    }.items()
-}
-_Address = ctypes.c_void_p
+_NAMES = (  # of dtypes, by XLA_FFI_DataType from 1 on
+    *("bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64"),
+    *("float16", "float32", "float64"),
+)
+_DTYPES = dict(enumerate(map(np.dtype, _NAMES), start=1))
+_Address, _Int, _Long = ctypes.c_void_p, ctypes.c_int, ctypes.c_int64
+_to = ctypes.POINTER
 
 
 def _structure(name, **fields):
@@ -308,39 +319,26 @@ def _structure(name, **fields):
 
 
 _HEAD = {"extension": _Address}
-_Version: Any = _structure("_Version", **_HEAD, major=ctypes.c_int, minor=ctypes.c_int)
+_Version: Any = _structure("_Version", **_HEAD, major=_Int, minor=_Int)
 _Metadata: Any = _structure("_Metadata", version=_Version)
-_Extension: Any = _structure(
-    "_Extension", kind=ctypes.c_int, next=_Address, metadata=ctypes.POINTER(_Metadata)
-)
-_Failure: Any = _structure("_Failure", **_HEAD, message=ctypes.c_char_p, code=ctypes.c_int)
-_Fail = ctypes.CFUNCTYPE(_Address, ctypes.POINTER(_Failure))
+_Extension: Any = _structure("_Extension", kind=_Int, next=_Address, metadata=_to(_Metadata))
+_Failure: Any = _structure("_Failure", **_HEAD, message=ctypes.c_char_p, code=_Int)
+_Fail = ctypes.CFUNCTYPE(_Address, _to(_Failure))
 _Interface: Any = _structure("_Interface", **_HEAD, version=_Version, internal=_Address, fail=_Fail)
 _Buffer: Any = _structure(
-    "_Buffer",
-    **_HEAD,
-    dtype=ctypes.c_int,
-    data=_Address,
-    rank=ctypes.c_int64,
-    shape=ctypes.POINTER(ctypes.c_int64),
+    "_Buffer", **_HEAD, dtype=_Int, data=_Address, rank=_Long, shape=_to(_Long)
 )
-_Buffers: Any = _structure(
-    "_Buffers",
-    **_HEAD,
-    count=ctypes.c_int64,
-    kinds=_Address,
-    each=ctypes.POINTER(ctypes.POINTER(_Buffer)),
-)
+_Buffers: Any = _structure("_Buffers", **_HEAD, count=_Long, kinds=_Address, each=_to(_to(_Buffer)))
 _Frame: Any = _structure(
     "_Frame",
-    extension=ctypes.POINTER(_Extension),
-    interface=ctypes.POINTER(_Interface),
+    extension=_to(_Extension),
+    interface=_to(_Interface),
     context=_Address,
-    stage=ctypes.c_int,
+    stage=_Int,
     arguments=_Buffers,
     results=_Buffers,
 )
-_Handler = ctypes.CFUNCTYPE(_Address, ctypes.POINTER(_Frame))
+_Handler = ctypes.CFUNCTYPE(_Address, _to(_Frame))
 _ALIVE: list[Any] = []  # handlers, which XLA calls as long as the process lives
 
 
@@ -382,9 +380,7 @@ def _arrays(buffers):
 
 def _array(buffer):
     shape, dtype = tuple(buffer.shape[: buffer.rank]), _DTYPES[buffer.dtype]
-    size = dtype.itemsize
-    for length in shape:
-        size *= length
+    size = dtype.itemsize * math.prod(shape)
     if size == 0:
         return np.zeros(shape, dtype)
     return np.ndarray(shape, dtype, (ctypes.c_char * size).from_address(buffer.data))

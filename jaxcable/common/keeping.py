@@ -9,7 +9,6 @@ is static. A file is what jax makes of a program, with a checksum (`program_fold
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import functools
 import hashlib
 import io
@@ -30,10 +29,11 @@ import numpy as np
 import optax
 import scipy
 
+from . import digest, foreign
 from . import jax_internals as internals
 from .checks import whole
-from .code_digest import ForeignError, code_digest, is_described
 from .program_folder import DamagedError, Place, UnsafeError, opened
+from .python_objects import ForeignError, is_described
 
 _VARIABLE = "JAXCABLE_PROGRAMS"
 LIMIT = 1 << 30
@@ -45,9 +45,7 @@ _LEAST = "jax_persistent_cache_min_compile_time_secs"
 
 _place: list[Place] = []  # one, or none
 _before: list[float] = []  # jax's own setting of what compiles too fast to be kept, if ours is set
-_PREFIX = "jaxcable: "
 _hits: list[str] = []  # programs that jax has found in its own cache
-_targets: list[Callable[[str], object]] = []  # makes a host function known to XLA, by its name
 
 
 def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIMIT) -> Path:
@@ -109,10 +107,13 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
         _stop()
         warnings.warn(f"{error}; no programs are kept", RuntimeWarning, stacklevel=2)
         return path
-    for feature, is_there in (("executables", internals.serializer), ("settings", _settings)):
+    for feature, is_there in (
+        ("executables", internals.serializer),
+        ("settings", internals.settings),
+    ):
         if is_there() is None:
             internals.missing(feature)
-    if _is_ours(_cache_of_jax()):
+    if _jax_is_free():
         _jax_keeps(str(place.compiled))
     _listens()
     _place[:] = [place]
@@ -128,18 +129,15 @@ def _path(folder):
         return None
 
 
-def _cache_of_jax():
-    return jax.config.jax_compilation_cache_dir
-
-
-def _is_ours(folder):
+def _jax_is_free():
     """Whether jax keeps programs nowhere, or where it was told to by us."""
+    folder = jax.config.jax_compilation_cache_dir
     return folder is None or folder in [str(place.compiled) for place in _place]
 
 
 def _stop():
     """Neither keep programs nor look for them, and have jax do as before."""
-    if _is_ours(_cache_of_jax()):
+    if _jax_is_free():
         _jax_keeps(None)
     _place.clear()
 
@@ -187,58 +185,45 @@ def _usual():
     return Path(base) / "jaxcable"
 
 
-@dataclasses.dataclass
-class Found:
-    """A program from disk, or None; then one that has been compiled is to be put here."""
-
-    program: jax.stages.Compiled | None = None
-
-
-@contextlib.contextmanager
 def kept(
-    words: tuple[Any, ...], arguments: Any, leaves: list[Any], options: dict[str, Any]
-) -> Iterator[Found]:
-    """Look a program up on disk; if it is compiled meanwhile, it is kept.
+    compiled: Callable[[], jax.stages.Compiled],
+    words: tuple[Any, ...],
+    arguments: Any,
+    options: dict[str, Any],
+) -> jax.stages.Compiled:
+    """Return a program from disk; if it is not there, compile it and keep it.
 
     Args:
+        compiled: compiles the program.
         words: name of the function, and how it is compiled.
-        arguments, leaves: pytree of arrays, and its leaves, which the program takes.
+        arguments: pytree of arrays, whose leaves the program takes.
         options: static arguments.
-
-    Yields:
-        `Found`.
     """
-    place, key = (_place[0] if _place else None), None
-    if place is not None:
-        with contextlib.suppress(ForeignError):
-            key = _key(words, arguments, options)
-    if place is None or key is None:
-        yield Found()
-        return
-    found = Found(_load(place, key, leaves))
-    if found.program is not None:
-        yield found
-        return
+    described = words, arguments, options
+    key = _key_or_none(*described) if _place else None
+    if key is None:
+        return compiled()
+    place = _place[0]
+    found = _load(place, key, jax.tree.leaves(arguments))
+    if found is not None:
+        return found
     hits = len(_hits)
     with internals.not_kept_by_jax():
-        yield found
+        program = compiled()
     # a program that jax has loaded from its own cache cannot be written once more (jax 0.10); one
     # that was traced while the code or a setting has changed is of neither
-    if (
-        found.program is not None
-        and len(_hits) == hits
-        and _is_still(key, words, arguments, options)
-    ):
-        _store(place, key, found.program)
+    if len(_hits) == hits and _key_or_none(*described) == key:
+        _store(place, key, program)
         place.make_room()
+    return program
 
 
-def _is_still(key, *described):
-    """Whether a program has the same key as before."""
+def _key_or_none(*described):
+    """The `_key` of a program, or None."""
     try:
-        return _key(*described) == key
+        return _key(*described)
     except ForeignError:
-        return False
+        return None
 
 
 @functools.cache
@@ -258,8 +243,7 @@ def _load(place, key, leaves):
         text = place.read(key)
         if text is None:
             return None
-        targets, executable, results = _unpack_program(text, place.file_of(key))
-        trees = jax.tree.structure((tuple(leaves), {})), jax.tree.structure(results)
+        targets, executable, tree = _unpack_program(text, place.file_of(key))
     except (DamagedError, UnsafeError) as error:
         why = f"{error}: is damaged" if isinstance(error, DamagedError) else str(error)
         text = f"keep_programs: {why}; the program is compiled anew"
@@ -268,20 +252,20 @@ def _load(place, key, leaves):
     functions = internals.serializer()
     try:
         for name in targets:
-            _targets[0](name)
+            foreign.is_known(name)
         internals.prepare_lapack()
-        return functions[1](executable, *trees)
+        return functions[1](executable, jax.tree.structure((tuple(leaves), {})), tree)
     except Exception:  # a solver that is not there, another machine, another jax: not damaged
         return None
 
 
 def _unpack_program(text, path):
-    """Return names of host functions, the executable, and a tree in the shape of the results."""
+    """Return names of host functions, the executable, and the tree of the results."""
     try:
         targets, executable, results = pickle.loads(zlib.decompress(text))
     except Exception as error:  # whatever pickle makes of it
         raise DamagedError(str(path)) from error
-    return targets, executable, results
+    return targets, executable, jax.tree.structure(results)
 
 
 def _store(place, key, program):
@@ -289,7 +273,7 @@ def _store(place, key, program):
     targets = set(re.findall('custom_call_target="([^"]*)"', program.as_text()))
     if any("callback" in name for name in targets):  # by its address: a listener of the user
         return
-    targets = {name for name in targets if name.startswith(_PREFIX)}
+    targets = {name for name in targets if name.startswith(foreign.PREFIX)}
     try:
         executable, _, tree = internals.serializer()[0](program)
         results = tree.unflatten([0] * tree.num_leaves)
@@ -299,16 +283,6 @@ def _store(place, key, program):
         warnings.warn(text, RuntimeWarning, stacklevel=2)
         return
     place.write(key, text)
-
-
-def host_function(name: str) -> str:
-    """The name by which kept programs call a host function, see `names_host_functions`."""
-    return _PREFIX + name
-
-
-def names_host_functions(function: Callable[[str], object]) -> None:
-    """Have a function make host functions known to XLA, by their names in `host_function`."""
-    _targets.append(lambda name: function(name.removeprefix(_PREFIX)))
 
 
 class _Pickler(pickle.Pickler):
@@ -337,33 +311,25 @@ def _key(words, arguments, options):
         pickler.dump((tree.unflatten(range(len(leaves))), options))
     except (pickle.PicklingError, AttributeError, TypeError, ValueError, RecursionError) as error:
         raise ForeignError(str(error)) from error
-    kinds = [_words(x) for x in leaves]
-    text = repr((words, kinds, _surroundings())).encode()
+    text = repr((words, list(map(kind_of, leaves)), _surroundings())).encode()
     return hashlib.blake2b(described.getvalue() + text, digest_size=16).hexdigest()
 
 
-def _words(x):
-    """Shape, dtype and place of an argument, in words."""
+def kind_of(x: Any) -> Any:
+    """What a program depends on of an argument: shape and dtype, and where it is; hashable."""
     if isinstance(x, jax.Array):
-        return str(x.aval), x.weak_type, str(x.sharding)
-    return (x.shape, str(x.dtype)) if isinstance(x, np.ndarray | np.generic) else type(x).__name__
-
-
-def _settings():
-    """Settings of jax that may matter to a program, in words; None if they are not known."""
-    values = internals.settings()
-    if values is None:
-        return None
-    about = "cache", "log", "dump", "traceback"
-    return sorted((n, str(v)) for n, v in values.items() if not any(word in n for word in about))
+        return x.shape, x.dtype, x.weak_type, x.sharding
+    return (x.shape, x.dtype) if isinstance(x, np.ndarray | np.generic) else type(x)
 
 
 def _surroundings():
     """What all programs of a process depend on, in words."""
-    settings = _settings()
-    if settings is None:
+    values = internals.settings()
+    if values is None:
         raise ForeignError("jax.config")
-    return (*_machine(), internals.flags_in_effect(), settings, code_digest())
+    about = "cache", "log", "dump", "traceback"  # settings that do not matter to a program
+    settings = {n: str(v) for n, v in values.items() if not any(word in n for word in about)}
+    return (*_machine(), internals.flags_in_effect(), sorted(settings.items()), digest.of_package())
 
 
 @functools.cache

@@ -233,11 +233,11 @@ def _make(path):
     if path.is_symlink():
         raise UnsafeError(f"{path}: is a symbolic link; remove it, or name another folder")
     path.mkdir(mode=0o700, exist_ok=True)
-    if _is_marked(path):
+    said = _tag_of(path)
+    if said == _MARK:
         return
-    if any(entry.name != _TAG for entry in path.iterdir()) or not _is_missing_or_incomplete(
-        path / _TAG
-    ):
+    incomplete = said is not None and _MARK.startswith(said)  # or not there
+    if any(entry.name != _TAG for entry in path.iterdir()) or not incomplete:
         raise UnsafeError(
             f"{path}: holds files that jaxcable has not written (it has no {_TAG} of jaxcable); "
             "name another folder"
@@ -245,23 +245,20 @@ def _make(path):
     (path / _TAG).write_text(_MARK, encoding="utf-8")
 
 
-def _is_missing_or_incomplete(tag):
-    """Whether a tag is not there, or is one of ours that has not been written to its end."""
+def _tag_of(path):
+    """The beginning of the tag in a folder, "" without one; None if it is a link, or no text."""
     try:
-        return not tag.is_symlink() and _MARK.startswith(tag.read_text("utf-8"))
+        with open(os.open(path / _TAG, os.O_RDONLY | _CAREFULLY), encoding="utf-8") as file:
+            return file.read(len(_MARK))
     except FileNotFoundError:
-        return True
+        return ""
     except (OSError, UnicodeDecodeError):
-        return False
+        return None
 
 
 def _is_marked(path):
     """Whether a folder is one of our own; links are not followed."""
-    try:
-        with open(os.open(path / _TAG, os.O_RDONLY | _CAREFULLY), encoding="utf-8") as file:
-            return not path.is_symlink() and file.read(len(_MARK)) == _MARK
-    except (OSError, UnicodeDecodeError):
-        return False
+    return not path.is_symlink() and _tag_of(path) == _MARK
 
 
 def _own_files(path) -> Iterator[tuple[float, int, str]]:

@@ -9,17 +9,65 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import checks
-from .tree import Indices, pytree
+from .tree import Indices, put, pytree
 from .types import Array, ArrayLike, Bool, Float, Int
 
 
+class _Elements:
+    """What `Selection` and `Only` have in common: some elements of one group."""
+
+    elements: Int[ArrayLike, " n"] | Bool[ArrayLike, " n_elem"]
+    count: int | None
+
+    def _number(self):
+        """Set `elements` to numbers; if they were booleans, set `count` as well."""
+        elements = self.elements
+        if isinstance(elements, Indices):
+            return
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(elements)):
+            raise ValueError(
+                "elements: which elements are meant is topology and cannot be traced; pass NumPy "
+                "integers or booleans, or trace the values: jnp.where(mask, values, others)"
+            )
+        mask = checks.mask(elements)
+        if mask is not None:
+            if mask.ndim != 1:
+                raise ValueError(f"elements: expected booleans [n_elem], got shape {mask.shape}")
+            put(self, count=len(mask))
+            elements = np.flatnonzero(mask)
+        elements = checks.integers(elements, "elements", things="element")
+        if len(np.unique(elements)) < len(elements):
+            repeated = np.flatnonzero(np.bincount(elements) > 1)[0]
+            raise ValueError(f"elements: element {repeated} is named twice")
+        put(self, elements=Indices(elements))
+
+    def chosen(self, n_elem: int, name: str) -> Bool[np.ndarray, " n_elem"]:
+        """Mask of the elements, [n_elem] bool, NumPy; ValueError if the group lacks one of them."""
+        if self.count not in (None, n_elem):
+            raise ValueError(
+                f"{name}: {self.count} booleans say which elements, the group has {n_elem}"
+            )
+        unknown = self.elements.array >= n_elem
+        if unknown.any():
+            k = int(unknown.argmax())
+            raise ValueError(
+                f"{name}: elements[{k}] = {self.elements[k]}: the group has elements 0 to "
+                f"{n_elem - 1}"
+            )
+        chosen = np.zeros(n_elem, bool)
+        chosen[self.elements.array] = True
+        return chosen
+
+
 @pytree(static=("count",), indices=("elements",))
-class Selection:
-    """Some elements of one group; made by `only` without values.
+class Selection(_Elements):
+    """Some elements of one group.
+
+    `only` without values makes one.
 
     Args:
         elements: numbers of the elements in their group, [n], or booleans [n_elem].
-        count: number of elements of the group, if known; set if `elements` are booleans.
+        count: number of elements of the group, if known; set by `elements` that are booleans.
 
     Raises:
         ValueError: `elements` are traced, are neither integers nor booleans, or repeat an element.
@@ -29,21 +77,20 @@ class Selection:
     count: int | None = None
 
     def __post_init__(self):
-        _number(self)
-
-    def chosen(self, n_elem: int, name: str) -> Bool[np.ndarray, " n_elem"]:
-        """Mask of the elements, [n_elem] bool, NumPy; ValueError if the group lacks one of them."""
-        return _chosen(self, n_elem, name)
+        self._number()
 
 
 @pytree(static=("count",), indices=("elements",))
-class Only:
-    """Values for some elements of one group; made by `only`.
+class Only(_Elements):
+    """Values for some elements of one group.
+
+    `only` makes them.
 
     Args:
         elements: numbers of the elements in their group, [n], or booleans [n_elem].
-        values: one value for all of them, or [n].
-        count: number of elements of the group, if known; set if `elements` are booleans.
+        values: one value for all of them, or [n]; [n, n_component] for elements of your own that
+            take several numbers each (`Prestressable.components`).
+        count: number of elements of the group, if known; set by `elements` that are booleans.
 
     Raises:
         ValueError: those of `Selection`, or the number of values does not fit.
@@ -54,14 +101,11 @@ class Only:
     count: int | None = None
 
     def __post_init__(self):
-        _number(self)
-        checks.per_element(self.values, len(self.elements), "values")
+        self._number()
+        several = np.ndim(self.values) > 1  # components, which the group checks
+        checks.per_element(0.0 if several else self.values, len(self.elements), "values")
         # one value for all stays one: a search then has one unknown (`design.tune`)
-        object.__setattr__(self, "values", checks.floats(self.values, "values"))
-
-    def chosen(self, n_elem: int, name: str) -> Bool[np.ndarray, " n_elem"]:
-        """Mask of the elements, [n_elem] bool, NumPy; ValueError if the group lacks one of them."""
-        return _chosen(self, n_elem, name)
+        put(self, values=checks.floats(self.values, "values"))
 
     def spread(self, others: Float[ArrayLike, " n_elem"]) -> Float[Array, " n_elem"]:
         """Array [n_elem] of the values at their elements, and of `others` elsewhere."""
@@ -84,7 +128,7 @@ class Named:
 
     def __post_init__(self):
         names = (self.names,) if isinstance(self.names, str) else tuple(self.names)
-        object.__setattr__(self, "names", names)
+        put(self, names=names)
         if not names:
             raise ValueError("names: an empty list names no group")
 
@@ -118,43 +162,3 @@ def only(
         [ True False False  True False]
     """
     return Selection(elements) if values is None else Only(elements, values)
-
-
-def _number(selection):
-    """Set `elements` of a selection to numbers; if they were booleans, set `count` as well."""
-    if isinstance(selection.elements, Indices):
-        return
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(selection.elements)):
-        raise ValueError(
-            "elements: which elements are meant is topology and cannot be traced; pass NumPy "
-            "integers or booleans, or trace the values: jnp.where(mask, values, others)"
-        )
-    elements = selection.elements
-    mask = checks.mask(elements)
-    if mask is not None:
-        if mask.ndim != 1:
-            raise ValueError(f"elements: expected booleans [n_elem], got shape {mask.shape}")
-        object.__setattr__(selection, "count", len(mask))
-        elements = np.flatnonzero(mask)
-    elements = checks.integers(elements, "elements", things="element")
-    if len(np.unique(elements)) < len(elements):
-        repeated = np.flatnonzero(np.bincount(elements) > 1)[0]
-        raise ValueError(f"elements: element {repeated} is named twice")
-    object.__setattr__(selection, "elements", Indices(elements))
-
-
-def _chosen(selection, n_elem, name):
-    if selection.count not in (None, n_elem):
-        raise ValueError(
-            f"{name}: {selection.count} booleans say which elements, the group has {n_elem}"
-        )
-    unknown = selection.elements.array >= n_elem
-    if unknown.any():
-        k = int(unknown.argmax())
-        raise ValueError(
-            f"{name}: elements[{k}] = {selection.elements[k]}: the group has elements 0 to "
-            f"{n_elem - 1}"
-        )
-    chosen = np.zeros(n_elem, bool)
-    chosen[selection.elements.array] = True
-    return chosen

@@ -151,6 +151,11 @@ def once(function: Callable[[Any], _T]) -> Callable[[Any], _T]:
     return kept
 
 
+def put(obj: object, **values: Any) -> None:
+    """Set fields of an object of a frozen class, in its constructor."""
+    vars(obj).update(values)
+
+
 def copy(obj: _T, **changes: Any) -> _T:
     """Copy a `pytree` object with some fields changed, without running its constructor."""
     new, values = object.__new__(type(obj)), obj.__dict__

@@ -59,30 +59,26 @@ def written_together() -> Iterator[Callable[..., IO[Any]]]:
     def begin(path, mode="w"):
         finish()
         target = replaceable(path)
-        handle, name = _open_beside(target, path)
+        handle, name = stack.enter_context(_beside(target, path))
         staged.append((name, target))
         text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
         streams.append(open(handle, mode, **text))
+        stack.callback(_close, streams[0])
         return streams[0]
 
-    try:
+    with contextlib.ExitStack() as stack:
         yield begin
         finish()
         for name, target in staged:
             if target.exists():
                 os.chmod(name, _permissions(target))
             os.replace(name, target)
-    except BaseException:
-        for stream in streams:
-            with contextlib.suppress(OSError):
-                stream.close()
-        for name, _ in staged:
-            with contextlib.suppress(OSError):
-                os.unlink(name)
-        raise
-    finally:
-        for name, _ in staged:
-            AT_EXIT.remove(name)
+
+
+def _close(stream):
+    """Close a stream that may be closed already, or whose disk may be full."""
+    with contextlib.suppress(OSError):
+        stream.close()
 
 
 def replaceable(path: str | PathLike[str]) -> Path:
@@ -104,10 +100,8 @@ def replaceable(path: str | PathLike[str]) -> Path:
 
 def require_writable(path: str | PathLike[str]) -> None:
     """Raise OSError if `written` could not write this file; nothing is left behind."""
-    handle, name = _open_beside(replaceable(path), path)
-    os.close(handle)
-    os.unlink(name)
-    AT_EXIT.remove(name)
+    with _beside(replaceable(path), path) as (handle, _):
+        os.close(handle)
 
 
 def create(path: str | PathLike[str], content: bytes) -> bool:
@@ -116,8 +110,7 @@ def create(path: str | PathLike[str], content: bytes) -> bool:
     Of several processes that create the same file, one does.
     """
     target = Path(path)
-    handle, name = _open_beside(target, path)
-    try:
+    with _beside(target, path) as (handle, name):
         with open(handle, "wb") as stream:
             stream.write(content)
             stream.flush()
@@ -131,10 +124,6 @@ def create(path: str | PathLike[str], content: bytes) -> bool:
                 return False
             os.replace(name, target)
         return True
-    finally:
-        with contextlib.suppress(OSError):
-            os.unlink(name)
-        AT_EXIT.remove(name)
 
 
 def put_arrays(
@@ -155,11 +144,13 @@ def put_arrays(
                 np.lib.format.write_array(entry, np.asanyarray(array), allow_pickle=False)
 
 
-def _open_beside(target, path):
-    """A new file in the folder of `target`: its descriptor and name; errors name `path`.
+@contextlib.contextmanager
+def _beside(target, path):
+    """Make a new file in the folder of `target`, which is removed at the end if it is still there.
 
-    It has the permissions of any new file. (Those of `tempfile` allow the user alone to read it,
-    and to ask for the usual ones changes them for all threads for a moment.)
+    The block gets its descriptor and its name; errors name `path`. It has the permissions of any
+    new file. (Those of `tempfile` allow the user alone to read it, and to ask for the usual ones
+    changes them for all threads for a moment.)
     """
     name = str(target.parent / f".jaxcable-{secrets.token_hex(8)}.part")
     binary = getattr(os, "O_BINARY", 0)
@@ -168,7 +159,12 @@ def _open_beside(target, path):
     except OSError as error:
         raise type(error)(error.errno, error.strerror, str(path)) from None
     AT_EXIT.append(name)
-    return handle, name
+    try:
+        yield handle, name
+    finally:
+        with contextlib.suppress(OSError):
+            os.unlink(name)
+        AT_EXIT.remove(name)
 
 
 def _permissions(target):

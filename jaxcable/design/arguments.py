@@ -34,12 +34,11 @@ def width_of(width: Float[ArrayLike, ""]) -> Float[ArrayLike, ""]:
     return or_nan(positive("width", checks.scalar(width, "width")))
 
 
-def require_result(solution: Any, *names: str) -> None:
-    """Raise ValueError unless `solution` has the results `names`."""
-    for name in names:
-        if not hasattr(solution, name):
-            got = checks.kind(solution, "solve(structure, phases)")
-            raise ValueError(f"solution: expected a Solution, got {got}, which has no {name}")
+def require_result(solution: Any, name: str) -> None:
+    """Raise ValueError unless `solution` has the result `name`."""
+    if not hasattr(solution, name):
+        got = checks.kind(solution, "solve(structure, phases)")
+        raise ValueError(f"solution: expected a Solution, got {got}, which has no {name}")
 
 
 def require_structure(structure: Any) -> None:

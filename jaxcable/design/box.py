@@ -14,47 +14,57 @@ from ..common import checks, status
 from ..common import rules as _rules
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from .arguments import is_tolerance
+from .arguments import is_tolerance, tolerance
 
 
-@pytree
+@pytree(static=("counts",))
 class Box:
-    """Lower and upper bounds, each of the shape of the parameters; infinite for no bound."""
+    """Bounds of the parameters, all arrays one after the other; infinite for no bound.
 
-    lower: PyTree[Float[Array, " ..."]]
-    upper: PyTree[Float[Array, " ..."]]
+    Attributes:
+        lower, upper: bounds, [n].
+        counts: number of entries of every array of the parameters.
+    """
 
-    def flat(self) -> Box:
-        """The bounds of the flattened parameters, [n] each."""
-        return Box(ravel_pytree(self.lower)[0], ravel_pytree(self.upper)[0])
+    lower: Float[Array, " n"]
+    upper: Float[Array, " n"]
+    counts: tuple[int, ...]
 
-    def project(self, params: PyTree[Float[Array, " ..."]]) -> PyTree[Float[Array, " ..."]]:
+    def project(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
         """The nearest point in the box; entries beyond a bound become that bound exactly."""
-        return jax.tree.map(jnp.clip, params, self.lower, self.upper)
+        return jnp.clip(x, self.lower, self.upper)
 
-    def blocked(
-        self, params: PyTree[Float[Array, " ..."]], gradient: PyTree[Float[Array, " ..."]]
-    ) -> PyTree[Bool[Array, " ..."]]:
+    def blocked(self, x: Float[Array, " n"], gradient: Float[Array, " n"]) -> Bool[Array, " n"]:
         """True for entries at a bound that a step against the gradient would cross."""
-        return jax.tree.map(
-            lambda x, g, low, high: (
-                ((x <= low) & (g > 0)) | ((x >= high) & (g < 0)) | (low == high)
-            ),
-            params,
-            gradient,
-            self.lower,
-            self.upper,
-        )
+        low, high = (x <= self.lower) & (gradient > 0), (x >= self.upper) & (gradient < 0)
+        return low | high | (self.lower == self.upper)
 
-    def holds(self, params: PyTree[Float[Array, " ..."]]) -> Bool[Array, ""]:
+    def holds(self, x: Float[Array, " n"]) -> Bool[Array, ""]:
         """Whether lower bounds are below upper ones and the parameters within them; scalar bool."""
-        inside = jax.tree.map(
-            lambda x, low, high: jnp.all((low <= high) & ~((x < low) | (x > high))),
-            params,
-            self.lower,
-            self.upper,
-        )
-        return jnp.all(jnp.stack(jax.tree.leaves(inside)))
+        outside = (x < self.lower) | (x > self.upper)
+        return jnp.all((self.lower <= self.upper) & ~outside)
+
+    def of_arrays(
+        self, norm: Callable[[Float[Array, " m"]], Float[Array, ""]], x: Float[ArrayLike, " n"]
+    ) -> Float[Array, " n"]:
+        """For every entry of `x` a norm of the array to which it belongs."""
+        parts = jnp.split(jnp.asarray(x), np.cumsum(self.counts)[:-1])
+        return jnp.concatenate([jnp.full_like(part, norm(part)) for part in parts])
+
+    @jax.jit  # one function in a program
+    def largest(self, x: Float[ArrayLike, " n"]) -> Float[Array, " n"]:
+        """For every entry of `x` the largest entry, by size, of the array to which it belongs."""
+        return self.of_arrays(lambda part: jnp.max(jnp.abs(part), initial=0.0), x)
+
+    @jax.jit
+    def sizes(self, x: Float[ArrayLike, " n"]) -> Float[Array, " n"]:
+        """Sizes of parameters that start at `x`: the largest of their array, of its bounds, or 1.
+
+        Bounds that are infinite do not count.
+        """
+        ends = (jnp.where(jnp.isfinite(b), jnp.abs(b), 0.0) for b in (self.lower, self.upper))
+        start, bound = self.largest(x), self.largest(jnp.maximum(*ends))
+        return jnp.where(start > 0, start, jnp.where(bound > 0, bound, 1.0))
 
 
 def numbers(
@@ -72,9 +82,18 @@ def numbers(
     return jax.tree_util.tree_map_with_path(as_array, params)
 
 
-def default_tol(params: PyTree[Float[Array, " ..."]]) -> float:
-    """The default tolerance on gradients: 1e-6 in float64, 1e-3 in other float types."""
-    return 1e-6 if jnp.result_type(*jax.tree.leaves(params)) == jnp.float64 else 1e-3
+def prepared(
+    params: PyTree[Float[ArrayLike, " ..."]],
+    bounds: tuple[Any, Any] | None,
+    tol: Float[ArrayLike, ""] | None,
+) -> tuple[PyTree[Float[Array, " ..."]], Box, Float[ArrayLike, ""]]:
+    """The start, the `Box` and the tolerance of a search, checked.
+
+    The default tolerance is 1e-6 in float64 and 1e-3 in other float types.
+    """
+    params = numbers(params)
+    double = jnp.result_type(*jax.tree.leaves(params)) == jnp.float64
+    return params, make_box(bounds, params), tolerance(tol, 1e-6 if double else 1e-3)
 
 
 def spread(
@@ -115,11 +134,7 @@ def spread(
     return jax.tree_util.tree_map_with_path(fill, tree, params)
 
 
-def make_box(
-    bounds: tuple[PyTree[Float[ArrayLike, " ..."]] | None, PyTree[Float[ArrayLike, " ..."]] | None]
-    | None,
-    params: PyTree[Float[Array, " ..."]],
-) -> Box:
+def make_box(bounds: tuple[Any, Any] | None, params: PyTree[Float[Array, " ..."]]) -> Box:
     """The `Box` that `bounds` state, checked against the start as far as values are concrete.
 
     Args:
@@ -156,30 +171,15 @@ def make_box(
             _refuse(x > high, "params" + entry, "the start is above its upper bound", x, high)
 
     jax.tree_util.tree_map_with_path(check, params, lower, upper)
-    return Box(lower, upper)
-
-
-def sizes_of(
-    x: Float[Array, " ..."], low: Float[Array, " ..."], high: Float[Array, " ..."]
-) -> Float[Array, " ..."]:
-    """The size of every entry of an array: the largest at the start, else of its bounds, or 1.
-
-    Bounds that are infinite do not count.
-    """
-    ends = jnp.stack([jnp.where(jnp.isfinite(b), jnp.abs(b), 0.0) for b in (low, high)])
-    start, bound = jnp.max(jnp.abs(x), initial=0.0), jnp.max(ends, initial=0.0)
-    size = jnp.where(start > 0, start, jnp.where(bound > 0, bound, 1.0))
-    return jnp.full_like(x, size)
+    counts = tuple(leaf.size for leaf in jax.tree.leaves(params))
+    return Box(ravel_pytree(lower)[0], ravel_pytree(upper)[0], counts)
 
 
 def checked_code(
-    code: Int[Array, ""],
-    box: Box,
-    params: PyTree[Float[Array, " ..."]],
-    tol: Float[ArrayLike, ""],
+    code: Int[Array, ""], box: Box, start: Float[Array, " n"], tol: Float[ArrayLike, ""]
 ) -> Int[Array, ""]:
     """The status of a search, unless what was traced breaks a rule: bounds, start or tolerance."""
-    code = jnp.where(box.holds(params), code, status.OUTSIDE)
+    code = jnp.where(box.holds(start), code, status.OUTSIDE)
     return jnp.where(is_tolerance(tol), code, status.INVALID_INPUT).astype(jnp.int32)
 
 

@@ -113,11 +113,9 @@ def confidence(
     jacobian[:, np.concatenate(idle).astype(bool)] = 0.0  # their columns are rounding
     columns = np.linalg.norm(jacobian[:, varied], axis=0)
     unit = np.where(columns > 0, columns, 1.0)
-    svd = np.linalg.svd(jacobian[:, varied] / unit, full_matrices=True)
-    n_free = int(varied.sum())
-    values = np.zeros(n_free)
-    values[: len(svd[1])] = svd[1]
-    combinations = svd[2]
+    _, values, combinations = np.linalg.svd(jacobian[:, varied] / unit, full_matrices=True)
+    n_free = len(unit)
+    values = np.pad(values, (0, n_free - len(values)))
     determined = values > rcond * values.max(initial=0.0)
     rank = int(determined.sum())
     degrees = n_residual - rank

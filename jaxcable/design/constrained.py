@@ -16,13 +16,12 @@ from ..common import checks, status
 from ..common.progress import Step, compiling, listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from .arguments import tolerance
-from .box import checked_call, default_tol, make_box, numbers, sizes_of, spread
+from .box import checked_call, prepared, spread
 from .optimality import kkt_conditions
 from .outcome import split_loss
 from .programs import Programs
 from .solvers import solver_named
-from .trials import Point, RunEnd, Trials, trial_code, values_and_jacobian
+from .trials import Point, RunEnd, Trials, values_and_jacobian
 
 _FIRST = 0.1  # part of the loss at the start that changes are compared with
 _TRIALS = 20  # evaluations for each step that a run may take, at most
@@ -145,24 +144,25 @@ def minimize_subject_to(
     """
     args = checked_call(problem, args, rounds, "problem", "rounds")
     checks.whole(steps, "steps")
-    params = numbers(params)
-    box, tol = make_box(bounds, params), float(tolerance(tol, default_tol(params)))
+    params, box, tol = prepared(params, bounds, tol)
     solve, listen, program = solver_named(solver), listener(progress), _programs(problem)
     start, back = ravel_pytree(params)
-    least = jax.tree.map(sizes_of, params, box.lower, box.upper)
-    step = spread(least if scale is None else scale, params, "scale", absent=1.0, positive=True)
+    least = box.sizes(start)
+    step = least
+    if scale is not None:
+        step = ravel_pytree(spread(scale, params, "scale", absent=1.0, positive=True))[0]
 
     def sizes(x):
-        return _flat(jax.tree.map(lambda v, s: jnp.maximum(s, jnp.abs(v).max()), back(x), least))
+        return np.asarray(jnp.maximum(least, box.largest(x)), float)
 
     def evaluate(x):
         return program(jnp.asarray(x, start.dtype), params, args)
 
-    bounds = _flat(box.lower), _flat(box.upper)
-    search = _Search(evaluate, bounds, sizes, tol, int(steps), listen)
+    limits = np.asarray(box.lower, float), np.asarray(box.upper, float)
+    search = _Search(evaluate, limits, sizes, float(tol), int(steps), listen)
     with compiling(listen):  # most of the time before the first report
-        search.trials.at(_flat(params))
-    end, code, count = search.run(solve, _flat(step), int(rounds))
+        search.at(np.asarray(start, float))
+    end, code, count = search.run(solve, np.asarray(step, float), int(rounds))
     multipliers, residual = search.judged(end)
     return ConstrainedDesign(
         params=back(jnp.asarray(end.x, start.dtype)),
@@ -171,13 +171,13 @@ def minimize_subject_to(
         multipliers=multipliers,
         status=jnp.int32(code),
         rounds=count,
-        evaluations=search.trials.evaluations,
-        failures=search.trials.failures,
+        evaluations=search.evaluations,
+        failures=search.failures,
         kkt_residual=residual,
     )
 
 
-class _Search:
+class _Search(Trials):
     """Runs of a library, each from the best point before it, until one meets the KKT conditions.
 
     Args:
@@ -187,7 +187,7 @@ class _Search:
     """
 
     def __init__(self, evaluate, bounds, sizes, tol, steps, listen):
-        self.trials = Trials(evaluate, bounds, tol, self.converged)
+        super().__init__(evaluate, bounds, tol, self.converged)
         self.sizes, self.tol, self.steps, self.listen = sizes, tol, steps, listen
         self.first = self.number = self.known = 0
 
@@ -201,23 +201,23 @@ class _Search:
             step: typical changes of the parameters, [n]; those of the first step.
             rounds: largest number of runs.
         """
-        trials, missing = self.trials, np.inf
-        best = first = trials.last
+        missing = np.inf
+        best = first = self.last
         self.first = abs(best.loss)
         if best.failed:
             return best, status.BAD_START, 0
         self.converged(best)
         for number in range(1, rounds + 1):
-            steep = np.linalg.norm(best.gradient * step)
+            steep = float(np.linalg.norm(best.gradient * step))
             unit = 1 / (steep if steep > 0 else self.against(best))
-            trials.begin(best, step, unit, _TRIALS * self.steps)
+            self.begin(best, step, unit, _TRIALS * self.steps)
             with contextlib.suppress(RunEnd):
-                solve(trials, self.steps, self.tol)
-            for point in (trials.reached, trials.best):
+                solve(self, self.steps, self.tol)
+            for point in (self.reached, self.best):
                 left = self.judged(point)[1]
                 if point.violation <= 0 and left <= self.tol:
                     return point, self._outcome(point, first), number
-            before, best = best, trials.best
+            before, best = best, self.best
             if best.violation > _WORTH * before.violation > 0:
                 return best, status.CONSTRAINTS_VIOLATED, number
             fallen = before.loss - best.loss > self.tol**2 * self.against(best)
@@ -229,14 +229,14 @@ class _Search:
 
     def _outcome(self, point, first):
         """The status of a point that meets the conditions; nothing is known where nothing moved."""
-        free = (point.x > self.trials.bounds[0]) & (point.x < self.trials.bounds[1])
+        free = (point.x > self.bounds[0]) & (point.x < self.bounds[1])
         blind = not point.gradient[free].any() and free.any() and np.array_equal(point.x, first.x)
         return status.STATIONARY if blind else status.OK
 
     def judged(self, point: Point) -> tuple[np.ndarray, float]:
         """Return the multipliers at a point, and its KKT residual over the size of the loss."""
         size = self.sizes(point.x)
-        multipliers, residual = kkt_conditions(point, self.trials.bounds, size, self.tol)
+        multipliers, residual = kkt_conditions(point, self.bounds, size, self.tol)
         return multipliers, residual / self.against(point)
 
     def against(self, point: Point) -> float:
@@ -248,47 +248,34 @@ class _Search:
         """Report a point that the library has accepted; return whether it meets the conditions."""
         residual = self.judged(point)[1]
         if self.listen is not None:
-            failures, self.known = self.trials.failures - self.known, self.trials.failures
+            failures, self.known = self.failures - self.known, self.failures
             self.listen(Step(self.number, self.steps, point.loss, residual, failures))
         self.number += 1
         return point.violation <= 0 and residual <= self.tol
 
 
-def _flat(tree):
-    """All entries of a pytree in one vector of NumPy."""
-    return np.asarray(ravel_pytree(tree)[0], float)
-
-
 def _make(reference):
     """The compiled loss and constraints, with their Jacobian, of what `reference()` returns."""
-
-    def parts(params, args):
-        returned = reference()(params, *args)
-        if not isinstance(returned, tuple) or len(returned) not in (2, 3):
-            raise ValueError(
-                "problem: expected (loss, constraints) or (loss, constraints, solution)"
-            )
-        value, code = split_loss((returned[0], returned[2:]))
-        constraints = jnp.asarray(returned[1])
-        if constraints.ndim != 1 or not jnp.issubdtype(constraints.dtype, jnp.floating):
-            raise ValueError(
-                f"constraints: expected floats [n], got {constraints.dtype}"
-                f"{list(constraints.shape)}"
-            )
-        return value, constraints, code
 
     @jax.jit
     def evaluate(x, params, args):
         _, back = ravel_pytree(params)
 
         def flattened(x):
-            value, constraints, code = parts(back(x), args)
-            values = jnp.concatenate([value[None], constraints]).astype(x.dtype)
-            return values, code
+            returned = reference()(back(x), *args)
+            if not isinstance(returned, tuple) or len(returned) not in (2, 3):
+                raise ValueError(
+                    "problem: expected (loss, constraints) or (loss, constraints, solution)"
+                )
+            value, code = split_loss((returned[0], returned[2:]))
+            constraints = jnp.asarray(returned[1])
+            if constraints.ndim != 1 or not jnp.issubdtype(constraints.dtype, jnp.floating):
+                got = f"{constraints.dtype}{list(constraints.shape)}"
+                raise ValueError(f"constraints: expected floats [n], got {got}")
+            return jnp.append(value, constraints).astype(x.dtype), code
 
         count = jax.eval_shape(flattened, x)[0].size
-        found = values_and_jacobian(flattened, x, count)
-        return found._replace(code=trial_code(found.code, found.values, found.jacobian))
+        return values_and_jacobian(flattened, x, count).judged()
 
     return evaluate
 

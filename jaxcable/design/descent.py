@@ -1,12 +1,13 @@
-"""The loop of `minimize`: evaluate a trial point, accept it or shorten the step, ask for the next.
+"""The search of `minimize`: accept a trial point or shorten the step, and ask for the next one.
 
-The program evaluates the loss once, in the body of the loop. The state of the loop says whether it
-shortens the present step, avoids a failed analysis or asks the optimizer for the next step.
-Parameters are one flat vector here; only the optimizer gets them in the shape that users gave.
+The state says whether the search shortens the present step, avoids a failed analysis or asks the
+optimizer for the next step. Parameters are one flat vector here; only the optimizer gets them in
+the shape that users gave.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -14,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import optax
 from jax import lax
+from jax.flatten_util import ravel_pytree
 
 from ..common import status
 from ..common.progress import Step, tell
@@ -21,7 +23,7 @@ from ..common.tree import pytree, where
 from ..common.types import Array, Bool, Float, Int, PyTree
 from .box import Box
 from .criteria import Criteria
-from .trials import trial_code
+from .trials import Evaluation, ending
 
 _LBFGS = optax.lbfgs(linesearch=None)  # without a line search: the loop has one
 _SHORTEST = 40  # how often a step is shortened before the loop gives up
@@ -74,8 +76,8 @@ class Point(NamedTuple):
     at_rest: Bool[Array, ""]
 
 
-class Search(NamedTuple):
-    """State of the loop.
+class State(NamedTuple):
+    """State of the search.
 
     Attributes:
         trial: point to be evaluated: ``at.x + length step``, projected into the bounds.
@@ -95,7 +97,7 @@ class Search(NamedTuple):
             status code of the last failure.
         log: `History`.
         code: status.
-        running: whether the loop goes on.
+        running: whether the search goes on.
     """
 
     trial: Float[Array, " n"]
@@ -120,8 +122,9 @@ class Search(NamedTuple):
     running: Bool[Array, ""]
 
 
+@dataclasses.dataclass(frozen=True)
 class Descent:
-    """The loop for one problem.
+    """The search for one problem.
 
     Args:
         loss: function of the parameters, in the shape that users gave, to (value, status code).
@@ -134,38 +137,44 @@ class Descent:
         listen: function of a `progress.Step`, called after every accepted step, or None.
     """
 
-    def __init__(
-        self,
-        loss: Callable[[PyTree[Float[Array, " ..."]]], tuple[Float[Array, ""], Int[Array, ""]]],
-        back: Callable[[Float[Array, " n"]], PyTree[Float[Array, " ..."]]],
-        optimizer: optax.GradientTransformation | None,
-        steps: int,
-        box: Box,
-        criteria: Criteria,
-        scale: Float[Array, " n"],
-        listen: Callable[[Step], Any] | None = None,
-    ):
-        self.searched = optimizer is None
-        self.optimizer = optax.with_extra_args_support(_LBFGS if self.searched else optimizer)
-        self.loss, self.back, self.box = loss, back, box
-        self.steps, self.criteria, self.scale = steps, criteria, scale
-        self.listen = listen
-        self.noise = max(_NOISE, 64 * float(jnp.finfo(scale.dtype).eps))
+    loss: Callable[[PyTree[Float[Array, " ..."]]], tuple[Float[Array, ""], Int[Array, ""]]]
+    back: Callable[[Float[Array, " n"]], PyTree[Float[Array, " ..."]]]
+    optimizer: optax.GradientTransformation | None
+    steps: int
+    box: Box
+    criteria: Criteria
+    scale: Float[Array, " n"]
+    listen: Callable[[Step], Any] | None = None
 
-    def run(self, x: Float[Array, " n"]) -> Search:
-        """Search from `x`, [n]."""
+    @property
+    def searched(self) -> bool:
+        """Whether the loop searches for a lower loss: where no optimizer is given."""
+        return self.optimizer is None
+
+    @property
+    def method(self) -> optax.GradientTransformationExtraArgs:
+        """The optimizer, given or not."""
+        return optax.with_extra_args_support(_LBFGS if self.searched else self.optimizer)
+
+    @property
+    def noise(self) -> float:
+        """Changes of the loss, relative to it, that cannot be judged."""
+        return max(_NOISE, 64 * float(jnp.finfo(self.scale.dtype).eps))
+
+    def begin(self, x: Float[Array, " n"]) -> State:
+        """The state before the start `x`, [n], is evaluated."""
         nothing, none = jnp.zeros_like(x), jnp.int32(0)
         unknown, one = jnp.asarray(jnp.nan, x.dtype), jnp.ones((), x.dtype)
         start = Point(x, unknown, nothing, nothing, unknown, jnp.zeros((), bool))
         reals, integers = jnp.full(self.steps + 1, unknown), jnp.full(self.steps + 1, jnp.int32(-1))
-        search = Search(
+        return State(
             trial=x,
             step=nothing,
             length=one,
             at=start,
             best=start,
             blocked=jnp.zeros(x.shape, bool),
-            optimizer=self.begin(x),
+            optimizer=self._anew(x),
             fresh=jnp.ones((), bool),
             unit=one,
             first=one,
@@ -180,13 +189,12 @@ class Descent:
             code=none,
             running=jnp.ones((), bool),
         )
-        return lax.while_loop(lambda s: s.running, self.iterate, search)
 
-    def iterate(self, s: Search) -> Search:
-        """Evaluate the trial point, accept it or not, and find the next one."""
-        value, gradient, code = self.evaluate(s.trial)
+    def advance(self, s: State, found: Evaluation) -> State:
+        """Accept the trial point, at which `found` was evaluated, or not, and find the next one."""
+        value, gradient, code = found.judged()
         sound, begun = code == status.OK, s.n >= 0
-        accepted, factor = self.judge(s, value, gradient, sound, begun)
+        accepted, factor = self._judged(s, value, gradient, sound, begun)
 
         first = jnp.where(begun, s.first, value)
         blocked = self.box.blocked(s.trial, gradient)
@@ -214,15 +222,10 @@ class Descent:
         entry = jnp.where(logged, jnp.maximum(s.n, 0), self.steps + 1)  # beyond the end: dropped
         entries = History(value, measure, s.failure, s.failures, s.tries)
         log = jax.tree.map(lambda h, e: h.at[entry].set(e, mode="drop"), s.log, entries)
-        listen = self.listen
+        listen, known = self.listen, {"count": self.steps}
         if listen is not None:
-            news = {
-                "number": jnp.maximum(s.n, 0),
-                "loss": value,
-                "gradient_norm": measure,
-                "failures": s.failures,
-            }
-            known = {"count": self.steps}
+            news = {"number": jnp.maximum(s.n, 0), "failures": s.failures}
+            news |= {"loss": value, "gradient_norm": measure}
             lax.cond(logged, lambda: tell(listen, Step, known, news), lambda: None)
 
         tries = jnp.where(accepted, 0, s.tries + 1)
@@ -244,33 +247,20 @@ class Descent:
         # where no entry was ever anything but zero, nothing has been learned of the loss
         blind = converged & (s.n == 0) & jnp.any(~blocked & (gradient == 0))
         spent = (tries > jnp.where(at_rest, _PATIENCE, _SHORTEST)) & ~restart
-        code = jnp.where(used_up, status.OUT_OF_STEPS, status.STALLED)
-        code = jnp.where(~begun & ~sound, status.BAD_START, code)
         s = s._replace(
             blocked=jnp.where(accepted, blocked, s.blocked),
             log=log,
-            code=jnp.select(
-                [blind, converged | (spent & at_rest)], [status.STATIONARY, status.OK], code
-            ).astype(jnp.int32),
+            code=ending(begun | sound, blind, converged | (spent & at_rest), ~used_up),
             running=~converged & (begun | sound) & (~used_up | small) & ~spent,
             fresh=jnp.where(accepted, changed, s.fresh) | restart,
         )
-        return self.next(s, accepted, logged, restart, small, tries, factor)
+        return self._next(s, accepted, logged, restart, small, tries, factor)
 
-    def next(
-        self,
-        s: Search,
-        accepted: Bool[Array, ""],
-        logged: Bool[Array, ""],
-        restart: Bool[Array, ""],
-        small: Bool[Array, ""],
-        tries: Int[Array, ""],
-        factor: Float[Array, ""] | float,
-    ) -> Search:
+    def _next(self, s, accepted, logged, restart, small, tries, factor):
         """The state with the next trial point: a new step, or a shorter part of the present one."""
         new = accepted | restart
         step, state, fresh = lax.cond(
-            s.running & new, self.advance, lambda s: (s.step, s.optimizer, s.fresh), s
+            s.running & new, self._advance, lambda s: (s.step, s.optimizer, s.fresh), s
         )
         if self.searched:  # the whole step, made with the curvature, must promise little, too
             promised = -(s.at.inside @ step)
@@ -299,27 +289,17 @@ class Descent:
             failure=jnp.where(logged, 0, s.failure),
         )
 
-    def value(self, x: Float[Array, " n"]) -> tuple[Float[Array, ""], Int[Array, ""]]:
-        """Loss and status; NONFINITE if the loss is not finite."""
+    def _value(self, x):
+        """The loss, and the status of the analysis."""
         value, code = self.loss(self.back(x))
-        value = value.astype(x.dtype)
-        return value, trial_code(code, value)
+        return value.astype(x.dtype), code
 
-    def evaluate(
-        self, x: Float[Array, " n"]
-    ) -> tuple[Float[Array, ""], Float[Array, " n"], Int[Array, ""]]:
-        """Loss, gradient and status; NONFINITE if one of their numbers is not finite."""
-        (value, code), gradient = jax.value_and_grad(self.value, has_aux=True)(x)
-        return value, gradient, trial_code(code, gradient)
+    def evaluate(self, x: Float[Array, " n"]) -> Evaluation:
+        """Loss, gradient and status at a point."""
+        (value, code), gradient = jax.value_and_grad(self._value, has_aux=True)(x)
+        return Evaluation(value, gradient, code)
 
-    def judge(
-        self,
-        s: Search,
-        value: Float[Array, ""],
-        gradient: Float[Array, " n"],
-        sound: Bool[Array, ""],
-        begun: Bool[Array, ""],
-    ) -> tuple[Bool[Array, ""], Float[Array, ""] | float]:
+    def _judged(self, s, value, gradient, sound, begun):
         """Whether to accept the trial point, and the factor that shortens the step if not.
 
         The default optimizer asks for a loss that falls by a part of what the slope promises
@@ -339,31 +319,30 @@ class Descent:
         shorter = jnp.clip(-0.5 * promised / jnp.where(bend > 0, bend, 1.0), 0.1, 0.5)
         return sound & (falls | ~begun), jnp.where(sound & (bend > 0), shorter, 0.5)
 
-    def begin(self, x: Float[Array, " n"]) -> optax.OptState:
+    def _anew(self, x):
         """State of an optimizer that starts at `x`."""
-        return self.optimizer.init(self.back(x / self.scale))
+        return self.method.init(self.back(x / self.scale))
 
-    def advance(self, s: Search) -> tuple[Float[Array, " n"], optax.OptState, Bool[Array, ""]]:
+    def _advance(self, s):
         """A new step from `s.at`, the optimizer's state, and whether it started without memory."""
         if not self.searched:
-            return *self.propose(s, s.optimizer), s.fresh
-        anew = self.begin(s.at.x)
-        step, state = self.propose(s, where(s.fresh, anew, s.optimizer))
+            return *self._propose(s, s.optimizer), s.fresh
+        anew = self._anew(s.at.x)
+        step, state = self._propose(s, where(s.fresh, anew, s.optimizer))
         downward = s.at.inside @ step < 0  # if not, the memory of the curvature is misleading
-        step, state = lax.cond(downward, lambda: (step, state), lambda: self.propose(s, anew))
+        step, state = lax.cond(downward, lambda: (step, state), lambda: self._propose(s, anew))
         return step, state, s.fresh | ~downward
 
-    def propose(
-        self, s: Search, state: optax.OptState
-    ) -> tuple[Float[Array, " n"], optax.OptState]:
+    def _propose(self, s, state):
         """The optimizer's step [n] and its state."""
 
         def value_of(scaled):  # for optimizers with a line search: infinite for a failed analysis
-            value, code = self.value(self.box.project(self._flat(scaled) * self.scale))
-            return jnp.where(code == status.OK, s.unit * value, jnp.inf)
+            value, code = self._value(self.box.project(ravel_pytree(scaled)[0] * self.scale))
+            sound = (code == status.OK) & jnp.isfinite(value)
+            return jnp.where(sound, s.unit * value, jnp.inf)
 
         gradient = self.back(s.unit * self.scale * s.at.inside)
-        update, new = self.optimizer.update(
+        update, new = self.method.update(
             gradient,
             state,
             self.back(s.at.x / self.scale),
@@ -373,8 +352,5 @@ class Descent:
         )
         # the loop needs the same float types in every iteration
         new = jax.tree.map(lambda a, b: jnp.asarray(b, jnp.asarray(a).dtype), state, new)
-        return jnp.where(s.blocked, 0.0, self._flat(update) * self.scale), new
-
-    def _flat(self, tree):
-        dtype = self.scale.dtype
-        return jnp.concatenate([jnp.ravel(leaf).astype(dtype) for leaf in jax.tree.leaves(tree)])
+        step = ravel_pytree(update)[0].astype(self.scale.dtype)
+        return jnp.where(s.blocked, 0.0, step * self.scale), new

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -18,9 +17,8 @@ from ..common.compilation import program
 from ..common.progress import Trial, compiling, listener, tell
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from .arguments import tolerance
-from .box import Box, checked_call, checked_code, default_tol, make_box, numbers
-from .levenberg import FitHistory, LevenbergMarquardt, State, without_influence
+from .box import checked_call, checked_code, prepared
+from .levenberg import FitHistory, LevenbergMarquardt, State
 from .outcome import split_residuals
 from .programs import Programs, underivable
 from .trials import Evaluation, values_and_jacobian
@@ -145,17 +143,10 @@ def fit(
         converged: 100142.9 N
     """
     args = checked_call(residuals, args, steps, "residuals")
-    params = numbers(params)
-    tol = tolerance(tol, default_tol(params))
-    box, listen = make_box(bounds, params), listener(progress)
+    params, box, tol = prepared(params, bounds, tol)
+    listen = listener(progress)
     with compiling(listen):  # most of the time before the first report
         return _programs(residuals, int(steps), listen)(params, args, box, tol)
-
-
-def _norms(params):
-    """For every entry the norm of its array, flat."""
-    norms = jax.tree.map(lambda v: jnp.full_like(v, jnp.linalg.norm(v.ravel())), params)
-    return ravel_pytree(norms)[0]
 
 
 def _make(reference, steps, listen):
@@ -165,10 +156,6 @@ def _make(reference, steps, listen):
     def run(params, args, box, tol):
         params, args = underivable((params, args))
         start, back = ravel_pytree(params)
-        flat = box.flat()
-
-        def sizes(x):
-            return _norms(back(x))
 
         def flattened(x):
             values, code = split_residuals(reference()(back(x), *args))
@@ -177,7 +164,7 @@ def _make(reference, steps, listen):
                 raise ValueError("residuals: expected arrays of floats")
             return vector.astype(x.dtype), code
 
-        search = LevenbergMarquardt(steps, flat, sizes, tol)
+        search = LevenbergMarquardt(box, tol, steps)
         count = jax.eval_shape(flattened, start)[0].size
 
         def iterate(state):
@@ -187,7 +174,7 @@ def _make(reference, steps, listen):
             return state
 
         end = lax.while_loop(lambda s: s.running, iterate, search.begin(start, count))
-        return underivable(fit_of(end, params, box, tol))
+        return underivable(fit_of(search, end, params))
 
     return run
 
@@ -208,33 +195,24 @@ def searched(
         listen: function of a `progress.Trial`, or None.
     """
     checks.whole(steps, "steps")
-    params = numbers(params)
-    box, tol = make_box(bounds, params), tolerance(tol, default_tol(params))
+    params, box, tol = prepared(params, bounds, tol)
     start, _ = ravel_pytree(params)
-    flat = box.flat()
-    given = {"steps": int(steps), "counts": tuple(leaf.size for leaf in jax.tree.leaves(params))}
-    found = evaluate(start)
-    search = LevenbergMarquardt(int(steps), flat, lambda _: _norms(params), tol)
+    search, found = LevenbergMarquardt(box, tol, int(steps)), evaluate(start)
     state = search.begin(start, found.values.size)
     while True:
-        state = _advanced(state, found, flat, tol, **given, size=start.size)
+        state = _advanced(search, state, found, size=start.size)
         if listen is not None:
             told = {name: np.asarray(value).item() for name, value in trial_of(state).items()}
             listen(Trial(count=int(steps), **told))
         if not state.running:
-            return fit_of(state, params, box, tol)
+            return fit_of(search, state, params)
         found = evaluate(state.trial)
 
 
-@functools.partial(program, static=("steps", "counts"))
-def _advanced(state, found, box, tol, steps, counts):
-    """The state after `found`; `counts` are the numbers of parameters of every array."""
-
-    def sizes(x):
-        parts = jnp.split(x, np.cumsum(counts)[:-1])
-        return jnp.concatenate([jnp.full_like(part, jnp.linalg.norm(part)) for part in parts])
-
-    return LevenbergMarquardt(steps, box, sizes, tol).advance(state, found)
+@program
+def _advanced(search, state, found):
+    """The state of a search after `found`, as a program."""
+    return search.advance(state, found)
 
 
 def trial_of(s: State) -> dict[str, Array]:
@@ -244,14 +222,11 @@ def trial_of(s: State) -> dict[str, Array]:
     }
 
 
-def fit_of(
-    end: State, params: PyTree[Float[Array, " ..."]], box: Box, tol: Float[ArrayLike, ""]
-) -> Fit:
-    """The `Fit` of the last state of a search from `params` within a box of their shape."""
+def fit_of(search: LevenbergMarquardt, end: State, params: PyTree[Float[ArrayLike, " ..."]]) -> Fit:
+    """The `Fit` of the last state of a search from `params`."""
     start, back = ravel_pytree(params)
-    flat = box.flat()
-    blocked = flat.blocked(end.x, end.residual @ end.jacobian)
-    idle = without_influence(end.x, end.residual, end.jacobian, _norms(back(end.x)), flat)
+    blocked = search.box.blocked(end.x, end.residual @ end.jacobian)
+    idle = search.without_influence(end.x, end.residual, end.jacobian)
 
     def flags(flat):
         return jax.tree.map(lambda f: f > 0.5, back(flat.astype(start.dtype)))
@@ -264,7 +239,7 @@ def fit_of(
         free=flags(~blocked),
         without_influence=flags(idle),
         history=end.history,
-        status=checked_code(end.code, box, params, tol),
+        status=checked_code(end.code, search.box, start, search.tol),
         steps=jnp.maximum(end.n, 0),
     )
 

@@ -138,38 +138,28 @@ def _changing(structure, phases, wrt, phase, start):
             return structure, _with(phases, number, loads=loads)
 
         return jnp.zeros_like(jnp.asarray(structure.nodes)), put
-    if wrt in INCREMENTS:
-        dtype = jnp.asarray(structure.nodes).dtype
-        stated = _stated(phases[phase], structure, wrt)
-        able = [
-            some and (wrt != "temperature" or group.expansion is not None)
-            for some, group in zip(
-                _some_there(structure, phases, phase, start), structure.groups, strict=True
-            )
-        ]
-        zeros = [
-            jnp.zeros(len(group.links), dtype) if can and isinstance(group, Prestressable) else None
-            for group, can in zip(structure.groups, able, strict=True)
-        ]
-        if all(z is None for z in zeros):
-            raise ValueError(f"wrt = {wrt!r}: no group of elements can have one")
-        values = [z if s is None else s for z, s in zip(zeros, stated, strict=True)]
-    elif wrt in ABSOLUTE:
-        every = [phase] if phase is not None else range(len(phases))
-        for number in every:
-            values = _stated(phases[number], structure, wrt)
-            if any(v is not None for v in values):
+    if wrt not in (*INCREMENTS, *ABSOLUTE):
+        there = checks.meant(wrt, (*INCREMENTS, *ABSOLUTE, "load", "nodes"))
+        raise ValueError(f"wrt = {wrt!r}: no input{there}")
+    if wrt in ABSOLUTE:
+        for number in range(len(phases)) if phase is None else [phase]:
+            if any(value is not None for value in _stated(phases[number], structure, wrt)):
                 phase = number
                 break
         else:
             where = "no phase states" if phase is None else f"phase {phase} does not state"
             raise ValueError(f"wrt = {wrt!r}: {where} a {wrt}")
-    else:
-        there = checks.meant(wrt, (*INCREMENTS, *ABSOLUTE, "load", "nodes"))
-        raise ValueError(f"wrt = {wrt!r}: no input{there}")
-    if wrt in ABSOLUTE:
-        some = _some_there(structure, phases, phase, start)
-        values = [v if there else None for v, there in zip(values, some, strict=True)]
+    dtype = jnp.asarray(structure.nodes).dtype
+    values = _stated(phases[phase], structure, wrt)
+    some_there = _some_there(structure, phases, phase, start)
+    for k, (group, some) in enumerate(zip(structure.groups, some_there, strict=True)):
+        able = isinstance(group, Prestressable)
+        able = able and (wrt != "temperature" or group.expansion is not None)
+        if wrt in INCREMENTS and values[k] is None and able:
+            values[k] = jnp.zeros(len(group.links), dtype)
+        values[k] = values[k] if some else None
+    if all(value is None for value in values):
+        raise ValueError(f"wrt = {wrt!r}: no group of elements can have one")
     values = structure.arrange([jax.tree.map(jnp.asarray, v) for v in values])
     return values, lambda v: (structure, _with(phases, phase, **{wrt: v}))
 
@@ -229,19 +219,18 @@ def flat_matrix(
     shape: Any = jax.tree.structure(wrt)
     sizes = [jnp.size(leaf) for leaf in jax.tree.leaves(wrt)]
 
-    def blocks(entry):
-        parts = jax.tree.leaves(entry)
-        for part, size in zip(parts, sizes, strict=True):
-            if not size or part.size % size:
-                raise ValueError(
-                    f"jacobian: has shape {list(part.shape)}, which is not one by {size} inputs"
-                )
-        return [part.reshape(-1, size) for part, size in zip(parts, sizes, strict=True)]
+    def block(part, size):
+        if not size or part.size % size:
+            raise ValueError(
+                f"jacobian: has shape {list(part.shape)}, which is not one by {size} inputs"
+            )
+        return part.reshape(-1, size)
 
     entries = jax.tree.leaves(jacobian, is_leaf=lambda t: shape == jax.tree.structure(t))
     if any(shape != jax.tree.structure(entry) for entry in entries):
         raise ValueError("jacobian: was taken with respect to something of another shape than wrt")
-    return jnp.concatenate([jnp.concatenate(blocks(entry), axis=1) for entry in entries])
+    rows = [map(block, jax.tree.leaves(entry), sizes) for entry in entries]
+    return jnp.concatenate([jnp.concatenate([*row], axis=1) for row in rows])
 
 
 def adjustment(
@@ -324,10 +313,14 @@ def scatter(
         [7. 8.] [5.    6.325]
     """
     shape: Any = jax.tree.structure(tolerance)
+
+    def is_entry(part):
+        return jax.tree.structure(part) == shape
+
     if any(jnp.ndim(leaf) == 0 for leaf in jax.tree.leaves(tolerance)):
         raise ValueError("tolerance: expected arrays, one number for each that the influence is of")
     tolerance = jax.tree.map(lambda leaf: or_nan(not_negative("tolerance", leaf)), tolerance)
-    for entry in jax.tree.leaves(jacobian, is_leaf=lambda t: jax.tree.structure(t) == shape):
+    for entry in jax.tree.leaves(jacobian, is_leaf=is_entry):
         for part, one in zip(jax.tree.leaves(entry), jax.tree.leaves(tolerance), strict=False):
             inputs = jnp.shape(part)[jnp.ndim(part) - jnp.ndim(one) :]
             if inputs != jnp.shape(one):
@@ -337,12 +330,11 @@ def scatter(
 
     def add(function, finish):
         def summed(entry):
-            parts = [
-                function(j.reshape(*j.shape[: j.ndim - jnp.ndim(t)], -1)) @ function(jnp.ravel(t))
-                for j, t in zip(jax.tree.leaves(entry), jax.tree.leaves(tolerance), strict=True)
-            ]
-            return finish(sum(parts))
+            pairs = zip(jax.tree.leaves(entry), jax.tree.leaves(tolerance), strict=True)
+            return finish(
+                sum(jnp.tensordot(function(j), function(t), jnp.ndim(t)) for j, t in pairs)
+            )
 
-        return jax.tree.map(summed, jacobian, is_leaf=lambda t: jax.tree.structure(t) == shape)
+        return jax.tree.map(summed, jacobian, is_leaf=is_entry)
 
     return add(jnp.abs, lambda s: s), add(jnp.square, jnp.sqrt)

@@ -6,7 +6,6 @@ steps: scaled by their own norms, as the method scales columns, they would lead 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -14,11 +13,11 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..common import status
-from ..common.tree import pytree
-from ..common.types import Array, Bool, Float, Int
+from ..common.tree import pytree, where
+from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..linear import unbatched
 from .box import Box
-from .trials import Evaluation, trial_code
+from .trials import Evaluation, ending
 
 _DAMPING = 1e-3  # at the start; columns of the scaled Jacobian have norms of at most 1
 _SINGULAR = 1e-12  # damping of a whole step; weaker directions (squared) get no step
@@ -89,24 +88,19 @@ class State(NamedTuple):
     running: Bool[Array, ""]
 
 
+@pytree(static=("steps",))
 class LevenbergMarquardt:
     """The search for one problem: from a state and what was evaluated at its trial to the next one.
 
     Args:
-        steps: largest number of trial points after the start.
-        box: `Box` of flat bounds.
-        sizes: function of the flat parameters that returns their sizes, to which `tol` is relative.
+        box: `Box` of the parameters.
         tol: see `fit`.
+        steps: largest number of trial points after the start.
     """
 
-    def __init__(
-        self,
-        steps: int,
-        box: Box,
-        sizes: Callable[[Float[Array, " n"]], Float[Array, " n"]],
-        tol: Float[Array, ""] | float,
-    ):
-        self.steps, self.box, self.sizes, self.tol = steps, box, sizes, tol
+    box: Box
+    tol: Float[ArrayLike, ""]
+    steps: int
 
     def begin(self, x: Float[Array, " n"], count: int) -> State:
         """The state before the start `x`, [n], is evaluated; `count` is the number of residuals."""
@@ -122,7 +116,7 @@ class LevenbergMarquardt:
             growth=2 * one,
             promised=one,
             first=one,
-            least=jnp.finfo(x.dtype).eps * self.sizes(x),
+            least=jnp.finfo(x.dtype).eps * self._sizes(x),
             n=none - 1,
             history=FitHistory(real, whole, real, whole),
             code=none,
@@ -131,8 +125,7 @@ class LevenbergMarquardt:
 
     def advance(self, s: State, found: Evaluation) -> State:
         """Accept the trial point, at which `found` was evaluated, or not, and find the next one."""
-        residual, jacobian, code = found
-        code = trial_code(code, residual, jacobian)
+        residual, jacobian, code = found.judged()
         sound, begun = code == status.OK, s.n >= 0
         before, after = (0.5 * jnp.sum(r**2) for r in (s.residual, residual))
         gain = jnp.where(begun, (before - after) / s.promised, 1.0)
@@ -142,17 +135,13 @@ class LevenbergMarquardt:
         entries = FitHistory(misfit, accepted.astype(jnp.int32), s.damping, code)
         less = s.damping * jnp.maximum(_QUICKEST, 1 - (2 * gain - 1) ** 3)
         damping = jnp.where(accepted, jnp.where(begun, less, s.damping), s.damping * s.growth)
-        x, residual, jacobian = (
-            jnp.where(accepted, new, old)
-            for new, old in zip(
-                (s.trial, residual, jacobian), (s.x, s.residual, s.jacobian), strict=True
-            )
-        )
+        new, old = (s.trial, residual, jacobian), (s.x, s.residual, s.jacobian)
+        x, residual, jacobian = where(accepted, new, old)
         size = jnp.maximum(s.size, jnp.linalg.norm(jacobian, axis=0))
         blocked = self.box.blocked(x, residual @ jacobian)
-        idle = without_influence(x, residual, jacobian, self.sizes(x), self.box)
+        idle = self.without_influence(x, residual, jacobian)
         still = blocked | idle
-        trial = self.step(x, residual, jacobian, size, damping, still)
+        trial = self._step(x, residual, jacobian, size, damping, still)
         change = jacobian @ (trial - x)
         s = s._replace(
             trial=trial,
@@ -171,7 +160,7 @@ class LevenbergMarquardt:
         noise = max(_NOISE, 64 * float(jnp.finfo(x.dtype).eps)) * before
         refused = begun & sound & ~accepted
         unseen = refused & (jnp.abs(before - after) <= noise) & (promised <= noise)
-        converged = (begun | sound) & self.converged(s, still, begun, refused, unseen)
+        converged = (begun | sound) & self._converged(s, still, begun, refused, unseen)
         # nothing can be changed, and nothing has been: that no parameter matters is no minimum
         moved = jnp.sum(jnp.maximum(s.history.accepted, 0)) > 1
         useless = sound & ~moved & jnp.all(still) & jnp.any(idle & ~blocked)
@@ -181,23 +170,12 @@ class LevenbergMarquardt:
         level = jnp.all(blocked | (s.residual @ s.jacobian == 0)) & jnp.any(~blocked)
         blind = converged & ~begun & level & jnp.any(s.residual != 0)
         hopeless = useless | (~accepted & ((damping > _LARGEST) | jnp.all(trial == x)))
-        code = jnp.where(hopeless, status.STALLED, status.OUT_OF_STEPS)
-        code = jnp.where(begun | sound, code, status.BAD_START)
         return s._replace(
-            code=jnp.select([blind, converged], [status.STATIONARY, status.OK], code).astype(
-                jnp.int32
-            ),
+            code=ending(begun | sound, blind, converged, hopeless),
             running=~converged & (begun | sound) & (s.n < self.steps) & ~hopeless,
         )
 
-    def converged(
-        self,
-        s: State,
-        still: Bool[Array, " n"],
-        begun: Bool[Array, ""],
-        refused: Bool[Array, ""],
-        unseen: Bool[Array, ""],
-    ) -> Bool[Array, ""]:
+    def _converged(self, s, still, begun, refused, unseen):
         """Whether the point is that of least squares of the linear residuals, by the undamped step.
 
         A damped step is always short.
@@ -210,26 +188,18 @@ class LevenbergMarquardt:
             unseen: whether it changed the squared misfit by no more than noise, as was promised.
         """
         size = jnp.linalg.norm(s.jacobian, axis=0)
-        whole = damped_step(s.residual, s.jacobian, size, _SINGULAR, still)
+        whole = _damped_step(s.residual, s.jacobian, size, _SINGULAR, still)
         misfit = jnp.linalg.norm(s.residual)
         gain = jnp.linalg.norm(s.jacobian @ whole)  # over the misfit: cosine of r and range of J
         stationary = begun & (gain <= self.tol * misfit)
-        settled = jnp.all(jnp.abs(whole) <= self.tol**1.5 * jnp.maximum(self.sizes(s.x), s.least))
+        settled = jnp.all(jnp.abs(whole) <= self.tol**1.5 * jnp.maximum(self._sizes(s.x), s.least))
         # zero: beside the misfit at the start, and beside what the parameters contribute
         beside = jnp.minimum(s.first, jnp.max(size * jnp.abs(s.x)))
         zero = misfit <= jnp.maximum(self.tol**2, jnp.finfo(misfit.dtype).eps) * beside
         zero |= refused & (misfit <= _NOISE * beside)
         return stationary | settled | zero | (unseen & (gain <= _UNSEEN * misfit))
 
-    def step(
-        self,
-        x: Float[Array, " n"],
-        residual: Float[Array, " n_residual"],
-        jacobian: Float[Array, "n_residual n"],
-        size: Float[Array, " n"],
-        damping: Float[Array, ""],
-        blocked: Bool[Array, " n"],
-    ) -> Float[Array, " n"]:
+    def _step(self, x, residual, jacobian, size, damping, blocked):
         """The next trial point: a damped step, computed again while entries meet a bound.
 
         An entry that meets a bound stops there, and the step of the other entries is computed again
@@ -239,7 +209,7 @@ class LevenbergMarquardt:
         def again(s):
             move, stopped, _, count = s
             known = jnp.where(stopped, move, 0.0)
-            others = damped_step(residual + jacobian @ known, jacobian, size, damping, stopped)
+            others = _damped_step(residual + jacobian @ known, jacobian, size, damping, stopped)
             wanted = x + jnp.where(stopped, known, others)
             trial = self.box.project(wanted)
             return trial - x, stopped | (trial != wanted), jnp.any(trial != wanted), count + 1
@@ -248,35 +218,32 @@ class LevenbergMarquardt:
         move, *_ = lax.while_loop(lambda s: s[2] & (s[3] < _ROUNDS), again, start)
         return self.box.project(x + move)
 
+    def without_influence(
+        self,
+        x: Float[Array, " n"],
+        residual: Float[Array, " n_residual"],
+        jacobian: Float[Array, "n_residual n"],
+    ) -> Bool[Array, " n"]:
+        """Whether the column of each parameter in the Jacobian is zero or only rounding, [n].
 
-def without_influence(
-    x: Float[Array, " n"],
-    residual: Float[Array, " n_residual"],
-    jacobian: Float[Array, "n_residual n"],
-    sizes: Float[Array, " n"],
-    box: Box,
-) -> Bool[Array, " n"]:
-    """Whether the column of each parameter in the Jacobian is zero, or no more than rounding, [n].
+        It is rounding if a change by the whole size of the parameter (of its array, or the range
+        that its bounds leave, whichever is more) changes the residuals by less than 4096 eps of
+        their norm and of what any other parameter contributes to them, ``|J_k| |x_k|``. Units do
+        not matter.
+        """
+        columns = jnp.linalg.norm(jacobian, axis=0)
+        span = self.box.upper - self.box.lower
+        whole = jnp.maximum(self._sizes(x), jnp.where(jnp.isfinite(span), span, 0.0))
+        beside = jnp.maximum(jnp.linalg.norm(residual), jnp.max(columns * jnp.abs(x)))
+        little = columns * whole <= _ROUNDING * jnp.finfo(x.dtype).eps * beside
+        return (columns == 0) | ((whole > 0) & little)
 
-    It is rounding if a change by the whole size of the parameter (of its array, or the range that
-    its bounds leave, whichever is more) changes the residuals by less than 4096 eps of their norm
-    and of what any other parameter contributes to them, ``|J_k| |x_k|``. Units do not matter.
-    """
-    columns = jnp.linalg.norm(jacobian, axis=0)
-    span = box.upper - box.lower
-    whole = jnp.maximum(sizes, jnp.where(jnp.isfinite(span), span, 0.0))
-    beside = jnp.maximum(jnp.linalg.norm(residual), jnp.max(columns * jnp.abs(x)))
-    little = columns * whole <= _ROUNDING * jnp.finfo(x.dtype).eps * beside
-    return (columns == 0) | ((whole > 0) & little)
+    def _sizes(self, x):
+        """For every parameter the norm of its array, to which `tol` is relative."""
+        return self.box.of_arrays(jnp.linalg.norm, x)
 
 
-def damped_step(
-    residual: Float[Array, " n_residual"],
-    jacobian: Float[Array, "n_residual n"],
-    size: Float[Array, " n"],
-    damping: Float[Array, ""] | float,
-    blocked: Bool[Array, " n"],
-) -> Float[Array, " n"]:
+def _damped_step(residual, jacobian, size, damping, blocked):
     """Solve ``(J^T J + mu D^2) d = -J^T r`` by QR of ``[J/D; sqrt(mu) I]``; zero where blocked.
 
     `size` is D, [n]. A column of zeros has size 0; 1 is used for it, and its step is zero.

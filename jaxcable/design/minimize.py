@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 import optax
+from jax import lax
 from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
@@ -15,8 +16,7 @@ from ..common import status
 from ..common.progress import Step, compiling, listener
 from ..common.tree import pytree, where
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from .arguments import tolerance
-from .box import checked_call, checked_code, default_tol, make_box, numbers, sizes_of, spread
+from .box import checked_call, checked_code, prepared, spread
 from .criteria import Criteria
 from .descent import Descent, History
 from .outcome import split_loss
@@ -166,40 +166,35 @@ def minimize(
             "optimizer: expected an optax transformation such as optax.adam(0.1), got "
             f"{type(optimizer).__name__}"
         )
-    params = numbers(params)
-    box = make_box(bounds, params)
-    tol = tolerance(tol, default_tol(params))
-    floor = jax.tree.map(sizes_of, params, box.lower, box.upper)
-    if scale is None and optimizer is None:
-        scale = jax.tree.map(lambda s: _PART * s, floor)
-    else:
+    params, box, tol = prepared(params, bounds, tol)
+    if scale is not None or optimizer is not None:
         scale = spread(scale, params, "scale", absent=1.0, positive=True)
     listen = listener(progress)
     with compiling(listen):  # most of the time before the first report
         program = _programs(loss, optimizer, int(steps), listen)
-        return program(params, args, box, floor, scale, tol)
+        return program(params, args, box, scale, tol)
 
 
 def _make(reference, optimizer, steps, listen):
     """The compiled program for the loss that `reference()` returns."""
 
     @jax.jit
-    def run(params, args, box, floor, scale, tol):
+    def run(params, args, box, scale, tol):
         params, args = underivable((params, args))
         start, back = ravel_pytree(params)
-        flat = box.flat()
-        floor, scale = ravel_pytree(floor)[0], ravel_pytree(scale)[0]
+        floor = box.sizes(start)
+        scale = _PART * floor if scale is None else ravel_pytree(scale)[0]
 
         def value(params):
             return split_loss(reference()(params, *args))
 
-        def largest(x):
-            entries = jax.tree.map(lambda v: jnp.full_like(v, jnp.max(jnp.abs(v))), back(x))
-            return ravel_pytree(entries)[0]
+        criteria = Criteria(box, floor, tol)
+        descent = Descent(value, back, optimizer, steps, box, criteria, scale, listen)
 
-        criteria = Criteria(largest, floor, tol)
-        descent = Descent(value, back, optimizer, steps, flat, criteria, scale, listen)
-        end = descent.run(start)
+        def iterate(state):
+            return descent.advance(state, descent.evaluate(state.trial))
+
+        end = lax.while_loop(lambda s: s.running, iterate, descent.begin(start))
         converged = (end.code == status.OK) | (end.code == status.STATIONARY)
         point = where(converged, end.at, end.best)
         return underivable(
@@ -209,7 +204,7 @@ def _make(reference, optimizer, steps, listen):
                 gradient=back(point.gradient),
                 gradient_norm=point.measure,
                 history=end.log,
-                status=checked_code(end.code, box, params, tol),
+                status=checked_code(end.code, box, start, tol),
                 steps=jnp.maximum(end.n, 0),
                 evaluations=end.evaluations,
                 # of accepted steps, and of a last step that was never accepted

@@ -128,7 +128,7 @@ def shape_distance(
         raise ValueError(
             f"positions: expected shape {found.shape[-2:]}, one per node, got {positions.shape}"
         )
-    return jnp.sum((found - _for_all(positions, found)) ** 2)
+    return _squared_distance(found, positions)
 
 
 def tension_distance(
@@ -151,12 +151,7 @@ def tension_distance(
     """
     require_result(solution, "tension")
     target = like(tension, solution.tension, "tension")
-    gaps = jax.tree.map(
-        lambda found, wanted: jnp.sum((found - _for_all(wanted, found)) ** 2),
-        solution.tension,
-        target,
-    )
-    return _added(gaps)
+    return _added(jax.tree.map(_squared_distance, solution.tension, target))
 
 
 def tension_spread(solution: Solution | State) -> Float[Array, ""]:
@@ -270,7 +265,8 @@ def _added(parts):
     return sum(jax.tree.leaves(parts))
 
 
-def _for_all(target, found):
-    """The target with leading axes of length 1, so that it broadcasts over the cases of a batch."""
-    target = jnp.asarray(target)
-    return target.reshape((1,) * (found.ndim - target.ndim) + target.shape)
+def _squared_distance(found, wanted):
+    """Sum of the squared differences; what is wanted of one case is wanted of all in a batch."""
+    wanted = jnp.asarray(wanted)
+    wanted = wanted.reshape((1,) * (found.ndim - wanted.ndim) + wanted.shape)
+    return jnp.sum((found - wanted) ** 2)

@@ -14,7 +14,7 @@ from ..analysis.results import ElementResults
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks
-from ..common.tree import pytree
+from ..common.tree import pytree, stacked
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
@@ -79,7 +79,7 @@ def solve_cases(
                     f"cases[{k}]: differs from cases[0] in more than numbers; give all cases the "
                     "same kinds of loads on the same nodes, zero where there is none"
                 )
-        cases = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(x) for x in leaves]), *cases)
+        cases = stacked(cases)
     return jax.vmap(lambda case: solve(structure, [case], method, start=first))(cases)
 
 

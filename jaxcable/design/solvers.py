@@ -22,34 +22,29 @@ _NO_BOUND = 2e19  # what IPOPT takes for infinite, from 1e19 on
 
 def slsqp(problem: Trials, steps: int, tol: float) -> None:
     """Run SciPy's SLSQP (Kraft 1988): dense, for up to some hundred parameters."""
-    limits = {
-        "type": "ineq",
-        "fun": lambda y: -problem.constraints(y),
-        "jac": lambda y: -problem.jacobian(y),
-    }
     # a change of the loss says nothing of the gradient: in a valley it is small long before
-    _minimized(problem, "SLSQP", limits, {"ftol": tol**3, "maxiter": steps})
+    _minimized(problem, "SLSQP", problem.jacobian, {"ftol": tol**3, "maxiter": steps})
 
 
 def trust_constr(problem: Trials, steps: int, tol: float) -> None:
     """Run SciPy's trust-constr (Byrd, Hribar, Nocedal 1999): interior points."""
-    limits = optimize.NonlinearConstraint(
-        problem.constraints,
-        -np.inf,
-        0.0,
+
+    def jacobian(y):
         # with the slacks of the limits a dense one is factorized for seconds a step
-        jac=lambda y: sparse.csr_matrix(problem.jacobian(y)),
-        hess=optimize.BFGS(),
-    )
+        return sparse.csr_matrix(problem.jacobian(y))
+
     with warnings.catch_warnings():
         # of gradients that have not changed: its update leaves them out
         warnings.filterwarnings("ignore", "delta_grad == 0.0")
         options = {"maxiter": steps, "gtol": tol**2, "xtol": tol**2, "barrier_tol": tol}
-        _minimized(problem, "trust-constr", limits, options, hess=optimize.BFGS())
+        _minimized(problem, "trust-constr", jacobian, options, hess=optimize.BFGS())
 
 
-def _minimized(problem, method: Any, limits: Any, options: Any, **more: Any) -> None:
+def _minimized(problem, method: Any, jacobian: Any, options: Any, **more: Any) -> None:
     """Call SciPy's `minimize`."""
+    limits = optimize.NonlinearConstraint(
+        problem.constraints, -np.inf, 0.0, jac=jacobian, hess=optimize.BFGS()
+    )
     optimize.minimize(
         problem.loss,
         problem.start,

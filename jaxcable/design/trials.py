@@ -2,8 +2,12 @@
 
 The rules are the same in `minimize`, `fit`, `tune` and `minimize_subject_to`. A trial point has
 failed if its analysis has, or if one of its numbers is not finite. It is never accepted, it is
-counted, and the search goes on with a shorter step. A loss, constraints or residuals are one
-vector here, evaluated with their Jacobian by one program.
+counted, and the search goes on with a shorter step. A loss, constraints or residuals are evaluated
+with their derivatives by one program.
+
+The searches of `minimize` and `fit` have one form: a state with the point to be evaluated next,
+``state.trial``, as long as it is ``running``, and ``advance(state, evaluation)``, which accepts the
+point or not. So the program of a search evaluates at one place, and `tune` can do it outside.
 """
 
 from __future__ import annotations
@@ -16,24 +20,47 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import status
-from ..common.types import Array, Float, Int
+from ..common.types import Array, Bool, Float, Int
 
 _WALL = 1e10
 """Scaled loss of a failed analysis, whose gradient at the start is 1: no search accepts that."""
 
 
 class Evaluation(NamedTuple):
-    """Values [m] of a function, their Jacobian [m, n] and the status code, at a trial point."""
+    """What a trial point gives: values of a function, their derivatives, and the status code.
 
-    values: Float[Array, " m"]
-    jacobian: Float[Array, "m n"]
+    Values are an array [m] with a Jacobian [m, n], or a scalar with a gradient [n].
+    """
+
+    values: Float[Array, " *m"]
+    jacobian: Float[Array, "*m n"]
     code: Int[Array, ""]
 
+    def judged(self) -> Evaluation:
+        """The same with NONFINITE in place of OK if a number is not finite."""
+        finite = jnp.all(jnp.isfinite(self.values)) & jnp.all(jnp.isfinite(self.jacobian))
+        code = jnp.where((self.code == status.OK) & ~finite, status.NONFINITE, self.code)
+        return self._replace(code=code)
 
-def trial_code(code: Int[Array, ""], *numbers: Float[Array, " ..."]) -> Int[Array, ""]:
-    """Return the status code of a trial point; NONFINITE if it is OK and a number is not finite."""
-    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(number)) for number in numbers]))
-    return jnp.where((code == status.OK) & ~finite, status.NONFINITE, code)
+
+def ending(
+    sound: Bool[Array, ""],
+    blind: Bool[Array, ""],
+    converged: Bool[Array, ""],
+    stalled: Bool[Array, ""],
+) -> Int[Array, ""]:
+    """The status with which a search ends, if it ends now.
+
+    Args:
+        sound: whether it has had a start from which to search.
+        blind: whether it has converged where nothing shows that this is a minimum.
+        converged: whether it has converged.
+        stalled: whether there is no way on.
+    """
+    code = jnp.where(stalled, status.STALLED, status.OUT_OF_STEPS)
+    code = jnp.where(sound, code, status.BAD_START)
+    code = jnp.select([blind, converged], [status.STATIONARY, status.OK], code)
+    return code.astype(jnp.int32)
 
 
 def values_and_jacobian(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
@@ -17,7 +18,7 @@ from ..analysis.solver import solve
 from ..common import checks, status
 from ..common.compilation import by_itself
 from ..common.progress import Trial, hearing, listener
-from ..common.tree import copy, pytree, replace
+from ..common.tree import copy, pytree, replace, where
 from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements import Bars, Cables
 from ..equilibrium.incremental import Incremental
@@ -192,35 +193,29 @@ def tune(
         return found
 
     listen, solution, spent = listener(progress), None, jnp.int32(0)
-    seeks = _seeking(put, values, targets, bounds, method, start, (steps, tol, listen))
+    seeks = _seeking(put, targets, bounds, method, start, (steps, tol, listen))
     pressing = _pressing(structure) if smooth and start is None else None
     with hearing(listen):
         if pressing is not None:
             found = seeks(pressing, values)
-            reached, spent = found.status == status.OK, found.steps
-            stated, solution = values, None
-            values = jax.tree.map(lambda a, b: jnp.where(reached, a, b), found.params, values)
-            try:
-                solution = solve(structure, put(values), method, start=start)
-            except ValueError:  # forces below zero, which bars take
-                values = stated
+            spent = found.steps
+            reached = where(found.status == status.OK, found.params, values)
+            with contextlib.suppress(ValueError):  # forces below zero, which bars take
+                solution = solve(structure, put(reached), method, start=start)
+                values = reached
         if solution is None or not _same(targets, solution, found):
             found = seeks(structure, values)
             found = copy(found, steps=spent + found.steps)
             solution = solve(structure, put(found.params), method, start=start)
     deviation = deviations(targets, solution)
-    within = np.concatenate(
-        [np.full(len(own), target.within) for own, target in zip(deviation, targets, strict=True)]
-    )
+    allowed = [target.within for target in targets]
+    within = np.repeat(allowed, [len(own) for own in deviation])
     return Tuned(
         phases=put(found.params),
         values=found.params,
         solution=solution,
         deviation=deviation,
-        met=[
-            jnp.all(jnp.abs(own) <= target.within)
-            for own, target in zip(deviation, targets, strict=True)
-        ],
+        met=[jnp.all(jnp.abs(own) <= most) for own, most in zip(deviation, allowed, strict=True)],
         influence=found.jacobian * within[:, None],
         free=found.free,
         without_influence=found.without_influence,
@@ -230,25 +225,27 @@ def tune(
     )
 
 
-def _seeking(put, values, targets, bounds, method, start, options):
+def _measured(targets, solution):
+    """The deviations of all targets over what they allow, [n_target]."""
+    found = deviations(targets, solution)
+    return jnp.concatenate([d / t.within for d, t in zip(found, targets, strict=True)])
+
+
+def _seeking(put, targets, bounds, method, start, options):
     """The search: a function of a structure and the values to begin with that returns a `Fit`."""
     steps, tol, listen = options
-    names = concerns(targets)
-
-    def measure(solution):
-        found = deviations(targets, solution)
-        return jnp.concatenate([d / t.within for d, t in zip(found, targets, strict=True)])
-
-    def residuals(structure, values):
-        solution = solve(structure, put(values), method, start=start)
-        return measure(solution), solution
+    measure, names = functools.partial(_measured, targets), concerns(targets)
 
     def seek(structure, values):
         flat, back = ravel_pytree(values)
         given = structure, put(values), [t.value for t in targets], bounds, start
         if not by_itself(jax.tree.leaves(given)) or flat.size > _MANY:
-            own = functools.partial(residuals, structure)
-            return fit(own, values, bounds, steps=steps, tol=tol, progress=listen)
+
+            def residuals(values):
+                solution = solve(structure, put(values), method, start=start)
+                return measure(solution), solution
+
+            return fit(residuals, values, bounds, steps=steps, tol=tol, progress=listen)
 
         def evaluate(x):
             def phases(x):
@@ -302,8 +299,7 @@ def _same(targets, solution, found):
 
     They end there, and none is slack at the end of any phase: the influence matrix is theirs, too.
     """
-    apart = [target.deviation(solution) / target.within for target in targets]
-    apart = jnp.concatenate(apart) - found.residual
+    apart = _measured(targets, solution) - found.residual
     slack = jnp.stack([phase.path.n_slack[-1] for phase in solution.phases])
     good = (solution.status == status.OK) & jnp.all(jnp.abs(apart) <= _SAME) & jnp.all(slack == 0)
     return not isinstance(good, jax.core.Tracer) and bool(good)

@@ -4,7 +4,7 @@ Other abilities are stated by an attribute of `Element`, because a law or a load
 
 | attribute | methods that an element must then have |
 |---|---|
-| `remembers` | `settle`, `size`, `initial_memory`; `section_strain`, a result |
+| `remembers` | `size`, `initial_memory`; `settle` and `section_strain`, a result, or `settled` |
 | `breaks` | `beyond`; `section_strain`, a result; `extended` if its iteration may not pass an end |
 | `tension_only` | `is_slack`, `at_kink` |
 | `rotates` | `end_forces_about` |
@@ -25,7 +25,8 @@ import jax.numpy as jnp
 
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
-from .element import Element, ElementState, Ends, Forces, Motion, OwnState, Scalar
+from .element import Element, Ends, Forces, Motion, Scalar
+from .element_state import ElementState, OwnState
 from .stated import Stated
 
 STATEMENTS = (
@@ -40,9 +41,13 @@ class Prestressable(Element):
 
     Attributes:
         statements: those of `STATEMENTS` that the group accepts.
+        components: names of the components of statements that have several numbers for an element,
+            by statement, such as ``{"pretension": ("warp", "weft")}``; values then are
+            [n_elem, n_component], and one number is for all components.
     """
 
     statements: ClassVar[tuple[str, ...]] = ()
+    components: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
     @abc.abstractmethod
     def restate(

@@ -74,7 +74,9 @@ class Bars(Plain):
     Args:
         links: node numbers, [n_elem, 2].
         axial_stiffness: EA, scalar or [n_elem], N.
-        area, law: cross-section, scalar or [n_elem], m2, and its uniaxial law (see `materials`).
+        area: cross-section, scalar or [n_elem], m2; together with `law`.
+        law: uniaxial law of all elements of the group, such as `Elastic` (see `materials`);
+            together with `area`.
         section: fibre section shared by the group. Only its axial force is used: its fibres are
             reduced to one area and one law.
         rest_length: unstressed length before any phase, scalar or [n_elem], m; default the

@@ -46,13 +46,13 @@ class Beams(Member, Prestressed, Bending, Rounding):
 
     Args:
         links: node numbers, [n_elem, 2].
-        section: `Section` of all elements of the group.
+        section: `Section` of all elements of the group; one fibre with E, A, I, J is enough.
         up: vector in the plane of the element's axis and the section's z, [3] or [n_elem, 3];
             default the global z, for vertical elements (within 0.06 degrees) the global x. An
             element that leans by up to 6 degrees has no default, unless its section bends alike in
             all directions: the axes would jump by 90 degrees with a small lean.
-        torsional_stiffness: GJ, scalar or [n_elem], N m2; default from the section's torsion
-            constant with Poisson's ratio 0.3.
+        torsional_stiffness: GJ, scalar or [n_elem], N m2; needed unless the section has `torsion`,
+            from which it is taken with Poisson's ratio 0.3.
         rest_length, weight, expansion, strength: as for `Bars`. Weight bends the element.
         hinges: True where an end turns against its node, [n_elem, 2] in all directions (ball and
             socket), or [n_elem, 2, 3] about the axes of the element: along it (torsion), and the
@@ -89,15 +89,17 @@ class Beams(Member, Prestressed, Bending, Rounding):
 
     links: Int[ArrayLike, "n_elem 2"]
     section: Section = None  # type: ignore[assignment]  # the error says more than Python's
-    up: Float[ArrayLike, "n_elem 3"] | None = None
+    up: Float[ArrayLike, "... 3"] | None = None
     torsional_stiffness: Float[ArrayLike, " n_elem"] | None = None
     rest_length: Float[ArrayLike, " n_elem"] | None = None
     weight: Float[ArrayLike, " n_elem"] | None = None
     expansion: Float[ArrayLike, " n_elem"] | None = None
     strength: Float[ArrayLike, " n_elem"] | None = None
-    hinges: Bool[ArrayLike, "n_elem 2 3"] | None = None
+    hinges: Bool[ArrayLike, "n_elem 2"] | Bool[ArrayLike, "n_elem 2 3"] | None = None
     points: int = None  # type: ignore[assignment]  # the constructor puts it in
-    springs: Float[ArrayLike, "n_elem 2 3"] | None = None
+    springs: (
+        Float[ArrayLike, ""] | Float[ArrayLike, "2 3"] | Float[ArrayLike, "n_elem 2 3"] | None
+    ) = None
 
     shaped_by_load = True
     results = (TENSION, PEAK_TENSION, SECTION_STRAIN, SECTION_FORCES)

@@ -44,6 +44,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         rest_length: unstressed length, scalar or [n_elem], m; default the initial chord.
         weight: self-weight per unstressed length, scalar or [n_elem], N/m.
         expansion, strength, compliance: as of `Bars`.
+        area, law, section: None, because a catenary is elastic.
 
     Raises:
         ValueError: as of `Bars`; also for a law or a section, because these have no closed form.
@@ -62,6 +63,10 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         >>> print(solution.status, jnp.round(solution.reactions[2], 4))  # H, 0, w s
         0 [6000.    0. 1800.]
     """
+
+    area: None = None
+    law: None = None
+    section: None = None
 
     shaped_by_load = True
     results = (*TensionOnly.results, PEAK_TENSION)

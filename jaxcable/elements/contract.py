@@ -11,10 +11,11 @@ import numpy as np
 from ..common.types import ArrayLike, Float
 from . import trial
 from .abilities import STATEMENTS, Jacked, Prestressable, Sagging
-from .element import SECTION_STRAIN, Element, ElementState
+from .element import SECTION_STRAIN, Element
+from .element_state import ElementState
 
 METHODS = {
-    "remembers": ("settle", "size", "initial_memory"),
+    "remembers": ("size", "initial_memory"),
     "breaks": ("beyond",),
     "tension_only": ("is_slack", "at_kink"),
     "rotates": ("end_forces_about",),
@@ -42,8 +43,11 @@ def _lacks(group):
             if getattr(group, attribute) and _inherits(kind, method):
                 yield f"{attribute} = True needs a method `{method}`"
     names = [result.name for result in group.results]
-    for attribute in ("remembers", "breaks"):
-        if getattr(group, attribute) and SECTION_STRAIN.name not in names:
+    by_strain = group.remembers and _inherits(kind, "settled")
+    if by_strain and _inherits(kind, "settle"):
+        yield "remembers = True needs a method `settle`, or `settled`"
+    for attribute, needs in (("remembers", by_strain), ("breaks", group.breaks)):
+        if needs and SECTION_STRAIN.name not in names:
             yield f"{attribute} = True needs the result `{SECTION_STRAIN.name}`"
     for name in names:
         if not callable(getattr(group, name, None)):
@@ -52,6 +56,9 @@ def _lacks(group):
         for name in group.statements:
             if name not in STATEMENTS:
                 yield f"statements: {name!r} is none of {', '.join(STATEMENTS)}"
+        for name in group.components:
+            if name not in group.statements:
+                yield f"components: {name!r} is none of its statements"
         for name, ability in (("jacking", Jacked), ("sag", Sagging)):
             # groups that derive from `Prestressed` list all statements, and refuse these
             own = "statements" in vars(kind)

@@ -40,7 +40,8 @@ from ..numerics.rotations import (
     stereographic,
 )
 from ..numerics.vectors import inner
-from .element import Pressures, Scalar
+from .element import Scalar
+from .element_state import Pressures
 from .prestress import stretch
 
 
@@ -106,7 +107,7 @@ def pressed(
 
     Args:
         pose: of the element.
-        pressures: `AxialState.pressed` of the element.
+        pressures: `ElementLoad.pressures` of the element.
         rest_length: m.
 
     Returns:

@@ -14,17 +14,18 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, ClassVar, Self, TypeAlias
+from typing import ClassVar, Self, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..common.rules import Rule
-from ..common.tree import Each, copy
+from ..common.tree import Each
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.vectors import chord_lengths
 from ..sections import Section
+from .element_state import ElementState, OwnState, with_fields
 
 Scalar: TypeAlias = 'Float[Array, ""]'
 Ends: TypeAlias = 'Float[Array, "n_end 3"]'
@@ -33,9 +34,6 @@ Motion: TypeAlias = 'Float[Array, "n_end n_motion"]'
 """Motion of the ends of one element: displacements, and unit quaternions if it has rotations."""
 Forces: TypeAlias = 'Float[Array, "n_end n_freedom"]'
 """Forces at the ends of one element, or a step of these ends."""
-OwnState: TypeAlias = Any
-"""The `ElementState` that belongs to a class of elements. Type checkers see it as Any: otherwise a
-method that takes only this state could not override one that takes every state."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,52 +70,6 @@ PRESENT = Result("present", "-")
 Groups do not name it among their results: an `ElementState` has it."""
 
 
-Pressures: TypeAlias = 'dict[str, list[tuple[Float[Array, " n_elem"], Float[Array, "n_elem 3"]]]]'
-"""Pressures on beams: for "current" or "unstressed", the length that they are per, a list of pairs
-(pressure, unit axis)."""
-
-
-class ElementState:
-    """What phases change in a group: a pytree whose arrays have a leading axis [n_elem].
-
-    A field is None if the kind of element has no use for it. `prestress.AxialState` describes them.
-    A class of states has those fields that its elements use; an analysis that has to set another
-    one raises ValueError (`with_fields`). Elements that come and go need `present`, and
-    the method `found` of their group.
-    """
-
-    rest_length: Float[Array, " n_elem"] | None = None
-    elongation: Float[Array, " n_elem"] | None = None
-    jack_force: Float[Array, " n_elem"] | None = None
-    jacked: Bool[Array, " n_elem"] | None = None
-    warmth: Float[Array, " n_elem"] | None = None
-    memory: PyTree[Float[Array, "n_elem ..."]] | None = None
-    line_load: Float[Array, "n_elem 3"] | None = None
-    pressed: Pressures | None = None
-    present: Bool[Array, " n_elem"] | None = None
-
-    @property
-    def loaded(self) -> Float[Array, " n_elem"]:
-        """Length that has weight and takes loads per unstressed length, [n_elem], m."""
-        if self.rest_length is None:
-            raise ValueError(
-                f"{type(self).__name__}: has no `rest_length`, which the state of a group with "
-                "`has_length` needs"
-            )
-        return self.rest_length
-
-
-def with_fields(state: OwnState, **changes: Any) -> Any:
-    """A state with fields that an analysis sets; ValueError if its class does not have them."""
-    for name in changes:
-        if name not in getattr(type(state), "_all_fields", ()):
-            raise ValueError(
-                f"{type(state).__name__}: a state of elements without the field `{name}`, which "
-                "this analysis has to set"
-            )
-    return copy(state, **changes)
-
-
 class Element(abc.ABC):
     """A group of elements of one kind: a pytree with ``links`` in its index fields.
 
@@ -143,11 +95,11 @@ class Element(abc.ABC):
         rising: whether its force is known not to fall with strain. The energy of groups that are
             `tension_only` and `rising` is convex.
         remembers: whether its state has a `memory`, because its laws depend on earlier increments;
-            then it has `settle`, `size` and `initial_memory`, and `SECTION_STRAIN` among its
-            results.
+            then it has `size`, `initial_memory`, and either `settle` and `SECTION_STRAIN` among
+            its results, or `settled`.
         breaks: whether a curve of its law can end; then it has `beyond`, and `SECTION_STRAIN` among
             its results.
-        shaped_by_load: whether its state contains the load along it.
+        shaped_by_load: whether its state contains the `ElementLoad` along it.
         paired: whether its forces depend on the displacement of its two ends relative to each other
             only, so that its tangent is ``[[B, -B], [-B, B]]``.
         slides: whether this load slides from node to node with the element; then `slid` returns
@@ -314,12 +266,23 @@ class Element(abc.ABC):
     ) -> Float[Array, "n_end 3 n_end 3"] | Float[Array, "n n"]:
         """Tangent stiffness [n_end, 3, n_end, 3], N/m: autodiff of the end forces.
 
-        Of elements with rotations by a step from the motion, [n_end, 6, n_end, 6].
+        Of elements with rotations by a step from the motion, [n_end, 6, n_end, 6]. The matrix of an
+        element with inner numbers is [n, n], for the freedoms of its ends and then these numbers.
         """
         if self.rotates:
             still = jnp.zeros((len(motion), self.n_freedom), motion.dtype)
-            return jax.jacfwd(lambda step: self.end_forces_about(state, ends, motion, step))(still)
-        return jax.jacfwd(lambda moved: self.end_forces(state, ends, moved))(motion)
+            matrix = jax.jacfwd(lambda step: self.end_forces_about(state, ends, motion, step))(
+                still
+            )
+        else:
+            matrix = jax.jacfwd(lambda moved: self.end_forces(state, ends, moved))(motion)
+        if not self.inner:
+            return matrix
+        rows, columns = np.array(self.inner).T
+        n_end = len(motion) - self.n_inner_row
+        at = (n_end + rows) * self.n_freedom + columns
+        at = np.concatenate([np.arange(n_end * self.n_freedom), at])
+        return matrix.reshape(len(motion) * self.n_freedom, -1)[np.ix_(at, at)]
 
     def finds_both(self, state: OwnState) -> bool:
         """Whether an iteration gets forces and tangent of a group by one evaluation, `linearized`.
@@ -372,6 +335,17 @@ class Element(abc.ABC):
     def settle(self, strain: Array, memory: PyTree[Array], duration: float = 0.0) -> PyTree[Array]:
         """Memory after an increment of a `duration`, s, that ended at a `strain`."""
         return memory
+
+    def settled(
+        self, state: OwnState, ends: Ends, motion: Motion, duration: float = 0.0
+    ) -> PyTree[Array]:
+        """Memory after an increment of a `duration`, s, that ended at a motion.
+
+        By default that of a law, which sees the section strain only. Elements whose memory depends
+        on more (how far a cable has slid, where a damper was) override it.
+        """
+        strain = self.section_strain(state, ends, motion)  # type: ignore[attr-defined]  # a result
+        return self.settle(strain, state.memory, duration)
 
     def beyond(self, strain: Array) -> Bool[Array, ""]:
         """Whether a strain is beyond the curve of the law."""

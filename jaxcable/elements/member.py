@@ -64,8 +64,8 @@ class Member(Inner):
         load = None
         if state.line_load is not None:
             load = pose.axes @ state.line_load
-        if state.pressed is not None:
-            pressed = corotation.pressed(pose, state.pressed, state.rest_length)[0]
+        if state.pressures is not None:
+            pressed = corotation.pressed(pose, state.pressures, state.rest_length)[0]
             load = pressed if load is None else load + pressed
         length, inner = state.rest_length, None
         if not self.section.is_elastic:
@@ -116,8 +116,8 @@ class Member(Inner):
         axes, pose, field, load = bent
         length, rotations = state.rest_length, pose.rotations
         following = None
-        if state.pressed is not None:
-            following = corotation.pressed(pose, state.pressed, length)[1:]
+        if state.pressures is not None:
+            following = corotation.pressed(pose, state.pressures, length)[1:]
         sums = self._sums(state, field, forces)
         force, moments, torque, unbalanced = bending.generalized(
             field, rotations, length, sums, self._twisting(), load, following

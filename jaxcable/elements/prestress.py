@@ -15,7 +15,8 @@ from ..common.tree import Indices, copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.vectors import inner
 from .abilities import STATEMENTS, Prestressable
-from .element import ElementState, Ends, Motion, Pressures, Scalar
+from .element import Ends, Motion, Scalar
+from .element_state import ElementLoad, ElementState
 from .stated import Stated
 
 
@@ -38,10 +39,8 @@ class AxialState(ElementState):
             expansion. The reference temperature is that before the first phase, or that at which
             an element was added.
         memory: what the law remembers, such as plastic strains, leading axis [n_elem], or None.
-        line_load: dead load per unstressed length, [n_elem, 3], N/m, of elements that it bends or
-            makes sag, or along which it slides; else None.
-        pressed: pressures that follow beams: for each length that they are per, by name, a list
-            of pairs (pressure [n_elem], unit axis [n_elem, 3]), N/m; or None.
+        element_load: loads along elements that they bend or make sag, or along which they slide;
+            else None.
         present: which elements are there, [n_elem] bool; None if all are, in all phases.
         kinks: of beams that were added where their ends had turned, the rotations of the ends
             against the chord at which they are unstressed, [n_elem, 2, 3], rad; else None.
@@ -62,8 +61,7 @@ class AxialState(ElementState):
     loaded_length: Float[Array, " n_elem"] | None = None
     warmth: Float[Array, " n_elem"] | None = None
     memory: PyTree[Float[Array, "n_elem ..."]] | None = None
-    line_load: Float[Array, "n_elem 3"] | None = None
-    pressed: Pressures | None = None
+    element_load: ElementLoad | None = None
     present: Bool[Array, " n_elem"] | None = None
     kinks: Float[Array, "n_elem 2 3"] | None = None
 
@@ -86,8 +84,7 @@ class Prestressed(Prestressable):
         """Weight of every element, [n_elem], N; None if the group has none."""
         if self.weight is None:
             return None
-        weights = self.weight * state.loaded
-        return weights if state.present is None else jnp.where(state.present, weights, 0.0)
+        return state.only_present(self.weight * state.loaded)
 
     @abc.abstractmethod
     def strain_at(

@@ -14,7 +14,7 @@ import numpy as np
 from ..common import checks
 from ..common.rules import Rule
 from ..common.tree import Indices, plain, pytree
-from ..common.types import Array, ArrayLike, Float
+from ..common.types import Array, ArrayLike, Float, Int
 from .abilities import Jacked, Rounding
 from .cable import TensionOnly
 from .element import Element, Ends, Forces, Motion, Scalar
@@ -59,6 +59,8 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         >>> print(jnp.round(solution.rest_length, 6))  # 10 m / (1 + 500 / 1e5)
         [9.950249]
     """
+
+    links: Int[ArrayLike, "n_elem 2+"]
 
     # no `Secant`: the tension depends on all pieces, so that one piece has no secant stiffness
     shaped_by_load = slides = True

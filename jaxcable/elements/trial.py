@@ -16,7 +16,8 @@ import numpy as np
 from ..common.tree import Indices
 from ..numerics.rotations import IDENTITY, turned
 from .abilities import Jacked, Sagging
-from .element import Element, ElementState
+from .element import Element
+from .element_state import ElementState
 from .prestress import element
 
 _MOVED = 1e-2  # displacement at which a group is tried, over the mean distance of its ends
@@ -281,7 +282,7 @@ def _fields(group, state, n_elem):
         ("remembers", group.remembers, ("memory",)),
         ("Jacked", isinstance(group, Jacked), ("jack_force", "jacked")),
         ("Sagging", isinstance(group, Sagging), ("rest_length",)),
-        ("shaped_by_load", group.shaped_by_load, ("line_load", "pressed")),
+        ("shaped_by_load", group.shaped_by_load, ("element_load",)),
         ("found", type(group).found is not Element.found, ("present",)),
     )
     for ability, has, names in needs:

@@ -175,7 +175,7 @@ def _increment(ramp, factor, x, method, code, memory, first):
     whether = settled, good & system.convex
     outcome = Outcome(x, code, steps, steps, largest, scale, rounding, *whether)
     if memory is not None:
-        memory = ramp.settle(system, system.strains(x), good, memory)
+        memory = ramp.settle(system, x, None, good, memory)
     return outcome, memory
 
 

@@ -369,7 +369,7 @@ def march(
             new = where(begins | outcome.equilibrated, new, seen)
         code = status.first_failure(code, outcome.code)
         if memory is not None:
-            memory = ramp.settle(system, new.strains, outcome.equilibrated, memory)
+            memory = ramp.settle(system, motion, new.strains, outcome.equilibrated, memory)
         outcome = copy(outcome, code=code)
         if tell is not None:
             lax.cond(live, lambda: tell(factor, outcome), lambda: None)

@@ -106,6 +106,11 @@ def coordinates(attributes: Mapping[str, Any], where: str) -> list[float]:
     return [number(attributes, axis, where) for axis in "xyz"]
 
 
+def load(attributes: Mapping[str, Any], where: str) -> list[float]:
+    """The load of a node, an edge or a face along x, y, z; zero where none is given."""
+    return [number(attributes, "p" + axis, where) for axis in "xyz"]
+
+
 def flag(attributes: Mapping[str, Any], key: str, where: str, absent: bool = False) -> bool:
     """Whether the flag under a key is set: true, false, 1 or 0."""
     value = attributes.get(key)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import io
-import itertools
 import logging
 from os import PathLike
 from types import ModuleType
@@ -15,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from ..common.compilation import without_collection
 from .arcs import curve
-from .lines import net_of
+from .lines import Polyline, net_of
 from .nets import Net
 from .omissions import Omissions
 from .reading import LARGEST, FileError, read_bytes
@@ -99,37 +98,34 @@ def read_dxf(
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:  # before 2007 names of layers were in the code page of a country
         text = data.decode("cp1252", "replace")
-    try:
-        with without_collection():  # a drawing has no garbage while it is read
-            # lines may end as Windows ends them, which the parser leaves to its stream
-            document = ezdxf.read(io.StringIO(text, newline=None))
-            unit = document.header.get("$INSUNITS", 0)
-            metres = float(METRES.get(unit, 0.0) if scale is None else scale)
-            sag = sagitta / metres if sagitta is not None and metres else None
-            entities, table = _shown(document, sag, hidden)
-            own = [(str(key), str(layer)) for key, layer in document.header.custom_vars]
-    except Exception as error:  # whatever a foreign parser makes of a damaged file
-        told = " ".join(str(error).split())[:120]
-        raise FileError(f"{path}: no DXF drawing, or a damaged one: {told}") from error
-    if not metres:
-        raise FileError(
-            f"{path}: $INSUNITS = {unit}: no unit that is known; give scale=..., m (--scale)"
-        )
-    if supports is None:
-        marked = {entity.layer for entity in entities if entity.kind == "POINT"}
-        supports = next((name for key, name in own if key == SUPPORTS and name in marked), None)
-    try:
+    with Omissions(path) as table:
+        try:
+            with without_collection():  # a drawing has no garbage while it is read
+                # lines may end as Windows ends them, which the parser leaves to its stream
+                document = ezdxf.read(io.StringIO(text, newline=None))
+                unit = document.header.get("$INSUNITS", 0)
+                metres = float(METRES.get(unit, 0.0) if scale is None else scale)
+                sag = sagitta / metres if sagitta is not None and metres else None
+                entities = _shown(document, sag, hidden, table)
+                own = [(str(key), str(layer)) for key, layer in document.header.custom_vars]
+        except Exception as error:  # whatever a foreign parser makes of a damaged file
+            told = " ".join(str(error).split())[:120]
+            raise FileError(f"no DXF drawing, or a damaged one: {told}") from error
+        if not metres:
+            raise FileError(
+                f"$INSUNITS = {unit}: no unit that is known; give scale=..., m (--scale)"
+            )
+        if supports is None:
+            marked = {entity.layer for entity in entities if entity.kind == "POINT"}
+            supports = next((name for key, name in own if key == SUPPORTS and name in marked), None)
         net = _net(entities, metres, tol, supports, table)
-    except FileError as error:
-        raise FileError(f"{path}: {error}") from None
-    table.warn(path)
-    bars = [("bar" if (BARS, group) in own else "cable") for group in net.groups or ()]
-    return dataclasses.replace(net, kinds=tuple(bars), omissions=table.table())
+        bars = [("bar" if (BARS, group) in own else "cable") for group in net.groups or ()]
+        return dataclasses.replace(net, kinds=tuple(bars), omissions=table.table())
 
 
-def _shown(document, sagitta, hidden):
-    """Entities of model space, a list, and the `Omissions` of what is not shown in the drawing."""
-    table, layers, files = Omissions(), _unseen_layers(document), _references(document)
+def _shown(document, sagitta, hidden, table):
+    """Entities of model space that are shown, a list; counts what is not shown in the drawing."""
+    layers, files = _unseen_layers(document), _references(document)
     found = []
     for entity in document.modelspace():
         content = _content(entity, sagitta, layers)
@@ -143,7 +139,7 @@ def _shown(document, sagitta, hidden):
         else:
             found.append(content)
     _count_paper(document, table)
-    return found, table
+    return found
 
 
 def library() -> ModuleType:
@@ -186,26 +182,16 @@ def _content(entity, sagitta, layers):
         points = [entity.dxf.start, entity.dxf.end]
     elif kind == "POINT":
         points = [entity.dxf.location]
-    elif kind == "LWPOLYLINE":
-        if entity.has_arc:
-            kind = "LWPOLYLINE with arcs"
-            points = [] if sagitta is None else curve(entity, sagitta)
-        else:
-            points = [*entity.vertices_in_wcs()]
-            points += points[:1] if entity.closed else []
-    elif kind == "ARC":
+    elif kind == "POLYLINE" and not (entity.is_2d_polyline or entity.is_3d_polyline):
+        kind = "POLYLINE mesh"
+    elif kind == "POLYLINE" and entity.dxf.flags & _SPLINE_FIT:
+        kind = "POLYLINE fitted by a spline"
+    elif kind == "ARC" or (kind in ("LWPOLYLINE", "POLYLINE") and entity.has_arc):
+        kind = "ARC" if kind == "ARC" else f"{kind} with arcs"
         points = [] if sagitta is None else curve(entity, sagitta)
-    elif kind == "POLYLINE":
-        if not (entity.is_2d_polyline or entity.is_3d_polyline):
-            kind = "POLYLINE mesh"
-        elif entity.dxf.flags & _SPLINE_FIT:
-            kind = "POLYLINE fitted by a spline"
-        elif entity.has_arc:
-            kind = "POLYLINE with arcs"
-            points = [] if sagitta is None else curve(entity, sagitta)
-        else:
-            points = [*entity.points_in_wcs()]
-            points += points[:1] if entity.is_closed else []
+    elif kind in ("LWPOLYLINE", "POLYLINE"):
+        points = [*(entity.points_in_wcs() if kind == "POLYLINE" else entity.vertices_in_wcs())]
+        points += points[:1] if entity.is_closed else []
     layer = str(entity.dxf.get("layer", "0"))
     where = f"{kind} {entity.dxf.get('handle', '?')} on layer {layer!r}"
     unseen = layers.get(layer.lower(), "")
@@ -257,16 +243,12 @@ def _net(entities, metres, tol, supports, table):
         elif len(points) < 2:
             table.add(kind, f"layer {layer!r}", _WHY.get(kind, ""))
         else:
-            first = len(places)
+            lines.append(Polyline(where, layer, range(len(places), len(places) + len(points))))
             places += points
-            numbers = range(first, len(places))
-            lines += [(where, layer, i, j) for i, j in itertools.pairwise(numbers)]
     if not lines:
         told = "".join(f"; {row}" for row in table.table())
         raise FileError(f"has no lines or polylines in model space: {len(marks)} POINT{told:.500}")
-    net, repeated, _ = net_of(metres * np.array(places, float), lines, tol)
-    for where in repeated:
-        table.add("link that occurs again", where)
+    net = net_of(metres * np.array(places, float), lines, tol, table, "link")
     distance, node = np.array([]), np.array([], int)
     if marks:
         distance, node = cKDTree(net.nodes).query(metres * np.array([p for *_, p in marks]))

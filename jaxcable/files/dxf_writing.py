@@ -11,9 +11,9 @@ import numpy as np
 from ..analysis.solution import Solution
 from ..common.writing import written
 from ..elements import Bars
-from ..model.parts import groups_by_name, one_case
+from ..model.parts import groups_by_name
 from ..model.structure import Structure
-from ..model.topology import require_same
+from .at_end import end_state, file_path
 from .dxf import BARS, METRES, SUPPORTS, library
 
 _COLOURS = (5, 1, 3, 6, 4, 2)  # of groups, by the format's numbers: blue, red, green, ...
@@ -59,18 +59,13 @@ def save_dxf(
         >>> print(f"{net.nodes[:, 2].min():.6f} m")
         -0.012838 m
     """
-    path = Path(path)
-    if path.suffix.lower() != ".dxf":
-        raise ValueError(f"path = {str(path)!r}: expected a name that ends with .dxf")
+    path = file_path(path, ".dxf")
     units = {metres: unit for unit, metres in METRES.items()}
     if scale not in units:
         known = ", ".join(map(str, sorted(units)))
         raise ValueError(f"scale = {scale}: expected the metres of a unit, one of {known}")
-    places = np.asarray(structure.nodes, float)
-    if solution is not None:
-        one_case(solution)
-        require_same(structure, solution.last.topology, "solution")
-        places = np.asarray(solution.last.positions, float)
+    last = None if solution is None else end_state(structure, solution)
+    places = np.asarray(structure.nodes if last is None else last.positions, float)
     document = library().new("R2010")
     document.header["$INSUNITS"], document.header["$MEASUREMENT"] = units[scale], 1
     space, points = document.modelspace(), (places / scale).tolist()

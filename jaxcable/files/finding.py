@@ -37,25 +37,25 @@ def find_net(data: dict[str, Any], table: Omissions) -> Found:
     Raises:
         FileError: there is none; the message says what the file holds.
     """
-    usual = data
+    usual, way = data, []
     for key in ("data", "value"):  # compas 2 and 1 wrap the data of their objects
         if isinstance(usual.get(key), dict):
-            usual = usual[key]
+            usual, way = usual[key], [*way, key]
     _count_foreign(data, table)
     if "vertex" in usual or "node" in usual:
-        _count_beside(data, usual, table)
+        _count_beside(data, way, table)
         return Found(usual, "")
-    nets = list(_nets(data, "", 0))
+    nets = list(_nets(data, []))
     if not nets:
         kind = data.get("dtype") or data.get("datatype")
         what = f"an object {kind!r}" if isinstance(kind, str) else f"the fields {', '.join(data)}"
         raise FileError(f"node: missing; no network or mesh of compas in it, but {what:.200}")
-    chosen = next((net for net in nets if net.data.get("edge") or net.data.get("face")), nets[0])
-    for other in nets:
-        if other is not chosen:
-            table.add("net", other.inside[:-1], "the first net of a file is read")
-    _count_beside(data, chosen.data, table)
-    return Found(chosen.data, chosen.inside)
+    way, net = next((pair for pair in nets if pair[1].get("edge") or pair[1].get("face")), nets[0])
+    for other, _ in nets:
+        if other != way:
+            table.add("net", _place(other), "the first net of a file is read")
+    _count_beside(data, way, table)
+    return Found(net, f"{_place(way)}.")
 
 
 def _count_foreign(data, table):
@@ -77,15 +77,13 @@ def _is_net(data: Any) -> bool:
     )
 
 
-def _nets(data: Any, where: str, depth: int) -> Iterator[Found]:
-    """Generate the nets in nested data."""
+def _nets(data: Any, way: list[Any]) -> Iterator[tuple[list[Any], Any]]:
+    """Generate the nets in nested data: pairs of the keys on the way to it, and the net."""
     if _is_net(data):
-        yield Found(data, f"{where}.")
-        return
-    if depth < _DEEPEST:
+        yield way, data
+    elif len(way) < _DEEPEST:
         for key, value in _items(data):
-            place = f"{where}[{key}]" if isinstance(data, list) else f"{where}.{key}".lstrip(".")
-            yield from _nets(value, place, depth + 1)
+            yield from _nets(value, [*way, key])
 
 
 def _items(data: Any) -> list[tuple[Any, Any]]:
@@ -95,31 +93,18 @@ def _items(data: Any) -> list[tuple[Any, Any]]:
     return list(enumerate(data)) if isinstance(data, list) else []
 
 
-def _count_beside(data: Any, net: dict[str, Any], table: Omissions, where: str = "") -> bool:
-    """Count what lies beside a net, on the way to it; returns whether it is in these data."""
-    if data is net:
-        return True
-    inside = [_contains(value, net, 0) for _, value in _items(data)]
-    if not any(inside):
-        return False
-    for (key, value), on_way in zip(_items(data), inside, strict=True):
-        place = f"{where}[{key}]" if isinstance(data, list) else f"{where}.{key}".lstrip(".")
-        if on_way:
-            _count_beside(value, net, table, place)
-        elif not (isinstance(key, str) and key in _WRAPPING) and value and not _holds_net(value):
+def _place(way: list[Any]) -> str:
+    """The place at the end of a way, in words; keys of lists are numbers."""
+    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in way).lstrip(".")
+
+
+def _count_beside(data: Any, way: list[Any], table: Omissions) -> None:
+    """Count what lies beside the way to a net, but for other nets, which are counted as such."""
+    for depth, key in enumerate(way):
+        for other, value in _items(data):
+            if other == key or other in _WRAPPING or not value or any(_nets(value, [])):
+                continue
             kind = value.get("dtype") if isinstance(value, dict) else None
             what = f"object {kind!r}" if isinstance(kind, str) else "field"
-            table.add(f"{what:.80} beside the net", place)
-    return True
-
-
-def _contains(data: Any, net: dict[str, Any], depth: int) -> bool:
-    """Whether a net, this object, is in nested data."""
-    return data is net or (
-        depth < _DEEPEST and any(_contains(value, net, depth + 1) for _, value in _items(data))
-    )
-
-
-def _holds_net(data: Any) -> bool:
-    """Whether there is a net in nested data, which is counted as such."""
-    return next(_nets(data, "", 0), None) is not None
+            table.add(f"{what:.80} beside the net", _place([*way[:depth], other]))
+        data = data[key]

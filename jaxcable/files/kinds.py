@@ -7,11 +7,13 @@ with ``n_``.
 
 What a value may be is told by its JSON type first, and then by the depth and the width of lists:
 ``if`` and ``then``, not ``anyOf``, whose errors name no place inside of the value. Definitions that
-several fields share have no description: editors would show it instead of the field's own.
+several fields share have no description: editors would show it instead of the field's own. Texts
+that a field can have are those of ``Literal["initial", "projected"]``.
 """
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Collection, Mapping
 from typing import Any
@@ -44,7 +46,7 @@ _MIXED = {  # alternatives that have one definition together
     "Load | Sequence[Load]": "Sequence[Load]",
     "str | Sequence[str] | PyTree[Bool": "PyTree[Bool",
 }
-_TAGS = ["list", "tuple"]
+TAGS = ["list", "tuple"]
 """Names under "type" that belong to containers, not to classes."""
 
 
@@ -86,7 +88,7 @@ def value(
     for several, one in _MIXED.items():
         annotation = annotation.replace(several, one)
     words = _alternatives(annotation)
-    null = ["null"] if "None" in words else []
+    null, nothing = (["null"], [None]) if "None" in words else ([], [])
     arrays: dict[str, list[tuple[str, ...]]] = {}
     for word in words:
         if (array := _ARRAY.match(word)) is not None:
@@ -103,6 +105,8 @@ def value(
             if null and isinstance(plain["type"], str):
                 plain["type"] = [plain["type"], *null]
             ways.append(plain)
+        elif word.startswith("Literal["):
+            ways.append({"enum": [*ast.literal_eval(word.removeprefix("Literal")), *nothing]})
         elif word in classes:
             ways.append({"type": ["object", *null], **if_type("object", ref(word))})
         elif word in _NAMED:
@@ -219,7 +223,7 @@ def tagged(name: str, field: str, content: Schema) -> Schema:
 
 def tags(content: Schema) -> Schema:
     """The schema of the marked lists and tuples with some content."""
-    kinds: Schema = {"type": {"enum": _TAGS, "doNotSuggest": True}}
+    kinds: Schema = {"type": {"enum": TAGS, "doNotSuggest": True}}
     return closed({**kinds, "items": {"type": "array", "items": content}}, ["type", "items"])
 
 

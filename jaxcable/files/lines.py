@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -12,37 +13,46 @@ from scipy.spatial import cKDTree
 
 from ..common.types import Float
 from .nets import Net
+from .omissions import Omissions
 from .reading import FileError
 
 _FARTHEST = 1e12  # largest coordinate, m; squares of distances are useless beyond it
 _CROWD = 50  # largest average number of points within the tolerance of a point
 
 
-class Drawn(NamedTuple):
-    """A net of lines.
+class Polyline(NamedTuple):
+    """Straight lines from point to point.
 
     Attributes:
-        net: `Net` with groups, and with the numbers of points from 1 as names; without supports.
-        repeated: places in the file of lines between nodes that a line joins already, a list.
-        unused: numbers from 0 of points that no line touches, a list.
+        where: its place in the file, in words.
+        group: its name.
+        points: numbers of its points, from 0.
+        shares: whether its lines may be those of others, too, as faces share their edges.
     """
 
-    net: Net
-    repeated: list[str]
-    unused: list[int]
+    where: str
+    group: str
+    points: Sequence[int]
+    shares: bool = False
 
 
 def net_of(
     places: Float[np.ndarray, "n_point 3"],
-    lines: Sequence[tuple[str, str, int, int]],
+    polylines: Sequence[Polyline],
     tolerance: float,
-) -> Drawn:
-    """The net of lines between points; points that no line touches are left out.
+    table: Omissions,
+    word: str,
+) -> Net:
+    """The net of lines between points, with groups, and the numbers of points from 1 as names.
+
+    Points that no line touches, and lines between nodes that a line joins already, are left out.
 
     Args:
         places: the points, m.
-        lines: for every line its place in the file in words, its group, and its two points.
+        polylines: the lines.
         tolerance: largest distance of points that become one node, m.
+        table: what is left out.
+        word: what the file calls a line.
 
     Raises:
         FileError: a line without length, coordinates too large, too many points too near.
@@ -51,20 +61,21 @@ def net_of(
         raise FileError(f"coordinates beyond {_FARTHEST:.0e} m; is the scale right?")
     node = _joined(places, tolerance)
     found: dict[tuple[int, int], tuple[int, int, str]] = {}
-    repeated = []
-    for where, label, i, j in lines:
-        first, second = int(node[i]), int(node[j])
-        if first == second:
-            raise FileError(f"{where}: a line without length")
-        pair = min(first, second), max(first, second)
-        if pair in found:
-            repeated.append(where)
-        found.setdefault(pair, (first, second, label))
+    for line in polylines:
+        for first, second in itertools.pairwise(node[line.points].tolist()):
+            if first == second:
+                raise FileError(f"{line.where}: a line without length")
+            pair = min(first, second), max(first, second)
+            if pair in found and not line.shares:
+                table.add(f"{word} that occurs again", line.where)
+            found.setdefault(pair, (first, second, line.group))
     links: np.ndarray = np.array([(i, j) for i, j, _ in found.values()], np.int32)
     used, links = np.unique(links, return_inverse=True)  # drop points without a line
     links = links.reshape(-1, 2).astype(np.int32)
     origin = np.unique(node, return_index=True)[1]
-    net = Net(
+    for k in np.flatnonzero(~np.isin(node, used)).tolist():
+        table.add("point that no line touches", f"point {k + 1}")
+    return Net(
         nodes=places[origin][used],
         links=links,
         fixed=np.zeros((len(used), 3), bool),
@@ -72,7 +83,6 @@ def net_of(
         groups=tuple(label for *_, label in found.values()),
         names=tuple(str(k + 1) for k in origin[used]),
     )
-    return Drawn(net, repeated, np.flatnonzero(~np.isin(node, used)).tolist())
 
 
 def _joined(places, tolerance):

@@ -13,9 +13,9 @@ from ..analysis.solution import Solution
 from ..common import checks
 from ..common.types import ArrayLike, Int
 from ..common.writing import written
-from ..model.parts import groups_by_name, one_case, per_group, pieces
+from ..model.parts import groups_by_name, per_group, pieces
 from ..model.structure import Structure
-from ..model.topology import require_same
+from .at_end import end_state, file_path, of_all_elements
 from .omissions import Omissions
 
 
@@ -64,29 +64,22 @@ def save_network(
         >>> bool((net.nodes == solution.positions).all()), len(net.links)
         (True, 12)
     """
-    path = Path(path)
-    if path.suffix.lower() != ".json":
-        raise ValueError(f"path = {str(path)!r}: expected a name that ends with .json")
-    places, loads = np.asarray(structure.nodes, float), None
-    if solution is not None:
-        one_case(solution)
-        require_same(structure, solution.last.topology, "solution")
-        places = np.asarray(solution.last.positions, float)
-        loads = np.asarray(solution.last.load, float)[:, :3]
+    path = file_path(path, ".json")
+    last = None if solution is None else end_state(structure, solution)
+    places = np.asarray(structure.nodes if last is None else last.positions, float)
+    loads = None if last is None else np.asarray(last.load, float)[:, :3]
     if not np.isfinite(places).all():
         raise ValueError(f"nodes[{int(np.argwhere(~np.isfinite(places))[0][0])}]: not finite")
-    held = np.asarray(structure.supports.fixed(structure.n_node)[:, :3].all(axis=1))
-    table = Omissions()
-    some = np.asarray(structure.supports.fixed(structure.n_node)[:, :3].any(axis=1)) & ~held
-    for k in np.flatnonzero(some).tolist():
+    count = structure.supports.fixed(structure.n_node)[:, :3].sum(axis=1)
+    table = Omissions(path)
+    for k in np.flatnonzero((count > 0) & (count < 3)).tolist():
         table.add("support in some directions", f"node {k}", "nodes are held wholly, or free")
     nodes: dict[str, Any] = {}
     for k, place in enumerate(places.tolist()):
-        nodes[str(k)] = dict(zip("xyz", place, strict=True))
-        nodes[str(k)]["is_support"] = bool(held[k])
+        nodes[str(k)] = {**dict(zip("xyz", place, strict=True)), "is_support": bool(count[k] == 3)}
         if loads is not None:
             nodes[str(k)] |= dict(zip(("px", "py", "pz"), loads[k].tolist(), strict=True))
-    edges = _edges(structure, solution, places)
+    edges = _edges(structure, last, places)
     kind, data = "Graph", _graph(nodes, edges)
     if faces is not None:
         kind, data = "Mesh", _mesh(nodes, edges, faces)
@@ -94,19 +87,21 @@ def save_network(
     text = json.dumps(whole, allow_nan=False)
     with written(path) as stream:
         stream.write(text + "\n")
-    table.warn(path)
+    table.warn()
     return [path]
 
 
-def _edges(structure, solution, places):
+def _edges(structure, last, places):
     """Attributes of all straight pieces: dict from pairs of node numbers."""
     ends, element, owner = pieces(structure.groups)
     count = np.bincount(element)
     names = [name or type(group).__name__ for name, group in groups_by_name(structure)]
     force = rest = None
-    if solution is not None:
-        force = _joined(structure, solution.last.tension)
-        rest = _joined(structure, solution.last.rest_length)
+    if last is not None:
+        force, rest = (
+            of_all_elements(structure.groups, per_group(structure, values))
+            for values in (last.tension, last.rest_length)
+        )
     lengths = np.linalg.norm(places[ends[:, 1]] - places[ends[:, 0]], axis=1)
     found: dict[tuple[int, int], dict[str, Any]] = {}
     for k, (i, j) in enumerate(ends.tolist()):
@@ -120,12 +115,6 @@ def _edges(structure, solution, places):
                 about["l0"] = float(rest[element[k]])
         found[i, j] = about
     return found
-
-
-def _joined(structure, values):
-    """Values of all elements, [n_elem] through all groups; NaN where a group has none."""
-    parts = zip(structure.groups, per_group(structure, values), strict=True)
-    return np.concatenate([np.full(len(g.links), np.nan) if v is None else v for g, v in parts])
 
 
 def _graph(nodes, edges):

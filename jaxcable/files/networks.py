@@ -64,14 +64,8 @@ def read_network(path: str | PathLike[str], largest: int = LARGEST) -> Net:
         [2.0]
     """
     data = read_json(path, largest)
-    table = Omissions()
-    try:
-        found = find_net(data, table)
-        net = _net(found, table)
-    except FileError as error:
-        raise FileError(f"{path}: {error}") from None
-    table.warn(path)
-    return net
+    with Omissions(path) as table:
+        return _net(find_net(data, table), table)
 
 
 def _net(found: Found, table: Omissions) -> Net:
@@ -83,99 +77,102 @@ def _net(found: Found, table: Omissions) -> Net:
     if not nodes:
         raise FileError(f"{inside}{kind}: missing; no network or mesh of compas")
     defaults = _defaults(data, kind, "dva" if mesh else "dna")
-    places, fixed, own = [], [], []
+    positions, fixed, own = [], [], []
     for name, given in nodes.items():
         where = f"{kind}[{name!r}]"
         node = about.merged(given, defaults, inside + where)
         about.count_unread(node, about.NODE, f"a {kind}", where, table)
         where = inside + where
-        places.append(about.coordinates(node, where))
-        own.append([about.number(node, "p" + axis, where) for axis in "xyz"])
+        positions.append(about.coordinates(node, where))
+        own.append(about.load(node, where))
         # every flag is looked at, so that none is wrong
         fixed.append([max([about.flag(node, word, where) for word in about.SUPPORTS])] * 3)
     names = {name: k for k, name in enumerate(nodes)}
     faces = _faces(data, names, inside) if mesh else {}
-    edges = _sides(data, faces, names, table) if mesh else _edges(data, names, inside, table)
-    if not edges:
+    found = _sides(data, faces, names, table) if mesh else _edges(data, names, inside, table)
+    if not found:
         what = "face: the mesh has no faces, hence" if mesh else "edge: the network has"
         raise FileError(f"{inside}{what} no edges")
-    of_all = _defaults(data, "edge", "dea")
-    edges = {pair: about.merged(given, of_all, f"edge {pair}") for pair, given in edges.items()}
-    shown = list(names)
-    edges = {
-        pair: edge
-        for pair, edge in edges.items()
-        if about.flag(edge, "_is_edge", _place(shown, pair), True)
-        and about.flag(edge, "is_edge", _place(shown, pair), True)
-    }
-    nodes_at, links = np.array(places), np.array(list(edges), np.int32).reshape(-1, 2)
-    if not len(links):
+    links, edges = _included(found, _defaults(data, "edge", "dea"), list(names))
+    if not edges:
         raise FileError(f"{inside}edge: no edge of the mesh is one of the net")
-    lengths = np.linalg.norm(nodes_at[links[:, 1]] - nodes_at[links[:, 0]], axis=1)
-    densities, on_edges = _numbers_of_edges(edges, lengths, shown, table)
+    places = np.array(positions)
+    lengths = np.linalg.norm(places[links[:, 1]] - places[links[:, 0]], axis=1)
+    densities, on_edges = _numbers_of_edges(edges, lengths, table)
     on_faces = _loads_of_faces(data, faces, table)
     _count_whole(data, table)
     held = np.array(fixed)
-    spread = Spread(nodes_at, links, on_edges, list(faces.values()), on_faces)
+    spread = Spread(places, links, on_edges, list(faces.values()), on_faces)
     loads = nodal_loads(np.array(own), spread, densities, held[:, 0], table)
     return Net(
-        nodes=nodes_at,
+        nodes=places,
         links=links,
         fixed=held,
         loads=loads if loads.any() else None,
-        values=_values(edges, densities, shown, table),
-        **_kinds(edges, densities, shown, table),
+        values=_values(edges, densities, table),
+        **_kinds(edges, densities, table),
         names=tuple(names),
         omissions=table.table(),
     )
 
 
-def _numbers_of_edges(edges, lengths, names, table):
+def _included(found, of_all, names):
+    """The edges that belong to the net: nodes [n_edge, 2], and pairs (place, attributes)."""
+    pairs, edges = [], []
+    for pair, given in found.items():
+        where, edge = f"edge {names[pair[0]]}-{names[pair[1]]}", {**of_all, **given}
+        flags = [about.flag(edge, word, where, absent=True) for word in ("_is_edge", "is_edge")]
+        if all(flags):
+            pairs.append(pair)
+            edges.append((where, edge))
+    return np.array(pairs, np.int32), edges
+
+
+def _numbers_of_edges(edges, lengths, table):
     """Force densities [n_edge] and loads per length [n_edge, 3]; counts what is not read."""
     densities, loads = [], []
-    for (pair, edge), length in zip(edges.items(), lengths, strict=True):
-        where = _place(names, pair)
+    for (where, edge), length in zip(edges, lengths, strict=True):
         densities.append(about.force_density(edge, length, where))
-        loads.append([about.number(edge, "p" + axis, where) for axis in "xyz"])
+        loads.append(about.load(edge, where))
         about.count_unread(edge, about.EDGE, "an edge", where, table)
         about.count_results(edge, densities[-1], float(length), where, table)
     return np.array(densities), np.array(loads)
 
 
-def _values(edges, densities, names, table):
+def _values(edges, densities, table):
     """Force densities, or else unstressed lengths, by name of the property."""
     known = densities != 0
     if known.any():
-        for (pair, edge), stated in zip(edges.items(), known, strict=True):
+        for (where, edge), stated in zip(edges, known, strict=True):
             if not stated and not about.empty(edge.get("l0")):
                 why = "other edges have force densities"
-                table.add("attribute 'l0' of an edge", _place(names, pair), why)
+                table.add("attribute 'l0' of an edge", where, why)
         return {"force_density": np.where(known, densities, np.nan)}
-    rest = np.array([about.number(edge, "l0", _place(names, p)) for p, edge in edges.items()])
+    rest = np.array([about.number(edge, "l0", where) for where, edge in edges])
     if (rest < 0).any():
-        pair = list(edges)[int((rest < 0).argmax())]
-        raise FileError(f"{_place(names, pair)}.l0: expected a length, got {rest.min()}")
+        where, _ = edges[int((rest < 0).argmax())]
+        raise FileError(f"{where}.l0: expected a length, got {rest.min()}")
     return {"rest_length": np.where(rest > 0, rest, np.nan)} if rest.any() else {}
 
 
-def _kinds(edges, densities, names, table):
+def _kinds(edges, densities, table):
     """Kinds and groups of the edges; a group with a negative force density is one of bars."""
     labels = []
-    for pair, edge in edges.items():
+    for where, edge in edges:
         label = edge.get("group")
         if not isinstance(label, str | None):
-            table.add("attribute 'group' of an edge", _place(names, pair), "is no text")
+            table.add("attribute 'group' of an edge", where, "is no text")
             label = None
         labels.append(label or "")
     negative = (densities < 0).tolist()
-    if len(set(labels)) < 2:
-        return {"kinds": tuple("bar" if bar else "cable" for bar in negative)}
+    several = len(set(labels)) > 1
     pushed = {label for label, bar in zip(labels, negative, strict=True) if bar and label}
-    kinds = [bar or label in pushed for label, bar in zip(labels, negative, strict=True)]
-    plain = [
-        label or ("bars" if bar else "cables") for label, bar in zip(labels, kinds, strict=True)
+    bars = [
+        bar or (several and label in pushed) for label, bar in zip(labels, negative, strict=True)
     ]
-    return {"kinds": tuple("bar" if bar else "cable" for bar in kinds), "groups": tuple(plain)}
+    kinds = tuple("bar" if bar else "cable" for bar in bars)
+    groups = tuple(label or f"{kind}s" for label, kind in zip(labels, kinds, strict=True))
+    return {"kinds": kinds, "groups": groups if several else None}
 
 
 def _loads_of_faces(data, faces, table):
@@ -189,7 +186,7 @@ def _loads_of_faces(data, faces, table):
         where = f"facedata[{name!r}]"
         face = about.merged(given.get(name), defaults, where)
         about.count_unread(face, about.FACE, "a face", where, table)
-        loads.append([about.number(face, "p" + axis, where) for axis in "xyz"])
+        loads.append(about.load(face, where))
     return np.array(loads).reshape(-1, 3)
 
 
@@ -202,11 +199,6 @@ def _count_whole(data, table):
     for key, value in data.items():
         if key not in _LISTED | _ORDER | {"attributes"} | about.LOOKS and not about.empty(value):
             table.add(f"field {key!r}", "", about.WHY.get(key, ""))
-
-
-def _place(names, pair):
-    """The place of an edge in words, by the names of its nodes."""
-    return f"edge {names[pair[0]]}-{names[pair[1]]}"
 
 
 def _table(data, key, inside):

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from os import PathLike
 
 import numpy as np
 
 from . import reading
-from .lines import net_of
+from .lines import Polyline, net_of
 from .nets import Net
 from .omissions import Omissions
 from .reading import LARGEST, FileError, read_text
@@ -70,10 +69,27 @@ def read_obj(
     """
     if not 0 < scale < np.inf or not 0 <= tolerance < np.inf:
         raise ValueError(f"scale = {scale}, tolerance = {tolerance}: expected positive numbers")
-    table, rings = Omissions(), set()
-    points, lines, group, named = [], [], "", False
-    for number, text in _statements(read_text(path, largest)):
-        words, place = text.split("#")[0].split(), f"line {number}"
+    text = read_text(path, largest)
+    with Omissions(path) as table:
+        points, lines = _contents(text, table)
+        if not points or not lines:
+            rows = "".join(f"; {row}" for row in table.table())
+            count = sum(len(line.points) - 1 for line in lines)
+            raise FileError(
+                f"has {len(points)} points (v) and {count} lines (l): no net{rows:.300}"
+            )
+        with np.errstate(over="ignore"):
+            places = scale * np.array(points)
+        net = net_of(places, lines, tolerance, table, "line")
+        groups = net.groups if len(set(net.groups or ())) > 1 else None
+        return dataclasses.replace(net, groups=groups, omissions=table.table())
+
+
+def _contents(text, table):
+    """Coordinates of the points, and the `Polyline`s, of the text of a file: two lists."""
+    points, lines, group = [], [], ""
+    for number, statement in _statements(text):
+        words, place = statement.split("#")[0].split(), f"line {number}"
         kind, words = (words[0], words[1:]) if words else ("", [])
         try:
             if kind == "v":
@@ -82,38 +98,15 @@ def read_obj(
                 chain = [_point(word, len(points)) for word in words]
                 if len(chain) < 2:
                     raise ValueError("a line has at least two points")
-                if kind == "f":
-                    chain += chain[:1]
-                    rings.add(place)
-                lines += [(place, group, *pair) for pair in itertools.pairwise(chain)]
+                ring = chain[:1] if kind == "f" else []
+                lines.append(Polyline(place, group, chain + ring, shares=kind == "f"))
             elif kind in ("g", "o"):
-                group, named = " ".join(words), True
+                group = " ".join(words)
             elif kind and kind not in _APPEARANCE:
                 table.add(f"statement {kind!r}", place, _FREE_FORM.get(kind, ""))
         except ValueError as error:
-            raise FileError(f"{path}: {place}: {error}") from None
-    if not points or not lines:
-        rows = "".join(f"; {row}" for row in table.table())
-        raise FileError(
-            f"{path}: has {len(points)} points (v) and {len(lines)} lines (l): no net{rows:.300}"
-        )
-    with np.errstate(over="ignore"):
-        places = scale * np.array(points)
-    try:
-        drawn = net_of(places, lines, tolerance)
-    except ValueError as error:
-        raise FileError(f"{path}: {error}") from None
-    for place in drawn.repeated:
-        if place not in rings:  # faces share their edges
-            table.add("line that occurs again", place)
-    for k in drawn.unused:
-        table.add("point that no line touches", f"point {k + 1}")
-    table.warn(path)
-    groups = drawn.net.groups
-    several = named and groups is not None and len(set(groups)) > 1
-    return dataclasses.replace(
-        drawn.net, groups=groups if several else None, omissions=table.table()
-    )
+            raise FileError(f"{place}: {error}") from None
+    return points, lines
 
 
 def _statements(text):

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from os import PathLike
+from types import TracebackType
+from typing import Self
 
 from ..common import checks
+from .reading import FileError
 
 _PLACES = 3  # places that are named in a row
 _ROWS = 12  # rows that a warning shows
@@ -39,10 +42,15 @@ class Omission:
 
 
 class Omissions:
-    """The table of one file while it is read; rows of one kind and reason are counted together."""
+    """The table of one file while it is read; rows of one kind and reason are counted together.
 
-    def __init__(self) -> None:
-        """Begin an empty table."""
+    ``with Omissions(path) as table`` puts the path before a `FileError` of the block, and warns at
+    its end.
+    """
+
+    def __init__(self, path: str | PathLike[str]) -> None:
+        """Begin an empty table of a file."""
+        self._path = path
         self._places: dict[tuple[str, str], dict[str, None]] = {}
         self._counts: dict[tuple[str, str], int] = {}
 
@@ -70,11 +78,25 @@ class Omissions:
             rows.append(Omission(what, self._counts[what, why], where, why))
         return tuple(rows)
 
-    def warn(self, path: str | PathLike[str]) -> None:
-        """Issue one `InputWarning` with the rows of a file, if there are any."""
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if isinstance(error, FileError):
+            raise FileError(f"{self._path}: {error}") from error.__cause__
+        if error is None:
+            self.warn()
+
+    def warn(self) -> None:
+        """Issue one `InputWarning` with the rows of the file, if there are any."""
         rows = self.table()
         if rows:
             shown = [f"\n  {row}" for row in rows[:_ROWS]]
             if len(rows) > _ROWS:
                 shown.append(f"\n  and {len(rows) - _ROWS} more kinds; `omissions` has them all")
-            checks.suspect(f"{path}: left out:{''.join(shown)}")
+            checks.suspect(f"{self._path}: left out:{''.join(shown)}")

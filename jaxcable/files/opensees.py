@@ -8,6 +8,7 @@ a curve over ``(l - c) / c = (e L0 - (c - L0)) / c``: straight lines stay straig
 
 from __future__ import annotations
 
+from importlib import resources
 from os import PathLike
 from pathlib import Path
 
@@ -21,6 +22,10 @@ from ..elements.straight import Straight
 from ..model.parts import groups_by_name, one_case
 from ..model.structure import Structure
 from ..model.topology import require_same
+from .at_end import file_path
+
+_INPUT = "# the input of the analysis\n"
+"""Line of `opensees_script.py.txt`, beside this module, in whose place the numbers are written."""
 
 
 def save_opensees(
@@ -57,9 +62,7 @@ def save_opensees(
         >>> "corotTruss" in path.read_text()
         True
     """
-    path = Path(path)
-    if path.suffix.lower() != ".py":
-        raise ValueError(f"path = {str(path)!r}: expected a name that ends with .py")
+    path = file_path(path, ".py")
     one_case(solution)
     if int(solution.status) != 0:
         raise ValueError("solution: has failed; there is no state to compute again")
@@ -93,13 +96,15 @@ def save_opensees(
         "LOADS": "on nodes at the end of all phases, N",
         "EXPECTED": "displacements that jaxcable found, m; for comparison only",
     }
+    script = (resources.files(__package__) / "opensees_script.py.txt").read_text("utf-8")
+    head, program = script.split(_INPUT)
     with written(path) as stream:
-        stream.write(_HEAD)
+        stream.write(head)
         for name, values in data.items():
             stream.write(f"\n# {comments[name]}\n{name} = [\n")
             stream.writelines(f"    {value!r},\n" for value in values)
             stream.write("]\n")
-        stream.write(f"STEPS = {int(steps)}\n{_PROGRAM}")
+        stream.write(f"STEPS = {int(steps)}\n{program}")
     return [path]
 
 
@@ -152,78 +157,3 @@ def _curve(group, k):
         taut = strain >= 0
         strain, force = np.append(-1.0, strain[taut]), np.append(0.0, force[taut])
     return strain, force
-
-
-_HEAD = '''"""End state of a jaxcable analysis, with OpenSees: python this_file.py [out.csv]"""
-
-import sys
-
-import openseespy.opensees as ops
-'''
-
-_PROGRAM = """
-
-def build():
-    ops.wipe()
-    ops.model("basic", "-ndm", 3, "-ndf", 3)
-    for k, place in enumerate(NODES, 1):
-        ops.node(k, *place)
-    ops.timeSeries("Linear", 1)
-    ops.pattern("Plain", 1, 1)
-    for k, held in enumerate(FIXED, 1):
-        for axis, is_held in enumerate(held, 1):
-            if is_held and MOVED[k - 1][axis - 1] != 0.0:
-                ops.sp(k, axis, MOVED[k - 1][axis - 1])
-            elif is_held:
-                ops.fix(k, *(int(a == axis) for a in (1, 2, 3)))
-        if any(LOADS[k - 1]):
-            ops.load(k, *LOADS[k - 1])
-    for k, (i, j, strain, force) in enumerate(ELEMENTS, 1):
-        ops.uniaxialMaterial("ElasticMultiLinear", k, 0.0, "-strain", *strain, "-stress", *force)
-        ops.element("corotTruss", k, i + 1, j + 1, 1.0, k)
-
-
-def analyse(algorithm, steps):
-    build()
-    ops.constraints("Transformation")
-    ops.numberer("RCM")
-    ops.system("BandGeneral")
-    ops.test("NormDispIncr", 1e-10, 300, 0)
-    ops.algorithm(*algorithm)
-    ops.integrator("LoadControl", 1.0 / steps)
-    ops.analysis("Static")
-    if ops.analyze(steps) != 0:
-        return False
-    ops.algorithm("Newton")
-    ops.integrator("LoadControl", 0.0)
-    return ops.analyze(1) == 0
-
-
-def main():
-    for steps in (STEPS, 10 * STEPS, 100 * STEPS):
-        for algorithm in (["Newton"], ["NewtonLineSearch"], ["KrylovNewton"]):
-            if analyse(algorithm, steps):
-                break
-        else:
-            continue
-        break
-    else:
-        print("OpenSees found no equilibrium")
-        return 1
-    found = [ops.nodeDisp(k) for k in range(1, len(NODES) + 1)]
-    apart = max(abs(a - b) for node, other in zip(found, EXPECTED) for a, b in zip(node, other))
-    print(f"largest difference of displacements: {apart:.3e} m ({algorithm[0]}, {steps} steps)")
-    if len(sys.argv) > 1:
-        with open(sys.argv[1], "w") as stream:
-            stream.write("x (m),y (m),z (m)\\n")
-            stream.writelines(",".join(map(repr, row)) + "\\n" for row in found)
-    size = max(abs(v) for row in EXPECTED for v in row)
-    if apart > 1e-6 * max(size, 1e-3):
-        print("this is another equilibrium than that of jaxcable")
-        return 1
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
-"""

@@ -69,7 +69,7 @@ def read_csv(
         ([[0, 1]], [True, True])
     """
     own = _own_names(columns)
-    table = Omissions()
+    table = Omissions(f"{nodes}, {links}")
     lines = read_table(nodes, _NODE_COLUMNS, ("x", "y", "z"), own, table, largest)
     names, places, fixed, loads = {}, [], [], []
     for line in lines:
@@ -95,7 +95,7 @@ def read_csv(
             if column in line.fields:
                 values.setdefault(column, []).append(line.number(column, np.nan))
     forces = np.array(loads)
-    table.warn(f"{nodes}, {links}")
+    table.warn()
     return Net(
         nodes=np.array(places),
         links=np.array(pairs, np.int32),

@@ -17,9 +17,9 @@ import numpy as np
 from ..analysis.solution import Solution
 from ..common import status
 from ..common.writing import put_arrays, written, written_together
-from ..model.parts import Column, columns, first_and_last, groups_by_name, one_case, per_group
+from ..model.parts import Column, columns, first_and_last, groups_by_name, per_group
 from ..model.structure import Structure
-from ..model.topology import require_same
+from .at_end import end_state
 from .reading import LARGEST, FileError, read_json
 
 FORMAT = "jaxcable result"
@@ -215,9 +215,7 @@ def tables(structure: Structure, solution: Solution) -> dict[str, list[list[Any]
     Raises:
         ValueError: the solution is a batch, or belongs to another structure.
     """
-    one_case(solution)
-    require_same(structure, solution.last.topology, "solution")
-    last = solution.last
+    last = end_state(structure, solution)
     fixed = last.fixed[int(last.phase) + 1].array[: structure.n_node, :3]
     vectors = [
         np.asarray(getattr(solution, name))

@@ -118,16 +118,12 @@ def load_scene(path: str | PathLike[str], largest: int = LARGEST) -> Scene:
         'converged'
     """
     data = read_json(path, largest)
-    table = Omissions()
-    try:
+    with Omissions(path) as table:
         scene = _scene(data)
-    except FileError as error:
-        raise FileError(f"{path}: {error}") from None
-    schema = data.get("$schema", "")
-    if ":" in schema and "jaxcable" not in schema and not schema.endswith(_SCHEMA):
-        why = "is not that of scenes, and was not looked at; `jaxcable schema` writes it"
-        table.add(f"schema {schema:.80}", "$schema", why)
-    table.warn(path)
+        schema = data.get("$schema", "")
+        if ":" in schema and "jaxcable" not in schema and not schema.endswith(_SCHEMA):
+            why = "is not that of scenes, and was not looked at; `jaxcable schema` writes it"
+            table.add(f"schema {schema:.80}", "$schema", why)
     return scene
 
 

@@ -1,75 +1,59 @@
 """The JSON Schema of scene files, made from the classes whose objects files can hold.
 
-Names and kinds of fields are those of the classes, what is said of them is in their docstrings;
-only what neither of them tells stands here. `scene.schema.json` beside this module is the schema as
+Names and kinds of fields are those of the classes: their annotations say which values they take
+(`kinds`), their docstrings what they are (`explained`), the rules of their numbers where these end,
+and a field "set by" something is not offered to persons. What holds for every field of a kind, and
+how containers are written, stands here. `scene.schema.json` beside this module is the schema as
 text: ``python -m jaxcable schema --save jaxcable/files/scene.schema.json`` writes it.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
-from ..analysis.phases import PLACES, Phase
+import numpy as np
+
+from ..analysis.phases import Phase
 from ..elements.element import Element
-from ..loads import along, areas, pressure
 from ..loads.load import Load
 from ..materials.law import Law
-from . import examples, texts
 from .codec import COMMENT, IMPLIED, TYPES, stated
+from .examples import examples, snippets
 from .explained import explained, summary
-from .kinds import Schema, closed, if_named, if_type, ref, tagged, tags, value
+from .kinds import TAGS, Schema, closed, if_named, if_type, ref, tagged, tags, value
 from .scene import FORMAT, MOST_INCREMENTS, VERSION
 from .together import together
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
-_ENUMS: dict[tuple[str, str], tuple[str, ...]] = {
-    ("Phase", "placed"): PLACES,
-    ("LineLoads", "per"): along.PER,
-    ("LineLoads", "geometry"): along.GEOMETRIES,
-    ("AreaLoads", "per"): areas.PER,
-    ("AreaLoads", "geometry"): along.GEOMETRIES,
-    ("CablePressure", "per"): pressure.PER,
-    ("Polygonal", "unloading"): ("reversible", "elastic"),
-}
-
-_TAKEN = {  # what constructors take, where the annotation has what they make of it
-    ("Beams", "up"): "Float[ArrayLike, '... 3'] | None",
-    ("Beams", "hinges"): "Bool[ArrayLike, 'n_elem 2'] | Bool[ArrayLike, 'n_elem 2 3'] | None",
-    ("Beams", "springs"): "Float[ArrayLike, ''] | Float[ArrayLike, '2 3'] | "
-    "Float[ArrayLike, 'n_elem 2 3'] | None",
-    ("SlidingCables", "links"): "Int[ArrayLike, 'n_elem 2+']",
-    ("Catenaries", "axial_stiffness"): "Float[ArrayLike, ' n_elem']",
-    **{("Catenaries", name): "None" for name in ("area", "law", "section")},
-    ("Supports", "mask"): "Bool[ArrayLike, 'n_node 3'] | Bool[ArrayLike, 'n_node 6'] | None",
-    ("Only", "values"): "Float[ArrayLike, ''] | Float[ArrayLike, ' n']",
-    ("Polygonal", "strain"): "Float[ArrayLike, '2+']",
-    ("Polygonal", "stress"): "Float[ArrayLike, '2+']",
-    ("Structure", "supports"): "Supports",
-    ("Beams", "section"): "Section",
-    ("Beams", "points"): "int | None",
-    ("Section", "counts"): "tuple[int, ...] | None",
-}
 _NEEDED = {("Structure", "supports"), ("Beams", "section"), ("Catenaries", "axial_stiffness")}
 """Fields that have a default and are needed all the same."""
 
-_RARE = {  # what programs write, and no person needs
-    *((name, "count") for name in ("Only", "Selection")),
-    *(("Section", name) for name in ("points", "cells", "placed")),
-    *(("Catenaries", name) for name in ("area", "law", "section")),
-    ("Polygonal", "endless"),
-}
-
-_ABOVE: Schema = {"exclusiveMinimum": 0}
-_BOUNDS: dict[str | tuple[str, str], Schema] = {
-    **{name: _ABOVE for name in ("axial_stiffness", "torsional_stiffness", "area", "E")},
-    **{name: _ABOVE for name in ("rest_length", "strength")},
-    **{name: {"minimum": 0} for name in ("weight", "compliance", "springs")},
+_COUNTS: dict[tuple[str, str], Schema] = {
     ("Beams", "points"): {"minimum": 3, "maximum": 1000},
     ("Phase", "increments"): {"minimum": 1, "maximum": MOST_INCREMENTS},
-    ("Phase", "rest_length"): {},
 }
+"""Bounds of whole numbers, which no rule states."""
+
+_BY_GROUP = {
+    "PyTree[Float": (
+        ' One number for all groups that can take it, or by group, {"guys": 1.0}, or for some '
+        'elements of a group, {"guys": {"type": "Only", "elements": [0], "values": 1.0}}; groups '
+        "that are left out have none. One number for all passes by beams where there are cables or "
+        "bars (if it is a temperature, by groups without `expansion`); name the group to state it "
+        "of beams."
+    ),
+    "PyTree[Bool": (
+        ' Keys of groups are a text or a list of texts, elements of groups {"deck": {"type": '
+        '"Selection", "elements": [0, 1]}}.'
+    ),
+}
+"""How fields are written that state something by group, by how their annotations begin."""
+
 _COMMENT: Schema = {"description": "anything, such as a text or a list of lines; it is not read"}
 _BEYOND = (
     "Reading also refuses what a schema cannot say: numbers of nodes or elements, and keys of "
@@ -107,7 +91,7 @@ def scene_schema() -> dict[str, Any]:
         "title": "jaxcable scene",
         "description": "A structure of cables, bars and beams, and the phases in which it is "
         f"prestressed and loaded; SI units; nodes and elements are numbered from 0. {_BEYOND}",
-        "examples": [examples.SCENE],
+        "examples": [examples()["scene"]],
         **closed(
             {
                 "$schema": {"type": "string", "description": "place of this schema, for editors"},
@@ -124,7 +108,7 @@ def scene_schema() -> dict[str, Any]:
                 "phases": {
                     "description": "stages of the analysis, one after the other",
                     "type": "array",
-                    "items": {"defaultSnippets": examples.of_classes(["Phase"]), **ref("Phase")},
+                    "items": {"defaultSnippets": snippets(["Phase"]), **ref("Phase")},
                     "minItems": 1,
                 },
             },
@@ -136,28 +120,24 @@ def scene_schema() -> dict[str, Any]:
 
 def _object(cls, defs):
     """The schema of the objects of a class; what the class is stands at its `type`."""
-    name, told = cls.__name__, explained(cls, TYPES)
+    name, told, bounds = cls.__name__, explained(cls, TYPES), _bounds(cls)
+    fields = {field.name: _field(cls, field, told, bounds, defs) for field in stated(cls)}
     needs = [field.name for field in stated(cls) if _needed(cls, field)]
     named = cls not in (*IMPLIED.values(), Phase)
-    kind: Schema = {"const": name, "description": f"{name}: {_summary(cls)}"}
-    shown = list(examples.CLASSES.get(name, {}).values())
+    kind: Schema = {"const": name, "description": f"{name}: {summary(cls)}"}
+    shown = list(examples()["classes"].get(name, {}).values())
     return {
         **closed(
             {
                 "type": kind if named else {**kind, "doNotSuggest": True},
                 COMMENT: _COMMENT,
-                **{field.name: _field(cls, field, told, defs) for field in stated(cls)},
+                **fields,
             },
             (["type"] if named else []) + needs,
         ),
         **together(cls),
         **({"examples": shown} if shown else {}),
     }
-
-
-def _summary(cls):
-    """What a class is, in a line."""
-    return texts.CLASSES.get(cls.__name__) or summary(cls)
 
 
 def _needed(cls, field):
@@ -167,27 +147,45 @@ def _needed(cls, field):
     return bare or (cls.__name__, field.name) in _NEEDED
 
 
-def _field(cls, field, told, defs):
+def _annotation(cls, field):
+    """The annotation of a field as text; metadata without a value are set by the constructor."""
+    kind = field.type  # text, but for a class without postponed annotations
+    text = kind if isinstance(kind, str) else getattr(kind, "__name__", "")
+    absent = field.default is None and field.name in getattr(cls, "_static_fields", ())
+    return f"{text} | None" if absent and "None" not in text else text
+
+
+def _bounds(cls):
+    """Bounds of numbers by field, from the rules of a class: above zero, or not below it."""
+    bare = object.__new__(cls)
+    vars(bare).update(dict.fromkeys(cls.__dataclass_fields__))
+    limits = {(True, True): {"exclusiveMinimum": 0}, (True, False): {"minimum": 0}}
+    found: dict[str, Schema] = {}
+    # rules of a user's class may need its numbers
+    with contextlib.suppress(AttributeError, IndexError, TypeError, ValueError):
+        for rule in bare.rules() if hasattr(cls, "rules") else ():
+            if rule.values is None:
+                broken = tuple(np.ravel(rule.broken(np.array([-1.0, 0.0]))))
+                found |= {rule.name: limits[broken]} if broken in limits else {}
+    return found
+
+
+def _field(cls, field, told, bounds, defs):
     """The schema of a field of a class, with its description."""
-    key = cls.__name__, field.name
-    about: Schema = {
-        "description": texts.FIELDS.get(key) or told.get(field.name) or f"of the {cls.__name__}"
-    }
+    annotation = _annotation(cls, field)
+    text = told.get(field.name) or f"of the {cls.__name__}"
+    text += "".join(more for words, more in _BY_GROUP.items() if words in annotation)
+    about: Schema = {"description": text}
     if isinstance(field.default, bool | int | str):
         about["default"] = field.default
-    if key in examples.FIELDS:
-        about["examples"] = examples.FIELDS[key]
-    if key in _RARE:
+    if shown := examples()["fields"].get(cls.__name__, {}).get(field.name):
+        about["examples"] = shown
+    if annotation == "None" or "set by " in text:
         about["doNotSuggest"] = True
-    if key in _ENUMS:
-        return {**about, "enum": list(_ENUMS[key])}
-    annotation = _TAKEN.get(key, field.type)
-    if not isinstance(annotation, str):  # of a class without postponed annotations
-        annotation = getattr(annotation, "__name__", "")
     for words, names in _offered():
         if annotation.startswith(words):
-            about["defaultSnippets"] = examples.of_classes(names)
-    bound = _BOUNDS.get(key, _BOUNDS.get(field.name))
+            about["defaultSnippets"] = snippets(names)
+    bound = _COUNTS.get((cls.__name__, field.name), bounds.get(field.name))
     return {**about, **value(annotation, TYPES, defs, bound, issubclass(cls, Element))}
 
 
@@ -208,74 +206,52 @@ def _names(base):
 
 def _values():
     """Definitions of values that are not objects of one class."""
-    of_load, of_law = tags(ref("load")), tags(ref("law"))
-    flag, number = {"type": "boolean"}, {"type": "number"}
+    flag, number, text = ({"type": kind} for kind in ("boolean", "number", "string"))
     numbers = {"type": ["number", "array"], "items": number, "minItems": 1}
     single = tagged("float32", "values", numbers)
-    marked = if_named(["float32"], tags(ref("statement")), single)
-    many = {"type": "array", "contains": {"type": "object"}}
-    keys = {"if": {"contains": {"type": "string"}}, "then": {"items": {"type": "string"}}}
+    choices = ["object", "boolean", "array", "null"]
     return {
         "group": _any_of(Element),
         "load": _any_of(Load),
         "law": _any_of(Law),
-        "laws": {
-            "type": ["array", "object"],
-            "items": ref("law"),
-            **if_type("object", if_named(_TAGS, ref("law"), of_law)),
-        },
-        "loads": {
-            "type": ["array", "object"],
-            "items": ref("load"),
-            **if_type("object", if_named(_TAGS, ref("load"), of_load)),
-        },
-        "counts": {
-            "type": ["array", "object"],
-            "items": {"type": "integer"},
-            "minItems": 1,
-            **if_type("object", tags({"type": "integer"})),
-        },
-        "elements": {
-            "type": ["object", "array"],
-            "errorMessage": "Expected a group of elements, or an object or a list of groups.",
-            "items": ref("part"),
-            "if": {"type": "array", "minItems": 1},
-            "then": {"contains": {"type": "object"}},
-            "allOf": [if_type("object", _by_group(_names(Element), "part", tags(ref("part"))))],
-        },
+        "laws": _listed(ref("law")),
+        "loads": _listed(ref("load")),
+        "counts": {**_listed({"type": "integer"}), "minItems": 1},
+        "elements": _by_group(
+            ["object", "array"],
+            "a group of elements, or an object or a list of groups",
+            _names(Element),
+            "part",
+            {"items": {"type": "object"}},
+        ),
         "part": {
             "if": {"not": {"type": "null"}},
             "then": ref("elements"),
-            "defaultSnippets": examples.of_classes(_names(Element)),
+            "defaultSnippets": snippets(_names(Element)),
         },
-        "statement": {
-            "type": ["object", "number", "array", "null"],
-            "errorMessage": "Expected a number, a list of numbers, or these by group.",
-            "if": many,
-            "then": {"items": ref("statement")},
-            "else": {"items": number},
-            "allOf": [if_type("object", _by_group(["Only"], "statement", marked, ["float32"]))],
-        },
-        "choice": {
-            "type": ["object", "boolean", "array", "null"],
-            "errorMessage": "Expected Selection, true or false, or a list of true and false.",
-            "if": many,
-            "then": {"items": ref("choice")},
-            "else": {"items": flag},
-            "allOf": [if_type("object", _by_group(["Selection"], "choice", tags(ref("choice"))))],
-        },
-        "change": {
-            "type": ["string", "array", "object", "boolean", "null"],
-            "errorMessage": "Expected the key of a group, a list of keys, or choices by group.",
-            "if": many,
-            "then": {"items": ref("choice")},
-            "else": {**keys, "else": {"items": flag}},
-            "allOf": [if_type("object", _by_group(["Selection"], "choice", tags(ref("choice"))))],
-        },
+        "statement": _by_group(
+            ["object", "number", "array", "null"],
+            "a number, a list of numbers, or these by group",
+            ["Only"],
+            "statement",
+            {"items": number},
+            {"float32": single},
+        ),
+        "choice": _by_group(
+            choices,
+            "Selection, true or false, or a list of true and false",
+            ["Selection"],
+            "choice",
+            {"items": flag},
+        ),
+        "change": _by_group(
+            ["string", *choices],
+            "the key of a group, a list of keys, or choices by group",
+            ["Selection"],
+            "choice",
+            {"if": {"contains": text}, "then": {"items": text}, "else": {"items": flag}},
+        ),
     }
-
-
-_TAGS = ["list", "tuple"]
 
 
 def _any_of(base):
@@ -288,7 +264,7 @@ def _any_of(base):
             "type": {
                 "description": "which kind it is",
                 "enum": names,
-                "enumDescriptions": [_summary(TYPES[name]) for name in names],
+                "enumDescriptions": [summary(TYPES[name]) for name in names],
             }
         },
         "allOf": [
@@ -301,23 +277,48 @@ def _any_of(base):
             }
             for name in names
         ],
-        "defaultSnippets": examples.of_classes(names),
+        "defaultSnippets": snippets(names),
     }
 
 
-def _by_group(names, each, others, more=()):
-    """The schema of an object with a text under "type", or of an object with the keys of groups.
+def _listed(item):
+    """The schema of one item or a list of them."""
+    marked = if_type("object", if_named(TAGS, item, tags(item)))
+    return {"type": ["array", "object"], "items": item, **marked}
 
-    The first is of one of the classes `names`, or if it is marked as a list, a tuple or one of
-    `more`, of `others`.
+
+def _by_group(
+    types: Sequence[str],
+    expected: str,
+    names: Sequence[str],
+    each: str,
+    values: Schema,
+    marked: Mapping[str, Schema] = MappingProxyType({}),
+) -> Schema:
+    """The schema of values for a structure: plain ones, objects of some classes, or by group.
+
+    Args:
+        types: JSON types that it can have.
+        expected: what it can be, in words for an error.
+        names: classes whose objects it can be.
+        each: the definition of its parts: values under the keys of groups, or items of a list.
+        values: the schema of lists that have no objects in them.
+        marked: schemas of objects with another text under "type".
     """
     text = {"type": "string", "description": "the class of this object", "examples": names}
-    return if_named(
-        [*_TAGS, *more],
-        {
-            "if": {"required": ["type"], "properties": {"type": text}},
-            "then": ref(names[0] if len(names) == 1 else "group"),
-            "else": {"additionalProperties": ref(each)},
-        },
-        others,
-    )
+    content = {
+        "if": {"required": ["type"], "properties": {"type": text}},
+        "then": ref(names[0] if len(names) == 1 else "group"),
+        "else": {"additionalProperties": ref(each)},
+    }
+    for tag, schema in marked.items():
+        content = if_named([tag], content, schema)
+    content = if_named(TAGS, content, tags(ref(each)))
+    return {
+        "type": list(types),
+        "errorMessage": f"Expected {expected}.",
+        "if": {"type": "array", "contains": {"type": "object"}},
+        "then": {"items": ref(each)},
+        "else": values,
+        "allOf": [if_type("object", content)],
+    }

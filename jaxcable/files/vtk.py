@@ -10,9 +10,9 @@ import numpy as np
 
 from ..analysis.solution import Solution
 from ..common.writing import written, written_together
-from ..model.parts import columns, groups_by_name, one_case, per_group, pieces
+from ..model.parts import columns, groups_by_name, per_group, pieces
 from ..model.structure import Structure
-from ..model.topology import require_same
+from .at_end import end_state, file_path, of_all_elements
 
 _LINE = 3  # cell type of VTK
 
@@ -49,13 +49,8 @@ def save_vtk(
         >>> path.read_text().splitlines()[4]
         'POINTS 12 double'
     """
-    path = Path(path)
-    if path.suffix.lower() != ".vtk":
-        raise ValueError(f"path = {str(path)!r}: expected a name that ends with .vtk")
-    one_case(solution)
-    require_same(structure, solution.last.topology, "solution")
+    path, last = file_path(path, ".vtk"), end_state(structure, solution)
     if not increments:
-        last = solution.last
         names = {"displacement": "displacement", "reaction": "reactions", "load": "load"}
         vectors = {name: np.asarray(getattr(last, field)) for name, field in names.items()}
         scalars = {column.label: column.values for column in columns(structure.groups, last.told)}
@@ -106,9 +101,7 @@ def _write(stream, structure, points, vectors, scalars):
     for name, number in (("element", element), ("group", group)):
         lines += [f"SCALARS {name} int 1", "LOOKUP_TABLE default", *map(str, number.tolist())]
     for label, values in scalars.items():
-        name, pairs = label.replace(" ", "_"), zip(structure.groups, values, strict=True)
-        parts = [np.full(len(g.links), np.nan) if x is None else x for g, x in pairs]
-        of_piece = np.concatenate(parts)[element]
+        name, of_piece = label.replace(" ", "_"), of_all_elements(structure.groups, values)[element]
         lines += [f"SCALARS {name} double 1", "LOOKUP_TABLE default", *map(repr, of_piece.tolist())]
     lines += [f"POINT_DATA {len(points)}"]
     for name, values in vectors.items():

@@ -17,7 +17,8 @@ import jax.numpy as jnp
 from ..common.tree import Indices, copy, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..elements.bar import Straight
-from ..elements.element import Element, ElementState
+from ..elements.element import Element
+from ..elements.element_state import ElementState
 from ..elements.prestress import AxialState, element
 from ..loads import AreaLoads, LineLoads, Load, NodalLoads, SelfWeight, as_list
 from ..model.structure import Structure

@@ -12,7 +12,7 @@ is factorised once for the right sides of x, y and z.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -21,26 +21,21 @@ from jax import lax
 
 from .. import linear
 from ..common import status
-from ..common.rules import not_negative, or_nan
 from ..common.selection import Only
 from ..common.tree import Indices, cast, copy, fill, pytree, thaw
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from ..equilibrium import newton
 from ..equilibrium.newton import Newton
 from ..loads import Load
-from ..mechanics.assembly import System
 from ..model import plausibility
-from ..model.parts import group_path
 from ..model.structure import Structure
 from ..model.supports import Fixed
 from ..numerics import implicit
-from ..spaces import Translations
 from ..spaces.freedoms import number_freedoms
-from .along import OnForm, carries, split, touched
-from .members import argument, check_members, stated, total, verdict
-from .strings import Strings, StringState
+from .along import OnForm, split, touched
+from .members import check_members, require_one, stated, total, verdict
+from .strings import StringNet
 
-_FIRST = 5  # iterations, each with the loads of the form before, ahead of Newton's method
+_FIRST = 5  # forms of given force densities ahead of Newton's method
 
 
 def force_density(
@@ -127,19 +122,8 @@ def force_density(
     linear.check(linear_solver)
     loads, others = split(structure, loads)
     densities, chosen = stated(q, structure, "q")
-    for k, (group, given, meant) in enumerate(
-        zip(structure.groups, densities, chosen, strict=True)
-    ):
-        if not meant.all():
-            raise ValueError(
-                f"q: element {int((~meant).argmax())} of {group_path(structure, k)} has no force "
-                "density; every element needs one"
-            )
-        if group.tension_only:
-            name = argument("q", structure, k)
-            densities[k] = or_nan(
-                not_negative(name, given, "a cable carries tension only; use Bars")
-            )
+    missing = "has no force density; every element needs one"
+    require_one(structure, ["q"], [chosen], missing)
     fixed = Fixed(structure.held())
     links = tuple(group.links for group in structure.groups)
     net = number_axes(fixed, links, linear_solver)
@@ -230,37 +214,46 @@ def _loaded(thawed, arrays, net, freedoms, method):
     parameters = fill(thawed, arrays)
     dtype = parameters[0].dtype
     nodes, densities, loads, groups, others = cast(parameters, dtype)
-    data = (nodes, densities, total(loads, nodes.shape, dtype), OnForm(groups, others))
-
-    def system(data):
-        nodes, densities, load, others = data
-        strings = [Strings(group.links) for group in groups]
-        lengths = [group.chord(nodes[group.links]) for group in strings]
-        pairs = zip(densities, lengths, strict=True)
-        states = [StringState(jnp.zeros_like(q), q, length) for q, length in pairs]
-        followers = [others]
-        space = Translations(freedoms, jnp.zeros_like(nodes))
-        return System(nodes, strings, states, load, space, followers)
-
-    frozen = lax.stop_gradient(data)
-    sought = system(frozen)
-
-    def step(_, x):
-        load = frozen[2] + frozen[3].following_forces(None, sought.states, None, x)
-        new = shape(frozen[0], jnp.concatenate(frozen[1]), load, net)
-        return jnp.where(jnp.all(jnp.isfinite(new)), new, x)
-
-    x = lax.fori_loop(0, _FIRST, step, frozen[0])
-    found, factored = newton.equilibrate(sought, x - frozen[0], method, jnp.ones((), bool))
-    forces = sought.tensions(found.x)
-    valid = (found.code == status.OK) & carries(frozen[3].groups, forces)
-    valid = valid & (verdict(nodes, groups, others) == status.OK)
-    attached = system(implicit.gate(valid, data))
-    tol, worth = newton.adjoint_effort(method, attached, dtype)
-    moved, *_ = implicit.attach_apart(attached, found.x, valid, factored, tol, worth)
-    moved = implicit.nan_unless(valid, moved, parameters)
+    strings = StringNet(
+        nodes,
+        [group.links for group in groups],
+        [jnp.zeros_like(q) for q in densities],
+        [(q, jnp.zeros_like(q)) for q in densities],
+        total(loads, nodes.shape, dtype),
+        OnForm(groups, others),
+    )
+    q = lax.stop_gradient(jnp.concatenate(densities))
+    start = draped(lax.stop_gradient(strings), lambda _: q, net)
+    allowed = verdict(nodes, groups, others)
+    laws = lax.stop_gradient(groups)
+    _, code, _, moved = strings.equilibrated(start, method, freedoms, allowed, laws)
+    moved = implicit.nan_unless(code == status.OK, moved, parameters)
     free = jnp.zeros(nodes.size, bool).at[freedoms.free].set(True).reshape(nodes.shape)
     return jnp.where(free, nodes + moved, nodes)
+
+
+def draped(
+    strings: StringNet,
+    densities: Callable[[Float[Array, "n_node 3"]], Float[Array, " n_elem"]],
+    net: tuple[Int[Array, "n_elem 2"], list[_Block]],
+) -> Float[Array, "n_node 3"]:
+    """Displacements [n_node, 3] for the start, by some forms of given force densities.
+
+    Args:
+        strings: `StringNet`; each form has its loads in the form before.
+        densities: force densities as a function of the positions in the form before, [n_elem].
+        net: the numbering of `number_axes`.
+    """
+    states = strings.states()
+
+    def step(_, x):
+        load = strings.load
+        if strings.others is not None:
+            load = load + strings.others.following_forces(None, states, None, x)
+        new = shape(strings.nodes, densities(x), load, net)
+        return jnp.where(jnp.all(jnp.isfinite(new)), new, x)
+
+    return lax.fori_loop(0, _FIRST, step, strings.nodes) - strings.nodes
 
 
 def shape(

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..common import status
-from ..common.tree import pytree
+from ..common.tree import copy, pytree
 from ..common.types import Array, Float, Int, PyTree
 from ..elements.bar import Straight
 from ..model.structure import Structure
@@ -136,16 +136,4 @@ def make_form(
 def arranged(form: Form, structure: Structure) -> Form:
     """A `Form` with its lists per group brought into the shape of the structure's elements."""
     names = ("tension", "length", "rest_length", "force_density")
-    lists = {name: structure.arrange(getattr(form, name)) for name in names}
-    others = {
-        name: getattr(form, name)
-        for name in (
-            "positions",
-            "status",
-            "residual",
-            "relative_residual",
-            "iterations",
-            "nearest",
-        )
-    }
-    return Form(**lists, **others)
+    return copy(form, **{name: structure.arrange(getattr(form, name)) for name in names})

@@ -8,16 +8,19 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from ..analysis.phases import spread
+from ..analysis.by_group import spread
 from ..common import checks, status
-from ..common.rules import kept, rules_of
+from ..common.rules import Rule, kept, or_nan, rules_of
 from ..common.selection import Only, Selection
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..elements.element import Element
+from ..elements.element import Element, ElementState
 from ..elements.straight import Straight
 from ..loads import NodalLoads
-from ..model.parts import groups_by_name
+from ..mechanics.assembly import System
+from ..model.parts import group_path, groups_by_name
 from ..model.structure import Structure, place_rules
+from ..spaces import Translations
+from ..spaces.freedoms import Freedoms
 
 
 def check_members(structure: Structure) -> None:
@@ -31,12 +34,6 @@ def check_members(structure: Structure) -> None:
                 "two ends; form finding takes Cables and Bars, and what derives from "
                 "`elements.straight.Straight`"
             )
-
-
-def argument(name: str, structure: Structure, k: int) -> str:
-    """An argument and the group that it is for, as a user writes it: ``q['MAST']``, or ``q``."""
-    label = groups_by_name(structure)[k][0]
-    return f"{name}[{int(label) if label.isdigit() else label!r}]" if label else name
 
 
 def verdict(
@@ -59,9 +56,15 @@ def total(
 
 
 def stated(
-    value: PyTree[Float[ArrayLike, " ..."] | Only] | None, structure: Structure, name: str
+    value: PyTree[Float[ArrayLike, " ..."] | Only] | None,
+    structure: Structure,
+    name: str,
+    is_length: bool = False,
 ) -> tuple[list[Float[ArrayLike, " n_elem"] | None], list[Bool[np.ndarray, " n_elem"]]]:
     """A scalar, [n_elem], `only(...)`, or a prefix pytree of the elements, spread over the groups.
+
+    Forces (or what pulls as they do) of cables must not be negative, lengths must be positive:
+    known values are refused, traced ones become NaN.
 
     Returns:
         values: per group floats [n_elem], zero for elements without a value, or None if no element
@@ -69,7 +72,8 @@ def stated(
         chosen: per group the elements that have a value, [n_elem] bool, NumPy.
     """
     values, chosen = [], []
-    for group, given in zip(structure.groups, spread(value, structure, name), strict=True):
+    names = groups_by_name(structure)
+    for (label, group), given in zip(names, spread(value, structure, name), strict=True):
         n_elem = len(group.links)
         meant = np.full(n_elem, given is not None)
         if isinstance(given, Selection):
@@ -77,6 +81,63 @@ def stated(
         if isinstance(given, Only):
             meant = given.chosen(n_elem, name)
             given = given.spread(np.zeros(n_elem))
-        values.append(checks.per_element(given, n_elem, name))
+        given = checks.per_element(given, n_elem, name)
+        if given is not None and (is_length or group.tension_only):
+            # the argument and the group that it is for, as a user writes it
+            key = f"[{int(label) if label.isdigit() else label!r}]" if label else ""
+            broken, text = _not_pulling, "a cable carries tension only; use Bars"
+            if is_length:
+                broken, text = _not_long, "must be positive"
+            given = or_nan(Rule(f"{name}{key}", (given, meant), broken, text))
+        values.append(given)
         chosen.append(meant)
     return values, chosen
+
+
+def _not_pulling(values, meant):
+    return meant & (values < 0)
+
+
+def _not_long(values, meant):
+    return meant & (values <= 0)
+
+
+def require_one(
+    structure: Structure,
+    names: Sequence[str],
+    chosen: Sequence[Sequence[Bool[np.ndarray, " n_elem"]]],
+    missing: str | None = None,
+) -> None:
+    """Raise ValueError for an element with several statements, or with none.
+
+    Args:
+        structure: `Structure`.
+        names: of the statements.
+        chosen: the elements that each of them concerns, from `stated`.
+        missing: the end of the message for an element without a statement; None if it needs none.
+    """
+    for k, masks in enumerate(zip(*chosen, strict=True)):
+        count = np.sum(masks, axis=0)
+        wrong = count > 1 if missing is None else count != 1
+        if not wrong.any():
+            continue
+        e = int(wrong.argmax())
+        where = f"element {e} of {group_path(structure, k)}"
+        if not count[e]:
+            raise ValueError(f"{names[0]}: {where} {missing}")
+        twice = ", ".join(name for name, mask in zip(names, masks, strict=True) if mask[e])
+        several = "both" if len(names) == 2 else "more than one of them"
+        raise ValueError(f"{twice}: {where} has {several}; give one")
+
+
+def system_at_rest(
+    nodes: Float[Array, "n_node 3"],
+    groups: list[Element],
+    states: list[ElementState],
+    load: Float[Array, "n_node 3"],
+    freedoms: Freedoms,
+    followers: list[Any] | None = None,
+) -> System:
+    """The `System` of members between nodes, whose supports do not move."""
+    space = Translations(freedoms, jnp.zeros_like(nodes))
+    return System(nodes, groups, states, load, space, followers)

@@ -16,33 +16,28 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from ..common import status
-from ..common.rules import Rule, or_nan
 from ..common.selection import Only
 from ..common.tree import Indices, cast, copy, fill, thaw
 from ..common.types import ArrayLike, Float, PyTree
 from ..equilibrium import newton
 from ..equilibrium.newton import Newton
 from ..loads import Load
-from ..mechanics.assembly import System
 from ..model import plausibility
 from ..model.parts import group_path
 from ..model.structure import Structure
 from ..model.supports import Fixed
 from ..numerics import implicit
-from ..spaces import Translations
 from ..spaces.freedoms import number_freedoms
 from . import lengths
 from .along import OnForm, split, touched
-from .force_density import number_axes, shape
+from .force_density import draped, number_axes
 from .form import Form, arranged, make_form, nearest
-from .members import argument, check_members, stated, total, verdict
-from .strings import Strings, StringState
+from .members import check_members, require_one, stated, total, verdict
+from .strings import StringNet
 
-_DRAPING = 5  # iterations by force densities before Newton's method
 _STIFF = 1e3  # stiffness times length of the springs that keep lengths, over the largest force
 _NEAR = 1e-4  # relative residual at which the iteration with springs ends
 
@@ -155,54 +150,29 @@ def statements(structure, tension, stress, length):
         given: per group the pair (lengths [n_elem], m, 1 where none is given; where they are given,
             [n_elem] bool), or None for a group without lengths.
     """
-    names = ("tension", "stress", "length")
-    values, chosen = zip(
-        *(stated(v, structure, n) for v, n in zip((tension, stress, length), names, strict=True)),
-        strict=True,
+    (pulls, pulled), (stresses, stressed), (wanted, sought) = (
+        stated(tension, structure, "tension"),
+        stated(stress, structure, "stress"),
+        stated(length, structure, "length", is_length=True),
     )
+    names, chosen = ("tension", "stress", "length"), (pulled, stressed, sought)
+    require_one(structure, names, chosen, "has neither tension, stress nor length")
     tensions, given = [], []
     for k, group in enumerate(structure.groups):
-        has = np.stack([masks[k] for masks in chosen])
-        count = has.sum(axis=0)
-        if (count != 1).any():
-            e, path = int((count != 1).argmax()), group_path(structure, k)
-            twice = ", ".join(n for n, mask in zip(names, has, strict=True) if mask[e])
-            raise ValueError(
-                f"{twice}: element {e} of {path} has more than one of them; give one"
-                if count[e]
-                else f"tension: element {e} of {path} has neither tension, stress nor length"
-            )
         forces = jnp.zeros(len(group.links))
-        if has[0].any():
-            pulls = _pulling(values[0][k], has[0], group, argument("tension", structure, k))
-            forces = jnp.where(has[0], pulls, 0.0)
-        if has[1].any():
+        if pulls[k] is not None:
+            forces = jnp.where(pulled[k], pulls[k], forces)
+        if stressed[k].any():
             area = group._section()[2]
             if area is None:
                 raise ValueError(f"stress: {group_path(structure, k)} has no area; give tension")
-            stresses = _pulling(values[1][k], has[1], group, argument("stress", structure, k))
-            forces = jnp.where(has[1], stresses * area, forces)
+            forces = jnp.where(stressed[k], stresses[k] * area, forces)
         tensions.append(forces)
-        wanted = values[2][k]
-        if wanted is not None:
-            rule = Rule(
-                argument("length", structure, k),
-                (wanted, has[2]),
-                lambda v, mask: mask & (v <= 0),
-                "must be positive",
-            )
-            wanted = or_nan(rule)
-            wanted = jnp.where(has[2], wanted, 1.0), has[2]
-        given.append(wanted)
-    return tensions, chosen[2], given
-
-
-def _pulling(values, mask, group, name):
-    """Forces or stresses [n_elem]; negative values of cables are refused, or NaN if traced."""
-    if not group.tension_only:
-        return values
-    text = "a cable carries tension only; use Bars"
-    return or_nan(Rule(name, (values, mask), lambda v, mask: mask & (v < 0), text))
+        if wanted[k] is None:
+            given.append(None)
+        else:
+            given.append((jnp.where(sought[k], wanted[k], 1.0), sought[k]))
+    return tensions, sought, given
 
 
 @functools.partial(jax.jit, static_argnames=("convex",))
@@ -211,30 +181,33 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
     parameters = fill(thawed, arrays)
     dtype = parameters[0].dtype
     nodes, groups, tensions, given, loads, others = cast(parameters, dtype)
-    load = total(loads, nodes.shape, dtype)
-    data = (nodes, tensions, given, load, None if others is None else OnForm(groups, others))
+    strings = StringNet(
+        nodes,
+        [group.links for group in groups],
+        tensions,
+        [None] * len(groups),
+        total(loads, nodes.shape, dtype),
+        None if others is None else OnForm(groups, others),
+        convex,
+    )
     allowed = verdict(parameters[0], parameters[1], method, others)
-    system = functools.partial(_system, groups, freedoms=freedoms, convex=convex)
-    frozen = lax.stop_gradient(data)
-    start = jnp.zeros_like(nodes) if net is None else _draped(frozen, net)
+    frozen = lax.stop_gradient(strings)
+    start = jnp.zeros_like(nodes)
+    if net is not None:
+        start = draped(frozen, lambda x: _densities(frozen.forces, x[net[0]]), net)
     if extra is None:
-        found, factored = newton.equilibrate(system(frozen), start, method, allowed == status.OK)
-        code = status.first_failure(allowed, found.code)
-        steps, residual, scale = found.steps, found.residual, found.scale
+        found, code, attached, motion = strings.equilibrated(start, method, freedoms, allowed)
         valid = code == status.OK
-        attached = system(implicit.gate(valid, data))
-        tol, worth = newton.adjoint_effort(method, attached, dtype)
-        reached = found.x
-        motion, *_ = implicit.attach_apart(attached, found.x, valid, factored, tol, worth)
-        forces = [state.force for state in attached.states]
+        steps, residual, scale = found.steps, found.residual, found.scale
+        reached, forces = found.x, [state.force for state in attached.states]
     else:
         struts = not all(group.tension_only for group in groups)
         z, code, steps, residual, scale = _with_lengths(
-            system, frozen, start, extra, method, struts
+            frozen, lax.stop_gradient(given), start, freedoms, extra, method, struts
         )
         code = status.first_failure(allowed, code)
         valid = code == status.OK
-        saddle = _saddle(system, implicit.gate(valid, data), extra)
+        saddle = _saddle(*implicit.gate(valid, (strings, given)), freedoms, extra)
         reached = saddle.motion(z)
         z = lengths.attach(saddle, z, valid)
         forces, motion = saddle.forces(z), saddle.motion(z)
@@ -249,67 +222,34 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
     slack = jnp.any(jnp.stack([jnp.zeros((), bool), *pushing]))
     code = status.first_failure(code, jnp.where(slack, status.PUSHING_CABLE, status.OK))
     worst = jnp.max(jnp.abs(residual), initial=0.0)
-    met = nearest(groups, frozen[0], frozen[0] + lax.stop_gradient(reached))
+    met = nearest(groups, frozen.nodes, frozen.nodes + lax.stop_gradient(reached))
     return make_form(groups, positions, forces, code, worst, scale, steps, parameters, met)
 
 
-def _system(groups, data, freedoms, convex, stiffness=None):
-    """The `System` of members with prescribed forces.
+def _densities(forces, ends):
+    """Force densities T/l of all elements, for `force_density.draped`.
 
-    With `stiffness` (a force, N: spring constant times length) springs also keep the given lengths
-    nearly.
+    Each form minimises a parabola above ``sum T l - p.x`` that touches it (Weiszfeld 1937), hence
+    leads downward from any shape; Newton's method is faster near the end.
     """
-    nodes, tensions, given, load, others = data
-    states, strings = [], []
-    for group, force, wanted in zip(groups, tensions, given, strict=True):
-        spring = excess = jnp.zeros_like(force)
-        if stiffness is not None and wanted is not None:
-            length, sought = wanted
-            spring = jnp.where(sought, stiffness / length, 0.0)
-            ends = nodes[group.links]
-            excess = jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1) - length
-        states.append(StringState(force, spring, excess))
-        strings.append(Strings(group.links, convex))
-    followers = None if others is None else [others]
-    space = Translations(freedoms, jnp.zeros_like(nodes))
-    return System(nodes, strings, states, load, space, followers)
+    return jnp.concatenate(forces) / jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
 
 
-def _draped(data, net):
-    """Displacement [n_node, 3] for the start, by force densities T/l of the shape before.
-
-    Each iteration minimises a parabola above ``sum T l - p.x`` that touches it (Weiszfeld 1937),
-    hence leads downward from any shape; Newton's method is faster near the end.
-    """
-    nodes, tensions, _, load, others = data
-    force, links = jnp.concatenate(tensions), net[0]
-    states = [StringState(tension, jnp.zeros_like(tension), None) for tension in tensions]
-
-    def step(_, x):
-        length = jnp.linalg.norm(x[links[:, 1]] - x[links[:, 0]], axis=-1)
-        whole = load if others is None else load + others.following_forces(None, states, None, x)
-        new = shape(nodes, force / length, whole, net)
-        return jnp.where(jnp.all(jnp.isfinite(new)), new, x)
-
-    return lax.fori_loop(0, _DRAPING, step, nodes) - nodes
-
-
-def _saddle(system, data, extra):
+def _saddle(strings, given, freedoms, extra):
     """The `lengths.Saddle`; its unit gives displacements and forces matrix entries of like size."""
-    made = system(data)
-    given = [None if pair is None else pair[0] for pair in data[2]]
-    unit = lax.stop_gradient(jnp.sqrt(_force(data) / made.length_scale()))
+    made = strings.system(freedoms)
+    given = [None if pair is None else pair[0] for pair in given]
+    unit = lax.stop_gradient(jnp.sqrt(_force(strings) / made.length_scale()))
     return lengths.Saddle(made, given, unit, extra)
 
 
-def _force(data):
+def _force(strings):
     """The size of the prescribed forces and loads, N; 1 if there are none."""
-    _, tensions, _, load, _ = data
-    force = jnp.max(jnp.abs(jnp.concatenate([*tensions, load.reshape(-1)])))
+    force = jnp.max(jnp.abs(jnp.concatenate([*strings.forces, strings.load.reshape(-1)])))
     return jnp.where(force > 0, force, 1.0)
 
 
-def _with_lengths(system, data, start, extra, method, struts):
+def _with_lengths(strings, given, start, freedoms, extra, method, struts):
     """Point of the `Saddle`, status, steps, unbalanced forces and their scale.
 
     For cables alone, stiff springs come first, which lead close to the form from nearly any start;
@@ -318,12 +258,17 @@ def _with_lengths(system, data, start, extra, method, struts):
     that balance best at the start, and springs only if that fails.
     """
     tol = newton.limit(method, start.dtype)
-    saddle = _saddle(system, data, extra)
+    saddle = _saddle(strings, given, freedoms, extra)
     known = jnp.zeros((), bool)
     if struts:
         first = lengths.settle(saddle, saddle.balanced(start), tol, method.max_steps, ~known)
         known = first[1] == status.OK
-    sprung = system(data, stiffness=_STIFF * _force(data))
+    force = _STIFF * _force(strings)
+    springs = [
+        pair and (jnp.where(pair[1], force / pair[0], 0.0), pair[0])  # None if no length is given
+        for pair in given
+    ]
+    sprung = copy(strings, springs=springs).system(freedoms)
     near, _ = newton.equilibrate(sprung, start, copy(method, tol=_NEAR), ~known)
     z = saddle.join(near.x, sprung.tensions(near.x))
     active = ~known & (near.code == status.OK)

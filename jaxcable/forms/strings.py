@@ -7,13 +7,26 @@ large ``k`` it nearly keeps its length.
 
 from __future__ import annotations
 
-import jax.numpy as jnp
+from collections.abc import Sequence
+from typing import Any
 
+import jax.numpy as jnp
+from jax import lax
+
+from ..common import status
 from ..common.tree import Indices, pytree
-from ..common.types import Array, Float
+from ..common.types import Array, Float, Int
 from ..elements.axial import Axial
-from ..elements.element import ElementState
+from ..elements.element_state import ElementState
 from ..elements.prestress import stretch
+from ..elements.straight import Straight
+from ..equilibrium import newton
+from ..equilibrium.newton import Newton
+from ..mechanics.assembly import System
+from ..numerics import implicit
+from ..spaces.freedoms import Freedoms
+from .along import OnForm, carries
+from .members import system_at_rest
 
 
 @pytree
@@ -63,3 +76,78 @@ class Strings(Axial):
     def is_slack(self, state, ends, motion):
         """Whether a member has neither force nor spring."""
         return (state.force == 0) & (state.stiffness == 0)
+
+
+@pytree(static=("tension_only",))
+class StringNet:
+    """Strings between nodes under loads: all numbers that a form depends on.
+
+    Attributes:
+        nodes: positions of the supports and of the start, [n_node, 3], m.
+        links: node numbers of every group, a list of [n_elem, 2].
+        forces: T of every group, a list of [n_elem], N.
+        springs: pairs (k, L) of every group, N/m and m, or None for a group without springs.
+        load: nodal loads, [n_node, 3], N.
+        others: loads that depend on the form, or None.
+        tension_only: as of `Strings`.
+    """
+
+    nodes: Float[Array, "n_node 3"]
+    links: list[Any]  # arrays in place of `Indices`
+    forces: list[Float[Array, " n_elem"]]
+    springs: list[tuple[Float[Array, " n_elem"], Float[Array, " n_elem"]] | None]
+    load: Float[Array, "n_node 3"]
+    others: OnForm | None = None
+    tension_only: bool = False
+
+    def system(self, freedoms: Freedoms) -> System:
+        """The `System` of the strings, with this numbering of the unknowns."""
+        groups: list[Any] = [Strings(links, self.tension_only) for links in self.links]
+        followers = None if self.others is None else [self.others]
+        states: list[Any] = self.states()
+        return system_at_rest(self.nodes, groups, states, self.load, freedoms, followers)
+
+    def states(self) -> list[StringState]:
+        """The states of all groups."""
+        states = []
+        for links, force, spring in zip(self.links, self.forces, self.springs, strict=True):
+            stiffness = excess = jnp.zeros_like(force)
+            if spring is not None:
+                stiffness, length = spring
+                excess = Strings(links).chord(self.nodes[links]) - length
+            states.append(StringState(force, stiffness, excess))
+        return states
+
+    def equilibrated(
+        self,
+        start: Float[Array, "n_node 3"],
+        method: Newton,
+        freedoms: Freedoms,
+        allowed: Int[Array, ""],
+        laws: Sequence[Straight] = (),
+    ) -> tuple[newton.Outcome, Int[Array, ""], System, Float[Array, "n_node 3"]]:
+        """Bring the strings to equilibrium from displacements `start`, [n_node, 3].
+
+        Args:
+            start: displacements, m; not differentiated.
+            method: `Newton`.
+            freedoms: the numbering of the unknowns.
+            allowed: status of the input.
+            laws: element groups that must be able to carry the forces, with links as arrays.
+
+        Returns:
+            What Newton's method ended with; the status; the system, whose derivatives pass only
+            where this is OK; and the displacements of its equilibrium, with their derivative.
+        """
+        frozen = lax.stop_gradient(self)
+        sought = frozen.system(freedoms)
+        found, factored = newton.equilibrate(sought, start, method, allowed == status.OK)
+        code = status.first_failure(allowed, found.code)
+        if laws:
+            borne = carries(laws, sought.tensions(found.x))
+            code = status.first_failure(code, jnp.where(borne, status.OK, status.MATERIAL_FAILURE))
+        valid = code == status.OK
+        system = implicit.gate(valid, self).system(freedoms)
+        tol, worth = newton.adjoint_effort(method, system, start.dtype)
+        motion, *_ = implicit.attach_apart(system, found.x, valid, factored, tol, worth)
+        return found, code, system, motion

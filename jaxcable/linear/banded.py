@@ -10,6 +10,24 @@ transpose of the lower form of `scipy.linalg.solveh_banded`. Entries past the la
 have no influence, but must be finite.
 
 The solve is not differentiable by itself: put it into `lax.custom_linear_solve`.
+
+Three modules have Cholesky's method for bands, because none does what the two others do. Below are
+microseconds per solve in a loop of ten, of one matrix and of 64 at once (jaxlib 0.10.2, two cores,
+float64; float32 takes up to half as long in jax), and lines of StableHLO for every solve in the
+program:
+
+| unknowns, half-bandwidth | here | `rolling` | `lapack`, by a call of the host |
+|---|---|---|---|
+| 300, 20: one, fused loops | 41 | 33 | 41, and ends the fused function |
+| 300, 20: one | 66 | 168 | 42 |
+| 300, 20: 64 | 1 370 | 6 270 | 4 470 |
+| 900, 30: one, fused loops | 234 | 184 | 173 |
+| 900, 30: one | 234 | 920 | 198 |
+| 900, 30: 64 | 23 000 | 96 000 | 27 000 |
+| lines of the program | 1 110, 1 580 | 280 | 25 |
+
+So `rolling` is for programs of fused loops, this module for batches, and LAPACK for all else; only
+LAPACK solves with matrices that are not definite. Solutions differ by some roundings (1e-15).
 """
 
 from __future__ import annotations

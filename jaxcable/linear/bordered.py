@@ -24,8 +24,10 @@ from jax import lax
 from ..common import foreign
 from ..common.types import Array, ArrayLike, Bool, Float
 from . import host, sparse, unbatched
+from .direct import have_digits, scales
 from .pattern import Matrix, Sparse
 from .solver import named
+from .superlu import decomposed
 
 _CLOSE = 64  # largest residual, in roundings (eps) of the sizes of its terms
 _IMPROVE = 4  # most improvements of a solution by blocks before the whole matrix is factorised
@@ -64,8 +66,7 @@ def _whole(matrix, column, row, corner, rhs, last, loose):
     """`solve_bordered` for a dense matrix: LU factors of the bordered matrix, scaled."""
     n = len(rhs)
     matrix = jnp.where(loose[:, None] | loose[None, :], jnp.eye(n, dtype=matrix.dtype), matrix)
-    size = jnp.sqrt(jnp.abs(jnp.diagonal(matrix)))
-    size = jnp.where(size > 0, size, 1.0)
+    size = scales(jnp.diagonal(matrix))
     # the unknown y and the last equation are scaled, too, so that pivots can be compared
     width, height = _largest(column / size), jnp.maximum(_largest(row / size), 0.0)
     height = jnp.maximum(height, jnp.abs(corner) / width)
@@ -76,9 +77,7 @@ def _whole(matrix, column, row, corner, rhs, last, loose):
         ]
     )
     lu, order = unbatched.lu_factor(bordered)
-    pivots = jnp.abs(jnp.diagonal(lu))
-    limit = (n + 1) * jnp.finfo(matrix.dtype).eps * jnp.max(pivots, initial=0.0)
-    regular = jnp.all(pivots > limit) & jnp.all(jnp.isfinite(pivots))
+    regular = have_digits(jnp.abs(jnp.diagonal(lu)))
     solution = unbatched.lu_solve(lu, order, jnp.append(rhs / size, last / height), False)
     return solution[:-1] / size, solution[-1] / width, regular
 
@@ -108,13 +107,9 @@ def bordered(solver, stored):
     solver, symmetric = named(solver), stored == "symmetric"
 
     def function(digest, indptr, indices, *arrays):
-        vectors, scalars = arrays[:-2], arrays[-2:]
-        batch = np.broadcast_shapes(*(v.shape[:-1] for v in vectors), *(s.shape for s in scalars))
-        rows = [sparse._rows(v, batch) for v in vectors]
-        rows += [np.broadcast_to(s, batch).reshape(-1) for s in scalars]
-        pattern = sparse._pattern_of(solver, symmetric, digest, indptr, indices)
+        batch, rows = host.flattened(arrays[:-2], arrays[-2:])
         with host._lock:
-            analysed = host.kept(*pattern)
+            analysed = host.kept(solver, symmetric, *host.first(digest, indptr, indices))
             found = [_solve(analysed, *case) for case in zip(*rows, strict=True)]
         x, y, regular = (np.array(part) for part in zip(*found, strict=True))
         return x.reshape(*batch, -1), y.reshape(batch), regular.reshape(batch)
@@ -134,8 +129,7 @@ def _solve(analysed, values, loose, column, row, rhs, corner, last):
     stored = sp.csr_matrix((entries, analysed.indices, analysed.indptr), (n, n))
     matrix = stored + sp.triu(stored, 1).T if analysed.symmetric else stored
     # unknowns and equations are scaled as in `_whole`
-    size = np.sqrt(np.abs(entries[analysed.diagonal]))
-    size[size == 0] = 1.0
+    size = host.scales(entries[analysed.diagonal])
     width = np.abs(column / size).max(initial=0.0) or 1.0
     height = max(np.abs(row / size).max(initial=0.0), abs(corner) / width) or 1.0
     by_size = sp.diags_array(1 / size)
@@ -174,13 +168,8 @@ def _by_blocks(factor, whole, b, size):
 
 def _factorised(whole, b):
     """Solution by LU factors of the whole matrix with row exchanges; None if it is singular."""
-    import scipy.sparse.linalg as sla  # slow to import
-
-    try:
-        lu = sla.splu(whole)
-    except RuntimeError as error:
-        if "singular" not in str(error):
-            raise
+    lu = decomposed(whole)
+    if lu is None:
         return None
     pivots = np.abs(lu.U.diagonal())
     if not pivots.min() > len(b) * np.finfo(float).eps * pivots.max():

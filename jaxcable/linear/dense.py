@@ -6,16 +6,15 @@ would cost several times the solve itself.
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
+from typing import Any
 
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
-from ..common.tree import copy, pytree
+from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int
 from . import solver, unbatched
-from .direct import Direct
+from .direct import Direct, have_digits, scales
 
 _MOST = 150  # unknowns up to which dense matrices are faster, see experiments/benchmark.py scaling
 
@@ -29,12 +28,6 @@ class Dense(solver.Solver):
     def suits(self, n: int, banded: bool) -> bool:
         """True for few unknowns."""
         return n <= _MOST
-
-    def analyse(
-        self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
-    ) -> NoReturn:
-        """Never called: `solve_definite` and `factorize` take the matrix."""
-        raise NotImplementedError("a dense matrix is solved inside of the program")
 
     def solve_definite(
         self, matrix: Any, rhs: Float[Array, " n"]
@@ -83,7 +76,7 @@ class Factor(Direct):
 
     Attributes:
         lu, order: LU factors of the scaled matrix, and the order of its rows.
-        size, loose, regular: see `Direct`.
+        size, loose, regular, replaced: see `Direct`.
         scaled: the matrix, scaled to unit diagonal, [n, n].
     """
 
@@ -93,6 +86,7 @@ class Factor(Direct):
     loose: Bool[Array, " n"]
     regular: Bool[Array, ""]
     scaled: Float[Array, "n n"]
+    replaced: Bool[Array, ""] | None = None
 
     def substituted(self, b: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
         """See `Direct`."""
@@ -101,18 +95,6 @@ class Factor(Direct):
     def product(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
         """See `Direct`."""
         return (self.scaled.T if transposed else self.scaled) @ x
-
-    def or_identity(self) -> Factor:
-        """This factor, or that of the identity if the matrix is singular."""
-        n = self.lu.shape[0]
-        return copy(
-            self,
-            lu=jnp.where(self.regular, self.lu, jnp.eye(n, dtype=self.lu.dtype)),
-            order=jnp.where(self.regular, self.order, jnp.arange(n, dtype=self.order.dtype)),
-            size=jnp.where(self.regular, self.size, 1.0),
-            regular=jnp.ones((), bool),
-            scaled=jnp.where(self.regular, self.scaled, jnp.eye(n, dtype=self.lu.dtype)),
-        )
 
 
 def factorize(matrix: Float[Array, "n n"], loose: Bool[Array, " n"] | None = None) -> Factor:
@@ -126,11 +108,7 @@ def factorize(matrix: Float[Array, "n n"], loose: Bool[Array, " n"] | None = Non
     if loose is None:
         loose = jnp.zeros(n, bool)
     matrix = jnp.where(loose[:, None] | loose[None, :], jnp.eye(n, dtype=matrix.dtype), matrix)
-    size = jnp.sqrt(jnp.abs(diagonal(matrix)))
-    size = jnp.where(size > 0, size, 1.0)
+    size = scales(diagonal(matrix))
     scaled = matrix / size[:, None] / size[None, :]
     lu, order = unbatched.lu_factor(scaled)
-    pivots = jnp.abs(diagonal(lu))
-    limit = n * jnp.finfo(matrix.dtype).eps * jnp.max(pivots, initial=0.0)
-    regular = jnp.all(pivots > limit) & jnp.all(jnp.isfinite(pivots))
-    return Factor(lu, order, size, loose, regular, scaled)
+    return Factor(lu, order, size, loose, have_digits(jnp.abs(diagonal(lu))), scaled)

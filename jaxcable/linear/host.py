@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,6 @@ from .solver import NumericFactor, Solver
 _PATTERNS = 8  # most analyses that are stored
 _FACTORS = 4  # most factors that are stored per pattern
 _BYTES = 1 << 29  # most memory of the factors of a pattern; the last one is stored in any case
-_SMALL = "small pivots"  # kind of a factor that may have them
 _PACE = 4  # conjugate gradient steps after which the rate of convergence is judged
 
 _lock = threading.RLock()
@@ -71,7 +70,6 @@ class Analysed:
     ):
         self.n, self.symmetric = len(indptr) - 1, symmetric
         self.iterates = symmetric and solver.iterates
-        self.small_pivots = solver.small_pivots
         self.indptr, self.indices = indptr.copy(), indices.copy()
         self.rows = np.repeat(np.arange(self.n, dtype=np.int32), np.diff(indptr))
         self.diagonal = np.flatnonzero(self.rows == self.indices)
@@ -85,9 +83,9 @@ class Analysed:
             whole.sort_indices()
             self.take = whole.data - 1
         else:
-            self.transposed = whole.T.tocsr().data - 1
+            self.take, self.transposed = slice(None), whole.T.tocsr().data - 1
         self.analysis = solver.analyse(self.n, whole.indptr, whole.indices)
-        self.factors = OrderedDict()  # number -> (values, whether taken as definite, factor)
+        self.factors = OrderedDict()  # number -> (values, whether taken as definite, Factor)
         self.count = 0
 
     def times(
@@ -100,42 +98,49 @@ class Analysed:
 
     def factor(
         self, values: Float[np.ndarray, " n_value"], definite: bool, small_pivots: bool = False
-    ) -> NumericFactor | None:
+    ) -> Factor | None:
         """Factor of a matrix, stored or made now; None if the matrix is singular.
 
         `definite` demands a positive definite matrix; an unsymmetric matrix is then replaced by its
         symmetric part. Its pivots may have few digits if `small_pivots` are allowed.
         """
-        small_pivots = small_pivots and self.small_pivots
         for number, (known, kind, factor) in reversed(self.factors.items()):
-            serves = kind == definite or (kind is True and self.symmetric)
-            serves = serves or (kind is _SMALL and small_pivots)
+            serves = kind == definite or (kind and self.symmetric)
+            serves = serves and (factor.regular or small_pivots)
             if serves and np.array_equal(known, values):
                 self.factors.move_to_end(number)
                 return factor
-        if self.symmetric:
-            whole = values[self.take]
-        elif definite:
-            whole = 0.5 * (values + values[self.transposed])
-        else:
-            whole = values
+        if not np.isfinite(values).all():
+            return None
         self._make_room()
-        kind, factor = True, None
-        if small_pivots:
-            kind, factor = _SMALL, self.analysis.factorize(whole, True, small_pivots=True)
-        elif definite or self.symmetric:
-            factor = self.analysis.factorize(whole, True)
-        if factor is None and not definite:
-            kind, factor = False, self.analysis.factorize(whole, False)
-        if factor is not None:
-            self.count += 1
-            self.factors[self.count] = values.copy(), kind, factor
-        return factor
+        kinds = [True] * (definite or self.symmetric) + [False] * (not definite)
+        for kind in kinds:
+            factor = self._made(values, kind, small_pivots)
+            if factor is not None:
+                self.count += 1
+                self.factors[self.count] = values.copy(), kind, factor
+                return factor
+        return None
+
+    def _made(self, values, definite, small_pivots):
+        """`factor` of a matrix of finite numbers, made now."""
+        if definite and not self.symmetric:
+            values = 0.5 * (values + values[self.transposed])
+        size = scales(values[self.diagonal])
+        values = values / (size[self.rows] * size[self.indices])
+        made = self.analysis.factorize(values[self.take], definite)
+        if made is None:
+            return None
+        factor = Factor(made, size, definite)
+        if factor.regular or (small_pivots and factor.least > 0):
+            return factor
+        factor.release()
+        return None
 
     def _make_room(self):
         """Release old factors until another one fits in number and memory."""
         while self.factors:
-            sizes = [factor.n_bytes for _, _, factor in self.factors.values()]
+            sizes = [factor.made.n_bytes for _, _, factor in self.factors.values()]
             if len(sizes) < _FACTORS and sum(sizes) + sizes[-1] <= _BYTES:
                 return
             self.factors.popitem(last=False)[1][2].release()
@@ -146,6 +151,47 @@ class Analysed:
             factor.release()
         self.factors.clear()
         self.analysis.release()
+
+
+def scales(diagonal: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """What rows and columns are divided by for a unit diagonal, so that pivots can be compared."""
+    size = np.sqrt(np.abs(diagonal))
+    size[size == 0] = 1.0
+    return size
+
+
+class Factor:
+    """A factor of a matrix that is scaled to unit diagonal.
+
+    Args:
+        made: the solver's `NumericFactor` of the scaled matrix.
+        size: what its rows and columns were divided by, [n].
+        definite: whether only a positive definite matrix counts.
+
+    Attributes:
+        least: the smallest pivot.
+        regular: whether every pivot has significant digits.
+    """
+
+    def __init__(self, made: NumericFactor, size: Float[np.ndarray, " n"], definite: bool):
+        self.made, self.size = made, size
+        self.least, self.regular = 0.0, True
+        if made.pivots is not None:
+            pivots = made.pivots if definite else np.abs(made.pivots)
+            self.least = pivots.min(initial=np.inf)
+            limit = len(size) * np.finfo(float).eps * pivots.max(initial=0.0)
+            self.regular = bool(self.least > limit)
+
+    def solve(
+        self, b: Float[np.ndarray, "n ..."], transposed: bool = False
+    ) -> Float[np.ndarray, "n ..."]:
+        """Solve for right sides [n] or [n, m], with the matrix or its transpose."""
+        size = self.size if b.ndim == 1 else self.size[:, None]
+        return self.made.solve(b / size, transposed) / size
+
+    def release(self) -> None:
+        """Free the memory."""
+        self.made.release()
 
 
 def conjugate_gradients(
@@ -194,6 +240,20 @@ def _norm(a):
     return np.sqrt(_dot(a, a))
 
 
+def _solved(analysed, entries, b, stale, tol, limit, definite=False, transposed=False):
+    """Solution of a system, and whether its matrix was factorised; None if it is singular.
+
+    Conjugate gradients with the factor of a `stale` matrix are tried first, unless it is None.
+    """
+    old = None if stale is None else analysed.factor(stale, True)
+    if old is not None:
+        x = conjugate_gradients(analysed.times(entries), old.solve, b, tol, int(limit))
+        if x is not None:
+            return x, False
+    factor = analysed.factor(entries, definite, small_pivots=definite and limit < 0)
+    return None if factor is None else (factor.solve(b, transposed), True)
+
+
 def step(
     pattern: tuple[Any, ...],
     values: Float[np.ndarray, "m n_value"],
@@ -227,19 +287,11 @@ def step(
         # the factors of a larger batch would not all be stored: factorise every matrix anew
         usable = usable & (len(rhs) < _FACTORS) & analysed.iterates
         for k in np.flatnonzero(wanted):
-            answer = None
-            if usable[k]:
-                old = analysed.factor(stale[k], True)
-                if old is not None:
-                    answer = conjugate_gradients(
-                        analysed.times(values[k]), old.solve, rhs[k], tol[k], int(limit[k])
-                    )
-            if answer is None:
-                factor = analysed.factor(values[k], True, small_pivots=limit[k] < 0)
-                if factor is None:
-                    continue
-                answer, fresh[k] = factor.solve(rhs[k]), True
-            x[k], definite[k] = answer, True
+            old = stale[k] if usable[k] else None
+            found = _solved(analysed, values[k], rhs[k], old, tol[k], limit[k], definite=True)
+            if found is not None:
+                x[k], fresh[k] = found
+                definite[k] = True
     return x, definite, fresh
 
 
@@ -281,21 +333,13 @@ def solve(
         for g in np.unique(group[~idle]):
             sides = np.flatnonzero((group == g) & ~idle)
             entries = _without(analysed, values[g], loose[g])
-            if usable[g] and len(sides) == 1:
-                old = analysed.factor(stale[g], True)
-                answer = None
-                if old is not None:
-                    times = analysed.times(entries)
-                    answer = conjugate_gradients(
-                        times, old.solve, rhs[sides[0]], tol[g], int(limit[g])
-                    )
-                if answer is not None:
-                    x[sides], regular[sides] = answer, True
-                    continue
-            factor = analysed.factor(entries, False)
-            if factor is not None:
-                b = rhs[sides[0]] if len(sides) == 1 else rhs[sides].T
-                x[sides], regular[sides] = factor.solve(b, transposed).T, True
+            one = len(sides) == 1
+            b = rhs[sides[0]] if one else rhs[sides].T
+            old = stale[g] if usable[g] and one else None
+            at = tol[g], limit[g]
+            found = _solved(analysed, entries, b, old, *at, transposed=transposed)
+            if found is not None:
+                x[sides], regular[sides] = found[0].T, True
     return x, regular
 
 
@@ -304,5 +348,23 @@ def _without(analysed, values, loose):
     if not loose.any():
         return values
     touched = loose[analysed.rows] | loose[analysed.indices]
-    diagonal = analysed.rows == analysed.indices
-    return np.where(touched, np.where(diagonal, 1.0, 0.0), values)
+    return np.where(touched, analysed.rows == analysed.indices, values)
+
+
+def flattened(
+    vectors: Sequence[np.ndarray], scalars: Sequence[np.ndarray]
+) -> tuple[tuple[int, ...], list[np.ndarray]]:
+    """The axes of a batch, and its arrays with a single axis of cases instead.
+
+    Args:
+        vectors: arrays [..., k].
+        scalars: arrays [...].
+    """
+    batch = np.broadcast_shapes(*(v.shape[:-1] for v in vectors), *(s.shape for s in scalars))
+    flat = [np.broadcast_to(v, (*batch, v.shape[-1])).reshape(-1, v.shape[-1]) for v in vectors]
+    return batch, flat + [np.broadcast_to(s, batch).reshape(-1) for s in scalars]
+
+
+def first(*arrays: np.ndarray) -> list[np.ndarray]:
+    """Arrays [..., k] that are the same for all cases of a batch, as vectors [k]."""
+    return [array.reshape(-1, array.shape[-1])[0] for array in arrays]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import importlib.util
 import threading
 from typing import Any
 
@@ -43,55 +42,21 @@ def library() -> Any:
     return mkl
 
 
-class Pardiso(solver.Solver):
-    """PARDISO, where `pypardiso` is installed."""
-
-    name = "pardiso"
-    small_pivots = True
-    exchanges_rows = False  # it exchanges only rows that are near each other
-
-    def available(self) -> bool:
-        """Whether `pypardiso` is installed."""
-        return importlib.util.find_spec("pypardiso") is not None
-
-    def missing(self) -> str:
-        """Text of the error where `pypardiso` is not installed."""
-        return 'pypardiso is not installed; use "superlu", or install the extra jaxcable[pardiso]'
-
-    def load(self) -> None:
-        """Load MKL in a thread of its own: it takes as long as to read a program."""
-        threading.Thread(target=library, daemon=True).start()
-
-    def suits(self, n: int, banded: bool) -> bool:
-        """True: any matrix."""
-        return True
-
-    def analyse(
-        self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
-    ) -> solver.Analysis:
-        """See `solver.Solver`."""
-        return _Analysis(n, indptr, indices)
-
-
 class _Analysis(solver.Analysis):
     """A pattern, analysed once for every matrix type when it is first needed."""
 
     def __init__(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
     ):
-        self.arguments = n, indptr, indices
+        super().__init__(n, indptr, indices)
         self.handles = {}
 
-    def factorize(
-        self, values: Float[np.ndarray, " n_value"], definite: bool, small_pivots: bool = False
-    ) -> _Factor | None:
+    def factorize(self, values: Float[np.ndarray, " n_value"], definite: bool) -> _Factor | None:
         """See `solver.Analysis`: Cholesky's factor if `definite`, which is faster, else LU."""
-        if not np.isfinite(values).all():
-            return None
         kind = _DEFINITE if definite else _GENERAL
         if kind not in self.handles:
             self.handles[kind] = _Handle(kind, *self.arguments)
-        return self.handles[kind].factorize(values, small_pivots)
+        return self.handles[kind].factorize(values)
 
     def release(self) -> None:
         """Free PARDISO's memory."""
@@ -114,9 +79,8 @@ class _Handle:
         rows = np.repeat(np.arange(n), np.diff(indptr))
         # PARDISO takes the upper triangle of a symmetric matrix
         self.take = np.flatnonzero(indices >= rows) if kind == _DEFINITE else slice(None)
-        self.rows, self.indices = rows[self.take], indices[self.take].astype(np.int32)
-        self.indptr = np.searchsorted(self.rows, np.arange(n + 1)).astype(np.int32)
-        self.diagonal = np.flatnonzero(self.rows == self.indices)
+        self.indices = indices[self.take].astype(np.int32)
+        self.indptr = np.searchsorted(rows[self.take], np.arange(n + 1)).astype(np.int32)
         self.memory = np.zeros(64, np.int64)
         self.iparm = np.zeros(64, np.int32)  # indices from zero; the manual counts from one
         self.iparm[0] = 1  # no defaults
@@ -134,32 +98,31 @@ class _Handle:
         self.constant = tuple(map(_pointer, (self.memory, self.indptr, self.indices, self.iparm)))
         self.call(11, 1, np.ones(len(self.indices)))
 
-    def factorize(
-        self, values: Float[np.ndarray, " n_value"], small_pivots: bool
-    ) -> _Factor | None:
+    def factorize(self, values: Float[np.ndarray, " n_value"]) -> _Factor | None:
         """A `_Factor` in a free slot; None if the matrix is singular."""
-        values, size = values[self.take], None
-        if self.kind == _GENERAL:  # so that pivots can be compared
-            size = np.sqrt(np.abs(values[self.diagonal]))
-            size[size == 0] = 1.0
-            values = values / (size[self.rows] * size[self.indices])
-        slot = self.free.pop()
+        values, slot = values[self.take], self.free.pop()
         error = self.call(22, slot, values)
-        factor = _Factor(self, slot, values, size)
-        if error == 0 and (small_pivots or self.regular(slot)):
+        factor = _Factor(self, slot, values)
+        if self.kind == _DEFINITE:
+            factor.pivots = self.pivots(slot)
+        elif self.iparm[13] != 0:  # a pivot was perturbed
+            error = 1
+        if error == 0:
             return factor
         factor.release()
         return None
 
-    def regular(self, slot: int) -> bool:
-        """Whether every pivot of a factor has significant digits."""
-        if self.kind == _GENERAL:
-            return self.iparm[13] == 0  # no pivot was perturbed
-        pivot, diagonal, numbers = np.empty(self.n), np.empty(self.n), np.array([slot, 0], np.int32)
+    def pivots(self, slot: int) -> Float[np.ndarray, " n"]:
+        """Pivots of a factor of a definite matrix."""
+        pivots, diagonal, numbers = (
+            np.empty(self.n),
+            np.empty(self.n),
+            np.array([slot, 0], np.int32),
+        )
         first = _pointer(numbers)
-        arrays = _pointer(self.memory), _pointer(pivot), _pointer(diagonal)
+        arrays = _pointer(self.memory), _pointer(pivots), _pointer(diagonal)
         library().pardiso_getdiag(*arrays, first, first + 4)
-        return bool((pivot > self.n * np.finfo(float).eps * diagonal).all())
+        return pivots
 
     def call(
         self,
@@ -195,19 +158,16 @@ def _pointer(array):
 class _Factor(solver.NumericFactor):
     """A numeric factor in a slot of a handle."""
 
-    def __init__(self, handle, slot, values, size):
-        self.handle, self.slot, self.values, self.size = handle, slot, values, size
+    def __init__(self, handle, slot, values):
+        self.handle, self.slot, self.values = handle, slot, values
         self.n_bytes = 8 * (int(handle.iparm[17]) + len(values))
 
     def solve(
         self, b: Float[np.ndarray, "n ..."], transposed: bool = False
     ) -> Float[np.ndarray, "n ..."]:
         """Solve for right-hand sides [n] or [n, m]."""
-        handle, size = self.handle, self.size
+        handle = self.handle
         handle.iparm[11] = 2 if transposed and handle.kind == _GENERAL else 0
-        if size is not None:
-            size = size if b.ndim == 1 else size[:, None]
-            b = b / size
         b = np.asfortranarray(b)
         x = np.empty_like(b, order="F")
         few = b.ndim == 2 and b.shape[1] <= _FEW
@@ -215,9 +175,26 @@ class _Factor(solver.NumericFactor):
             error = handle.call(33, self.slot, self.values, side, solution)
             if error != 0:
                 raise RuntimeError(f"PARDISO: the solution failed with error {error}")
-        return x if size is None else x / size
+        return x
 
     def release(self) -> None:
         """Free PARDISO's memory of the factor, and its slot."""
         self.handle.call(0, self.slot, self.values)
         self.handle.free.append(self.slot)
+
+
+class Pardiso(solver.Solver):
+    """PARDISO, where `pypardiso` is installed."""
+
+    name = "pardiso"
+    package = "pypardiso"
+    analysis = _Analysis
+    exchanges_rows = False  # it exchanges only rows that are near each other
+
+    def load(self) -> None:
+        """Load MKL in a thread of its own: it takes as long as to read a program."""
+        threading.Thread(target=library, daemon=True).start()
+
+    def suits(self, n: int, banded: bool) -> bool:
+        """True: any matrix."""
+        return True

@@ -2,7 +2,7 @@
 
 The part of the matrix in work is a window [b + 1, b + 1] that moves down the diagonal: XLA keeps it
 in cache and computes on it with vector registers. No library is called, so that a loop around it
-can become one function (`common.fusion`).
+can become one function (`common.fusion`); `banded` has figures of this way and of the two others.
 
 Storage of matrices as in `banded`: ``band[k, i] = A[k + i, k]``, [n, b + 1]; that of factors
 likewise, ``A = L L^T``. Nothing here is differentiable by itself.
@@ -10,17 +10,14 @@ likewise, ``A = L L^T``. Nothing here is differentiable by itself.
 
 from __future__ import annotations
 
-from typing import NoReturn
-
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from ..common.fusion import fuses
-from ..common.tree import copy, pytree
-from ..common.types import Array, Bool, Float, Int
+from ..common.tree import pytree
+from ..common.types import Array, Bool, Float
 from . import solver
-from .direct import Direct
+from .direct import Direct, have_digits, scales
 from .pattern import Sparse
 
 
@@ -39,12 +36,6 @@ class Rolling(solver.Solver):
     def suits(self, n: int, banded: bool) -> bool:
         """True for a small bandwidth, where XLA fuses loops."""
         return banded and fuses()
-
-    def analyse(
-        self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
-    ) -> NoReturn:
-        """Never called: `solve_definite` and `factorize` take the matrix."""
-        raise NotImplementedError("a matrix of small bandwidth is solved inside of the program")
 
     def solve_definite(
         self, matrix: Sparse, rhs: Float[Array, " n"]
@@ -65,7 +56,7 @@ class BandFactor(Direct):
 
     Attributes:
         factor: that of the scaled matrix in the order of the pattern, [n, b + 1].
-        size, loose, regular: see `Direct`.
+        size, loose, regular, replaced: see `Direct`.
         scaled: the matrix, scaled to unit diagonal.
     """
 
@@ -74,6 +65,7 @@ class BandFactor(Direct):
     loose: Bool[Array, " n"]
     regular: Bool[Array, ""]
     scaled: Sparse
+    replaced: Bool[Array, ""] | None = None
 
     def substituted(self, b: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
         """See `Direct`."""
@@ -85,28 +77,14 @@ class BandFactor(Direct):
         p = self.scaled.pattern
         return times(self.scaled.banded(), x[p.order])[p.place]
 
-    def or_identity(self) -> BandFactor:
-        """See `Direct`."""
-        one = jnp.where(jnp.arange(self.factor.shape[1]) == 0, 1.0, 0.0)
-        return copy(
-            self,
-            factor=jnp.where(self.regular, self.factor, one[None].astype(self.factor.dtype)),
-            size=jnp.where(self.regular, self.size, 1.0),
-            regular=jnp.ones((), bool),
-            scaled=self.scaled.or_identity(self.regular),
-        )
-
 
 def factorize(matrix: Sparse, loose: Bool[Array, " n"]) -> BandFactor:
     """See `linear.factorize`; a matrix that is not positive definite counts as singular."""
     matrix = matrix.held_at(loose, jnp.ones((), matrix.values.dtype))
-    size = jnp.sqrt(jnp.abs(matrix.diagonal()))
-    size = jnp.where(size > 0, size, 1.0)
+    size = scales(matrix.diagonal())
     scaled = matrix.scaled(size)
     factor, _ = solve(scaled.banded(), jnp.zeros_like(size))
-    pivots = factor[:, 0] ** 2  # those of LU
-    limit = len(size) * jnp.finfo(pivots.dtype).eps * jnp.max(pivots, initial=0.0)
-    regular = jnp.all(pivots > limit) & jnp.all(jnp.isfinite(pivots))
+    regular = have_digits(factor[:, 0] ** 2)  # the pivots of LU
     return BandFactor(factor, size, loose, regular, scaled)
 
 

@@ -6,14 +6,17 @@ name. It analyses a pattern once, and makes a factor of every matrix on it:
     analysis = solver.analyse(n, indptr, indices)     # compressed rows of the whole matrix
     factor = analysis.factorize(values, definite)     # None if the matrix is singular
     x = factor.solve(b)                                # b [n] or [n, m]; transposed=True for A^T
-    factor.n_bytes; factor.release(); analysis.release()
+    factor.pivots; factor.n_bytes; factor.release(); analysis.release()
 
-All of it is NumPy on the host: a callback that calls jax can wait for itself for ever.
+`host.Analysed` does all else, for every solver: it stores analyses and factors, scales matrices to
+unit diagonal, refuses those that are not finite, and judges pivots. All of it is NumPy on the host:
+a callback that calls jax can wait for itself for ever.
 """
 
 from __future__ import annotations
 
 import abc
+import importlib.util
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,11 +26,13 @@ from ..common.types import Array, Bool, Float, Int
 _KNOWN: dict[str, Solver] = {}
 
 
-class Solver(abc.ABC):
+class Solver:
     """A way to solve sparse systems of equations.
 
     Attributes:
         name: the name that users give.
+        package: the package that it needs, an extra of the solver's name; None if there is none.
+        analysis: class of its analyses.
         offered: whether users may name it; otherwise it is only chosen by size.
         on_device: whether it solves inside of the compiled program; then `solve_definite` and
             `factorize` are called with matrices of jax, and `analyse` never.
@@ -35,28 +40,28 @@ class Solver(abc.ABC):
         fused: whether loops around it can become one function (`common.fusion`).
         exchanges_rows: whether it exchanges rows anywhere in the matrix, which a matrix with zeros
             on its diagonal needs.
-        small_pivots: whether `Analysis.factorize` takes ``small_pivots=True``: a positive definite
-            matrix is one, even if pivots have few digits.
         iterates: whether conjugate gradients with the factor of a similar matrix can be cheaper
             than a new factor.
     """
 
     name: str = None  # type: ignore[assignment]  # every solver has one
+    package: str | None = None
+    analysis: type[Analysis] = None  # type: ignore[assignment]  # of those that solve on the host
     offered: bool = True
     on_device: bool = False
     definite: bool = False
     fused: bool = False
     exchanges_rows: bool = True
     iterates: bool = True
-    small_pivots: bool = False
 
     def available(self) -> bool:
         """Whether the solver is installed."""
-        return True
+        return self.package is None or importlib.util.find_spec(self.package) is not None
 
     def missing(self) -> str:
         """Text of the error where the solver is not installed."""
-        return "is not installed"
+        extra = f"or install the extra jaxcable[{self.name}]"
+        return f'{self.package} is not installed; use "superlu", {extra}'
 
     def load(self) -> None:
         """Load the library, if there is one, while the program is compiled or read from disk."""
@@ -71,17 +76,17 @@ class Solver(abc.ABC):
         """
         return False
 
-    @abc.abstractmethod
     def analyse(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
     ) -> Analysis:
-        """Analyse a pattern once, for all matrices on it.
+        """Analyse a pattern once, for all matrices on it; unless `on_device`.
 
         Args:
             n: number of unknowns.
             indptr, indices: compressed rows of the whole matrix (both triangles), columns
                 ascending.
         """
+        return self.analysis(n, indptr, indices)
 
     def solve_definite(
         self,
@@ -100,21 +105,28 @@ class Solver(abc.ABC):
 
 
 class Analysis(abc.ABC):
-    """A pattern analysed by a solver."""
+    """A pattern analysed by a solver.
+
+    Args:
+        n, indptr, indices: those of `Solver.analyse`.
+    """
+
+    def __init__(
+        self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
+    ):
+        self.n, self.arguments = n, (n, indptr, indices)
 
     @abc.abstractmethod
     def factorize(
-        self, values: Float[np.ndarray, " n_value"], definite: bool, small_pivots: bool = False
+        self, values: Float[np.ndarray, " n_value"], definite: bool
     ) -> NumericFactor | None:
         """A `NumericFactor` of a matrix; None if it is singular to working precision.
 
         Args:
-            values: entries in the order of `indices` of `Solver.analyse`, float64; not to be
-                changed.
+            values: entries in the order of `indices` of `Solver.analyse`, finite, float64; not to
+                be changed. The diagonal is 1, -1 or 0.
             definite: True demands a symmetric positive definite matrix, and returns None for
                 others. False allows indefinite and unsymmetric matrices.
-            small_pivots: whether a positive definite matrix is one, even if pivots have few
-                digits; only given if `Solver.small_pivots`.
         """
 
     def release(self) -> None:
@@ -126,9 +138,12 @@ class NumericFactor(abc.ABC):
     """A numeric factor.
 
     Attributes:
+        pivots: of the elimination, [n]: the matrix is regular if none of them is small, and
+            definite if all of them are positive. None if `factorize` has judged this by itself.
         n_bytes: memory that the factor takes.
     """
 
+    pivots: Float[np.ndarray, " n"] | None = None
     n_bytes: int = 0
 
     @abc.abstractmethod

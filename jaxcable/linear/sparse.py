@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,17 +14,11 @@ from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from . import host
 from .banded import solve_banded
-from .direct import Direct
+from .direct import Direct, Factor
 from .pattern import Pattern, Sparse
 from .solver import named
 
 _PAUSE = 3  # solves: where cables change between slack and taut, matrices differ for some steps
-
-
-def _pattern_of(solver, symmetric, digest, indptr, indices):
-    """Arguments of `host.kept`; the pattern is the same for all cases of a batch."""
-    first = [array.reshape(-1, array.shape[-1])[0] for array in (digest, indptr, indices)]
-    return solver, symmetric, *first
 
 
 def words(pattern: Pattern) -> tuple[str, str]:
@@ -44,12 +36,10 @@ def step(solver, stored):
             pattern = solver, symmetric, digest, indptr, indices
             arrays = (a.astype(np.float64, copy=False)[None] for a in (values, rhs, stale))
             return tuple(r[0] for r in host.step(pattern, *arrays, *(s[None] for s in scalars)))
-        batch = np.broadcast_shapes(*(a.shape[:-1] for a in (values, rhs, stale)))
-        batch = np.broadcast_shapes(batch, *(s.shape for s in scalars))
-        arrays = (_rows(a, batch).astype(np.float64, copy=False) for a in (values, rhs, stale))
-        flat = [np.broadcast_to(s, batch).reshape(-1) for s in scalars]
-        pattern = _pattern_of(solver, symmetric, digest, indptr, indices)
-        x, definite, fresh = host.step(pattern, *arrays, *flat)
+        batch, flat = host.flattened((values, rhs, stale), scalars)
+        arrays = (a.astype(np.float64, copy=False) for a in flat[:3])
+        pattern = solver, symmetric, *host.first(digest, indptr, indices)
+        x, definite, fresh = host.step(pattern, *arrays, *flat[3:])
         return x.reshape(*batch, -1), definite.reshape(batch), fresh.reshape(batch)
 
     return function
@@ -62,25 +52,15 @@ def solve(solver, stored, direction):
     transposed = direction == "transposed"
 
     def function(digest, indptr, indices, rhs, values, loose, stale, *scalars):
-        matrices = np.broadcast_shapes(*(a.shape[:-1] for a in (values, loose, stale)))
-        matrices = np.broadcast_shapes(matrices, *(s.shape for s in scalars))
-        batch = np.broadcast_shapes(matrices, rhs.shape[:-1])
-        values, loose, stale = (_rows(array, matrices) for array in (values, loose, stale))
-        flat = [np.broadcast_to(s, matrices).reshape(-1) for s in scalars]
-        group = np.broadcast_to(np.arange(len(values)).reshape(matrices), batch).ravel()
-        pattern = _pattern_of(solver, symmetric, digest, indptr, indices)
-        values, stale, rhs = (
-            a.astype(np.float64, copy=False) for a in (values, stale, _rows(rhs, batch))
-        )
-        x, regular = host.solve(pattern, transposed, values, loose, stale, *flat, rhs, group)
+        matrices, (values, loose, stale, *scalars) = host.flattened((values, loose, stale), scalars)
+        group = np.arange(len(values)).reshape(matrices)
+        batch, (rhs, group) = host.flattened((rhs,), (group,))
+        values, stale, rhs = (a.astype(np.float64, copy=False) for a in (values, stale, rhs))
+        pattern = solver, symmetric, *host.first(digest, indptr, indices)
+        x, regular = host.solve(pattern, transposed, values, loose, stale, *scalars, rhs, group)
         return x.reshape(*batch, -1), regular.reshape(batch)
 
     return function
-
-
-def _rows(array, batch):
-    """An array [..., k] as vectors [m, k], one for every case of a batch."""
-    return np.broadcast_to(array, (*batch, array.shape[-1])).reshape(-1, array.shape[-1])
 
 
 @pytree
@@ -177,7 +157,7 @@ def _solve_batch(axis_size, mapped, *arguments):
 
 
 @pytree
-class SparseFactor:
+class SparseFactor(Factor):
     """A general matrix that is factorised on the host when it is first solved with.
 
     Attributes:
@@ -193,46 +173,36 @@ class SparseFactor:
     limit: Int[ArrayLike, ""] = 0
 
     @property
-    def regular(self) -> Bool[Array, ""]:
+    def regular(self) -> Bool[Array, ""]:  # type: ignore[override]  # read only
         """Whether the matrix without loose unknowns is regular to working precision."""
-        return self._answer(jnp.zeros(self.loose.shape, self.matrix.values.dtype), False)[1]
-
-    def solve(
-        self, rhs: Float[Array, " n"], matvec: Callable[[Float[Array, " n"]], Float[Array, " n"]]
-    ) -> Float[Array, " n"]:
-        """Solve for `rhs` [n], see `direct.Direct.solve`."""
-
-        def forward(_, b):
-            x, unknown = self.marked(b)
-            return jnp.where(unknown, jnp.nan, x)
-
-        def backward(_, b):  # nothing is factorised where nothing is asked
-            return lax.cond(jnp.any(b != 0), self.adjoint, jnp.zeros_like, b)
-
-        return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
-
-    def marked(self, b: Float[Array, " n"]) -> tuple[Float[Array, " n"], Bool[Array, " n"]]:
-        """See `direct.Direct`."""
-        x, regular = self._answer(b, False)
-        unknown = self.loose | ~regular
-        return jnp.where(unknown, 0.0, x), unknown
-
-    def adjoint(self, b: Float[Array, " n"]) -> Float[Array, " n"]:
-        """See `direct.Direct`."""
-        # not linear, on purpose: see there
-        x, regular = self._answer(b, True)
-        wrong = jnp.any((self.loose | ~regular) & (b != 0))
-        return jnp.where(wrong, jnp.nan, jnp.where(regular, x, 0.0))
+        return self.answered(jnp.zeros(self.loose.shape, self.matrix.values.dtype), False)[1]
 
     def or_identity(self) -> SparseFactor:
         """This factor, or that of the identity if the matrix is singular."""
         return copy(self, matrix=self.matrix.or_identity(self.regular))
 
-    def _answer(self, b, transposed):
-        """Solution [n], and whether the matrix is regular."""
-        b = jnp.where(self.loose, 0.0, b)
-        known = self.factored, self.tol, self.limit
-        return _solve(self.matrix, self.loose, b, transposed, *known)
+    def answered(
+        self, b: Float[Array, " n"], transposed: bool
+    ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
+        """See `direct.Factor`."""
+        p, dtype = self.matrix.pattern, b.dtype
+        stale, usable = self.matrix.values, jnp.zeros((), bool)
+        if self.factored is not None:
+            stale, usable = self.factored.values, self.factored.usable & (self.limit > 0)
+        x, regular = foreign.call(
+            (solve, *words(p), "transposed" if transposed else "as it is"),
+            (jax.ShapeDtypeStruct(b.shape, dtype), jax.ShapeDtypeStruct((), bool)),
+            *(p.digest, p.indptr, p.indices, jnp.where(self.loose, 0.0, b)),
+            *(self.matrix.values, self.loose, stale, usable),
+            *(jnp.asarray(self.tol, dtype), jnp.int32(self.limit)),
+        )
+        return x, regular
+
+    def checked(
+        self, b: Float[Array, " n"], transposed: bool
+    ) -> tuple[Float[Array, " n"], Bool[Array, ""], Bool[Array, ""]]:
+        """See `direct.Factor`; the host has judged its pivots."""
+        return *self.answered(b, transposed), jnp.ones((), bool)
 
 
 def factorize(
@@ -249,18 +219,3 @@ def factorize(
     if matrix.pattern.solver.on_device:
         return matrix.pattern.solver.factorize(matrix, loose)
     return SparseFactor(matrix, loose, factored, tol, limit)
-
-
-def _solve(matrix, loose, b, transposed, factored, tol, limit):
-    """Solution [n] of a general system on the host, and whether the matrix is regular."""
-    p = matrix.pattern
-    shapes = (jax.ShapeDtypeStruct(b.shape, b.dtype), jax.ShapeDtypeStruct((), bool))
-    stale, usable = matrix.values, jnp.zeros((), bool)
-    if factored is not None:
-        stale, usable = factored.values, factored.usable & (limit > 0)
-    return foreign.call(
-        (solve, *words(p), "transposed" if transposed else "as it is"),
-        shapes,
-        *(p.digest, p.indptr, p.indices, b, matrix.values, loose, stale),
-        *(usable, jnp.asarray(tol, b.dtype), jnp.int32(limit)),
-    )

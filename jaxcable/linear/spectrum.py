@@ -15,12 +15,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
+import scipy.sparse.linalg as sla
 from jax import lax
 
 from ..common import foreign
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from . import sparse, unbatched
+from . import host, unbatched
 from .pattern import Matrix, Sparse
+from .superlu import decomposed, unpivoted
 
 _FEW = 40  # unknowns up to which a sparse matrix is treated as dense on the host
 _INVERSE = 40  # inverse iterations; near a singular matrix two are enough
@@ -146,15 +148,11 @@ def analysis(stored, kind):
     symmetric, general = stored == "symmetric", kind == "may be unsymmetric"
 
     def function(indptr, indices, values, loose, strict):
-        batch = np.broadcast_shapes(values.shape[:-1], loose.shape[:-1], strict.shape)
-        rows = (
-            sparse._rows(values, batch).astype(np.float64),
-            sparse._rows(loose, batch),
-            np.broadcast_to(strict, batch).reshape(-1),
-        )
-        first = [array.reshape(-1, array.shape[-1])[0] for array in (indptr, indices)]
+        batch, (own, held, *rest) = host.flattened((values, loose), (strict,))
+        rows = own.astype(np.float64), held, *rest
         apart = np.finfo(values.dtype).eps ** (2 / 3) if general else None
-        found = [_analyse(symmetric, apart, *first, *case) for case in zip(*rows, strict=True)]
+        matrix = host.first(indptr, indices)
+        found = [_analyse(symmetric, apart, *matrix, *case) for case in zip(*rows, strict=True)]
         number, value, *vectors = (np.array(column) for column in zip(*found, strict=True))
         right, left = (vector.reshape(*batch, -1) for vector in vectors)
         return number.reshape(batch), value.reshape(batch), right, left
@@ -188,8 +186,6 @@ def _analyse(symmetric, apart, indptr, indices, values, loose, strict):
 
 def _signed_eigenvalue(matrix, sure):
     """`spectrum` of a sparse symmetric matrix; None if it cannot be factorised."""
-    import scipy.sparse.linalg as sla  # slow to import
-
     n = matrix.shape[0]
     eps = np.finfo(float).eps
     if n <= _FEW:  # Lanczos needs more unknowns than vectors
@@ -198,9 +194,9 @@ def _signed_eigenvalue(matrix, sure):
         number = (values < -sure * n * np.abs(values).max()).sum()
         return number, values[nearest], vectors[:, nearest], vectors[:, nearest]
     size = np.abs(matrix.diagonal()).max()
-    lu = _unpivoted(matrix)
+    lu = unpivoted(matrix)
     if lu is None:  # exactly singular: shift it by its rounding
-        lu = _unpivoted(matrix + sp.diags_array(np.full(n, eps * size), format="csc"))
+        lu = unpivoted(matrix + sp.diags_array(np.full(n, eps * size), format="csc"))
     if lu is None:
         return None
     number = (lu.U.diagonal() < -sure * size).sum()
@@ -222,18 +218,13 @@ def _is_symmetric(matrix, tol):
 
 def _signed_singular(matrix, sure):
     """`spectrum` of a sparse unsymmetric matrix; None if it is singular."""
-    import scipy.sparse.linalg as sla  # slow to import
-
     n = matrix.shape[0]
     counted = _count(matrix.toarray(), n * sure) if n <= _COUNTED else None
     if n <= _FEW:
         left, values, right = np.linalg.svd(matrix.toarray())
         return counted[0], counted[1] * values[-1], right[-1], left[:, -1]
-    try:
-        lu = sla.splu(matrix)
-    except RuntimeError as error:
-        if "singular" not in str(error):
-            raise
+    lu = decomposed(matrix)
+    if lu is None:
         return None
     if counted is None:
         sign = np.prod(np.sign(lu.U.diagonal())) * _parity(lu.perm_r) * _parity(lu.perm_c)
@@ -258,20 +249,3 @@ def _parity(permutation):
             start, length = permutation[start], length + 1
         sign *= -1 if length and length % 2 == 0 else 1
     return sign
-
-
-def _unpivoted(matrix):
-    """LU factors without pivoting: pivots have the signs of eigenvalues; None if singular."""
-    import scipy.sparse.linalg as sla
-
-    try:
-        return sla.splu(
-            matrix,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-    except RuntimeError as error:
-        if "singular" not in str(error):
-            raise
-        return None

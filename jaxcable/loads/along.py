@@ -5,28 +5,70 @@ These loads are evaluated from the state of the elements and go on acting in lat
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import abc
+from typing import Literal
 
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
 from ..common import checks
 from ..common.selection import Selection
-from ..common.tree import copy, pytree
+from ..common.tree import copy, put, pytree
 from ..common.types import Array, ArrayLike, Float
-from ..elements.element import Element
+from ..elements.element import Element, OwnState
 from ..model.parts import group_path
 from ..model.structure import Structure
 from ..numerics import scaled
-from .groups import Key, bundled, check_elements, partly, selected, settled
-from .load import Bundles, Dead, Measured, OwnState
+from .groups import Key, OnGroups
+from .load import Dead, Groups, Measured, OnEveryNode, Positions, States
 
 PER = ("unstressed", "initial", "projected")
 GEOMETRIES = ("input", "begun")
 
 
+class Along(OnGroups, Dead):
+    """A dead load along elements: a vector times an amount, such as a weight, of each element."""
+
+    @abc.abstractmethod
+    def _vector(self):
+        """Direction and size of the load, [3]."""
+
+    @abc.abstractmethod
+    def _at_ends(self, number, group, state, nodes):
+        """Amounts at the ends of the elements of a group, [n_elem, n_end], or None."""
+
+    @abc.abstractmethod
+    def _between_ends(self, number, group, state, nodes):
+        """Amounts between the ends of the elements of a group, [n_elem], or None."""
+
+    def element_forces(
+        self,
+        groups: Groups,
+        states: States,
+        nodes: Positions,
+        shape: tuple[int, int],
+        dtype: DTypeLike,
+    ) -> OnEveryNode:
+        """Force on every node, of `shape`, N, for the given element states."""
+        total = jnp.zeros(shape[0], dtype)
+        for number in self.on:
+            amounts = self._at_ends(number, groups[number], states[number], nodes)
+            if amounts is not None:
+                total = total.at[groups[number].links].add(amounts)
+        return padded(jnp.outer(total, self._vector().astype(dtype)), shape)
+
+    def per_length(
+        self, number: int, group: Element, state: OwnState, nodes: Positions
+    ) -> Float[Array, "n_elem 3"] | None:
+        """Load along the elements of a group per unstressed length, [n_elem, 3], N/m, or None."""
+        amounts = self._between_ends(number, group, state, nodes) if number in self.on else None
+        if amounts is None:
+            return None
+        return jnp.outer(self.partly(number, amounts, state) / state.rest_length, self._vector())
+
+
 @pytree(static=("on",))
-class SelfWeight(Dead):
+class SelfWeight(Along):
     """Self-weight of the elements that have a `weight`; half of it acts at each end of an element.
 
     The weight is that of the current unstressed length at the temperature before the first phase:
@@ -36,10 +78,11 @@ class SelfWeight(Dead):
     it.
 
     Args:
-        direction: direction and factor, [3]; (0, 0, -1) is once the weight downwards.
-        on: key of the group in the structure's elements (a dict's key, a list's index); None means
-            all groups.
-        elements: the elements of that group that weigh, ``only([4, 5])``; None means all.
+        direction: direction and factor, [3]; default (0, 0, -1), once the weight downwards.
+        on: key of the loaded group in the structure's elements, such as "guys", or its place from 0
+            where these are a list; None loads all groups that have a
+            `weight`.
+        elements: `Selection` of the elements of that group that weigh; None means all.
 
     Raises:
         ValueError: `direction` of the wrong shape; where a phase is analysed, no group with a
@@ -67,62 +110,40 @@ class SelfWeight(Dead):
     )
 
     def __post_init__(self):
-        check_elements(self.elements)
+        self._check_elements()
         direction = checks.floats(self.direction, "direction")
         if direction.shape != (3,):
             raise ValueError(
                 f"direction: expected shape (3,) such as (0, 0, -1), got {direction.shape}"
             )
-        object.__setattr__(self, "direction", direction)
+        put(self, direction=direction)
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if the structure has no such elements, or they have no weight."""
-        groups = [structure.groups[number] for number in selected(self, structure)[0]]
+        groups = [structure.groups[number] for number in self.selected(structure)[0]]
         if all(group.weight is None for group in groups):
             kind = "no element group" if self.on is None else f"on = {self.on!r}: no such group"
             raise ValueError(f"SelfWeight: {kind} has a weight; give weight=... in N/m")
-
-    def among(self, structure: Structure) -> SelfWeight:
-        """The load with `on` and `elements` as numbers of groups and factors of elements."""
-        return settled(self, structure)
-
-    def bundled(self, bundles: Bundles) -> SelfWeight:
-        """The load on bundles of the groups that it acts on."""
-        return bundled(self, bundles)
 
     def scaled(self, factor: Float[ArrayLike, ""]) -> SelfWeight:
         """The load times `factor`."""
         return copy(self, direction=factor * self.direction)
 
-    def element_forces(
-        self,
-        groups: Sequence[Element],
-        states: Sequence[OwnState],
-        nodes: Float[Array, "n_row 3"],
-        shape: tuple[int, int],
-        dtype: DTypeLike,
-    ) -> Float[Array, "n_row n_freedom"]:
-        """Force on every node, of `shape`, N, for the given element states."""
-        total = jnp.zeros(shape[0], dtype)
-        for number, (group, state) in enumerate(zip(groups, states, strict=True)):
-            weights = group.weights(state) if number in self.on else None
-            if weights is not None:
-                weights = partly(self, number, weights, state)
-                total = total.at[group.links].add(group.at_ends(weights, nodes[group.links]))
-        return padded(jnp.outer(total, self.direction.astype(dtype)), shape)
+    def _vector(self):
+        return self.direction
 
-    def per_length(
-        self, number: int, group: Element, state: OwnState, nodes: Float[Array, "n_row 3"]
-    ) -> Float[Array, "n_elem 3"] | None:
-        """Load along the elements of a group per unstressed length, [n_elem, 3], N/m, or None."""
-        if number not in self.on or group.weight is None:
+    def _between_ends(self, number, group, state, nodes):
+        return group.weights(state)
+
+    def _at_ends(self, number, group, state, nodes):
+        weights = group.weights(state)
+        if weights is None:
             return None
-        share = partly(self, number, group.weights(state), state) / state.rest_length
-        return jnp.outer(share, self.direction)
+        return group.at_ends(self.partly(number, weights, state), nodes[group.links])
 
 
 @pytree(static=("on", "per", "geometry"))
-class LineLoads(Measured):
+class LineLoads(Along, Measured):
     """Dead loads along the elements; beams bend under them and catenaries hang.
 
     They act on elements whenever these are there (`Phase`): also on those that later phases add, or
@@ -131,18 +152,18 @@ class LineLoads(Measured):
 
     Args:
         forces: force per length, [3], N/m.
-        on: key of the loaded group in the structure's elements (a dict's key, a list's index);
-            None loads all groups.
+        on: key of the loaded group in the structure's elements, such as "guys", or its place from 0
+            where these are a list; None loads all groups.
         per: the length that `forces` refer to: "unstressed" (the length that `SelfWeight` weighs,
             without heat and including the length that a jack has taken in), "initial" (the chord),
             or "projected" (the chord as seen along the force: snow on a sloping cable, wind on a
             mast). A zero force has no direction to project along, and no sensible derivative:
             scale the load with `factor` instead.
-        factor: of the forces.
+        factor: factor of the forces, without unit; default 1.
         geometry: the geometry of the chords: "input", that of the structure's nodes, or "begun",
             that at the beginning of the phase that adds the load, the form after prestress. The
             load is dead in both cases.
-        elements: the elements of that group that are loaded, ``only([4, 5])``; None loads all.
+        elements: `Selection` of the elements of that group that are loaded; None loads all.
 
     Raises:
         ValueError: `forces` of the wrong shape, an unknown `per` or `geometry`, or "begun" for
@@ -164,9 +185,9 @@ class LineLoads(Measured):
 
     forces: Float[ArrayLike, " 3"]
     on: Key = None
-    per: str = "unstressed"
+    per: Literal["unstressed", "initial", "projected"] = "unstressed"
     factor: Float[ArrayLike, ""] = 1.0
-    geometry: str = "input"
+    geometry: Literal["input", "begun"] = "input"
     elements: Selection | None = None
     begun: Float[Array, "n_row 3"] | None = (
         None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
@@ -176,19 +197,15 @@ class LineLoads(Measured):
     )
 
     def __post_init__(self):
-        check_elements(self.elements)
-        forces = checks.floats(self.forces, "forces")
-        if forces.shape != (3,):
-            raise ValueError(f"forces: expected shape (3,), got {forces.shape}")
-        object.__setattr__(self, "forces", forces)
-        object.__setattr__(self, "factor", checks.scalar(self.factor, "factor"))
-        if self.per not in PER:
-            raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
+        self._check_elements()
+        forces = checks.shaped(self.forces, "forces", (3,))
+        put(self, forces=forces, factor=checks.scalar(self.factor, "factor"))
+        checks.one_of(self.per, "per", PER)
         check_geometry(self.geometry, self.per)
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if the structure has no such elements, or they have no length."""
-        numbers = selected(self, structure)[0]
+        numbers, _ = self.selected(structure)
         without = [number for number in numbers if not structure.groups[number].has_length]
         if without and (self.on is not None or len(without) == len(numbers)):
             path, kind = group_path(structure, without[0]), type(structure.groups[without[0]])
@@ -197,56 +214,34 @@ class LineLoads(Measured):
                 "state has_length = True"
             )
 
-    def among(self, structure: Structure) -> LineLoads:
-        """The load with `on` and `elements` as numbers of groups and factors of elements."""
-        return settled(self, structure, begun=room(self.geometry, structure))
-
-    def bundled(self, bundles: Bundles) -> LineLoads:
-        """The load on bundles of the groups that it acts on."""
-        return bundled(self, bundles)
-
     def scaled(self, factor: Float[ArrayLike, ""]) -> LineLoads:
         """The load times `factor`."""
         return copy(self, factor=factor * self.factor)
 
-    def element_forces(
-        self,
-        groups: Sequence[Element],
-        states: Sequence[OwnState],
-        nodes: Float[Array, "n_row 3"],
-        shape: tuple[int, int],
-        dtype: DTypeLike,
-    ) -> Float[Array, "n_row n_freedom"]:
-        """Force on every node, of `shape`, N, for the given element states."""
-        total = jnp.zeros(shape[0], dtype)
-        for number, (group, state) in enumerate(zip(groups, states, strict=True)):
-            if number in self.on and group.has_length:
-                ends = self._ends(group, nodes)
-                if self.per == "unstressed":
-                    share = group.at_ends(state.loaded, ends)
-                else:  # half of each piece to each of its ends
-                    n_inner = group.n_inner_row
-                    half = 0.5 * self._pieces(ends[:, : ends.shape[1] - n_inner])
-                    share = jnp.pad(half, ((0, 0), (0, 1))) + jnp.pad(half, ((0, 0), (1, 0)))
-                    share = jnp.pad(share, ((0, 0), (0, n_inner)))
-                total = total.at[group.links].add(partly(self, number, share, state))
-        return padded(jnp.outer(total, (self.factor * self.forces).astype(dtype)), shape)
+    def _vector(self):
+        return self.factor * self.forces
 
-    def per_length(
-        self, number: int, group: Element, state: OwnState, nodes: Float[Array, "n_row 3"]
-    ) -> Float[Array, "n_elem 3"] | None:
-        """Load along the elements of a group per unstressed length, [n_elem, 3], N/m, or None."""
-        slides = group.slides and self.per != "unstressed"
-        if number not in self.on or slides or not group.has_length:
+    def _at_ends(self, number, group, state, nodes):
+        if not group.has_length:
             return None
-        length = state.loaded
-        if self.per != "unstressed":
-            ends = self._ends(group, nodes)
-            outer_ends = ends[:, : ends.shape[1] - group.n_inner_row]
-            length = jnp.sum(self._pieces(outer_ends), axis=-1)
-        return jnp.outer(
-            partly(self, number, length, state) / state.rest_length, self.factor * self.forces
-        )
+        ends = self._ends(group, nodes)
+        if self.per == "unstressed":
+            share = group.at_ends(state.loaded, ends)
+        else:  # half of each piece to each of its ends
+            n_inner = group.n_inner_row
+            half = 0.5 * self._pieces(ends[:, : ends.shape[1] - n_inner])
+            share = jnp.pad(half, ((0, 0), (0, 1))) + jnp.pad(half, ((0, 0), (1, 0)))
+            share = jnp.pad(share, ((0, 0), (0, n_inner)))
+        return self.partly(number, share, state)
+
+    def _between_ends(self, number, group, state, nodes):
+        slides = group.slides and self.per != "unstressed"
+        if slides or not group.has_length:
+            return None
+        if self.per == "unstressed":
+            return state.loaded
+        ends = self._ends(group, nodes)
+        return jnp.sum(self._pieces(ends[:, : ends.shape[1] - group.n_inner_row]), axis=-1)
 
     def _ends(self, group, nodes):
         """Ends of a group's elements in the geometry that lengths are measured in."""
@@ -264,21 +259,12 @@ class LineLoads(Measured):
 
 def check_geometry(geometry: str, per: str) -> None:
     """Raise ValueError for an unknown geometry, or "begun" with unstressed lengths."""
-    if geometry not in GEOMETRIES:
-        raise ValueError(f"geometry = {geometry!r}: expected one of {', '.join(GEOMETRIES)}")
+    checks.one_of(geometry, "geometry", GEOMETRIES)
     if geometry == "begun" and per == "unstressed":
         raise ValueError(
             'geometry = "begun": unstressed lengths have no geometry; give per="initial" or '
             '"projected"'
         )
-
-
-def room(geometry: str, structure: Structure) -> Float[Array, "n_row 3"] | None:
-    """Zeros [n_row, 3] to be replaced by the nodes when the phase begins; None for "input"."""
-    if geometry == "input":
-        return None
-    rows = structure.rows()[0]
-    return jnp.zeros((structure.n_node if rows is None else len(rows), 3))
 
 
 def padded(

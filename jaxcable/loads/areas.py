@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Literal
 
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
 from ..common import checks
-from ..common.tree import copy, pytree
+from ..common.tree import copy, put, pytree
 from ..common.types import Array, ArrayLike, Float, Int
-from ..elements.element import Element
 from ..model.structure import Structure
 from ..numerics import scaled
 from . import faces as _faces
-from .along import check_geometry, padded, room
-from .load import Measured, OwnState
+from .along import check_geometry, padded
+from .load import Groups, Measured, OnEveryNode, Positions, States
 
 PER = ("projected", "initial")
 
@@ -24,17 +23,17 @@ PER = ("projected", "initial")
 class AreaLoads(Measured):
     """Dead loads per area; a third of the force on each triangle acts at each of its corners.
 
-    The load is dead: the areas do not change while it acts. They are differentiable.
+    The load is dead: the areas do not change while it acts. They are differentiable. `net_faces`
+    finds the faces of a net.
 
     Args:
         faces: node numbers in order around each face, [n_face, 3] or [n_face, 4]. A quadrilateral
             is the mean of both ways to split it; a triangle among quadrilaterals repeats a node.
-            `net_faces` finds the faces of a net.
         forces: force per area, [3] or [n_face, 3], N/m2: snow is ``(0, 0, -s)``.
         per: the area that `forces` refer to: "projected", as seen along the force (plan area, for
             snow), or "initial", the surface itself. A zero force has no direction to project
             along: see `LineLoads`.
-        factor: of the forces.
+        factor: factor of the forces, without unit; default 1.
         geometry: the geometry of the areas: "input", that of the structure's nodes, or "begun",
             that at the beginning of the phase that adds the load, the form after prestress.
 
@@ -55,33 +54,23 @@ class AreaLoads(Measured):
 
     faces: Int[ArrayLike, "n_face 3or4"]
     forces: Float[ArrayLike, "... 3"]
-    per: str = "projected"
+    per: Literal["projected", "initial"] = "projected"
     factor: Float[ArrayLike, ""] = 1.0
-    geometry: str = "input"
+    geometry: Literal["input", "begun"] = "input"
     begun: Float[Array, "n_row 3"] | None = (
         None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
     )
 
     def __post_init__(self):
-        object.__setattr__(self, "faces", _faces.checked(self.faces))
-        forces = checks.floats(self.forces, "forces")
-        if forces.shape not in ((3,), (len(self.faces), 3)):
-            raise ValueError(
-                f"forces: expected shape (3,) or ({len(self.faces)}, 3), got {forces.shape}"
-            )
-        object.__setattr__(self, "forces", forces)
-        object.__setattr__(self, "factor", checks.scalar(self.factor, "factor"))
-        if self.per not in PER:
-            raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
+        put(self, faces=_faces.checked(self.faces))
+        forces = checks.shaped(self.forces, "forces", (3,), (len(self.faces), 3))
+        put(self, forces=forces, factor=checks.scalar(self.factor, "factor"))
+        checks.one_of(self.per, "per", PER)
         check_geometry(self.geometry, self.per)
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
         _faces.known(self.faces, structure)
-
-    def among(self, structure: Structure) -> AreaLoads:
-        """The load with an array for the nodes at the beginning of its phase, if it needs them."""
-        return copy(self, begun=room(self.geometry, structure))
 
     def scaled(self, factor: Float[ArrayLike, ""]) -> AreaLoads:
         """The load times `factor`."""
@@ -89,12 +78,12 @@ class AreaLoads(Measured):
 
     def element_forces(
         self,
-        groups: Sequence[Element],
-        states: Sequence[OwnState],
-        nodes: Float[Array, "n_row 3"],
+        groups: Groups,
+        states: States,
+        nodes: Positions,
         shape: tuple[int, int],
         dtype: DTypeLike,
-    ) -> Float[Array, "n_row n_freedom"]:
+    ) -> OnEveryNode:
         """Force on every node, of `shape`, N."""
         corners = self.measured(nodes)[self.faces]
         per_area = jnp.broadcast_to(self.forces.astype(dtype), (len(corners), 3))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Self, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -14,98 +14,102 @@ from ..common import checks
 from ..common.selection import Selection
 from ..common.tree import Indices, copy, plain
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..elements.element import ElementState
+from ..elements.element_state import ElementState
 from ..model.structure import Structure
-from .load import Bundles
+from .load import Acting, Bundles
 
 Key: TypeAlias = Any
 """Key of a group in the structure's elements: a dict's key or a list's index; None means all
 groups. In an analysis, a tuple of numbers of groups."""
-ByGroup = TypeVar("ByGroup", bound=Any)  # a load with `on`, `elements` and `part`
 
 _ALL = 1.0  # factor of all elements of a group
 
 
-def chosen(on: Key, structure: Structure) -> tuple[int, ...]:
-    """Numbers of the groups that the key `on` of the structure's elements names; all if None.
+class OnGroups(Acting):
+    """A load along elements: of all groups, of one, or of some elements of one.
 
-    Raises:
-        ValueError: there is no such key.
+    Attributes:
+        on: `Key` of the loaded group.
+        elements: the loaded elements of this group; None means all.
+        part: by number of group, factors of its elements, [n_elem]; set by the analysis.
     """
-    count = len(structure.groups)
-    if on is None:
-        return tuple(range(count))
-    numbers = structure.arrange(list(range(count)))
+
+    on: Key
+    elements: Selection | None = None
+    part: dict[int, Float[Array, " n_elem"]] | None
+
+    def _check_elements(self):
+        """Raise ValueError unless `elements` is a selection or None."""
+        if self.elements is not None and not isinstance(self.elements, Selection):
+            raise ValueError(
+                "elements: expected a selection such as only([4, 5]), got "
+                f"{type(self.elements).__name__}"
+            )
+
+    def selected(
+        self, structure: Structure
+    ) -> tuple[tuple[int, ...], Bool[np.ndarray, " n_elem"] | None]:
+        """Numbers of the loaded groups, and a mask of the loaded elements, [n_elem] bool, NumPy.
+
+        The mask is None if all elements are loaded.
+
+        Raises:
+            ValueError: there is no such group or element, or elements of several groups.
+        """
+        numbers = _chosen(self.on, structure)
+        if self.elements is None:
+            return numbers, None
+        if len(numbers) != 1:
+            raise ValueError(
+                f"elements: on = {self.on!r} means {len(numbers)} groups; name the one whose "
+                "elements these are"
+            )
+        return numbers, self.elements.chosen(len(structure.groups[numbers[0]].links), "elements")
+
+    def among(self, structure: Structure) -> Self:
+        """The load with groups as numbers, and with factors for elements: 1 if loaded, else 0."""
+        numbers, mask = self.selected(structure)
+        part = None if mask is None else {numbers[0]: mask.astype(float)}
+        return copy(self, on=numbers, elements=None, part=part)
+
+    def bundled(self, bundles: Bundles) -> Self:
+        """The load, after `among`, on bundles of groups, see `mechanics.bundles`."""
+        if bundles.plain:
+            return self
+        given = self.part or {}
+        spread = bundles.spread(self.on, {number: given.get(number, _ALL) for number in self.on})
+        part = {number: factors for number, factors in spread.items() if factors is not _ALL}
+        return copy(self, on=tuple(spread), part=part or None)
+
+    def touched(self, bundles: Bundles) -> Self:
+        """The load with the numbers of the bundles that it acts on."""
+        return copy(self, on=bundles.numbers(self.on))
+
+    def partly(
+        self,
+        number: int,
+        amounts: Float[ArrayLike, "n_elem ..."],
+        state: ElementState | None = None,
+    ) -> Float[Array, "n_elem ..."]:
+        """Amounts of the elements of a group, [n_elem, ...], zero where the load is not.
+
+        They are zero where an element is not there, too, if the `state` of the group says so.
+        """
+        across = -1, *(1,) * (amounts.ndim - 1)
+        if self.part is not None and number in self.part:
+            amounts = amounts * self.part[number].astype(amounts.dtype).reshape(across)
+        return amounts if state is None else state.only_present(amounts)
+
+
+def _chosen(on, structure):
+    """Numbers of the groups that a key of the structure's elements names, a tuple; all if None."""
+    numbers = structure.arrange(list(range(len(structure.groups))))
     try:
-        return tuple(jax.tree.leaves(numbers[on]))
+        return tuple(jax.tree.leaves(numbers if on is None else numbers[on]))
     except (KeyError, IndexError, TypeError):
         keys: Any = range(len(numbers)) if isinstance(numbers, list | tuple) else numbers
         known = checks.meant(on, keys) if isinstance(keys, dict | range) else ""
         raise ValueError(f"on = {on!r}: no such key in the structure's elements{known}") from None
-
-
-def check_elements(elements: object) -> None:
-    """Raise ValueError unless `elements` of a load is a selection or None."""
-    if elements is not None and not isinstance(elements, Selection):
-        raise ValueError(
-            f"elements: expected a selection such as only([4, 5]), got {type(elements).__name__}"
-        )
-
-
-def selected(
-    load: ByGroup, structure: Structure
-) -> tuple[tuple[int, ...], Bool[np.ndarray, " n_elem"] | None]:
-    """Numbers of the loaded groups, and a mask of the loaded elements, [n_elem] bool, NumPy.
-
-    The mask is None if all elements are loaded.
-
-    Raises:
-        ValueError: there is no such group or element, or elements of several groups.
-    """
-    numbers = chosen(load.on, structure)
-    if load.elements is None:
-        return numbers, None
-    if len(numbers) != 1:
-        raise ValueError(
-            f"elements: on = {load.on!r} means {len(numbers)} groups; name the one whose elements "
-            "these are"
-        )
-    return numbers, load.elements.chosen(len(structure.groups[numbers[0]].links), "elements")
-
-
-def settled(load: ByGroup, structure: Structure, **changes: Any) -> ByGroup:
-    """The load with groups as numbers, and with factors for elements: 1 if loaded, else 0."""
-    numbers, mask = selected(load, structure)
-    part = None if mask is None else {numbers[0]: mask.astype(float)}
-    return copy(load, on=numbers, elements=None, part=part, **changes)
-
-
-def partly(
-    load: ByGroup,
-    number: int,
-    amounts: Float[ArrayLike, "n_elem ..."],
-    state: ElementState | None = None,
-) -> Float[Array, "n_elem ..."]:
-    """Amounts of the elements of a group, [n_elem, ...], zero where a `settled` load is not.
-
-    They are zero where an element is not there, too, if the `state` of the group says so.
-    """
-    across = -1, *(1,) * (amounts.ndim - 1)
-    if load.part is not None and number in load.part:
-        amounts = amounts * load.part[number].astype(amounts.dtype).reshape(across)
-    if state is None or state.present is None:
-        return amounts
-    return jnp.where(state.present.reshape(across), amounts, 0.0)
-
-
-def bundled(load: ByGroup, bundles: Bundles) -> ByGroup:
-    """A load `settled` on groups, converted to bundles of groups, see `mechanics.bundles`."""
-    if bundles.plain:
-        return load
-    given = {} if load.part is None else load.part
-    spread = bundles.spread(load.on, {number: given.get(number, _ALL) for number in load.on})
-    part = {number: factors for number, factors in spread.items() if factors is not _ALL}
-    return copy(load, on=tuple(spread), part=part or None)
 
 
 def scattered(
@@ -124,7 +128,7 @@ def scattered(
         dtype: of the result.
     """
     nodes = plain(nodes)
-    known = [None if part is None else checks.concrete(part) for part in parts]
+    known = [checks.concrete(part) for part in parts]
     traced = any(a is None and b is not None for a, b in zip(known, parts, strict=True))
     traced = traced or isinstance(nodes, jax.core.Tracer)
     total: ArrayLike = jnp.zeros(shape, dtype) if traced else np.zeros(shape, dtype)

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from jax.typing import DTypeLike
 
 from ..common.rules import Rule
-from ..common.tree import Indices, copy
+from ..common.tree import Indices
 from ..common.types import Array, ArrayLike, Float, Int
-from ..elements.element import Element
+from ..elements.element import Element, OwnState
 from ..model.structure import Structure
 from ..model.supports import Fixed
 
-OwnState: TypeAlias = Any
-"""The `ElementState` of a group's own class."""
+Groups: TypeAlias = Sequence[Element]
+States: TypeAlias = Sequence[OwnState]
+"""State of every group, an `ElementState` of the group's own class."""
+Positions: TypeAlias = 'Float[Array, "n_row 3"]'
+OnEveryNode: TypeAlias = 'Float[Array, "n_row n_freedom"]'
+"""Forces of all nodes, N, with six columns also moments, N m."""
+Blocks: TypeAlias = 'list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]'
+"""Derivatives of forces by positions: blocks, and the nodes that they couple."""
 
 
 class Bundles(Protocol):
@@ -131,16 +137,16 @@ class Dead(Acting):
     @abc.abstractmethod
     def element_forces(
         self,
-        groups: Sequence[Element],
-        states: Sequence[OwnState],
-        nodes: Float[Array, "n_row 3"],
+        groups: Groups,
+        states: States,
+        nodes: Positions,
         shape: tuple[int, int],
         dtype: DTypeLike,
-    ) -> Float[Array, "n_row n_freedom"]:
+    ) -> OnEveryNode:
         """Force on every node, as `shape`, N, for the given element states."""
 
     def per_length(
-        self, number: int, group: Element, state: OwnState, nodes: Float[Array, "n_row 3"]
+        self, number: int, group: Element, state: OwnState, nodes: Positions
     ) -> Float[Array, "n_elem 3"] | None:
         """The load along the elements of a group, which bends them or makes them hang.
 
@@ -160,18 +166,14 @@ class Measured(Dead):
     """
 
     geometry: str = "input"
-    begun: Float[Array, "n_row 3"] | None = None
+    begun: Positions | None = None
 
     @property
     def asks_begun(self) -> bool:
         """Whether it is measured in the geometry at the beginning of its phase."""
         return self.geometry == "begun"
 
-    def without_begun(self) -> Measured:
-        """The load without `begun`, which belongs to an analysis."""
-        return self if self.begun is None else copy(self, begun=None)
-
-    def measured(self, nodes: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
+    def measured(self, nodes: Positions) -> Positions:
         """Positions to measure lengths or areas in, [n_row, 3], m; `nodes` are the initial ones."""
         return nodes if self.begun is None else self.begun
 
@@ -180,27 +182,19 @@ class Following(Acting):
     """Forces that depend on where the nodes are."""
 
     @abc.abstractmethod
-    def touches(self, groups: Sequence[Element]) -> list[Indices]:
+    def touches(self, groups: Groups) -> list[Indices]:
         """Nodes whose forces depend on each other's positions, a list of `Indices` [n, k]."""
 
     @abc.abstractmethod
     def following_forces(
-        self,
-        groups: Sequence[Element],
-        states: Sequence[OwnState],
-        nodes: Float[Array, "n_row 3"],
-        moved: Float[Array, "n_row 3"],
-    ) -> Float[Array, "n_row 3"]:
+        self, groups: Groups, states: States, nodes: Positions, moved: Positions
+    ) -> Positions:
         """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
 
     @abc.abstractmethod
     def following_blocks(
-        self,
-        groups: Sequence[Element],
-        states: Sequence[OwnState],
-        nodes: Float[Array, "n_row 3"],
-        moved: Float[Array, "n_row 3"],
-    ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]:
+        self, groups: Groups, states: States, nodes: Positions, moved: Positions
+    ) -> Blocks:
         """Derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
 
     def pressing(

@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..common import checks
 from ..common.types import ArrayLike, Float, Int
+from ..sections.outlines import inside, signed_area
 
 BORDERS = (None, "ends", "links")
 STRAIGHT = 45.0
@@ -98,7 +99,7 @@ def net_faces(
     rings = _rings(plan, edges)
     _require_plane(plan, edges, rings, nothing)
     if border != "links":
-        lines = _between_ends(plan, edges, [r for r in rings if _area(plan, r) <= nothing])
+        lines = _between_ends(plan, edges, [r for r in rings if signed_area(plan[r]) <= nothing])
         if lines:
             _require_apart(plan, lines, edges)
             closed, rings = rings, _rings(plan, edges | lines)
@@ -106,7 +107,7 @@ def net_faces(
                 _warn(plan, lines, closed, rings, nothing)
     faces = []
     for ring in rings:
-        if _area(plan, ring) <= nothing:
+        if signed_area(plan[ring]) <= nothing:
             continue  # the outside of the net, or a line
         ring = _without_spurs(ring)
         if not _convex(plan[ring]):
@@ -161,32 +162,16 @@ def _require_plane(plan, edges, rings, nothing):
     alone = len(plan) - len(np.unique(ends))  # nodes without links, each a part by itself
     if len(rings) != len(edges) - (len(plan) - alone) + 2 * (count - alone):
         raise ValueError("links: some cross in plan; put a node where they do")
-    meshes = [ring for ring in rings if _area(plan, ring) > nothing]
+    meshes = [ring for ring in rings if signed_area(plan[ring]) > nothing]
     covering = np.isin(part, [part[ring[0]] for ring in meshes])
     for ring in meshes if count > 1 else ():
         others = np.flatnonzero(covering & (part != part[ring[0]]))
-        inside = others[_within(plan[ring], plan[others])]
-        if len(inside):
+        within = others[inside(plan[others], plan[ring])]
+        if len(within):
             raise ValueError(
-                f"links: the part of the net with node {inside[0]} lies inside a mesh of another "
+                f"links: the part of the net with node {within[0]} lies inside a mesh of another "
                 f"part, that with node {ring[0]}; join them with a link"
             )
-
-
-def _within(places, points):
-    """Whether points [n, 2] are within a ring of places, by crossings of a ray, [n] bool."""
-    (x, y), following = places.T, np.roll(places, -1, axis=0).T
-    px, py = points[:, :1], points[:, 1:]
-    spans = (y > py) != (following[1] > py)
-    rise = np.where(following[1] == y, 1.0, following[1] - y)
-    right = px < x + (py - y) / rise * (following[0] - x)
-    return (spans & right).sum(axis=1) % 2 == 1
-
-
-def _area(plan, ring):
-    """Area within a ring of nodes, m2, positive if it goes anticlockwise."""
-    x, y = (plan[ring] - plan[ring[0]]).T
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 def _without_spurs(ring):
@@ -225,8 +210,8 @@ def _ears(plan, ring):
             a, b, c = ring[k - 1], ring[k], ring[(k + 1) % len(ring)]
             rest = plan[[node for node in ring if node not in (a, b, c)]]
             sides = [_left_of(plan[i], plan[j], rest) for i, j in ((a, b), (b, c), (c, a))]
-            inside = (np.stack(sides) >= 0).all(axis=0).any()
-            if turns[k] > best and not inside:
+            holds_others = (np.stack(sides) >= 0).all(axis=0).any()
+            if turns[k] > best and not holds_others:
                 best, cut = turns[k], k
         if cut is None:
             raise ValueError(f"links: the mesh of nodes {ring} crosses itself in plan")
@@ -336,7 +321,7 @@ def _require_apart(plan, lines, edges):
 def _warn(plan, lines, closed, rings, nothing):
     """Warn of area that lies outside of all links, if there is any."""
     before, after = (
-        sum(area for ring in found if (area := _area(plan, ring)) > nothing)
+        sum(area for ring in found if (area := signed_area(plan[ring])) > nothing)
         for found in (closed, rings)
     )
     if after - before > nothing:

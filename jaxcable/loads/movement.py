@@ -6,7 +6,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from ..common import checks
-from ..common.tree import Indices, copy, pytree
+from ..common.tree import Indices, copy, put, pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from ..model import plausibility
 from ..model.structure import Structure
@@ -49,20 +49,14 @@ class SupportMovement(Moving):
 
     def __post_init__(self):
         if not isinstance(self.nodes, Indices):
-            object.__setattr__(self, "nodes", Indices(checks.integers(self.nodes, "moved nodes")))
+            put(self, nodes=Indices(checks.integers(self.nodes, "moved nodes")))
         if self.displacements is None:
-            object.__setattr__(self, "displacements", (0.0, 0.0, 0.0))
+            put(self, displacements=(0.0, 0.0, 0.0))
         for name in ("displacements", "rotations"):
-            value = getattr(self, name)
-            if value is None:
-                continue
-            value = checks.floats(value, name)
-            if value.shape not in ((3,), (len(self.nodes), 3)):
-                raise ValueError(
-                    f"{name}: expected shape (3,) or ({len(self.nodes)}, 3), got {value.shape}"
-                )
-            object.__setattr__(self, name, value)
-        turn = None if self.rotations is None else checks.concrete(self.rotations)
+            if getattr(self, name) is not None:
+                shapes = (3,), (len(self.nodes), 3)
+                put(self, **{name: checks.shaped(getattr(self, name), name, *shapes)})
+        turn = checks.concrete(self.rotations)
         if turn is not None:
             plausibility.turned("rotations", turn)
 

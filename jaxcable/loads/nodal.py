@@ -6,7 +6,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from ..common import checks
-from ..common.tree import Indices, copy, pytree
+from ..common.tree import Indices, copy, put, pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from ..model.structure import Structure
 from .groups import scattered
@@ -44,21 +44,11 @@ class NodalLoads(OnNodes):
 
     def __post_init__(self):
         if not isinstance(self.nodes, Indices):
-            object.__setattr__(self, "nodes", Indices(checks.integers(self.nodes, "load nodes")))
-        forces = checks.floats(self.forces, "forces")
-        if forces.shape not in ((3,), (len(self.nodes), 3)):
-            raise ValueError(
-                f"forces: expected shape (3,) or ({len(self.nodes)}, 3), got {forces.shape}; give "
-                "(x, y, z) for all nodes, or for each of them"
-            )
-        object.__setattr__(self, "forces", forces)
+            put(self, nodes=Indices(checks.integers(self.nodes, "load nodes")))
+        shapes, hint = ((3,), (len(self.nodes), 3)), "; give (x, y, z) for all nodes, or for each"
+        put(self, forces=checks.shaped(self.forces, "forces", *shapes, hint=f"{hint} of them"))
         if self.moments is not None:
-            moments = checks.floats(self.moments, "moments")
-            if moments.shape not in ((3,), (len(self.nodes), 3)):
-                raise ValueError(
-                    f"moments: expected shape (3,) or ({len(self.nodes)}, 3), got {moments.shape}"
-                )
-            object.__setattr__(self, "moments", moments)
+            put(self, moments=checks.shaped(self.moments, "moments", *shapes))
 
     def at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]]:
         """Nodes [n] and the forces on them, [3] or [n, 3], N."""

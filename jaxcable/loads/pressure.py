@@ -8,27 +8,58 @@ size.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import abc
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
 
 from ..common import checks
 from ..common.rules import Rule, refuse
-from ..common.tree import Indices, copy, pytree
+from ..common.tree import Indices, copy, put, pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element
 from ..model.parts import group_path
 from ..model.structure import Structure
 from . import faces as _faces
-from .groups import Key, bundled, chosen, partly
-from .load import Bundles, Following, OwnState
+from .groups import Key, OnGroups
+from .load import Blocks, Following, Groups, Positions, States
 
 PER = ("current", "unstressed")
 
 
+class Pressure(Following):
+    """A following load by the force on one piece, an element or a face, and all of its pieces."""
+
+    @abc.abstractmethod
+    def _parts(self, groups, states, moved):
+        """Iterate over arrays of pieces: moved corners [n, k, 3], numbers, nodes [n, k]."""
+
+    @abc.abstractmethod
+    def _force(self, corners, numbers):
+        """Force at the corners of one piece, [k, 3], N."""
+
+    def following_forces(
+        self, groups: Groups, states: States, nodes: Positions, moved: Positions
+    ) -> Positions:
+        """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
+        total = jnp.zeros_like(moved)
+        for corners, numbers, links in self._parts(groups, states, moved):
+            total = total.at[links].add(jax.vmap(self._force)(corners, numbers))
+        return total
+
+    def following_blocks(
+        self, groups: Groups, states: States, nodes: Positions, moved: Positions
+    ) -> Blocks:
+        """Derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
+        return [
+            (jax.vmap(jax.jacfwd(self._force))(corners, numbers), links)
+            for corners, numbers, links in self._parts(groups, states, moved)
+        ]
+
+
 @pytree(static=("on", "per"))
-class CablePressure(Following):
+class CablePressure(OnGroups, Pressure):
     """Follower pressure on cables, bars and beams, across them and across an axis.
 
     For a cable with chord ``d``, ``axis x d`` is the area vector of a strip of width 1 that the
@@ -44,8 +75,9 @@ class CablePressure(Following):
         pressure: force per length, N/m, scalar, or [n_elem] for the one group that `on` names.
             Positive along ``axis x d``.
         axis: direction, [3], of any length.
-        on: key of the loaded group in the structure's elements (a dict's key, a list's index);
-            None loads all groups. Only groups of cables, bars or beams can be loaded.
+        on: key of the loaded group in the structure's elements, such as "guys", or its place from 0
+            where these are a list; None loads all groups. Only groups
+            of cables, bars or beams can be loaded.
         per: "current" length (as seen along the axis), or "unstressed": the force then keeps its
             magnitude and only turns with the element, which has no potential.
 
@@ -68,23 +100,19 @@ class CablePressure(Following):
     pressure: Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"]
     axis: Float[ArrayLike, " 3"]
     on: Key = None
-    per: str = "current"
+    per: Literal["current", "unstressed"] = "current"
     part: dict[int, Float[Array, " n_elem"]] | None = (
         None  # by number of group: factor of the pressure on each element; set by the analysis
     )
 
     def __post_init__(self):
-        axis = checks.floats(self.axis, "axis")
-        if axis.shape != (3,):
-            raise ValueError(f"axis: expected shape (3,), got {axis.shape}")
-        object.__setattr__(self, "axis", axis)
+        put(self, axis=checks.shaped(self.axis, "axis", (3,)))
         refuse(self.rules())
         pressure = checks.floats(self.pressure, "pressure")
         if pressure.ndim > 1:
             raise ValueError(f"pressure: expected a scalar or [n_elem], got {pressure.shape}")
-        object.__setattr__(self, "pressure", pressure)
-        if self.per not in PER:
-            raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
+        put(self, pressure=pressure)
+        checks.one_of(self.per, "per", PER)
 
     def rules(self) -> list[Rule]:
         """The rules of its numbers, see `common.rules`."""
@@ -93,8 +121,7 @@ class CablePressure(Following):
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a loaded group cannot be pressed."""
-        numbers = chosen(self.on, structure)
-        for number in numbers:
+        for number in self.selected(structure)[0]:
             group = structure.groups[number]
             if group.links.shape[1] != 2 or (group.shaped_by_load and not group.rotates):
                 raise ValueError(
@@ -107,34 +134,21 @@ class CablePressure(Following):
                     f'per = "unstressed": {group_path(structure, number)} '
                     f'({type(group).__name__}) has no unstressed length; give per="current"'
                 )
-            if self.pressure.shape not in ((), (len(group.links),)):
-                raise ValueError(
-                    f"pressure: expected a scalar or shape ({len(group.links)},), "
-                    f"got {self.pressure.shape}"
-                )
+            checks.shaped(self.pressure, "pressure", (), (len(group.links),))
 
     def among(self, structure: Structure) -> CablePressure:
-        """The load with `on` as numbers of groups."""
-        return copy(self, on=chosen(self.on, structure))
-
-    def bundled(self, bundles: Bundles) -> CablePressure:
-        """The load on bundles of the groups that it acts on."""
+        """The load with `on` as numbers of groups, and pressures of elements as their factors."""
+        load = super().among(structure)
         if jnp.ndim(self.pressure) == 0:
-            return bundled(self, bundles)
-        if bundles.plain:
-            return self
-        part = bundles.spread(self.on, dict.fromkeys(self.on, self.pressure))
-        return copy(self, on=tuple(part), pressure=jnp.ones_like(self.pressure[0]), part=part)
-
-    def touched(self, bundles: Bundles) -> CablePressure:
-        """The load with the numbers of the bundles that it acts on."""
-        return copy(self, on=bundles.numbers(self.on))
+            return load
+        part = dict.fromkeys(load.on, self.pressure)
+        return copy(load, pressure=jnp.ones_like(self.pressure[0]), part=part)
 
     def scaled(self, factor: Float[ArrayLike, ""]) -> CablePressure:
         """The load times `factor`."""
         return copy(self, pressure=factor * self.pressure)
 
-    def touches(self, groups: Sequence[Element]) -> list[Indices]:
+    def touches(self, groups: Groups) -> list[Indices]:
         """Nodes whose forces depend on each other's positions, a list of [n, 2]."""
         return [Indices(groups[number].links.array[:, :2]) for number in self.on]
 
@@ -151,52 +165,30 @@ class CablePressure(Following):
             return None
         count = len(group.links)
         axis = self.axis / _length(self.axis)
-        pressure = partly(self, number, jnp.broadcast_to(self.pressure, (count,)))
+        pressure = self.partly(number, jnp.broadcast_to(self.pressure, (count,)))
         return self.per, pressure, jnp.broadcast_to(axis, (count, 3))
 
     def _parts(self, groups, states, moved):
-        """Iterate over groups: moved ends [n, 2, 3], numbers for `_force`, nodes [n, 2]."""
         for number in self.on:
             group, state = groups[number], states[number]
             pressure = jnp.broadcast_to(self.pressure, (len(group.links),)).astype(moved.dtype)
-            pressure = partly(self, number, pressure, state)
+            pressure = self.partly(number, pressure, state)
             links = group.links[:, :2]  # without the inner numbers of beams
             yield moved[links], (pressure, state.rest_length), links
 
-    def _force(self, ends, numbers):
-        """Force at the two ends of one element, [2, 3], N."""
+    def _force(self, corners, numbers):
         pressure, rest_length = numbers
-        axis = self.axis.astype(ends.dtype)
+        axis = self.axis.astype(corners.dtype)
         axis = axis / _length(axis)
-        across = jnp.cross(axis, ends[1] - ends[0])
+        across = jnp.cross(axis, corners[1] - corners[0])
         if self.per == "unstressed":
             across = rest_length * across / _length(across)
         half = 0.5 * pressure * across
         return jnp.stack([half, half])
 
-    def following_forces(
-        self,
-        groups: Sequence[Element],
-        states: Sequence[OwnState],
-        nodes: Float[Array, "n_row 3"],
-        moved: Float[Array, "n_row 3"],
-    ) -> Float[Array, "n_row 3"]:
-        """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
-        return _collected(self, self._parts(groups, states, moved), moved)
-
-    def following_blocks(
-        self,
-        groups: Sequence[Element],
-        states: Sequence[OwnState],
-        nodes: Float[Array, "n_row 3"],
-        moved: Float[Array, "n_row 3"],
-    ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]:
-        """Derivative of the forces: list of (blocks [n, 2, 3, 2, 3], nodes [n, 2])."""
-        return _derived(self, self._parts(groups, states, moved))
-
 
 @pytree(indices=("faces",))
-class FacePressure(Following):
+class FacePressure(Pressure):
     """Follower pressure on faces of a net: along their normals, times their current areas.
 
     A third of the force on each triangle acts at each of its corners. Positive pressure acts along
@@ -204,7 +196,8 @@ class FacePressure(Following):
 
     Args:
         faces: node numbers, [n_face, 3] or [n_face, 4], as in `AreaLoads`.
-        pressure: N/m2, scalar or [n_face].
+        pressure: pressure, N/m2, scalar or [n_face]; positive along the normal about which the
+            nodes of a face are in anticlockwise order.
 
     Raises:
         ValueError: wrong shapes, a face with fewer than three nodes; where a phase is analysed, a
@@ -225,13 +218,9 @@ class FacePressure(Following):
     pressure: Float[ArrayLike, ""] | Float[ArrayLike, " n_face"]
 
     def __post_init__(self):
-        object.__setattr__(self, "faces", _faces.checked(self.faces))
-        pressure = checks.floats(self.pressure, "pressure")
-        if pressure.shape not in ((), (len(self.faces),)):
-            raise ValueError(
-                f"pressure: expected a scalar or shape ({len(self.faces)},), got {pressure.shape}"
-            )
-        object.__setattr__(self, "pressure", pressure)
+        faces = _faces.checked(self.faces)
+        put(self, faces=faces)
+        put(self, pressure=checks.shaped(self.pressure, "pressure", (), (len(faces),)))
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
@@ -241,57 +230,19 @@ class FacePressure(Following):
         """The load times `factor`."""
         return copy(self, pressure=factor * self.pressure)
 
-    def touches(self, groups: Sequence[Element]) -> list[Indices]:
+    def touches(self, groups: Groups) -> list[Indices]:
         """Nodes whose forces depend on each other's positions, a list of [n, 3 or 4]."""
         return [self.faces]
 
-    def _parts(self, moved):
-        """Iterate over arrays of faces, here one: moved corners, pressure, nodes."""
+    def _parts(self, groups, states, moved):
         pressure = jnp.broadcast_to(self.pressure, (len(self.faces),)).astype(moved.dtype)
         yield moved[self.faces], pressure, self.faces
 
-    def _force(self, corners, pressure):
-        """Force at the corners of one face, [3 or 4, 3], N."""
+    def _force(self, corners, numbers):
         force = jnp.zeros_like(corners)
-        for numbers, vector in _faces.area_vectors(corners):
-            force = force.at[jnp.array(numbers)].add(pressure * vector / 3)
+        for triangle, vector in _faces.area_vectors(corners):
+            force = force.at[jnp.array(triangle)].add(numbers * vector / 3)
         return force
-
-    def following_forces(
-        self,
-        groups: Sequence[Element],
-        states: Sequence[OwnState],
-        nodes: Float[Array, "n_row 3"],
-        moved: Float[Array, "n_row 3"],
-    ) -> Float[Array, "n_row 3"]:
-        """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
-        return _collected(self, self._parts(moved), moved)
-
-    def following_blocks(
-        self,
-        groups: Sequence[Element],
-        states: Sequence[OwnState],
-        nodes: Float[Array, "n_row 3"],
-        moved: Float[Array, "n_row 3"],
-    ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]:
-        """Derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
-        return _derived(self, self._parts(moved))
-
-
-def _collected(load, parts, moved):
-    """Forces of all parts of a load, summed at the nodes, [n_node, 3], N."""
-    total = jnp.zeros_like(moved)
-    for places, numbers, links in parts:
-        total = total.at[links].add(jax.vmap(load._force)(places, numbers))
-    return total
-
-
-def _derived(load, parts):
-    """Derivatives of the forces of all parts of a load, see `Following.following_blocks`."""
-    return [
-        (jax.vmap(jax.jacfwd(load._force))(places, numbers), links)
-        for places, numbers, links in parts
-    ]
 
 
 def _length(vector):

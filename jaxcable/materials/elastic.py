@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from ..common import checks
 from ..common.rules import Rule, positive, refuse
-from ..common.tree import copy, pytree
+from ..common.tree import copy, put, pytree
 from ..common.types import Array, ArrayLike, Float
-from .law import Law
+from .law import Law, Memory, Numbers, Values
 
 
 @pytree
 class Elastic(Law):
-    """Linear law, ``stress = E strain``.
+    """Linear law: stress is E times strain.
 
     Attributes:
         E: Young's modulus, scalar, Pa, positive.
@@ -35,7 +35,7 @@ class Elastic(Law):
         E = checks.floats(self.E, "E")
         if E.shape != ():
             raise ValueError(f"E: expected a scalar (a group shares its law), got shape {E.shape}")
-        object.__setattr__(self, "E", E)
+        put(self, E=E)
         refuse(self.rules())
 
     def rules(self) -> list[Rule]:
@@ -47,24 +47,18 @@ class Elastic(Law):
         """Slope at the origin, Pa."""
         return self.E
 
-    def stress_at(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "*shape"]:
+    def stress_at(self, strain: Numbers, memory: Memory = None) -> Values:
         """Stress, Pa, at `strain`."""
         return self.E * strain
 
-    def energy_at(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "*shape"]:
+    def energy_at(self, strain: Numbers, memory: Memory = None) -> Values:
         """Strain energy per unstressed volume, J/m3."""
         return 0.5 * self.E * strain**2
 
-    def strain_at(
-        self, stress: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "*shape"]:
+    def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
         """Strain at `stress`, Pa."""
         return stress / self.E
 
-    def softened(self, compliance: Float[ArrayLike, "*shape"]) -> Elastic:
+    def softened(self, compliance: Numbers) -> Elastic:
         """The law in series with a spring of `compliance`, 1/Pa."""
         return copy(self, E=self.E / (1 + compliance * self.E))

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import abc
+from typing import TypeAlias
 
 import jax.numpy as jnp
 
 from ..common.types import Array, ArrayLike, Bool, Float
+
+Numbers: TypeAlias = 'Float[ArrayLike, "*shape"]'
+"""Strains or stresses of fibres, as they are given."""
+Values: TypeAlias = 'Float[Array, "*shape"]'
+Remembered: TypeAlias = 'Float[Array, "... n_memory"]'
+"""What a law remembers of each fibre."""
+Memory: TypeAlias = "Remembered | None"
+Pair: TypeAlias = 'tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]'
 
 
 class Law(abc.ABC):
@@ -34,68 +43,51 @@ class Law(abc.ABC):
         """Slope at the origin, on the tension side, Pa."""
 
     @abc.abstractmethod
-    def stress_at(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "*shape"]:
+    def stress_at(self, strain: Numbers, memory: Memory = None) -> Values:
         """Stress, Pa; derivatives at corners are those of loading."""
 
     @abc.abstractmethod
-    def energy_at(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "*shape"]:
+    def energy_at(self, strain: Numbers, memory: Memory = None) -> Values:
         """Integral of the stress over strain, J/m3, by a formula that does not use `stress_at`."""
 
     @abc.abstractmethod
-    def strain_at(
-        self, stress: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "*shape"]:
+    def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
         """Strain at a stress, Pa, on the branch that rises from zero; NaN above its peak."""
 
     @property
-    def capacity(self) -> tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]:
+    def capacity(self) -> Pair:
         """Smallest and largest stress, Pa."""
         return -jnp.inf, jnp.inf
 
     @property
-    def limits(self) -> tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]:
-        """Strains at which the curve ends."""
+    def limits(self) -> Pair:
+        """Numbers at which the curve ends."""
         return -jnp.inf, jnp.inf
 
-    def beyond(self, strain: Float[ArrayLike, "*shape"]) -> Bool[Array, "*shape"]:
+    def beyond(self, strain: Numbers) -> Bool[Array, "*shape"]:
         """Whether `strain` is beyond an end of the curve."""
         low, high = self.limits
         return (strain > high) | (strain < low)
 
-    def is_slack(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Bool[Array, "*shape"]:
+    def is_slack(self, strain: Numbers, memory: Memory = None) -> Bool[Array, "*shape"]:
         """Whether the law carries no stress because it has become too short."""
         return jnp.zeros(jnp.shape(strain), bool)
 
-    def corners(
-        self, memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "... n_corner"]:
-        """Strains at which the slope jumps, on the last axis."""
+    def corners(self, memory: Memory = None) -> Float[Array, "... n_corner"]:
+        """Numbers at which the slope jumps, on the last axis."""
         return jnp.zeros(0)
 
-    def corner_distance(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "*shape"]:
+    def corner_distance(self, strain: Numbers, memory: Memory = None) -> Values:
         """Distance in strain to the nearest corner."""
         return jnp.full_like(strain, jnp.inf)
 
-    def size_at(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None
-    ) -> Float[Array, "*shape"]:
+    def size_at(self, strain: Numbers, memory: Memory) -> Values:
         """Sum of the absolute stresses of its parts, Pa: rounding errors are relative to it."""
         return jnp.abs(self.stress_at(strain, memory))
 
     def settle(
-        self,
-        strain: Float[ArrayLike, "*shape"],
-        memory: Float[Array, "... n_memory"],
-        duration: Float[ArrayLike, ""] = 0.0,
-    ) -> Float[Array, "... n_memory"]:
+        self, strain: Numbers, memory: Remembered, duration: Float[ArrayLike, ""] = 0.0
+    ) -> Remembered:
         """The memory after an increment of a duration, s, that ended at `strain`."""
         return memory
 
@@ -123,7 +115,7 @@ class Law(abc.ABC):
         """
         return self
 
-    def softened(self, compliance: Float[ArrayLike, "*shape"]) -> Law:
+    def softened(self, compliance: Numbers) -> Law:
         """The law in series with a spring of `compliance`, strain per stress, 1/Pa."""
         raise NotImplementedError(f"{type(self).__name__} is not known in series with a spring")
 

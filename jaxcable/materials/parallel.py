@@ -19,22 +19,22 @@ import jax.numpy as jnp
 from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from .elastic import Elastic
-from .inverse import inverse
-from .law import Law
-
-_FAR = 1.0  # strain beyond the last corner at which a law is sampled
+from .inverse import FAR, inverse, picked
+from .law import Law, Memory, Numbers, Pair, Remembered, Values
 
 
 @pytree(static=("one_sided",))
 class Parallel(Law):
-    """Laws that share one strain, ``s(e) = sum_i share_i s_i(e)``.
+    """Laws that share one strain: stresses add by their shares of the area.
+
+    ``s(e) = sum_i share_i s_i(e)``.
 
     Attributes:
-        laws: tuple of laws.
+        laws: the laws, in a list.
         shares: share of each law in the area, [n_law], summing to 1.
-        spring: compliance of a spring in series with all laws together, 1/Pa, or None; set by
-            `softened`, for laws that all rise.
-        one_sided: whether the laws together are slack in compression; set by `tension_only`.
+        spring: compliance of a spring in series with all laws together, 1/Pa, or None; for laws
+            that all rise.
+        one_sided: whether the laws together are slack in compression, as a cable is.
 
     Example:
         Concrete in a steel tube, a quarter of the area, at one strain:
@@ -72,8 +72,8 @@ class Parallel(Law):
         return modulus if self.spring is None else modulus / (1 + self.spring * modulus)
 
     @property
-    def limits(self) -> tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]:
-        """Strains at which the first of the curves ends; -inf for the lower one of a cable.
+    def limits(self) -> Pair:
+        """Numbers at which the first of the curves ends; -inf for the lower one of a cable.
 
         Computed for first loading. They hold after any other loading too: at these strains every
         part that can yield has yielded.
@@ -82,7 +82,7 @@ class Parallel(Law):
         return jnp.full_like(low, -jnp.inf) if self.one_sided else low, high
 
     def _ends(self):
-        """Strains of the laws, without the spring, at which the first of the curves ends."""
+        """Numbers of the laws, without the spring, at which the first of the curves ends."""
         low, high = zip(*(law.limits for law in self.laws), strict=True)
         return (
             jnp.max(jnp.stack([jnp.asarray(v) for v in low])),
@@ -90,7 +90,7 @@ class Parallel(Law):
         )
 
     @property
-    def capacity(self) -> tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]:
+    def capacity(self) -> Pair:
         """Smallest and largest stress within the limits, Pa."""
         low, high = self._ends()
         corners = self._corners(None if self.n_memory == 0 else jnp.zeros(self.n_memory))
@@ -117,11 +117,17 @@ class Parallel(Law):
 
     # --- the laws at their own strain: that of the whole less that of the spring
 
-    def _sum(self, strain, memory):
+    def _sum(self, name, strain, memory):
+        """Sum of the shares times a method of the laws, by its name, at their own strain."""
         return sum(
-            share * law.stress_at(strain, remembered)
+            share * getattr(law, name)(strain, remembered)
             for share, law, remembered in self.each(memory)
         )
+
+    def _all_slack(self, law_strain, memory):
+        """Whether every law is slack at its own strain."""
+        slack = [law.is_slack(law_strain, remembered) for _, law, remembered in self.each(memory)]
+        return jnp.all(jnp.stack(jnp.broadcast_arrays(*slack)), axis=0)
 
     def _bare(self):
         """The laws for an iteration, without spring, carrying compression too."""
@@ -145,7 +151,7 @@ class Parallel(Law):
         corners = self._corners(memory)
         corners = jnp.broadcast_to(corners, (*strain.shape, corners.shape[-1]))
         first, last = jnp.min(corners, -1, initial=0.0), jnp.max(corners, -1, initial=0.0)
-        more = jnp.stack([first - _FAR, jnp.zeros_like(strain), last + _FAR], axis=-1)
+        more = jnp.stack([first - FAR, jnp.zeros_like(strain), last + FAR], axis=-1)
         strains = jnp.sort(jnp.concatenate([corners, more], axis=-1))
         lifted = copy(self, spring=jnp.asarray(self.spring)[..., None])
         whole = lifted._with_spring(strains, None if memory is None else memory[..., None, :])
@@ -155,18 +161,14 @@ class Parallel(Law):
         below = jnp.where(target >= 0, whole <= target, whole < target)
         start = jnp.clip(jnp.sum(below, -1, keepdims=True) - 1, 0, strains.shape[-1] - 2)
 
-        def pick(values, index):
-            return jnp.take_along_axis(values, index, axis=-1)[..., 0]
-
-        e0, e1, v0, v1 = (pick(v, k) for v in (strains, whole) for k in (start, start + 1))
+        e0, e1, v0, v1 = (picked(v, k) for v in (strains, whole) for k in (start, start + 1))
         return e0 + (strain - v0) * (e1 - e0) / (v1 - v0)
 
     def _slack(self, law_strain, memory):
         """Whether a cable of these laws is slack at `law_strain`, the strain of the laws."""
         if memory is None:
             return law_strain < 0
-        slack = [law.is_slack(law_strain, remembered) for _, law, remembered in self.each(memory)]
-        slack = jnp.all(jnp.stack(jnp.broadcast_arrays(*slack)), axis=0)
+        slack = self._all_slack(law_strain, memory)
         return (self._bare().stress_at(law_strain, memory) < 0) | slack
 
     def _slackened(self, like, memory):
@@ -186,58 +188,41 @@ class Parallel(Law):
 
     # --- the law
 
-    def stress_at(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "*shape"]:
+    def stress_at(self, strain: Numbers, memory: Memory = None) -> Values:
         """Stress over the whole area, Pa."""
         law_strain = self._own_strain(strain, memory)
-        stress = self._sum(law_strain, memory)
+        stress = self._sum("stress_at", law_strain, memory)
         if not self.one_sided:
             return stress
         return jnp.where(law_strain < 0 if memory is None else stress < 0, 0.0, stress)
 
-    def stresses(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> list[Float[Array, "*shape"]]:
+    def stresses(self, strain: Numbers, memory: Memory = None) -> list[Values]:
         """Stress of every law, a list, Pa; the sum weighted by `shares` is `stress_at`."""
         law_strain = self._kept(strain, memory)
         return [law.stress_at(law_strain, remembered) for _, law, remembered in self.each(memory)]
 
-    def size_at(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None
-    ) -> Float[Array, "*shape"]:
+    def size_at(self, strain: Numbers, memory: Memory) -> Values:
         """Sum of the absolute stresses of all laws, Pa; exactly zero in a slack cable."""
         law_strain = self._own_strain(strain, memory)
-        size = sum(
-            share * law.size_at(law_strain, remembered)
-            for share, law, remembered in self.each(memory)
-        )
+        size = self._sum("size_at", law_strain, memory)
         if not self.one_sided:
             return size
-        return jnp.where(
-            law_strain < 0 if memory is None else self._sum(law_strain, memory) < 0, 0.0, size
-        )
+        pushed = law_strain if memory is None else self._sum("stress_at", law_strain, memory)
+        return jnp.where(pushed < 0, 0.0, size)
 
-    def energy_at(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "*shape"]:
+    def energy_at(self, strain: Numbers, memory: Memory = None) -> Values:
         """Energy per volume, J/m3, including that of the spring.
 
         In a taut cable it is the integral of its stress, if none of the curves falls. In a slack
         cable it is the energy that yielded laws store against each other.
         """
         law_strain = self._kept(strain, memory)
-        energy = sum(
-            share * law.energy_at(law_strain, remembered)
-            for share, law, remembered in self.each(memory)
-        )
+        energy = self._sum("energy_at", law_strain, memory)
         if self.spring is not None:
             energy = energy + 0.5 * self.spring * self.stress_at(strain, memory) ** 2
         return energy
 
-    def strain_at(
-        self, stress: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "*shape"]:
+    def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
         """Strain at a stress over the whole area, Pa; NaN for compression in a cable."""
         stress = jnp.asarray(stress)
         strain = inverse(self._bare(), stress, memory)
@@ -246,11 +231,8 @@ class Parallel(Law):
         return jnp.where(stress < 0, jnp.nan, strain) if self.one_sided else strain
 
     def settle(
-        self,
-        strain: Float[ArrayLike, "*shape"],
-        memory: Float[Array, "... n_memory"],
-        duration: Float[ArrayLike, ""] = 0.0,
-    ) -> Float[Array, "... n_memory"]:
+        self, strain: Numbers, memory: Remembered, duration: Float[ArrayLike, ""] = 0.0
+    ) -> Remembered:
         """The memory after an increment; the laws of a slack cable yield no further."""
         law_strain = self._kept(strain, memory)
         return jnp.concatenate(
@@ -270,9 +252,7 @@ class Parallel(Law):
             [jnp.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1
         )
 
-    def corners(
-        self, memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "... n_corner"]:
+    def corners(self, memory: Memory = None) -> Float[Array, "... n_corner"]:
         """Corners of all laws, on the last axis; for a cable, those where it is not slack."""
         corners = self._corners(memory)
         if self.one_sided:
@@ -282,9 +262,7 @@ class Parallel(Law):
             corners = jnp.maximum(candidates, jnp.broadcast_to(slack, candidates.shape))
         return self._with_spring(corners, None if memory is None else memory[..., None, :])
 
-    def corner_distance(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "*shape"]:
+    def corner_distance(self, strain: Numbers, memory: Memory = None) -> Values:
         """Distance in strain to the nearest corner of any law."""
         strain = jnp.asarray(strain)
         corners = self.corners(memory)
@@ -292,15 +270,12 @@ class Parallel(Law):
             corners = corners.reshape((1,) * strain.ndim + (-1,))
         return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1, initial=jnp.inf)
 
-    def is_slack(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Bool[Array, "*shape"]:
+    def is_slack(self, strain: Numbers, memory: Memory = None) -> Bool[Array, "*shape"]:
         """Whether it carries no stress: a cable as a whole, otherwise if all laws are slack."""
         law_strain = self._own_strain(strain, memory)
         if self.one_sided:
             return self._slack(law_strain, memory)
-        slack = [law.is_slack(law_strain, remembered) for _, law, remembered in self.each(memory)]
-        return jnp.all(jnp.stack(jnp.broadcast_arrays(*slack)), axis=0)
+        return self._all_slack(law_strain, memory)
 
     # --- the same, changed
 
@@ -312,6 +287,6 @@ class Parallel(Law):
         """The law of a cable: slack where the sum of the stresses would be a compression."""
         return copy(self, one_sided=True)
 
-    def softened(self, compliance: Float[ArrayLike, "*shape"]) -> Parallel:
+    def softened(self, compliance: Numbers) -> Parallel:
         """The laws in series with one spring of `compliance`, 1/Pa; needs laws that rise."""
         return copy(self, spring=compliance if self.spring is None else self.spring + compliance)

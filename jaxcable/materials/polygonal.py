@@ -17,16 +17,18 @@ strain. At given ``p_k`` its energy is convex.
 
 from __future__ import annotations
 
+from typing import Literal
+
 import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
 from ..common.rules import Rule, refuse
-from ..common.tree import copy, pytree
+from ..common.tree import copy, put, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from . import points
 from .inverse import inverse
-from .law import Law
+from .law import Law, Memory, Numbers, Pair, Remembered, Values
 
 
 @pytree(static=("unloading", "one_sided", "endless", "rising", "n_memory"))
@@ -39,13 +41,16 @@ class Polygonal(Law):
     (hardening) or fall (softening).
 
     Args:
-        strain, stress: the points, [n] each, n >= 2; stress in Pa.
+        strain: strains of the points, [n], n >= 2, increasing, without unit; as many as `stress`.
+            The origin is one of the points, or between two of them. Points of negative strain are
+            compression; without them the law carries tension only, as cables do.
+        stress: stresses of the points, [n], Pa; as many as `strain`.
         unloading: "reversible" (back along the curve), or "elastic": along the initial slope,
             with plastic strains that stay. Elastic unloading needs a concave curve (slopes fall
             away from the origin, not below zero); if it has two branches, their slopes must be the
             same, their corners may differ.
-        one_sided: whether the compression branch is left out; set by `tension_only`.
-        endless: whether the law goes on elastically beyond its ends; set by `extended`.
+        one_sided: whether points of compression are left out: the law is slack in compression.
+        endless: whether the law goes on elastically beyond its ends; set by an iteration.
         rising, n_memory: as in `Law`; computed from the points where these are not traced.
 
     Raises:
@@ -67,9 +72,9 @@ class Polygonal(Law):
         True
     """
 
-    strain: Float[ArrayLike, " n"]
-    stress: Float[ArrayLike, " n"]
-    unloading: str = "reversible"
+    strain: Float[ArrayLike, "2+"]
+    stress: Float[ArrayLike, "2+"]
+    unloading: Literal["reversible", "elastic"] = "reversible"
     one_sided: bool = False
     endless: bool = False
     rising: bool = None  # type: ignore[assignment]  # set by the constructor
@@ -93,20 +98,18 @@ class Polygonal(Law):
             points.suspect(e)
             if s is not None:
                 strain, stress = e, s = points.with_origin(e, s)
-        put = object.__setattr__
-        put(self, "strain", strain)
-        put(self, "stress", stress)
+        put(self, strain=strain, stress=stress)
         if self.rising is None:
-            put(self, "rising", s is not None and bool((np.diff(s) >= 0).all()))
+            put(self, rising=s is not None and bool((np.diff(s) >= 0).all()))
         if self.unloading == "elastic":
-            put(self, "rising", True)
+            put(self, rising=True)
         n_corner = len(strain) - 2
         if e is not None and not np.isnan(e).any():
             n_corner = max((e[1:-1] > 0).sum(), (e[1:-1] < 0).sum())
         if self.unloading == "reversible":
             n_corner = 0
         if self.n_memory is None:
-            put(self, "n_memory", int(n_corner))
+            put(self, n_memory=int(n_corner))
 
     def rules(self) -> list[Rule]:
         """The rules of its points, see `common.rules`."""
@@ -128,20 +131,18 @@ class Polygonal(Law):
         return self._slopes[jnp.sum(self.strain[1:-1] <= 0)]
 
     @property
-    def capacity(self) -> tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]:
+    def capacity(self) -> Pair:
         """Smallest and largest stress, Pa."""
         return jnp.where(self._two_sided, jnp.min(self.stress), 0.0), jnp.max(self.stress)
 
     @property
-    def limits(self) -> tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]:
-        """Strains at which the curve ends; -inf on the compression side of a slack material."""
+    def limits(self) -> Pair:
+        """Numbers at which the curve ends; -inf on the compression side of a slack material."""
         return jnp.where(self._two_sided, self.strain[0], -jnp.inf), self.strain[-1]
 
     # --- the law
 
-    def stress_at(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "*shape"]:
+    def stress_at(self, strain: Numbers, memory: Memory = None) -> Values:
         """Stress, Pa; zero beyond the ends unless the law is endless."""
         strain = jnp.asarray(strain)
         inside, over = self._split(strain)
@@ -154,18 +155,14 @@ class Polygonal(Law):
             return stress
         return jnp.where(~self._two_sided & (stress < 0), 0.0, stress)
 
-    def size_at(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None
-    ) -> Float[Array, "*shape"]:
+    def size_at(self, strain: Numbers, memory: Memory) -> Values:
         """Sum of the absolute stresses of the parallel parts, Pa: rounding is relative to it."""
         if memory is None:
             return jnp.abs(self._curve(strain, None))
         stiffness, end, _, kept = self._yielding(strain, memory)
         return jnp.abs(end * strain) + jnp.sum(stiffness * jnp.abs(kept), axis=-1)
 
-    def energy_at(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "*shape"]:
+    def energy_at(self, strain: Numbers, memory: Memory = None) -> Values:
         """Energy per volume, J/m3: under the curve, or of the parallel parts at a given memory."""
         strain = jnp.asarray(strain)
         inside, over = self._split(strain)
@@ -184,9 +181,7 @@ class Polygonal(Law):
             energy = energy + (self._curve(inside, memory) + 0.5 * self.modulus * over) * over
         return energy
 
-    def strain_at(
-        self, stress: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "*shape"]:
+    def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
         """Strain at `stress`, Pa; beyond its ends, too, if the law rises and is endless."""
         strain = inverse(self, stress, memory)
         if not (self.endless and self.rising):
@@ -199,29 +194,22 @@ class Polygonal(Law):
         return jnp.where(pushed, low + less / self.modulus, strain)
 
     def settle(
-        self,
-        strain: Float[ArrayLike, "*shape"],
-        memory: Float[Array, "... n_memory"],
-        duration: Float[ArrayLike, ""] = 0.0,
-    ) -> Float[Array, "... n_memory"]:
+        self, strain: Numbers, memory: Remembered, duration: Float[ArrayLike, ""] = 0.0
+    ) -> Remembered:
         """Plastic strains after an increment that ended at `strain`, whatever its duration."""
         inside, _ = self._split(jnp.asarray(strain))
         _, _, elastic, kept = self._yielding(inside, memory)
         moved = jnp.isfinite(kept) & (kept != elastic)
         return jnp.where(moved, inside[..., None] - jnp.where(moved, kept, 0.0), memory)
 
-    def is_slack(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Bool[Array, "*shape"]:
+    def is_slack(self, strain: Numbers, memory: Memory = None) -> Bool[Array, "*shape"]:
         """Whether a material without compression branch would be in compression at `strain`."""
         if memory is None:
             return ~self._two_sided & (strain < 0)
         return ~self._two_sided & (self._curve(strain, memory) < 0)
 
-    def corners(
-        self, memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "... n_corner"]:
-        """Strains at which the slope jumps, including the ends of the curve, on the last axis."""
+    def corners(self, memory: Memory = None) -> Float[Array, "... n_corner"]:
+        """Numbers at which the slope jumps, including the ends of the curve, on the last axis."""
         if memory is None:
             return jnp.where(self._two_sided, self.strain, jnp.maximum(self.strain, 0.0))
         low, high = self.limits
@@ -234,9 +222,7 @@ class Polygonal(Law):
         ends = [jnp.where(self._two_sided, low, slack), jnp.full_like(slack, high)]
         return jnp.concatenate([yielding, *ends], -1)
 
-    def corner_distance(
-        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
-    ) -> Float[Array, "*shape"]:
+    def corner_distance(self, strain: Numbers, memory: Memory = None) -> Values:
         """Distance in strain to the nearest corner or end of the curve."""
         strain = jnp.asarray(strain)
         corners = self.corners(memory)
@@ -272,7 +258,7 @@ class Polygonal(Law):
         """The stresses of the points, or None if they are known to rise."""
         return None if self.rising else self.stress
 
-    def softened(self, compliance: Float[ArrayLike, "*shape"]) -> Polygonal:
+    def softened(self, compliance: Numbers) -> Polygonal:
         """The law in series with a spring of `compliance`, 1/Pa; needs a law that rises."""
         return copy(self, strain=self.strain + compliance * self.stress)
 
@@ -295,7 +281,7 @@ class Polygonal(Law):
     def _ramps(self, strain):
         """Initial slope; at every corner the change of slope and the strains beyond it.
 
-        Strains beyond corners in tension and beyond corners in compression are separate arrays.
+        Numbers beyond corners in tension and beyond corners in compression are separate arrays.
         """
         slopes, e = self._slopes, strain[..., None]
         corners = _on_last_axis(self.strain[1:-1], e)

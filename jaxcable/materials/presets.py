@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from ..common import checks
@@ -16,7 +18,7 @@ def steel(
     hardening: Float[ArrayLike, ""] = 0.01,
     *,
     ultimate_strain: Float[ArrayLike, ""] = 0.05,
-    unloading: str = "elastic",
+    unloading: Literal["reversible", "elastic"] = "elastic",
 ) -> Polygonal:
     """Structural steel: bilinear, the same in tension and compression.
 
@@ -52,7 +54,7 @@ def strand(
     E: Float[ArrayLike, ""] = 195e9,
     ultimate_strain: Float[ArrayLike, ""] = 0.02 / 0.9,
     *,
-    unloading: str = "elastic",
+    unloading: Literal["reversible", "elastic"] = "elastic",
 ) -> Polygonal:
     """Prestressing strand: bilinear, tension only.
 
@@ -90,7 +92,7 @@ def tension_only(
     strength: Float[ArrayLike, ""] = np.inf,
     ultimate_strain: Float[ArrayLike, ""] | None = None,
     *,
-    unloading: str = "reversible",
+    unloading: Literal["reversible", "elastic"] = "reversible",
 ) -> Polygonal:
     """Linear up to the strength, then failed; slack in compression.
 

@@ -7,21 +7,23 @@ of all rows, [n_row, n_motion], which begins with displacements, m; a step [n_fr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
+import jax
 import jax.numpy as jnp
 
 from .. import linear
 from ..common.tree import copy, pytree
-from ..common.types import Array, Bool, Float
+from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Pulling, Rounding
-from ..elements.element import Element, ElementState
+from ..elements.element import Element
+from ..elements.element_state import ElementState
 from ..spaces import Space
 from ..spaces.freedoms import carriers
 from ..spaces.space import Forces, Matrix, Motion, Part, Step
 from ..spaces.translations import coarse, refined
-from .elementwise import Elementwise, PerGroup, each, only_present, over_ends
+from .elementwise import Elementwise, PerGroup, each, over_ends
 from .load_stacks import Following
 
 EndForces: TypeAlias = 'list[Float[Array, "n_elem n_end n_freedom"]]'
@@ -233,38 +235,41 @@ class System(Elementwise):
         By autodiff of the element forces. Dense [n_free, n_free], or sparse if the freedoms have a
         pattern. `known` are tangents of elements that are known already, see `linearized`.
         """
-        parts = self.parts(self.tangents(x, known), x) + self._following_blocks(x)
-        of_loads = self.space.own_parts(self.load, lambda: self.unbalanced(x), x)
-        return self.space.regular(self._assemble(parts + of_loads), x)
+        parts = self.parts(self.tangents(x, known), x) + self._parts_of_loads(x)
+        return self.space.regular(self._assemble(parts), x)
 
     def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[Part]:
         """Matrices [n_elem, d, d] of the elements of all groups as `linear.assemble` takes them."""
-        return self._parts(zip(matrices, self.groups, strict=True), x)
-
-    def _parts(
-        self, pairs: Iterable[tuple[Float[Array, "n_elem ..."], Element]], x: Motion
-    ) -> list[Part]:
-        part = self.space.part
         return [
-            part(blocks, group.links, group.n_freedom, group.inner, x) for blocks, group in pairs
+            self.space.part(blocks, group.links, group.n_freedom, group.inner, x)
+            for blocks, group in zip(matrices, self.groups, strict=True)
         ]
 
-    def assembled(
-        self, pairs: Iterable[tuple[Float[Array, "n_elem ..."], Element]], x: Motion
+    def mass(
+        self, x: Motion, gravity: Float[ArrayLike, ""], distribution: str | None = None
     ) -> Matrix:
-        """A matrix like `tangent`, from pairs (matrices [n_elem, d, d], element group)."""
-        return self._assemble(self._parts(pairs, x))
+        """Mass matrix of the elements, a matrix on the pattern of `tangent`, kg.
 
-    def _following_blocks(self, x: Motion) -> list[Part]:
-        """Terms of the tangent from following loads, as `parts`."""
-        if self.followers is None:
-            return []
+        Arguments as of `masses`. The masses of paired elements are not paired: the pattern has to
+        be one without pairs.
+        """
+        pattern = self.freedoms.pattern
+        if pattern is not None and any(pattern.paired):
+            raise ValueError("pattern: is one of paired elements, whose masses are not paired")
+        parts = self.parts(self.masses(x, gravity, distribution), x)
+        # the pattern has places for terms of loads, too
+        others = jax.eval_shape(lambda: self._parts_of_loads(x))
+        return self._assemble(parts + jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), others))
+
+    def _parts_of_loads(self, x: Motion) -> list[Part]:
+        """Terms of the tangent from loads that follow, and from moments, as `parts`."""
         arguments = self.groups, self.states, self.nodes, self.nodes + x[:, :3]
-        return [
+        following = [
             self.space.part(-blocks, links, 3, (), x)
-            for follower in self.followers
+            for follower in self.followers or ()
             for blocks, links in follower.following_blocks(*arguments)
         ]
+        return following + self.space.own_parts(self.load, lambda: self.unbalanced(x), x)
 
     def secant(self, before: Motion, x: Motion) -> Matrix:
         """Secant stiffness between two points, a matrix like `tangent`, N/m."""
@@ -308,7 +313,7 @@ class System(Elementwise):
         slack = self.slack(motion) if slack is None else slack
         taut = []
         for group, state, loose in zip(self.groups, self.states, slack, strict=True):
-            bears = only_present(state.present, ~loose)[:, None]
+            bears = state.only_present(~loose)[:, None]
             taut.append(jnp.broadcast_to(bears, group.links.shape).astype(jnp.int32))
         stiffened = self.at_rows(taut) > 0
         if self.freedoms.rows is not None:

@@ -115,8 +115,6 @@ class Bundles(NamedTuple):
 
     def inputs(self, per_group: list[dict[str, Stated]]) -> list[dict[str, Stated]]:
         """Prestress statements of a phase, a dict from name to `Stated` for every bundle."""
-        if self.plain:
-            return per_group
         found = []
         for numbers in self.members:
             names = dict.fromkeys(name for k in numbers for name in per_group[k])
@@ -127,7 +125,11 @@ class Bundles(NamedTuple):
         """The statements `name` of the groups of one bundle, joined to one."""
         parts = [per_group[k].get(name) for k in numbers]
         sizes = [self.sizes[k] for k in numbers]
-        values = [np.zeros(n) if s is None else s.values for s, n in zip(parts, sizes, strict=True)]
+        several = next(np.shape(part.values)[1:] for part in parts if part is not None)
+        values = [
+            np.zeros((n, *several)) if s is None else s.values
+            for s, n in zip(parts, sizes, strict=True)
+        ]
         if all(stated is not None and stated.chosen is None for stated in parts):
             return Stated(joined(values))
         chosen = [

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 
 from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Float, Int
-from ..elements.element import Element, ElementState, with_fields
+from ..elements.element import Element
+from ..elements.element_state import ElementState, with_fields
 from ..spaces import space_of
 from ..spaces.freedoms import Freedoms
 from ..spaces.space import Motion
@@ -42,9 +43,9 @@ def unloaded(nodes: Float[Array, "n_row 3"], groups: list[Element]) -> Carry:
     return Carry(space.still(nodes), states, space.padded(jnp.zeros_like(nodes)), [], [])
 
 
-def knowing(carry: Carry, phase: Int[ArrayLike, ""]) -> Carry:
-    """A `Carry` with the loads that a phase knows; later loads, which may be NaN, become zero."""
-    return copy(carry, loads=[stack.until(phase) for stack in carry.loads])
+def knowing(carry: Carry, loads: list[load_stacks.LoadStack], phase: Int[ArrayLike, ""]) -> Carry:
+    """A `Carry` with the `loads` that a phase knows; later ones, which may be NaN, are zero."""
+    return copy(carry, loads=[stack.until(phase) for stack in loads])
 
 
 def make_system(
@@ -64,9 +65,7 @@ def make_system(
         load = load_stacks.dead_load(nodes, groups, carry)
     states = [
         with_fields(
-            state,
-            line_load=load_stacks.line_load(number, group, state, nodes, carry),
-            pressed=load_stacks.pressures(number, group, carry),
+            state, element_load=load_stacks.element_load(number, group, state, nodes, carry)
         )
         if group.shaped_by_load
         else state

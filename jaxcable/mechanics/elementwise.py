@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
-from ..elements.element import PEAK_TENSION, PRESENT, TENSION, Element, ElementState, Result
+from ..elements.element import PEAK_TENSION, PRESENT, TENSION, Element, Result
+from ..elements.element_state import ElementState
 from ..elements.prestress import element, of_each
 from ..numerics.rotations import IDENTITY
 from ..spaces.freedoms import Freedoms
@@ -114,6 +115,31 @@ class Elementwise:
             found.append(matrix.reshape(count, -1, round((matrix.size // count) ** 0.5)))
         return found
 
+    def masses(
+        self, motion: Motion, gravity: Float[ArrayLike, ""], distribution: str | None = None
+    ) -> list[Float[Array, "n_elem d d"]]:
+        """Mass matrices of all elements, in the shape of `tangents`, kg; zero without a weight.
+
+        Args:
+            motion: of all rows.
+            gravity: acceleration that weights are divided by, m/s2.
+            distribution: as of `Element.mass_matrix`.
+        """
+
+        def of_element(one, state, ends, motion, mass):
+            return one.mass_matrix(state, ends, motion, mass, distribution)
+
+        found = []
+        shapes = jax.eval_shape(lambda: self.tangents(motion))
+        for group, state, shape in zip(self.groups, self.states, shapes, strict=True):
+            weights = group.weights(state)
+            if weights is None:
+                found.append(jnp.zeros(shape.shape, shape.dtype))
+                continue
+            at, beside = (self.nodes[group.links], motion[group.links]), (weights / gravity,)
+            found.append(over_ends(of_element, group, state, at, beside))
+        return found
+
     def secants(self, before: Motion, motion: Motion) -> list[Float[Array, "n_elem ..."]]:
         """Secant stiffness of all elements between two motions, list of [n_elem, ...]."""
         return [
@@ -158,16 +184,25 @@ class Elementwise:
         """Whether any element is strained beyond its curve."""
         return jnp.any(self.broken(self.strains(motion)))
 
-    def settle(self, strains: PerGroup, duration: float = 0.0) -> Memory:
-        """Memory of every group after an increment of a `duration`, s, that ended at `strains`.
+    def settle(
+        self, motion: Motion, strains: PerGroup | None = None, duration: float = 0.0
+    ) -> Memory:
+        """Memory of every group after an increment of a `duration`, s, that ended at a motion.
 
-        The duration is 0 so far, because phases have none yet.
+        Section strains of this motion are found unless they are known. The duration is 0 so far,
+        because phases have none yet.
         """
-        options = {"duration": duration}
-        return [
-            of_each("settle", group, strain, state.memory, **options) if group.remembers else None
-            for group, state, strain in zip(self.groups, self.states, strains, strict=True)
-        ]
+        strains = self.strains(motion) if strains is None else strains
+        found, options = [], {"duration": duration}
+        for group, state, strain in zip(self.groups, self.states, strains, strict=True):
+            if not group.remembers:
+                found.append(None)
+            elif type(group).settled is Element.settled:
+                found.append(of_each("settle", group, strain, state.memory, **options))
+            else:
+                at = self.nodes[group.links], motion[group.links]
+                found.append(over_ends(_settled(duration), group, state, at, absent=True))
+        return found
 
     def length_scale(self) -> Float[Array, ""]:
         """A length to measure steps by: the mean initial element length, m."""
@@ -176,6 +211,11 @@ class Elementwise:
     def extent(self) -> Float[Array, ""]:
         """Size of the whole structure: diagonal of its bounding box, m."""
         return jnp.linalg.norm(jnp.max(self.nodes, axis=0) - jnp.min(self.nodes, axis=0))
+
+
+def _settled(duration):
+    """The function of an element that returns its memory after an increment of a `duration`, s."""
+    return lambda one, state, ends, motion: one.settled(state, ends, motion, duration)
 
 
 def each(
@@ -187,34 +227,13 @@ def each(
     exact: Bool[ArrayLike, ""] = True,
     absent: bool = False,
 ) -> Any:
-    """Results of an element method for all elements of a group, by vmap; options as of `over`."""
+    """Results of an element method for all elements of a group; options as of `over_ends`."""
 
     def one(law, *at):
         return getattr(law, method)(*at)
 
-    return over(one, group, state, nodes, *motions, exact=exact, absent=absent)
-
-
-def over(
-    function: Callable[..., Any],
-    group: Element,
-    state: ElementState,
-    nodes: Float[Array, "n_row 3"],
-    *motions: Motion,
-    beside: tuple[Float[Array, "n_elem ..."], ...] = (),
-    exact: Bool[ArrayLike, ""] = True,
-    absent: bool = False,
-) -> Any:
-    """``function(element, state, ends, motion, *beside)`` for all elements of a group.
-
-    By a motion with a fine part elements are brought to where they have moved: functions know
-    motions [n_end, 3] only. Unless this is to be `exact`, the fine part is as good as none.
-
-    Elements that are not `ElementState.present` have not moved, and their results are zero; with
-    `absent` these are what an element there would have.
-    """
     at = nodes[group.links], *(motion[group.links] for motion in motions)
-    return over_ends(function, group, state, at, beside, exact, absent)
+    return over_ends(one, group, state, at, exact=exact, absent=absent)
 
 
 def over_ends(
@@ -226,7 +245,18 @@ def over_ends(
     exact: Bool[ArrayLike, ""] = True,
     absent: bool = False,
 ) -> Any:
-    """`over` where nodes and motions are known `at` the ends of the elements."""
+    """``function(element, state, ends, motion, *beside)`` for all elements of a group, by vmap.
+
+    Args:
+        function: of one element.
+        group, state: of the elements.
+        at: initial positions, and motions, at the ends of the elements.
+        beside: further arrays [n_elem, ...].
+        exact: by a motion with a fine part elements are brought to where they have moved: functions
+            know motions [n_end, 3] only. Unless this is exact, the fine part is as good as none.
+        absent: elements that are not `ElementState.present` have not moved, and their results are
+            zero, or if True what an element there would have.
+    """
     exact = jnp.asarray(exact)
     nodes, *motions = at
     motions = [_own(group, motion) for motion in motions]
@@ -238,20 +268,7 @@ def over_ends(
         return function(law, *(law.brought(*at, exact) if is_fine(at[-1]) else at), *beside)
 
     found = jax.vmap(one)(group.properties(), beside, state, nodes, *motions)
-    if state.present is None or absent or isinstance(found, ElementState):
-        return found
-    return only_present(state.present, found)
-
-
-def only_present(present: Bool[Array, " n_elem"] | None, values: PyTree[Array]) -> PyTree[Array]:
-    """A tree of arrays [n_elem, ...], zero or False for elements that are not there."""
-    if present is None:
-        return values
-
-    def one(x):
-        return jnp.where(present.reshape(-1, *(1,) * (x.ndim - 1)), x, jnp.zeros((), x.dtype))
-
-    return jax.tree.map(one, values)
+    return found if absent or isinstance(found, ElementState) else state.only_present(found)
 
 
 def _still_unless(present, motion):

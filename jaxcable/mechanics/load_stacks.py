@@ -15,7 +15,8 @@ import numpy as np
 
 from ..common.tree import Indices, copy, pytree, stacked
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..elements.element import Element, ElementState, Pressures
+from ..elements.element import Element
+from ..elements.element_state import ElementLoad, ElementState
 from ..loads import load as kinds
 from .bundles import Bundles
 
@@ -51,8 +52,6 @@ class LoadStack:
 
     def bundled(self, bundles: Bundles) -> LoadStack:
         """The stack on bundles of groups."""
-        if bundles.plain:
-            return self
         return copy(self, load=jax.vmap(lambda load: load.bundled(bundles))(self.load))
 
     def touches(self, groups: list[Element], bundles: Bundles) -> list[Indices]:
@@ -157,32 +156,26 @@ def dead_load(
     return load
 
 
-def line_load(
+def element_load(
     number: int, group: Element, state: ElementState, nodes: Float[Array, "n_row 3"], carry: Any
-) -> Float[Array, "n_elem 3"] | None:
-    """Load per unstressed length that shapes a group's elements, [n_elem, 3], N/m, or None."""
-    total = None
+) -> ElementLoad | None:
+    """Loads of a `Carry` along the elements of the group of a `number`, or None."""
+    line, pressures = None, {}
     for stack, amounts in zip(carry.loads, carry.amounts, strict=True):
         if not stack.follows:
             force = stack.weighted(
                 amounts, lambda load: load.per_length(number, group, state, nodes)
             )
             if force is not None:
-                total = force if total is None else total + force
-    return total
-
-
-def pressures(number: int, group: Element, carry: Any) -> Pressures | None:
-    """Pressures that follow elements of a group and bend them, as `AxialState.pressed`, or None."""
-    found = {}
-    for stack, amounts in zip(carry.loads, carry.amounts, strict=True):
-        for k in range(stack.phase.shape[0] if stack.follows else 0):
+                line = force if line is None else line + force
+            continue
+        for k in range(stack.phase.shape[0]):
             load = jax.tree.map(lambda x, k=k: x[k], stack.load)
             pressing = load.pressing(number, group)
             if pressing is not None:
                 per, pressure, axis = pressing
-                found.setdefault(per, []).append((amounts.factors[k] * pressure, axis))
-    return found or None
+                pressures.setdefault(per, []).append((amounts.factors[k] * pressure, axis))
+    return ElementLoad(line, pressures or None) if line is not None or pressures else None
 
 
 @pytree

@@ -18,7 +18,7 @@ from ..elements.prestress import of_each
 from ..spaces.space import Forces, Motion, Step
 from ..spaces.translations import coarse
 from .assembly import System
-from .elementwise import each, motion_of, only_present
+from .elementwise import each, motion_of
 
 _ROUNDINGS = 8  # eps^2 of a displacement, in an elongation (`elements.fine`)
 
@@ -43,11 +43,11 @@ class Pulls:
 
     @classmethod
     def of(cls, system: System, x: Motion, exact: Bool[ArrayLike, ""]) -> Pulls:
-        """The pulls of a system at `x`; `exact` as of `elementwise.over`."""
+        """The pulls of a system at `x`; `exact` as of `elementwise.over_ends`."""
         found = []
         for group, state in zip(system.groups, system.states, strict=True):
             pull = each("pulled", group, state, system.nodes, x, exact=exact, absent=True)
-            found.append(copy(only_present(state.present, pull), shape=pull.shape))
+            found.append(copy(state.only_present(pull), shape=pull.shape))
         return cls(
             jnp.concatenate([pull.tension for pull in found]),
             jnp.concatenate([pull.slope for pull in found]),
@@ -173,7 +173,7 @@ def stiffness(
         at = system.nodes[group.links], motion_of(group, coarse(x))
         bent = of_each("bent", group, state, *at, tension)
         g = g.reshape(len(g), -1)
-        bent = only_present(state.present, bent.reshape(*g.shape, g.shape[1]))
+        bent = state.only_present(bent.reshape(*g.shape, g.shape[1]))
         found.append(bent + slope[:, None, None] * g[:, :, None] * g[:, None, :])
     return found
 
@@ -192,7 +192,7 @@ def turned(system: System, spread: Forces) -> Float[Array, " n"]:
     found = []
     for group, state in zip(system.groups, system.states, strict=True):
         apart = jnp.sum(jnp.diff(spread[group.links][..., :3], axis=1) ** 2, axis=-1)
-        apart = only_present(state.present, apart)
+        apart = state.only_present(apart)
         found.append(jnp.sqrt(jnp.max(apart, axis=1)) * (group.links.shape[1] - 1))
     return jnp.concatenate(found) / rest_lengths(system)
 
@@ -201,7 +201,7 @@ def _empty(room, state):
     """The room of cables, where some are not there: as slack as they can be, and without forces."""
     gap = jnp.where(state.present, room.gap, state.rest_length)
     rest = copy(room, gap=None, compliance=None)
-    return copy(only_present(state.present, rest), gap=gap, compliance=room.compliance)
+    return copy(state.only_present(rest), gap=gap, compliance=room.compliance)
 
 
 def rest_lengths(system: System) -> Float[Array, " n"]:

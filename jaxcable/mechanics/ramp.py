@@ -14,7 +14,8 @@ import jax.numpy as jnp
 from ..common.tree import copy, pytree, where
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.abilities import mixed
-from ..elements.element import Element, ElementState, with_fields
+from ..elements.element import Element
+from ..elements.element_state import ElementState, with_fields
 from ..elements.stated import Stated
 from ..spaces import space_of
 from ..spaces.freedoms import Freedoms, along, combined
@@ -172,10 +173,18 @@ class Ramp:
         )
 
     def settle(
-        self, system: System, strains: PerGroup, ok: Bool[Array, ""], memory: Memory
+        self,
+        system: System,
+        motion: Motion,
+        strains: PerGroup | None,
+        ok: Bool[Array, ""],
+        memory: Memory,
     ) -> Memory:
-        """Memory after an increment that ended at `strains`; the earlier memory unless `ok`."""
-        return where(ok, system.settle(strains), memory)
+        """Memory after an increment that ended at a motion; the earlier memory unless `ok`.
+
+        Section `strains` as of `System.settle`.
+        """
+        return where(ok, system.settle(motion, strains), memory)
 
     def begun(self) -> System:
         """The system at the start of the phase, without prescribed motion."""
@@ -187,8 +196,6 @@ class Ramp:
         """`Carry` at the end of the phase, if it ends at `factor`; its jacks are anchored."""
         states = []
         for group, state in zip(self.groups, self.states(factor, memory), strict=True):
-            if group.shaped_by_load:
-                state = copy(state, line_load=None)
             locked = state.jack_force is not None
             states.append(each("lock", group, state, self.nodes, motion) if locked else state)
         return self._loaded(motion, states, factor)

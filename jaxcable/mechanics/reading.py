@@ -31,9 +31,12 @@ class Reading:
     of_increments: tuple[str, ...]
 
     @property
-    def strains(self) -> PerGroup:
-        """Section strains, a list with an array per group; None for a group without this result."""
-        return self.found["section_strain"]
+    def strains(self) -> PerGroup | None:
+        """Section strains, a list with an array per group; None for a group without this result.
+
+        None altogether if no group has it.
+        """
+        return self.found.get("section_strain")
 
     @property
     def of_path(self) -> Reading:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -17,11 +18,8 @@ from .topology import Part
 def groups_by_name(structure: Structure) -> list[tuple[str, Element]]:
     """Pairs (name, group); the name is the key in the elements, "" of a single group."""
     leaves = jax.tree_util.tree_leaves_with_path(structure.elements, is_leaf=is_group)
-    return [(".".join(_word(key) for key in path), group) for path, group in leaves]
-
-
-def _word(key: Any) -> str:
-    return str(getattr(key, "key", getattr(key, "idx", getattr(key, "name", key))))
+    keystr = functools.partial(jax.tree_util.keystr, simple=True, separator=".")
+    return [(keystr(path), group) for path, group in leaves]
 
 
 def group_path(structure: Structure, k: int) -> str:
@@ -41,16 +39,9 @@ def listed(structure: Structure, values: PyTree[Any] | None) -> list[Any]:
 
     All items are None if there are no values.
     """
-    found: list[Any] = [None] * len(structure.groups)
     if values is None:
-        return found
-    numbers = structure.arrange(list(range(len(structure.groups))))
-
-    def put(number, value):
-        found[number] = value
-
-    jax.tree.map(put, numbers, values, is_leaf=lambda x: x is None)
-    return found
+        return [None] * len(structure.groups)
+    return structure.group_tree.flatten_up_to(values)
 
 
 def there(
@@ -102,13 +93,8 @@ def columns(
         groups: element groups, or the parts of a `Topology`.
         told: results by name, each in the shape of the elements, as of `ElementResults`.
     """
-    every = (
-        TENSION,
-        PEAK_TENSION,
-        PRESENT,
-        *(result for group in groups for result in group.results),
-    )
-    results = {result.name: result for result in every}
+    every = [result for group in groups for result in group.results]
+    results = {result.name: result for result in (TENSION, PEAK_TENSION, PRESENT, *every)}
     found = []
     for name, tree in told.items():
         result = results[name]

@@ -100,14 +100,14 @@ def turned(name: str, rotations: Float[np.ndarray, "... 3"]) -> Iterator[str]:
 @warns
 def places(
     nodes: Float[np.ndarray, "n_node 3"],
-    groups: Sequence[Element],
+    touched: Bool[np.ndarray, " n_node"],
     fixed: Bool[np.ndarray, "n_row n_freedom"],
 ) -> Iterator[str]:
     """Warn of two nodes at the same position that are not joined, unless both are held.
 
     Args:
         nodes: initial positions, [n_node, 3], NumPy.
-        groups: element groups.
+        touched: True where an element touches a node, [n_node].
         fixed: True where a freedom is held, [n_row, 3 or 6].
     """
     key = nodes[:, 0] + np.pi * nodes[:, 1] + np.e * nodes[:, 2]  # equal for equal positions
@@ -117,10 +117,7 @@ def places(
     if not same.any():
         return
     free: Bool[ArrayLike, " n_node"] = ~fixed[: len(nodes), :3].all(axis=1)
-    used = np.zeros(len(nodes), bool)
-    for group in groups:
-        used[group.links.array] = True
-    same &= (free[first] | free[second]) & used[first] & used[second]
+    same &= (free[first] | free[second]) & touched[first] & touched[second]
     if same.any():
         k = int(same.argmax())
         yield (
@@ -322,7 +319,7 @@ def axial_stiffness(group: Element) -> Float[np.ndarray, " n_elem"] | None:
 
 def _there(value):
     """`value` as NumPy; None if it is None or being traced."""
-    return None if value is None else checks.concrete(value)
+    return checks.concrete(value)
 
 
 def _chords(group, nodes):

@@ -12,7 +12,7 @@ from scipy import sparse
 
 from ..common import checks
 from ..common.rules import Rule, refuse
-from ..common.tree import Indices, copy, once, plain, pytree
+from ..common.tree import Indices, copy, once, plain, put, pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..elements import contract
 from ..elements.element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Element
@@ -54,11 +54,13 @@ def place_rules(nodes, group, where=""):
 class Structure:
     """A structure: initial geometry, element groups, supports.
 
+    Its groups of elements may be in any pytree; results per element have the shape of this pytree.
+
     Args:
         nodes: initial positions, [n_node, 3], m.
-        elements: one group (`Cables`, `Bars`, ...) or any pytree of groups; results per element
-            have the shape of this pytree.
-        supports: `pinned(...)` or `Supports(mask)`.
+        elements: one group (`Cables`, `Bars`, `Beams`, ...), or several, by name or in a list, at
+            any depth.
+        supports: `Supports`: which nodes are held, and how.
         rigid: pairs of nodes (carrier, carried), [n, 2]: the second moves with the first as if a
             rigid arm joined them (the bracket of a guy, an eccentric joint). A beam must be joined
             to the carrier. Elements at the carried node, and loads on it, act on the carrier.
@@ -97,7 +99,7 @@ class Structure:
             raise ValueError(f"nodes: expected shape [n_node, 3], got {nodes.shape}{hint}")
         if nodes.dtype not in (np.float32, np.float64):  # the dtype of the whole analysis
             raise ValueError(f"nodes: expected float32 or float64, got {nodes.dtype}")
-        object.__setattr__(self, "nodes", nodes)
+        put(self, nodes=nodes)
         if not isinstance(self.supports, Supports):
             got = f", got {checks.kind(self.supports, 'pinned(nodes)')}"
             raise ValueError(
@@ -126,16 +128,14 @@ class Structure:
         self._check_rigid()
         fixed = self.fixed(self.supports)
         if positions is not None:
-            plausibility.places(positions, self.groups, fixed.array)
+            plausibility.places(positions, self.touched(), fixed.array)
             plausibility.bending(self.named_groups(), fixed.array[: self.n_node])
             warn_of_spins(self, fixed.spins)
 
     def _check_results(self):
         """Raise ValueError for names of results that have another meaning elsewhere."""
-        known = {
-            result.name: result
-            for result in (TENSION, PEAK_TENSION, SECTION_STRAIN, SECTION_FORCES)
-        }
+        every = TENSION, PEAK_TENSION, SECTION_STRAIN, SECTION_FORCES
+        known = {result.name: result for result in every}
         for where, group in self.named_groups():
             for result in group.results:
                 if result.name in _TAKEN:
@@ -152,7 +152,7 @@ class Structure:
             return
         if not isinstance(self.rigid, Indices):
             pairs = checks.integers(self.rigid, "rigid", width=2)
-            object.__setattr__(self, "rigid", Indices(pairs) if len(pairs) else None)
+            put(self, rigid=Indices(pairs) if len(pairs) else None)
             if not len(pairs):
                 return
         pairs = self.rigid.array
@@ -189,13 +189,11 @@ class Structure:
 
     def arrange(self, per_group: Sequence[Any]) -> PyTree[Any]:
         """Put a list with one item per group into the shape of `elements`."""
-        if is_group(self.elements):
-            return per_group[0]
-        return jax.tree.unflatten(self._shape, per_group)
+        return self.group_tree.unflatten(per_group)
 
     @property
     @once
-    def _shape(self):
+    def group_tree(self) -> jax.tree_util.PyTreeDef:
         """The tree of the element groups, without them."""
         return jax.tree.structure(self.elements, is_leaf=is_group)
 
@@ -204,6 +202,13 @@ class Structure:
     def space(self) -> type[Space]:
         """Space of the nodes' motion, a class of `spaces`."""
         return space_of(self.groups)
+
+    def touched(self) -> Bool[np.ndarray, " n_node"]:
+        """Nodes that an element touches, [n_node] bool."""
+        touched = np.zeros(self.n_node, bool)
+        for group in self.groups:
+            touched[group.links.array] = True
+        return touched
 
     def joined(self) -> Bool[np.ndarray, " n_node"]:
         """Nodes that a beam is joined to rigidly, at least in part, [n_node] bool."""
@@ -279,13 +284,17 @@ class Structure:
         if not fixed[:, :3].any():
             raise ValueError("supports: no freedom is fixed; the structure would float away")
         self._require_touched(fixed)
+        rows, _ = self.rows()
         if not self.space.rotates:
             if supports.holds_rotations:
                 raise ValueError(
                     "supports mask: expected [n_node, 3]; no element of the structure has rotations"
                 )
-            return Fixed(fixed[:, :3], None if (axes == np.eye(3)).all() else axes)
-        rows, _ = self.rows()
+            fixed = fixed[:, :3]
+            if rows is not None:
+                fixed, axes = fixed[rows.node], axes[rows.node]
+                fixed[rows.inner], axes[rows.inner] = rows.idle[rows.inner], np.eye(3)
+            return Fixed(fixed, None if (axes == np.eye(3)).all() else axes)
         if self.rigid is not None:
             carried = self.rigid.array[:, 1]
             wrong = fixed[carried].any(axis=1)
@@ -317,9 +326,7 @@ class Structure:
 
     def _require_touched(self, fixed):
         """Raise ValueError for nodes without elements and parts without supports."""
-        touched = np.zeros(self.n_node, bool)
-        for group in self.groups:
-            touched[group.links.array] = True
+        touched = self.touched()
         idle = ~touched & ~fixed[:, :3].all(axis=1)
         if self.rigid is not None:
             idle[self.rigid.array[:, 1]] = False

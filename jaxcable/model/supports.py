@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..common import checks
-from ..common.tree import Indices, pytree
+from ..common.tree import Indices, put, pytree
 from ..common.types import ArrayLike, Bool, Float, Int
 from .spins import Spins
 
@@ -54,21 +54,25 @@ class Fixed(Indices):
 
 @pytree(indices=("mask", "nodes", "clamps", "chosen", "held", "axes"))
 class Supports:
-    """Which freedoms are held; `pinned`, `clamped`, `restrained` make them, and ``+`` joins them.
+    """Which displacements and rotations of which nodes are held.
 
-    Each of the three displacements and three rotations of a node can be held. If exactly one
-    rotation is held (a fork, which keeps the end of a beam from twisting), the node swings from
-    where it was supported: its rotation since then is about an axis across the held direction. So
-    defined, it does not depend on the history of the motion.
+    `pinned`, `clamped` and `restrained` make them, and ``+`` joins them. Each of the three
+    displacements and three rotations of a node can be held. If exactly one rotation is held (a
+    fork, which keeps the end of a beam from twisting), the node swings from where it was supported:
+    its rotation since then is about an axis across the held direction. So defined, it does not
+    depend on the history of the motion.
 
     Args:
-        mask: True where a freedom is fixed, [n_node, 3] displacements, or [n_node, 6] with
-            rotations about x, y, z.
-        nodes: nodes whose position is held, [n].
-        clamps: nodes whose position and rotation are held, [n].
-        chosen, held, axes: nodes [n], their held freedoms [n, 6], and the directions of these,
-            [n, 3, 3], one in each row of a matrix, default x, y, z; see `restrained`. What `mask`,
-            `nodes` and `clamps` hold of the same nodes is held as well.
+        mask: True where a displacement is held, [n_node, 3] along x, y, z, or [n_node, 6] with
+            the rotations about x, y, z.
+        nodes: numbers of the nodes whose position is held (pinned), [n].
+        clamps: numbers of the nodes whose position and rotation are held, [n].
+        chosen: numbers of nodes of which single displacements or rotations are held, [n]. What
+            `mask`, `nodes` and `clamps` hold of the same nodes is held as well.
+        held: True where a freedom of the `chosen` nodes is held, [n, 6]: their displacements along
+            x, y, z, then their rotations about x, y, z.
+        axes: directions of the `chosen` nodes that replace x, y, z there, [n, 3, 3], one in each
+            row of a matrix, of length 1 and at right angles; default x, y, z.
 
     Raises:
         ValueError: nothing given, a mask of the wrong shape or type; in a structure, unknown nodes,
@@ -81,7 +85,7 @@ class Supports:
         array([False,  True, False])
     """
 
-    mask: Bool[ArrayLike, "n_node n_freedom"] | None = None
+    mask: Bool[ArrayLike, "n_node 3"] | Bool[ArrayLike, "n_node 6"] | None = None
     nodes: Int[ArrayLike, " n"] | None = None
     clamps: Int[ArrayLike, " n"] | None = None
     chosen: Int[ArrayLike, " n"] | None = None
@@ -95,16 +99,13 @@ class Supports:
                 "Supports: nothing is held; give nodes or clamps (node numbers), chosen with held, "
                 "or a mask [n_node, 3]"
             )
-        names = {"nodes": "pinned", "clamps": "clamped", "chosen": "restrained"}
-        for name, words in names.items():
+        numbers = {"nodes": "pinned", "clamps": "clamped", "chosen": "restrained"}
+        for name in (*numbers, "held", "axes"):
             value = getattr(self, name)
             if value is not None and not isinstance(value, Indices):
-                value = checks.integers(value, words + " nodes")
-                object.__setattr__(self, name, Indices(value))
-        for name in ("held", "axes"):
-            value = getattr(self, name)
-            if value is not None and not isinstance(value, Indices):
-                object.__setattr__(self, name, Indices(value))
+                if name in numbers:
+                    value = checks.integers(value, f"{numbers[name]} nodes")
+                put(self, **{name: Indices(value)})
         self._check_directions()
         if self.mask is not None and not isinstance(self.mask, Indices):
             mask = np.asarray(self.mask)
@@ -113,7 +114,7 @@ class Supports:
                     f"supports mask: expected booleans [n_node, {N_FREEDOM}] or [n_node, 6], "
                     f"got {mask.dtype} {mask.shape}; for node numbers use pinned(nodes)"
                 )
-            object.__setattr__(self, "mask", Indices(mask))
+            put(self, mask=Indices(mask))
 
     def _check_directions(self):
         """Put in default `axes`; raise ValueError unless `chosen` and `held` are given in shape."""
@@ -127,7 +128,7 @@ class Supports:
                 )
         if self.axes is None:
             axes = np.tile(np.eye(3), (len(self.chosen), 1, 1))
-            object.__setattr__(self, "axes", Indices(axes))
+            put(self, axes=Indices(axes))
         count = len(self.chosen)
         if self.held.shape != (count, 6) or self.held.array.dtype != bool:
             raise ValueError(f"supports held: expected booleans [{count}, 6]")

@@ -25,11 +25,10 @@ from ..common.tree import copy
 from ..common.types import ArrayLike, Int
 from ..equilibrium.newton import Newton
 from ..mechanics.ramp import Ramp
-from .attempt import LOAD, Course, attempt
-from .decision import decide, outcome, proceed
-from .detection import detect
-from .records import note, nothing, record, row_at
-from .run import Beyond, Noted, Point, Run, Settings
+from .attempt import LOAD, Course
+from .decision import Decision
+from .records import note, record, room_for, row_of
+from .run import Beyond, Point, Run, Settings
 
 
 def march(
@@ -48,21 +47,15 @@ def march(
         code: status so far; after a failure nothing is done.
         capacity: numbers of points and of events that there is room for.
     """
-    course = Course.of(ramp, method, settings, capacity)
+    course = Course(ramp, method, settings, capacity)
 
     def advance(run):
-        tried = attempt(course, run)
-        seen = detect(course, run, tried)
-        decided = decide(course, run, tried, seen)
-        rows, n_row = record(course, run, tried, seen, decided)
-        noted, count = note(course, run, tried, seen)
-        after = copy(proceed(course, run, tried, seen, decided), rows=rows, n_row=n_row)
-        code, done = outcome(course, after, tried, seen, decided, count)
-        n_event = jnp.minimum(count, capacity[1])
-        return copy(after, noted=noted, n_event=n_event, code=code, done=done)
+        step = Decision(course, run)
+        (rows, n_row), (noted, n_event) = record(step), note(step)
+        after = copy(step.proceed(), rows=rows, n_row=n_row, noted=noted, n_event=n_event)
+        return step.ended(after)
 
-    start = _start(course, code)
-    return lax.while_loop(lambda run: (run.code == status.OK) & ~run.done, advance, start)
+    return lax.while_loop(lambda run: ~run.done, advance, _start(course, code))
 
 
 def _start(course, code):
@@ -76,8 +69,11 @@ def _start(course, code):
     still = jnp.zeros(begin.freedoms.free.shape[0], dtype)
     tangent = still, zero + 1
     point = Point(x, zero, *tangent, ramp.memory, number, zero, still, still, still, no_element)
-    entry = Noted(number, zero, zero, zero, number, point, no_element, no, number)
-    row = jax.eval_shape(lambda p: row_at(ramp, p, ramp.memory, nothing(p)), point)
+    row = jax.eval_shape(lambda: row_of(ramp, point, ramp.memory))
+    row |= {"iterations": number, "residual": zero, "scale": zero, "rounding": zero}
+    event = dict.fromkeys(("kind", "row", "multiplicity"), number)
+    event |= dict.fromkeys(("load_factor", "lower", "upper"), zero)
+    event |= {"point": point, "null": no, "elements": no_element}
     return Run(
         anchor=point,
         mode=jnp.int32(LOAD),
@@ -90,10 +86,10 @@ def _start(course, code):
         beyond=Beyond(zero, zero, number, no, no),
         tol=settings.tol,
         tries=number,
-        rows=jax.tree.map(lambda a: jnp.zeros((n_row, *a.shape), a.dtype), row),
+        rows=room_for(n_row, row),
         n_row=number,
-        noted=jax.tree.map(lambda a: jnp.zeros((n_event, *jnp.shape(a)), a.dtype), entry),
+        noted=room_for(n_event, event),
         n_event=number,
         code=code,
-        done=no,
+        done=code != status.OK,
     )

@@ -20,22 +20,12 @@ from jax import lax
 from .. import linear
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
-from ..equilibrium import newton
-from ..equilibrium.newton import Newton
+from ..equilibrium.newton_step import largest
 from ..mechanics.assembly import System
 from ..mechanics.ramp import Ramp
 
 _EXACT = 1e-3  # part of the allowed residual below which a guess is not improved
 _STEPS = 12  # most iterations; near the path quadratic convergence needs 3 to 6
-
-
-@pytree
-class Condition:
-    """One linear condition on a step ``(du, df)``: ``row . du + rise df = target``."""
-
-    row: Float[Array, " n_free"]
-    rise: Float[Array, ""]
-    target: Float[Array, ""]
 
 
 @pytree
@@ -78,11 +68,9 @@ class Corrected:
 def correct(
     ramp: Ramp,
     memory: list[PyTree[Array]] | None,
-    x: Float[Array, "n_row n_motion"],
-    moved: Float[Array, " n_free"],
-    factor: Float[Array, ""],
+    guess: tuple[Float[Array, "n_row n_motion"], Float[Array, " n_free"], Float[Array, ""]],
     origin: Float[Array, ""],
-    condition: Condition,
+    condition: tuple[Float[Array, " n_free"], Float[Array, ""], Float[Array, ""]],
     tol: Float[Array, ""],
     active: Bool[Array, ""],
 ) -> Corrected:
@@ -91,12 +79,14 @@ def correct(
     Args:
         ramp: the phase; not differentiated.
         memory: memory of laws at the anchor, or None.
-        x, moved, factor: the guess: motion, step from the origin of the condition, load factor.
+        guess: motion, step from the origin of the condition, load factor.
         origin: load factor at the origin of the condition, f0.
-        condition: `Condition`.
+        condition: `row`, `rise` and `target` of the condition.
         tol: relative residual that counts as equilibrium.
         active: False to return at once.
     """
+    x, moved, factor = guess
+    row, rise, target = condition
     zero = jnp.zeros((), x.dtype)
     begin = ramp.at(factor, memory)
     came_from = begin.rounding(begin.place(x))
@@ -107,27 +97,25 @@ def correct(
     def iterate(it):
         system = ramp.at(it.factor, memory)
         x = system.place(it.x)
-        residual, pull = jax.jvp(
-            lambda f: _residual(ramp.at(f, memory), x), (it.factor,), (zero + 1,)
-        )
+
+        def unbalanced(f):
+            system = ramp.at(f, memory)
+            return system.residual_and_scale(system.place(x))
+
+        unit = zero + 1
+        residual, pull, scale = jax.jvp(unbalanced, (it.factor,), (unit,), has_aux=True)
         # an unloaded start has no forces to judge by: take the load that the phase adds
-        coming = jnp.max(jnp.abs(pull), initial=0.0)
-        scale = jnp.maximum(system.residual_and_scale(x)[1], coming)
+        scale = jnp.maximum(scale, largest(pull))
         rounding = jnp.maximum(system.rounding(x), came_from)
         allowed = jnp.maximum(tol * scale, rounding)
         small = jnp.all(jnp.abs(residual) <= allowed)
         # after a short step the guess is nearly in equilibrium: make one correction at least
         settled = small & ((it.steps > 0) | jnp.all(jnp.abs(residual) <= _EXACT * allowed))
         matrix = system.tangent(x)
-        lacks = condition.target - condition.row @ it.moved - condition.rise * (it.factor - origin)
+        lacks = target - row @ it.moved - rise * (it.factor - origin)
+        rhs = jnp.where(settled, 0.0, -residual), jnp.where(settled, 1.0, lacks)
         du, df, regular = linear.solve_bordered(
-            matrix,
-            pull,
-            condition.row,
-            condition.rise,
-            jnp.where(settled, 0.0, -residual),
-            jnp.where(settled, 1.0, lacks),
-            loose_unknowns(system, x),
+            matrix, pull, row, rise, *rhs, loose_unknowns(system, x)
         )
         usable = regular & jnp.all(jnp.isfinite(du)) & jnp.isfinite(df)
         converged = settled | (small & ~usable)
@@ -145,38 +133,19 @@ def correct(
             regular=usable,
             failed=~converged & ~(usable & jnp.isfinite(scale)),
             steps=it.steps + ~converged,
-            residual=jnp.max(jnp.abs(residual), initial=0.0),
+            residual=largest(residual),
             scale=scale,
-            rounding=jnp.max(rounding, initial=0.0),
+            rounding=largest(rounding),
         )
 
     no, count = jnp.zeros((), bool), jnp.int32(0)
     still = jnp.zeros_like(moved)
-    matrix = jax.eval_shape(lambda: ramp.at(factor, memory).tangent(x))
+    matrix = jax.eval_shape(lambda: begin.tangent(x))
     matrix = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), matrix)
     begun = still, zero, still, matrix, no, no, no, count, zero, zero, zero
-    return lax.while_loop(unfinished, iterate, Corrected(x, moved, factor, *begun))
-
-
-def _residual(system, x):
-    """Residual of `system` at `x`, [n_free], N; its supports depend on the load factor, too."""
-    function, numbers, _ = system.chart(x)
-    return function(numbers)
+    return lax.while_loop(unfinished, iterate, Corrected(*guess, *begun))
 
 
 def loose_unknowns(system: System, x: Float[Array, "n_row n_motion"]) -> Bool[Array, " n_free"]:
     """Unknowns of nodes that touch only slack elements, [n_free] bool."""
     return system.loose_nodes(x)[system.freedoms.row_of_unknown]
-
-
-def by_load(
-    ramp: Ramp,
-    memory: list[PyTree[Array]] | None,
-    x: Float[Array, "n_row n_motion"],
-    factor: Float[Array, ""],
-    method: Newton,
-    active: Bool[Array, ""],
-) -> tuple[Float[Array, "n_row n_motion"], Int[Array, ""]]:
-    """A guess by Newton's method at a given load factor: the motion, and the status."""
-    outcome, _ = newton.equilibrate(ramp.at(factor, memory), x, method, active)
-    return outcome.x, outcome.code

@@ -10,7 +10,6 @@ import numpy as np
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
 
-NONE = 0
 LIMIT_POINT = 1
 BIFURCATION = 2
 SLACKENING = 3
@@ -28,9 +27,6 @@ NAMES = {
 
 FAILURES = (LIMIT_POINT, BIFURCATION, MATERIAL_FAILURE)
 """Kinds at which a structure under growing dead load fails."""
-
-CRITICAL = (LIMIT_POINT, BIFURCATION)
-"""Kinds at which the tangent is singular."""
 
 
 @pytree

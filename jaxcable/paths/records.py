@@ -12,60 +12,58 @@ from ..common.types import Array, Bool, Int, PyTree
 from ..mechanics.ramp import Ramp
 from ..mechanics.reading import read
 from . import events
-from .attempt import Course, Tried
-from .correction import Corrected
-from .decision import Decided
-from .detection import Seen
+from .decision import Decision
 from .inertia import multiplicity
-from .run import Noted, Point, Run
+from .run import Point
 
 
-def record(
-    course: Course, run: Run, tried: Tried, seen: Seen, decided: Decided
-) -> tuple[tuple[PyTree[Array], ...], Int[Array, ""]]:
+def record(step: Decision) -> tuple[dict[str, PyTree[Array]], Int[Array, ""]]:
     """Recorded points (`Run.rows`) and their number after a step."""
-    fatal, a = seen.fatal, run.anchor
-    shown = where(fatal, a, tried.point)
-    row = row_at(course.ramp, shown, a.memory, tried.found)
-    return put(run.rows, run.n_row, row, decided.record), run.n_row + decided.record
+    run, found = step.run, step.found
+    shown = where(step.fatal, run.anchor, step.point)
+    row = row_of(step.course.ramp, shown, run.anchor.memory)
+    row |= {"iterations": found.steps, "residual": found.residual}
+    row |= {"scale": found.scale, "rounding": found.rounding}
+    return _put(run.rows, run.n_row, row, step.record), run.n_row + step.record
 
 
-def note(course: Course, run: Run, tried: Tried, seen: Seen) -> tuple[Noted, Int[Array, ""]]:
+def row_of(ramp: Ramp, p: Point, memory: list[PyTree[Array]] | None) -> dict[str, PyTree[Array]]:
+    """The record of a point, but for the numbers of its correction."""
+    seen = read(ramp.at(p.factor, memory), p.x)
+    return {
+        "load_factor": p.factor,
+        "displacement": (p.x - ramp.begin.motion)[:, :3],
+        "found": seen.of_path.found,
+        "n_slack": seen.n_slack,
+        "n_loose": seen.n_loose,
+        "n_negative": p.negative,
+        "stiffness": p.stiffness,
+        "rise": p.rise,
+    }
+
+
+def note(step: Decision) -> tuple[dict[str, PyTree[Array]], Int[Array, ""]]:
     """Recorded events after a step, and their number, including those there is no room for."""
-    a, p = run.anchor, tried.point
-    kinds = (
-        (seen.limit & ~seen.failed, events.LIMIT_POINT),
-        ((seen.branch | seen.astray) & ~seen.limit & ~seen.failed, events.BIFURCATION),
-        (seen.slackened, events.SLACKENING),
-        (seen.tightened, events.TIGHTENING),
-        (seen.failed, events.MATERIAL_FAILURE),
-    )
-    noted, count = run.noted, run.n_event
-    beside = where(seen.astray, run.beyond, seen.now)
-    many = multiplicity(beside, a, tried.fresh)
-    for happened, kind in kinds:
-        changed = _elements(course, kind, a, p)
-        on_line = seen.line & (kind == events.BIFURCATION)
-        at = jnp.where(on_line, _zero_between(a, p), p.factor)
-        number = many[kind == events.LIMIT_POINT] if kind in events.CRITICAL else jnp.int32(0)
-        entry = Noted(
-            jnp.int32(kind), at, a.factor, p.factor, run.n_row, p, changed, seen.null, number
-        )
-        noted = put(noted, count, entry, seen.hit & happened & (count < course.capacity[1]))
-        count = count + (seen.hit & happened)
+    run, a, p = step.run, step.run.anchor, step.point
+    noted, count, whole = run.noted, run.n_event, ~step.failed
+    fork = (step.branch | step.astray) & ~step.limit & whole
+    beside = where(step.astray, run.beyond, step.beyond)
+    crossing, at_limit = multiplicity(beside, a, step.fresh)
+    zero = jnp.where(step.line, _zero_between(a, p), p.factor)
+    none, no_element = jnp.int32(0), jnp.zeros_like(p.slack)
+    event = {"lower": a.factor, "upper": p.factor, "row": run.n_row, "point": p, "null": step.null}
+    for happened, kind, factor, number, elements in (
+        (step.limit & whole, events.LIMIT_POINT, p.factor, at_limit, no_element),
+        (fork, events.BIFURCATION, zero, crossing, no_element),
+        (step.slackened, events.SLACKENING, p.factor, none, step.gone_slack),
+        (step.tightened, events.TIGHTENING, p.factor, none, step.gone_taut),
+        (step.failed, events.MATERIAL_FAILURE, p.factor, none, step.broken),
+    ):
+        event |= {"kind": jnp.int32(kind), "load_factor": factor}
+        event |= {"multiplicity": number, "elements": elements}
+        noted = _put(noted, count, event, step.hit & happened)
+        count = count + (step.hit & happened)
     return noted, count
-
-
-def _elements(course, kind, a, p):
-    """The elements that an event of this kind concerns, bool."""
-    if kind == events.SLACKENING:
-        return p.slack & ~a.slack
-    if kind == events.TIGHTENING:
-        return a.slack & ~p.slack
-    system = course.ramp.at(p.factor, a.memory)
-    if kind == events.MATERIAL_FAILURE and system.breaks:
-        return system.broken(system.strains(p.x))
-    return jnp.zeros_like(p.slack)
 
 
 def _zero_between(a, p):
@@ -74,48 +72,18 @@ def _zero_between(a, p):
     return a.factor + part * (p.factor - a.factor)
 
 
-def row_at(
-    ramp: Ramp, p: Point, memory: list[PyTree[Array]] | None, found: Corrected
-) -> tuple[PyTree[Array], ...]:
-    """The record of a point, an entry of `Run.rows`."""
-    system = ramp.at(p.factor, memory)
-    return (
-        p.factor,
-        _row_of(ramp, system, p.x),
-        p.negative,
-        p.stiffness,
-        p.rise,
-        found.steps,
-        found.residual,
-        found.scale,
-        found.rounding,
-    )
+def room_for(count: int, record: PyTree[Any]) -> PyTree[Array]:
+    """Arrays of zeros for a number of records like one, of which only the shapes matter."""
+    return jax.tree.map(lambda a: jnp.zeros((count, *a.shape), a.dtype), record)
 
 
-def _row_of(ramp, system, x):
-    """Displacement since the phase began, results of elements, counts of slack and loose."""
-    seen = read(system, x)
-    moved = (x - ramp.begin.motion)[:, :3]
-    return moved, seen.of_path.found, seen.n_slack, seen.n_loose
-
-
-def nothing(p: Point) -> Any:
-    """Stands for a `Corrected` where only shapes are needed."""
-    zero = jnp.zeros((), p.rise.dtype)
-
-    class Shapes:
-        steps, residual, scale, rounding = jnp.int32(0), zero, zero, zero
-
-    return Shapes
-
-
-def put(
+def _put(
     rows: PyTree[Array], number: Int[Array, ""], row: PyTree[Array], wanted: Bool[Array, ""]
 ) -> PyTree[Array]:
-    """Write the record `row` at index `number` of `rows` if `wanted`."""
+    """Write the record `row` at index `number` of `rows` if it is `wanted` and there is room."""
 
     def one(column, value):
-        at = jnp.minimum(number, len(column) - 1)
-        return column.at[at].set(jnp.where(wanted, value, column[at]))
+        at = jnp.where(wanted, number, len(column))  # beyond the end: dropped
+        return column.at[at].set(value, mode="drop")
 
     return jax.tree.map(one, rows, row)

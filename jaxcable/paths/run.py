@@ -60,29 +60,6 @@ class Point:
 
 
 @pytree
-class Noted:
-    """The record of an event.
-
-    Attributes:
-        kind, factor, lower, upper, row: as of `Events` (factor: `load_factor`).
-        point: `Point` beyond the event.
-        changed: elements that the event concerns, all groups one after the other.
-        null: whether `phi` of this point is a null vector.
-        crossed: number of eigenvalues that change their sign.
-    """
-
-    kind: Int[Array, ""]
-    factor: Float[Array, ""]
-    lower: Float[Array, ""]
-    upper: Float[Array, ""]
-    row: Int[Array, ""]
-    point: Point
-    changed: Bool[Array, " n_elem"]
-    null: Bool[Array, ""]
-    crossed: Int[Array, ""]
-
-
-@pytree
 class Beyond:
     """Values beyond an event, by which it is located.
 
@@ -116,8 +93,11 @@ class Run:
         tol: length of a step within which an event counts as located; enlarged after rounding has
             moved an event out of its bracket.
         tries: number of steps tried so far.
-        rows, n_row: records of points (`records.row_at`), and their number.
-        noted, n_event: records of events, and their number.
+        rows, n_row: records of points, by the names of fields of `TracedPath` (`found`: results of
+            elements; `scale`: the force that the residual is judged by), and their number.
+        noted, n_event: records of events, by the names of fields of `Events`, with the `point`
+            beyond each event and whether its `phi` is a `null` vector; and their number, including
+            those that there is no room for.
         code, done: status, and whether the path has ended.
     """
 
@@ -132,9 +112,9 @@ class Run:
     beyond: Beyond
     tol: Float[Array, ""]
     tries: Int[Array, ""]
-    rows: tuple[PyTree[Array], ...]
+    rows: dict[str, PyTree[Array]]
     n_row: Int[Array, ""]
-    noted: Noted
+    noted: dict[str, PyTree[Array]]
     n_event: Int[Array, ""]
     code: Int[Array, ""]
     done: Bool[Array, ""]

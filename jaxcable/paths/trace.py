@@ -166,71 +166,48 @@ def _trace(thawed, arrays, method, settings, code, room, bundles):
     ramp = Ramp.build(*lax.stop_gradient(problem))
     method, settings = lax.stop_gradient((method, settings))
     run = lax.stop_gradient(march(ramp, method, settings, code, room))
-    code = run.code
-    factor, readings, negative, stiffness, rise, steps, residual, scale, rounding = run.rows
-    moved, found, n_slack, n_loose = readings
-    found = {name: bundles.apart(value, axis=1) for name, value in found.items()}
-    reached = jnp.arange(room[0]) < run.n_row
     happened = jnp.arange(room[1]) < run.n_event
-
-    def known(values, there):
-        def one(a):
-            mask = there.reshape(-1, *(1,) * (a.ndim - 1))
-            missing = jnp.nan if jnp.issubdtype(a.dtype, jnp.floating) else -1
-            return jnp.where(mask, a, jnp.asarray(missing, a.dtype))
-
-        return jax.tree.map(one, values)
-
-    noted = run.noted
-    events = Events(
-        kind=jnp.where(happened, noted.kind, 0),
-        load_factor=None,
-        lower=known(noted.lower, happened),
-        upper=known(noted.upper, happened),
-        row=known(noted.row, happened),
-        displacement=known(jax.vmap(lambda p: _moved(ramp, p))(noted.point), happened),
-        mode=jax.vmap(lambda p: _shape(ramp, p))(noted.point),
-        alignment=jax.vmap(alignment)(noted.point),
-        multiplicity=jnp.where(happened, noted.crossed, 0),
-        elements=None,
+    rows, noted = _known(run.rows, jnp.arange(room[0]) < run.n_row), dict(run.noted)
+    found = {name: bundles.apart(value, axis=1) for name, value in rows.pop("found").items()}
+    point, null, factor, elements = (
+        noted.pop(name) for name in ("point", "null", "load_factor", "elements")
     )
-    critical = (events.kind == LIMIT_POINT) | (events.kind == BIFURCATION)
-    events = copy(
-        events, mode=known(events.mode, critical), alignment=known(events.alignment, critical)
-    )
+    between = {name: noted.pop(name) for name in ("lower", "upper", "row")}
+    between["displacement"] = jax.vmap(lambda p: (p.x - ramp.begin.motion)[:, :3])(point)
+    modes = {"mode": jax.vmap(lambda p: _shape(ramp, p))(point)}
+    modes["alignment"] = jax.vmap(alignment)(point)
+    critical = (noted["kind"] == LIMIT_POINT) | (noted["kind"] == BIFURCATION)
+    known = _known(between, happened) | _known(modes, critical)
     path = TracedPath(
-        load_factor=known(factor, reached),
-        displacement=known(moved, reached),
-        status=code,
-        iterations=known(steps, reached),
+        status=run.code,
         factorizations=None,
-        residual=known(residual, reached),
-        relative_residual=known(scaled.relative(residual, scale), reached),
-        rounding=known(rounding, reached),
-        n_slack=known(jnp.asarray(n_slack, jnp.int32), reached),
-        n_loose=known(jnp.asarray(n_loose, jnp.int32), reached),
         equilibrated=None,
-        n_negative=known(negative, reached),
-        stiffness=known(stiffness, reached),
-        rise=known(rise, reached),
-        events=events,
-        **element_fields(known(found, reached)),
+        relative_residual=scaled.relative(rows["residual"], rows.pop("scale")),
+        events=Events(load_factor=None, elements=None, **noted, **known),
+        **rows,
+        **element_fields(found),
     )
     path = implicit.undifferentiated(path, parameters)
     located = jax.vmap(lambda *event: _load_factor(*event, ramp, problem, parameters))
     counts = np.cumsum([0, *(len(group.links) for group in ramp.groups)])
-    parts = [noted.changed[:, a:b] for a, b in itertools.pairwise(counts)]
+    parts = [elements[:, a:b] for a, b in itertools.pairwise(counts)]
     events = copy(
         path.events,
-        load_factor=known(located(events.kind, noted.factor, noted.point, noted.null), happened),
-        elements=bundles.apart([part & happened[:, None] for part in parts], axis=1),
+        load_factor=_known(located(noted["kind"], factor, point, null), happened),
+        elements=bundles.apart(parts, axis=1),
     )
     return copy(path, events=events), run.n_row, run.n_event
 
 
-def _moved(ramp, point):
-    """Displacement since the phase began, [n_node, 3]."""
-    return (point.x - ramp.begin.motion)[:, :3]
+def _known(values, there):
+    """Arrays with NaN in floats, and -1 in counts, where `there`, of their first axis, is False."""
+
+    def one(a):
+        missing = jnp.nan if jnp.issubdtype(a.dtype, jnp.floating) else -1
+        mask = there.reshape(-1, *(1,) * (a.ndim - 1))
+        return jnp.where(mask, a, jnp.asarray(missing, a.dtype))
+
+    return jax.tree.map(one, values)
 
 
 def _shape(ramp, point):

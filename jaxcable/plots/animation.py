@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import base64
 import io
-import itertools
 import os
 from collections.abc import Sequence
+from importlib import resources
 from pathlib import Path
 
-import jax
 import numpy as np
 from matplotlib.colors import to_rgb
 from PIL import Image
 
 from ..analysis.solution import Solution
-from ..common.types import Int
 from ..common.writing import written
-from ..model.parts import pieces
 from ..model.structure import Structure
-from .glyphs import draw_supports, support_keys, supports
+from .glyphs import draw_supports, support_keys
 from .layout import arrange, settle
 from .members import Members, Scale, ghost, keys
-from .shapes import Shapes, known
-from .stages import drawn, forces_of, named, shown, start_of
+from .snapshots import Snapshots
 from .style import OVER, SLACK, colour_map
-from .views import View, choose
+from .views import choose
 
 _HOLD = 10  # how many times longer the last frame is shown
 
@@ -89,91 +85,41 @@ def animation(
         raise ValueError(f"frames = {frames}: must be a positive integer")
     if not rate > 0:
         raise ValueError(f"rate = {rate}: must be positive")
-    colour = shown(solution, structure, colour)
-    begin = start_of(solution, solution.last)
-    shots = _shots(solution, begin, structure, magnify, colour, frames, names)
-    shown_points = (drawn(shot.positions, shot.curves, shot.forces.present) for shot in shots)
-    everything = np.concatenate([begin, *itertools.chain.from_iterable(shown_points)])
-    seen = choose(everything, view)
-    if view is None and not seen.plane:
-        seen = View("space")
-    images = _draw(shots, begin, seen, everything, solution, structure, dpi)
+    found = Snapshots(solution, structure, colour, names)
+    shots = found.increments(frames)
+    start, single = shots[0].before(), len(solution.phases) == 1
+    origin = start if single else found.after(0)
+    shots = [s.magnified(origin, magnify) if single or s.phase > 0 else s for s in shots]
+    everything = np.concatenate([start.positions, *(shot.points() for shot in shots)])
+    seen = choose(everything, view, space=True)
+    images = _draw(found, start, shots, seen, everything, dpi)
     (_gif if path.suffix.lower() == ".gif" else _html)(images, path, rate)
     return path
 
 
-class _Shot:
-    """The contents of a frame: number of the phase, title, positions, `Forces`, `Curves`."""
-
-    def __init__(self, phase, title, positions, forces, curves):
-        self.phase, self.title, self.positions, self.forces = phase, title, positions, forces
-        self.curves = curves
-
-
-def _shots(solution, begin, structure, magnify, colour, frames, names=None):
-    """The frames, a list of `_Shot`."""
-    named(solution, names)
-    converged = [
-        (k, number)
-        for k, phase in enumerate(solution.phases)
-        for number in np.flatnonzero(np.asarray(phase.path.status) == 0)
-    ]
-    if not converged:
-        raise ValueError("solution: has no converged increment to draw; see raise_if_failed")
-    origin = begin if len(solution.phases) == 1 else np.asarray(solution.phases[0].positions)
-    paths = [jax.tree.map(np.asarray, phase.path) for phase in solution.phases]
-    chosen = [converged[j] for j in evenly(len(converged), frames)]
-    shapes = Shapes(solution, structure)
-    every = shapes.along(chosen)
-    first = shapes.start(every[0]) if len(solution.phases) == 1 else shapes.after(0)
-    shots = []
-    for (k, number), curves in zip(chosen, every, strict=True):
-        path = paths[k]
-        base = begin if k == 0 else np.asarray(solution.phases[k - 1].positions)
-        place = base + path.displacement[number]
-        if k > 0 or len(solution.phases) == 1:
-            place = origin + magnify * (place - origin)
-            curves = curves if curves is None else curves.magnified(first, magnify)
-        name = f"Phase {k + 1}" if names is None else names[k]
-        title = f"{name}, load factor {path.load_factor[number]:.2f}"
-        part = jax.tree.map(lambda t, number=number: t[number], path)
-        forces = forces_of(part, solution, structure, colour)
-        shots.append(_Shot(k, title, place, forces, curves))
-    return shots
-
-
-def evenly(n: int, most: int) -> Int[np.ndarray, " n_frame"]:
-    """At most `most` of the numbers from 0 to n - 1, evenly spaced, with the last one."""
-    return np.round(np.linspace(n - 1, 0, min(most, n))).astype(int)[::-1]
-
-
-def _draw(shots, begin, seen, everything, solution, structure, dpi):
+def _draw(found, start, shots, seen, everything, dpi):
     """The frames as images with one palette, so that colours do not flicker."""
     palette = Image.new("P", (1, 1))
     palette.putpalette(_palette())
-    links = pieces(solution.last.topology.parts)[:2]
-    scale = Scale([shot.forces for shot in shots])
-    figure, slots = arrange([seen.ratio(everything)], [seen.flat])
+    forces = [shot.forces for shot in shots]
+    scale = Scale(forces)
+    names = found.names or [f"Phase {k + 1}" for k in range(len(found.solution.phases))]
+    titles = [f"{names[shot.phase]}, load factor {shot.factor:.2f}" for shot in shots]
+    figure, slots = arrange([seen], [everything], titles[:1])
     figure.set_dpi(dpi)
-    axes = seen.add_axes(figure, everything, shots[0].title)
-    begun = Shapes(solution, structure).start(shots[0].curves)
-    ghost(axes, seen, begin, links, shots[0].forces.present, begun)
-    lines = Members(axes, seen, links, scale)
-    lines.show(shots[0].positions, shots[0].forces, shots[0].curves)
-    rotates = None if structure is None else structure.rotating()
-    kinds = [
-        supports(fixed.array[: len(shots[0].positions)], rotates, seen.normal)
-        for fixed in solution.last.fixed[1:]
-    ]
-    before = bool(known(begun, shots[0].forces.present).any())
-    handles = keys([shot.forces for shot in shots], before, counted=False)
-    handles += support_keys(np.any([kinds[shot.phase] for shot in shots], axis=0))
+    (axes,) = figure.axes
+    ghost(axes, seen, found.links, start)
+    lines = Members(axes, seen, found.links, scale)
+    lines.show(shots[0])
+    held = [shot.held(seen.normal) for shot in shots]
+    handles = keys(forces, bool(start.known().any()), counted=False)
+    handles += support_keys(np.any(held, axis=0))
     settle(figure, slots, lines.taut, scale.label, handles)
     images = []
-    for shot in shots:
-        lines.show(shot.positions, shot.forces, shot.curves)
-        axes.title.set_text(shot.title)
-        marks = draw_supports(axes, seen, shot.positions, kinds[shot.phase])
+    for shot, title, kinds in zip(shots, titles, held, strict=True):
+        lines.show(shot)
+        axes.title.set_text(title)
+        marks = draw_supports(axes, seen, shot.positions, kinds)
         figure.canvas.draw()
         image = Image.fromarray(np.array(figure.canvas.buffer_rgba())[..., :3])
         images.append(image.quantize(palette=palette, dither=Image.Dither.NONE))
@@ -208,37 +154,8 @@ def _html(images, path, rate):
         buffer = io.BytesIO()
         image.save(buffer, format="PNG", optimize=True)
         frames.append(f'"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"')
-    page = _PAGE.replace("WIDTH", str(images[0].width)).replace("LAST", str(len(images) - 1))
+    page = (resources.files(__package__) / "viewer" / "frames.html").read_text(encoding="utf-8")
+    page = page.replace("WIDTH", str(images[0].width)).replace("LAST", str(len(images) - 1))
     page = page.replace("WAIT", str(round(1000 / rate))).replace("FRAMES", ",\n".join(frames))
     with written(path) as stream:
         stream.write(page)
-
-
-_PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head><meta charset="utf-8"><title>jaxcable</title></head>
-<body style="font-family: sans-serif; max-width: WIDTHpx; margin: auto">
-<img id="frame" alt="a frame" style="width: 100%">
-<div style="display: flex; gap: 1em">
-<button id="play" type="button">Pause</button>
-<input id="place" type="range" min="0" max="LAST" value="0" aria-label="frame" style="flex: 1">
-</div>
-<script>
-const frames = [FRAMES];
-const image = document.getElementById("frame"), place = document.getElementById("place");
-const button = document.getElementById("play");
-let playing = true;
-function show() { image.src = frames[place.value]; }
-function play(on) { playing = on; button.textContent = on ? "Pause" : "Play"; }
-button.onclick = () => play(!playing);
-place.oninput = () => { play(false); show(); };
-setInterval(() => {
-  if (!playing) return;
-  place.value = (Number(place.value) + 1) % frames.length;
-  show();
-}, WAIT);
-show();
-</script>
-</body>
-</html>
-"""

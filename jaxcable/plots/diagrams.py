@@ -6,7 +6,6 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
-import jax
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
@@ -20,15 +19,16 @@ from ..common.types import Float, Int
 from ..elements.element import SECTION_FORCES
 from ..model.parts import first_and_last
 from ..model.structure import Structure
+from ..model.topology import Part
 from ..results.between import stored_forces
+from .forces import leaves
 from .glyphs import draw_supports, support_keys
 from .layout import arrange, settle
-from .shapes import chosen, lines, projected
-from .stages import Links, Stage, drawn, stages_of
+from .shapes import PLACES, Links, chosen, cubic, lines, on_chords, projected
+from .snapshots import Snapshot, Snapshots
 from .style import GHOST, INK, SERIES, SIZE, finish, force_unit
 from .views import View, choose
 
-PLACES = 25  # along a beam, ends included
 _HIGH = 0.12  # length of the largest value over the extent of the structure
 _LABELS = 9  # values that are written
 _APART = 0.12  # distance of written values over the extent
@@ -93,25 +93,24 @@ def diagram(
     ('My (N m), at the end', '2000')
     """
     check(of, high)
-    links, stages, shown = stages_of(solution, structure, state, names=names, phase=phase)
-    stage = stages[-1]
-    found = Along(solution, stage, shown, of)
-    points = np.concatenate(drawn(*stage.now()))
-    seen = choose(points, view)
-    if view is None and not seen.plane:
-        seen = View("space")
+    snapshots = Snapshots(solution, structure, names=names)
+    shown = snapshots.state(state, phase)
+    snapshot, title = snapshots.of(shown), snapshots.title(int(shown.phase), shown)
+    found = Along(snapshots.parts, snapshot, of)
+    points = snapshot.points()
+    seen = choose(points, view, space=True)
     tips = found.tips(seen, high * found.extent / max(found.largest, 1e-300))
     factor, unit = force_unit(found.largest)
     everything = np.concatenate([points, tips.reshape(-1, 3)])
-    figure, slots = arrange([seen.ratio(everything)], [seen.flat])
-    name = stage.title if names is not None else stage.title[0].lower() + stage.title[1:]
+    name = title if names is not None else title[0].lower() + title[1:]
     title = f"{of} ({unit_of(of, unit)}), {name}" + ("" if found.largest > 0.0 else ": zero")
-    axes = seen.add_axes(figure, everything, title)
-    found.draw(axes, seen, links, tips)
+    figure, slots = arrange([seen], [everything], [title])
+    (axes,) = figure.axes
+    found.draw(axes, seen, snapshots.links, tips)
     handles = sign_keys(of, [found])
     if supports:
-        held = stage.held(structure, seen)
-        draw_supports(axes, seen, stage.positions, held)
+        held = snapshot.held(seen.normal)
+        draw_supports(axes, seen, snapshot.positions, held)
         handles += support_keys(held)
     found.write(axes, seen, tips, factor)
     settle(figure, slots, None, "", handles)
@@ -137,9 +136,8 @@ class Along:
     """A section force along all beams that are there, in one geometry.
 
     Args:
-        solution: `Solution`.
-        stage: `Stage`, the geometry.
-        part: `State` or `PhaseResult` with the section forces in it.
+        parts: of the elements.
+        snapshot: `Snapshot` at the end of a phase, or of a `State`.
         of: name of the force.
 
     Attributes:
@@ -151,27 +149,27 @@ class Along:
         ValueError: the structure has no beams.
     """
 
-    def __init__(self, solution: Solution, stage: Stage, part: State | PhaseResult, of: str):
-        self.stage, positions, curves = stage, stage.positions, stage.curves
-        forces, ends, number = _forces(solution, part)
-        kept = stage.forces.present[number]
+    def __init__(self, parts: Sequence[Part], snapshot: Snapshot, of: str):
+        self.snapshot, positions, curves = snapshot, snapshot.positions, snapshot.curves
+        forces, ends, number = along_beams(parts, snapshot.end, PLACES)
+        if not len(number):
+            raise ValueError("solution: has no beams, and so no section forces")
+        kept = snapshot.forces.present[number]
         forces, ends, number = forces[kept], ends[kept], number[kept]
         alike = slice(3, 6) if of in _MOMENTS else slice(0, 3)
         self.least = _NOTHING * float(np.abs(forces[..., alike]).max(initial=0.0))
         values = forces[..., SECTION_FORCES.components.index(of)]
         self.values = np.where(np.abs(values) > self.least, values, 0.0)
         self.largest = float(np.abs(self.values).max(initial=0.0))
-        self.extent = float(np.ptp(np.concatenate(drawn(*stage.now())), axis=0).max())
+        self.extent = float(np.ptp(snapshot.points(), axis=0).max())
         self._chord = positions[ends]
-        axis = self._chord
-        if curves is None or not np.isin(number, curves.number[: len(curves.axes)]).all():
-            parts = np.linspace(0, 1, PLACES)[:, None]
-            self._base = axis[:, :1] + parts * (axis[:, 1:] - axis[:, :1])
-            self._sides = _sides(_supposed_axes(axis), axis, of)
-        else:
+        self._base = on_chords(self._chord, PLACES)
+        axes = _supposed_axes(self._chord)
+        if curves is not None and np.isin(number, curves.number[: len(curves.axes)]).all():
             rows = curves.rows(number)
-            self._base = curves.points(positions, PLACES)[rows]
-            self._sides = _sides(curves.axes[rows], axis, of)
+            self._base = self._base + cubic(curves.bend[rows], np.linspace(0.0, 1.0, PLACES))
+            axes = curves.axes[rows]
+        self._sides = _sides(axes, self._chord, of)
 
     def tips(self, view: View, scale: float) -> Float[np.ndarray, "n_beam n_place 3"]:
         """Where the values end in a picture, at `scale` metres a unit."""
@@ -187,11 +185,9 @@ class Along:
             Poly3DCollection,
         )  # fmt: skip
         line, area = kinds
-        stage = self.stage
-        plain = chosen(
-            projected(view, lines(stage.positions, links, stage.curves)),
-            stage.forces.present[links[1]],
-        )
+        shown = self.snapshot
+        every = projected(view, lines(shown.positions, links, shown.curves))
+        plain = chosen(every, shown.forces.present[links[1]])
         axes.add_collection(line(plain, colors=GHOST, linewidths=1.0, zorder=1), autolim=False)
         base, top = view.project(self._base), view.project(tips)
         axes.add_collection(line(base, colors=INK, linewidths=1.4, zorder=4), autolim=False)
@@ -233,27 +229,32 @@ def sign_keys(of: str, found: Sequence[Along]) -> list[Any]:
     ]
 
 
-def _forces(solution, part):
-    """Forces of all beams [n_beam, n_place, 6], their ends [n_beam, 2] and numbers [n_beam]."""
-    found, ends, numbers, count = [], [], [], 0
-    parts = solution.last.topology.parts
-    places = np.linspace(0.0, 1.0, PLACES)
-    at = np.asarray(part.positions)
-    forces = stored_forces(parts, _leaves(part.section_forces, len(parts)), at, places)
-    for group, values in zip(parts, forces, strict=True):
+def along_beams(
+    parts: Sequence[Part], end: State | PhaseResult | None, n_place: int
+) -> tuple[
+    Float[np.ndarray, "n_beam n_place 6"],
+    Int[np.ndarray, "n_beam 2"],
+    Int[np.ndarray, " n_beam"],
+]:
+    """Section forces along all beams, evenly, their ends, and their numbers among all elements.
+
+    Args:
+        parts: of the elements.
+        end: `State`, or result of a phase.
+        n_place: number of places along each beam, ends included.
+    """
+    found, ends = [np.zeros((0, n_place, 6))], [np.zeros((0, 2), int)]
+    numbers, count = [np.zeros(0, int)], 0
+    own = leaves(end.section_forces, len(parts))
+    places, at = np.linspace(0.0, 1.0, n_place), end.positions
+    for part, values in zip(parts, stored_forces(parts, own, at, places), strict=True):
+        size = len(part.links.array)
         if values is not None:
             found.append(np.asarray(values))
-            ends.append(first_and_last(group))
-            numbers.append(count + np.arange(len(group.links.array)))
-        count += len(group.links.array)
-    if not found:
-        raise ValueError("solution: has no beams, and so no section forces")
+            ends.append(first_and_last(part))
+            numbers.append(count + np.arange(size))
+        count += size
     return np.concatenate(found), np.concatenate(ends), np.concatenate(numbers)
-
-
-def _leaves(tree: Any, count: int) -> list[Any]:
-    """Leaves of a pytree in the shape of the elements, None for groups without values."""
-    return [None] * count if tree is None else jax.tree.leaves(tree, is_leaf=lambda x: x is None)
 
 
 def _sides(axes, ends, of):

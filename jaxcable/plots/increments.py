@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from ..analysis.solution import Solution
 from ..equilibrium.balance import default_tolerance
-from .stages import refuse_batch
+from .snapshots import refuse_batch
 from .style import GRID, SERIES, below, finish, start
 
 _FAILED = "#D55E00"

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import proj3d
 
+from ..common.types import Float
 from .style import SIZE, resize, start
+from .views import View
+
+Slots: TypeAlias = "Sequence[tuple[float, float, float, float]]"
 
 _GAP = 0.1  # inches, around everything
 _BAR = 0.68  # inches, height of the colour bar with its numbers and label
@@ -20,18 +24,41 @@ _ROUNDS = 3
 
 
 def arrange(
-    ratios: Sequence[float], flat: Sequence[bool]
-) -> tuple[Figure, Sequence[tuple[float, float, float, float]]]:
-    """A figure for one or two pictures of a structure, side by side if they are high.
+    views: Sequence[View],
+    points: Sequence[Float[np.ndarray, "n 3"]],
+    titles: Sequence[str],
+    columns: int | None = None,
+) -> tuple[Figure, Slots]:
+    """A figure with axes for pictures of a structure; `settle` puts them into their slots.
 
     Args:
-        ratios: heights over widths of the pictures.
-        flat: whether the axes of each picture have two directions.
+        views: `View` of every picture.
+        points: what the axes of every picture have to include, arrays [n, 3], m.
+        titles: of the pictures.
+        columns: number of pictures in a row; None for one or two pictures, which are side by side
+            if they are high.
 
     Returns:
         The figure, without room for a legend, and the slots of the pictures: left, top, width,
         height, in inches from the upper left corner.
     """
+    ratios = [view.ratio(within) for view, within in zip(views, points, strict=True)]
+    if columns is None:
+        slots = _one_or_two(ratios, [view.flat for view in views])
+    else:
+        wide = max(6.4 / columns, 2.1)
+        high = min(0.35 + wide * max(ratios), 4.0)
+        rows = (divmod(k, columns) for k in range(len(views)))
+        slots = [(column * wide, row * high, wide, high) for row, column in rows]
+    lefts, tops, widths, heights = np.transpose(slots)
+    figure = start(max(lefts + widths), max(tops + heights) + _BAR, None)
+    for view, within, title in zip(views, points, titles, strict=True):
+        view.add_axes(figure, within, title)
+    return figure, slots
+
+
+def _one_or_two(ratios, flat):
+    """Slots of one or two pictures, by their heights over widths."""
     if len(ratios) == 2 and all(r >= 0.6 or not f for r, f in zip(ratios, flat, strict=True)):
         widths = [3.2, 3.2] if flat[0] == flat[1] else [2.8 if f else 3.6 for f in flat]
     else:
@@ -40,28 +67,15 @@ def arrange(
         min(0.85 + (wide - 0.85) * ratio, 6.5) for wide, ratio in zip(widths, ratios, strict=True)
     ]
     if widths[0] < 4.8:
-        lefts, tops = np.array([0.0, widths[0]]), np.zeros(2)
-        heights = [max(heights)] * 2
-    else:
-        lefts, tops = np.zeros(len(ratios)), np.concatenate([[0.0], np.cumsum(heights)[:-1]])
-    slots = list(zip(lefts, tops, widths, heights, strict=True))
-    size = max(lefts + widths), max(tops + heights)
-    return start(size[0], size[1] + _BAR, None), slots
-
-
-def grid(
-    ratio: float, count: int, columns: int
-) -> tuple[Figure, Sequence[tuple[float, float, float, float]]]:
-    """A figure for pictures of one `ratio`, height over width, row by row; returns as `arrange`."""
-    wide = max(6.4 / columns, 2.1)
-    high = min(0.35 + wide * ratio, 4.0)
-    slots = [(k % columns * wide, k // columns * high, wide, high) for k in range(count)]
-    return start(columns * wide, -(-count // columns) * high + _BAR, None), slots
+        first, second = widths
+        return [(0.0, 0.0, first, max(heights)), (first, 0.0, second, max(heights))]
+    tops = np.cumsum([0.0, *heights[:-1]])
+    return [(0.0, top, 4.8, high) for top, high in zip(tops, heights, strict=True)]
 
 
 def settle(
     figure: Figure,
-    slots: Sequence[tuple[float, float, float, float]],
+    slots: Slots,
     mappable: ScalarMappable | None,
     label: str,
     handles: Sequence[Any],
@@ -70,11 +84,11 @@ def settle(
     """Put the axes of a figure into their slots, and colour bar and legend below them.
 
     Args:
-        figure, slots: results of `arrange` or `grid`; the figure has one axes per slot.
+        figure, slots: results of `arrange`; the figure has one axes per slot.
         mappable: lines whose colours the colour bar explains; None for no colour bar.
         label: label of the colour bar.
         handles: legend entries.
-        columns: of a `grid` of flat axes, which get one size; None to fill every slot alone.
+        columns: in a row of flat axes, which get one size; None to fill every slot alone.
     """
     width, height = figure.get_size_inches()
     views = list(figure.axes)

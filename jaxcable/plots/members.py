@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import jax
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -14,69 +13,16 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from .. import design
-from ..common.tree import Indices
-from ..common.types import ArrayLike, Bool, Float, Int, PyTree
-from ..model.parts import Column, per_group, slack_cables, there
-from ..model.structure import Structure
-from .shapes import Curves, chosen, known, lines, projected
+from ..common.types import Bool
+from .forces import Forces
+from .shapes import Links, chosen, lines, projected
+from .snapshots import Snapshot
 from .style import GHOST, SLACK, colour_map, force_unit
 from .views import View
 
 DASHES = (0, (3, 1.5))
 _NOTHING = 1e-9  # compression over the largest force up to which it is rounding
 _REACHED = 1e-6  # utilisation above 1 up to which the strength is reached, and not exceeded
-
-
-class Forces:
-    """Forces of all elements in one state, group after group, and the values that colour them.
-
-    Args:
-        tension: axial forces in the shape of the elements, N; None for groups without them.
-        links: node numbers per group, as `Solution.links`.
-        structure: `Structure`, or None; it says which elements are cables.
-        colour: "tension", "utilisation", or the label of `column`.
-        peak: largest forces along the elements, for the utilisation; default `tension`.
-        column: `parts.Column` of another result that colours the elements.
-        present: 1 for elements that are there, in the shape of the elements; None if all are.
-
-    Attributes:
-        tension: axial forces of all elements, [n_elem], N.
-        present: which elements are there, [n_elem] bool.
-        slack, compressed: which elements are slack, and which in compression, [n_elem] bool.
-        value: values that colour the elements, [n_elem]; NaN where they are not known.
-        colour, unit: name and unit of these values.
-    """
-
-    def __init__(
-        self,
-        tension: PyTree[Float[ArrayLike, " n_elem"] | None],
-        links: Sequence[Indices],
-        structure: Structure | None = None,
-        colour: str = "tension",
-        peak: PyTree[Float[ArrayLike, " n_elem"] | None] | None = None,
-        column: Column | None = None,
-        present: PyTree[Float[ArrayLike, " n_elem"]] | None = None,
-    ):
-        counts = [len(ends) for ends in links]
-        self.tension = _joined(tension, counts)
-        self.present = (
-            np.ones(sum(counts), bool) if present is None else _joined(present, counts) > 0
-        )
-        self.slack = self.present & (self.tension == 0.0)
-        if structure is not None:
-            parts = structure.groups, per_group(structure, tension), there(structure, present)
-            self.slack = np.concatenate([slack_cables(*part) for part in zip(*parts, strict=True)])
-        largest = np.nanmax(np.abs(self.tension), initial=0.0)
-        self.compressed = ~self.slack & (self.tension < -_NOTHING * largest)
-        self.value = self.tension
-        if colour == "utilisation":
-            found = _utilisation(structure, tension if peak is None else peak)
-            self.value = _joined(found, counts)
-        elif column is not None:
-            self.value = _joined(column.values, counts)
-        self.value = np.where(self.present, self.value, np.nan)
-        self.colour, self.unit = colour, "N" if column is None else column.unit
 
 
 class Scale:
@@ -135,7 +81,7 @@ class Members:
         self,
         axes: Axes,
         view: View,
-        links: tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"]],
+        links: Links,
         scale: Scale,
     ):
         self.view, self.scale = view, scale
@@ -151,14 +97,10 @@ class Members:
         for part in (self.casing, self.taut, self.slack):
             axes.add_collection(part, autolim=False)
 
-    def show(
-        self,
-        positions: Float[np.ndarray, "n_node 3"],
-        forces: Forces,
-        curves: Curves | None = None,
-    ) -> None:
-        """Draw the elements at node positions [n_node, 3], with `Forces`; curves where known."""
-        drawn = projected(self.view, lines(positions, (self.pairs, self.element), curves))
+    def show(self, snapshot: Snapshot) -> None:
+        """Draw the elements as they are at an instant."""
+        links, forces = (self.pairs, self.element), snapshot.forces
+        drawn = projected(self.view, lines(snapshot.positions, links, snapshot.curves))
         slack, compressed = forces.slack[self.element], forces.compressed[self.element]
         taut = forces.present[self.element] & ~slack
         self.casing.set_segments(chosen(drawn, compressed))
@@ -170,18 +112,17 @@ class Members:
 def ghost(
     axes: Axes,
     view: View,
-    positions: Float[np.ndarray, "n_node 3"],
-    links: tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"]],
-    present: Bool[np.ndarray, " n_elem"],
-    curves: Curves | None = None,
+    links: Links,
+    snapshot: Snapshot,
+    which: Bool[np.ndarray, " n_elem"] | bool = True,
 ) -> None:
-    """Draw the elements that are `present` in an earlier geometry, in thin dashed lines.
+    """Draw the elements of an earlier instant, all or some, in thin dashed lines.
 
     Elements whose curve is not known there are left out.
     """
     make = LineCollection if view.flat else Line3DCollection
-    which = known(curves, present)[links[1]]
-    segments = chosen(projected(view, lines(positions, links, curves)), which)
+    found = projected(view, lines(snapshot.positions, links, snapshot.curves))
+    segments = chosen(found, (snapshot.known() & which)[links[1]])
     width = min(1.0, thickness(len(links[0])))
     drawn = make(segments, colors=GHOST, linewidths=width, linestyles="dashed", zorder=1)
     axes.add_collection(drawn, autolim=False)
@@ -217,24 +158,3 @@ def keys(forces: Sequence[Forces], before: bool = False, counted: bool = True) -
     if any((np.isnan(f.value) & np.isfinite(f.tension) & f.present).any() for f in forces):
         found.append(Line2D([], [], color="0.6", linewidth=2.0, label="strength not stated"))
     return found
-
-
-def _joined(values, counts):
-    """Values of all groups, group after group, [n_elem]; NaN for groups without values.
-
-    Args:
-        values: pytree of arrays in the shape of the elements; None for groups without values.
-        counts: numbers of elements of the groups.
-    """
-    leaves = jax.tree.leaves(values, is_leaf=lambda leaf: leaf is None)
-    pairs = zip(leaves, counts, strict=True)
-    return np.concatenate(
-        [np.full(n, np.nan) if leaf is None else np.asarray(leaf, float) for leaf, n in pairs]
-    )
-
-
-def _utilisation(structure, tension):
-    """Utilisation in the shape of the elements; ValueError without a structure."""
-    if structure is None:
-        raise ValueError('structure: needed for colour = "utilisation"; the strengths are in it')
-    return design.utilisation(structure, tension)

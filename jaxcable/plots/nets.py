@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ..analysis.solution import Solution, State
+from ..common.types import Float
 from ..model.structure import Structure
 from .glyphs import Arrows, draw_section_axes, draw_supports, section_axis_keys, support_keys
 from .layout import arrange, settle
 from .members import Members, Scale, ghost, keys
-from .stages import drawn, stages_of
+from .snapshots import Snapshot, Snapshots
 from .style import finish
-from .views import View, choose
+from .views import choose
+
+_ROUND = (5.0, 2.0, 1.0)  # round factors are powers of ten times these
 
 
 def net(
@@ -96,37 +100,39 @@ def net(
     """
     if axes and structure is None:
         raise ValueError("structure: needed for axes; the beams are in it")
-    links, stages, shown = stages_of(solution, structure, state, magnify, colour, names, phase)
+    found = Snapshots(solution, structure, colour, names)
+    shown = found.state(state, phase)
+    stages = _stages(found, shown, magnify)
     views = _views(stages, view)
     if views[0] is views[1] and stages[0].title == stages[1].title:
         views, stages = views[1:], stages[1:]  # the first picture would be the same
 
-    arrows = _arrows(stages[-1], shown, views[-1], links, loads, reactions)
-    points = [np.concatenate(stage.places()) for stage in stages]
+    arrows = _arrows(stages[-1].now, shown, views[-1], found.links, loads, reactions)
+    points = [stage.points() for stage in stages]
     points[-1] = np.concatenate([points[-1], *(kind.ends for kind in arrows)])
-    sections = [stage.section_axes() for stage in stages] if axes else []
+    sections = [stage.now.section_axes() for stage in stages] if axes else []
     for number, (_, tips) in enumerate(sections):
         points[number] = np.concatenate([points[number], tips.reshape(-1, 3)])
-    scale = Scale([stage.forces for stage in stages])
-    ratios = [seen.ratio(within) for seen, within in zip(views, points, strict=True)]
-    figure, slots = arrange(ratios, [seen.flat for seen in views])
-    for number, (seen, stage) in enumerate(zip(views, stages, strict=True)):
-        title = stage.title + (f": {seen.kind}" if number == 0 and seen.flat else "")
-        space = seen.add_axes(figure, points[number], title)
-        ghost(space, seen, stage.ghost, links, stage.before, stage.ghost_curves)
-        lines = Members(space, seen, links, scale)
-        lines.show(stage.positions, stage.forces, stage.curves)
+    forces = [stage.now.forces for stage in stages]
+    scale = Scale(forces)
+    titles = [stage.title for stage in stages]
+    titles[0] += f": {views[0].kind}" if views[0].flat else ""
+    figure, slots = arrange(views, points, titles)
+    held = [stage.now.held(seen.normal) for seen, stage in zip(views, stages, strict=True)]
+    for number, (seen, stage, space) in enumerate(zip(views, stages, figure.axes, strict=True)):
+        ghost(space, seen, found.links, stage.before)
+        lines = Members(space, seen, found.links, scale)
+        lines.show(stage.now)
         if supports:
-            draw_supports(space, seen, stage.positions, stage.held(structure, seen))
+            draw_supports(space, seen, stage.now.positions, held[number])
         if axes:
             draw_section_axes(space, seen, *sections[number])
     for kind in arrows:
         kind.draw(space, views[-1])
 
-    handles = keys([stage.forces for stage in stages], any(stage.moved() for stage in stages))
+    handles = keys(forces, any(stage.now.has_moved(stage.before) for stage in stages))
     if supports:
-        kinds = [stage.held(structure, seen) for seen, stage in zip(views, stages, strict=True)]
-        handles += support_keys(np.any(kinds, axis=0))
+        handles += support_keys(np.any(held, axis=0))
     handles += [key for kind in arrows for key in kind.keys()]
     if any(len(middles) for middles, _ in sections):
         handles += section_axis_keys()
@@ -134,24 +140,56 @@ def net(
     return finish(figure, path)
 
 
+class Stage(NamedTuple):
+    """A picture: its title, the instant it shows, and an earlier one, which is drawn behind."""
+
+    title: str
+    now: Snapshot
+    before: Snapshot
+
+    def points(self) -> Float[np.ndarray, "n 3"]:
+        """All points that are drawn, [n, 3], m."""
+        return np.concatenate([self.before.points(), self.now.points()])
+
+
+def _stages(found, state, magnify):
+    """The stages before and after loading, a list of two."""
+    end, title = found.of(state), found.title(int(state.phase), state)
+    if end.phase < 1:  # a single phase: both pictures are of its end
+        before, origin = Stage(title, end, end.before()), end.before()
+    else:
+        origin = found.after(0)
+        before = Stage(found.title(0), origin, origin)
+    factor = magnify
+    if factor is None:
+        factor = round_factor(end.change(origin), np.concatenate([end.positions, end.start]))
+    title += "" if factor == 1 else f", deflection x {factor:g}"
+    return [before, Stage(title, end.magnified(origin, factor), origin)]
+
+
+def round_factor(moved: Float[np.ndarray, "n_node 3"], places: Float[np.ndarray, "n 3"]) -> float:
+    """A round factor, at least 1; magnified displacements are at most a tenth of the structure."""
+    largest = np.linalg.norm(moved, axis=1).max()
+    wanted = 0.1 * np.ptp(places, axis=0).max() / max(largest, 1e-300)
+    if wanted < 2.0 or largest == 0.0:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(power * next(r for r in _ROUND if r * power <= wanted * (1 + 1e-9)))
+
+
 def _views(stages, view):
     """The views of the pictures before and after loading."""
-    everything = np.concatenate([place for stage in stages for place in stage.places()])
-    views = [choose(np.concatenate(stages[0].places()), view), choose(everything)]
-    if not views[1].plane:
-        views[1] = View("space")
-    elif view is None:
-        views[0] = views[1]
-    return views
+    everything = np.concatenate([stage.points() for stage in stages])
+    first, second = choose(stages[0].points(), view), choose(everything, space=True)
+    return [second if second.plane and view is None else first, second]
 
 
-def _arrows(stage, shown, view, links, loads, reactions):
+def _arrows(snapshot, shown, view, links, loads, reactions):
     """`Arrows` of the kinds that are asked for."""
-    points = np.concatenate(drawn(*stage.now()))
-    pairs = links[0][stage.forces.present[links[1]]]
+    pairs = links[0][snapshot.forces.present[links[1]]]
     asked = ("loads", shown.load, loads, True), ("reactions", shown.reactions, reactions, False)
     return [
-        Arrows(name, forces, stage.positions, view, points, pairs, push)
+        Arrows(name, forces, snapshot.positions, view, snapshot.points(), pairs, push)
         for name, forces, wanted, push in asked
         if wanted
     ]

@@ -10,15 +10,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..analysis.solution import Solution
-from ..model.parts import pieces
 from ..model.structure import Structure
 from .diagrams import Along, sign_keys, unit_of
 from .diagrams import check as check_force
 from .glyphs import draw_supports, support_keys
-from .layout import grid, settle
+from .layout import arrange, settle
 from .members import Members, Scale, ghost, keys
-from .shapes import Shapes
-from .stages import Stage, forces_of, named, shown, start_of
+from .nets import Stage
+from .snapshots import Snapshots
 from .style import SIZE, finish, force_unit
 from .views import choose
 
@@ -82,41 +81,57 @@ def sequence(
     >>> [axes.get_title() for axes in figure.axes[:2]]
     ['prestress', 'loads']
     """
-    colour = shown(solution, structure, colour)
-    stages = _stages(solution, structure, colour, magnify, names)
-    everything = np.concatenate([place for stage in stages for place in stage.places()])
+    found = Snapshots(solution, structure, colour, names)
+    stages = _stages(found, magnify)
+    everything = np.concatenate([stage.points() for stage in stages])
     seen = choose(everything, view)
-    links = pieces(solution.last.topology.parts)[:2]
     if diagram is None:
-        content: _Members | _Diagrams = _Members(stages, links)
+        content: _Members | _Diagrams = _Members(stages, found.links)
     else:
-        content = _Diagrams(solution, stages, links, (diagram, high), seen)
+        content = _Diagrams(found, stages, (diagram, high), seen)
         everything = np.concatenate([everything, content.points()])
-    ratio = seen.ratio(everything)
     if columns is None:
-        columns = 2 if ratio < _WIDE else 3
+        columns = 2 if seen.ratio(everything) < _WIDE else 3
     if isinstance(columns, bool) or not isinstance(columns, int) or columns < 1:
         raise ValueError(f"columns = {columns!r}: must be a positive integer")
-    columns = min(columns, len(stages))
-    figure, slots = grid(ratio, len(stages), columns)
-    for number, stage in enumerate(stages):
-        axes = seen.add_axes(figure, everything, stage.title)
+    count = len(stages)
+    columns = min(columns, count)
+    titles = [stage.title for stage in stages]
+    figure, slots = arrange([seen] * count, [everything] * count, titles, columns)
+    held = [stage.now.held(seen.normal) for stage in stages]
+    for number, (stage, axes) in enumerate(zip(stages, figure.axes, strict=True)):
         if seen.flat and number % columns:  # numbers at the left and below only
             axes.set(ylabel="", yticklabels=[])
-        if seen.flat and number + columns < len(stages):
+        if seen.flat and number + columns < count:
             axes.set(xlabel="", xticklabels=[])
         content.draw(axes, seen, number)
         if supports:
-            draw_supports(axes, seen, stage.positions, stage.held(structure, seen))
+            draw_supports(axes, seen, stage.now.positions, held[number])
     handles = content.keys()
     if supports:
-        handles += support_keys(np.any([s.held(structure, seen) for s in stages], axis=0))
+        handles += support_keys(np.any(held, axis=0))
     if magnify != 1.0:
         handles.append(Line2D([], [], linestyle="", label=f"deflection x {magnify:g}"))
     bar, label = content.bar()
     settle(figure, slots, bar, label, handles, columns if seen.flat else None)
-    content.shrink(figure)
+    for text in (text for axes in figure.axes for text in axes.texts):  # the numbers of diagrams
+        text.set_fontsize(0.7 * SIZE)
     return finish(figure, path)
+
+
+def _stages(found, magnify):
+    """A `Stage` for every phase that has converged."""
+    stages: list[Stage] = []
+    for k, phase in enumerate(found.solution.phases):
+        if int(phase.status) != 0:
+            break
+        end = found.after(k)
+        now = end.magnified(end.before(), magnify)
+        title = f"phase {k + 1}" if found.names is None else str(found.names[k])
+        stages.append(Stage(title, now, stages[-1].now if stages else now.before()))
+    if not stages:
+        raise ValueError("solution: no phase has converged; see raise_if_failed")
+    return stages
 
 
 class _Members:
@@ -124,38 +139,33 @@ class _Members:
 
     def __init__(self, stages, links):
         self.stages, self.links = stages, links
-        self.scale = Scale([stage.forces for stage in stages])
+        self.scale = Scale([stage.now.forces for stage in stages])
 
     def draw(self, axes, view, number):
         """Draw one of the pictures."""
-        stage = self.stages[number]
-        present = stage.before & stage.forces.present
-        ghost(axes, view, stage.ghost, self.links, present, stage.ghost_curves)
+        _, now, before = self.stages[number]
+        ghost(axes, view, self.links, before, now.forces.present)
         self.lines = Members(axes, view, self.links, self.scale)
-        self.lines.show(stage.positions, stage.forces, stage.curves)
+        self.lines.show(now)
 
     def keys(self):
         """Legend entries."""
-        stages = self.stages
-        return keys([stage.forces for stage in stages], any(s.moved() for s in stages), False)
+        moved = any(now.has_moved(before) for _, now, before in self.stages)
+        return keys([stage.now.forces for stage in self.stages], moved, False)
 
     def bar(self):
         """What the colour bar explains, and its label."""
         return self.lines.taut, self.scale.label
 
-    def shrink(self, figure):
-        """Nothing is written."""
-
 
 class _Diagrams:
     """The pictures of a sequence, with a section force on the beams."""
 
-    def __init__(self, solution, stages, links, asked, view):
+    def __init__(self, found, stages, asked, view):
         check_force(*asked)
         of, high = asked
-        phases = solution.phases
-        self.links, self.view, self.of = links, view, of
-        self.along = [Along(solution, s, phases[k], of) for k, s in enumerate(stages)]
+        self.links, self.of = found.links, of
+        self.along = [Along(found.parts, stage.now, of) for stage in stages]
         self.largest = max(each.largest for each in self.along)
         extent = max(each.extent for each in self.along)
         scale = high * extent / max(self.largest, 1e-300)
@@ -181,34 +191,3 @@ class _Diagrams:
     def bar(self):
         """No colour bar."""
         return None, ""
-
-    def shrink(self, figure):
-        """Make the numbers smaller than labels."""
-        for axes in figure.axes:
-            for text in axes.texts:
-                text.set_fontsize(0.7 * SIZE)
-
-
-def _stages(solution, structure, colour, magnify, names):
-    """A `Stage` for every phase that has converged."""
-    named(solution, names)
-    begin = start_of(solution, solution.last)
-    shapes, start = Shapes(solution, structure), None
-    before, found, was, ghost_curves = begin, [], None, None
-    for k, phase in enumerate(solution.phases):
-        if int(phase.status) != 0:
-            break
-        end = begin + magnify * (np.asarray(phase.positions) - begin)
-        title = f"phase {k + 1}" if names is None else str(names[k])
-        forces = forces_of(phase, solution, structure, colour)
-        fixed = solution.last.fixed[k + 1].array[: len(end)]
-        curves = shapes.after(k)
-        if k == 0:
-            start = ghost_curves = shapes.start(curves)
-        curves = curves if curves is None else curves.magnified(start, magnify)
-        present = forces.present if was is None else was
-        found.append(Stage(title, end, before, forces, fixed, present, curves, ghost_curves))
-        before, was, ghost_curves = end, forces.present, curves
-    if not found:
-        raise ValueError("solution: no phase has converged; see raise_if_failed")
-    return found

@@ -14,14 +14,17 @@ from matplotlib.colors import to_hex
 from ..analysis.phase_results import Path as Increments
 from ..analysis.solution import Solution, State
 from ..common import status
-from ..model.parts import groups_by_name, pieces
+from ..model.parts import groups_by_name
 from ..model.structure import Structure
-from .curved import beams_of, sagging_of
-from .glyphs import supports
-from .moments import Moments, leaves
+from .diagrams import along_beams
+from .forces import joined, results
 from .page import Arrays, Page, write
-from .stages import named, shown
+from .snapshots import Snapshots
 from .style import LOAD, REACTION, SLACK, colour_map
+from .views import choose
+
+_PLACES = 17  # along hanging cables, ends included
+_DIAGRAM = 13  # along beams, of their section forces
 
 
 def view(
@@ -85,16 +88,16 @@ def view(
     if isinstance(frames, bool) or not isinstance(frames, int) or frames < 1:
         raise ValueError(f"frames = {frames!r}: must be a positive integer")
     _require_solution(solution)
-    colour = shown(solution, structure, colour)
-    named(solution, names)
-    moments = Moments(solution, structure, frames)
+    found = Snapshots(solution, structure, colour, names, _PLACES)
+    shots = found.increments(frames, ends=True)
     arrays = Arrays()
     told: dict[str, Any] = {"title": title, "note": _note(solution)}
     count = len(solution.phases)
     told["phases"] = [f"Phase {k}" for k in range(1, count + 1)] if names is None else [*names]
-    _put_geometry(told, arrays, moments)
-    _put_results(told, arrays, moments, colour)
-    _put_nodes(told, arrays, moments)
+    _put_geometry(told, arrays, found, shots)
+    _put_curves(arrays, found, shots)
+    _put_results(told, arrays, found, shots)
+    _put_nodes(arrays, shots)
     told["colours"] = _colours()
     return write(title, told, arrays, path)
 
@@ -125,86 +128,93 @@ def _note(solution):
     return ""
 
 
-def _put_geometry(told, arrays, moments):
-    """Groups, pieces, positions, and elements that are not straight."""
-    parts = moments.parts
-    ends, element, _ = pieces(parts)
+def _put_geometry(told, arrays, found, shots):
+    """Groups, pieces, and positions."""
+    parts, structure = found.parts, found.structure
     names = [part.name for part in parts]
-    if moments.structure is not None:
-        names = [name for name, _ in groups_by_name(moments.structure)]
+    if structure is not None:
+        names = [name for name, _ in groups_by_name(structure)]
     told["groups"] = [
-        {"name": name.strip("[]'\""), "kind": part.kind, "count": count}
-        for name, part, count in zip(names, parts, moments.counts, strict=True)
+        {"name": name.strip("[]'\""), "kind": part.kind, "count": len(part.links.array)}
+        for name, part in zip(names, parts, strict=True)
     ]
-    told["origin"] = moments.start.mean(axis=0).tolist()
+    start = shots[0].start
+    told["origin"] = start.mean(axis=0).tolist()
     told["shots"] = [
         {"phase": s.phase + 1, "number": s.number + 1, "factor": s.factor, "end": s.end is not None}
-        for s in moments.shots
+        for s in shots
     ]
+    ends, element = found.links
     arrays.put("pieces", "u", ends)
     arrays.put("element", "u", element)
     arrays.put("first", "u", np.concatenate([part.links.array[:, 0] for part in parts]))
     arrays.put("last", "u", np.concatenate([part.links.array[:, -1] for part in parts]))
-    arrays.put("start", "f", moments.start - moments.start.mean(axis=0))
-    arrays.put("moved", "f", [shot.moved for shot in moments.shots])
-    beams, sagging = beams_of(moments), sagging_of(moments)
-    if beams is not None:
-        arrays.put("beam", "u", beams.number)
-        arrays.put("bend", "f", beams.bend)
-        arrays.put("axes", "f", beams.axes)
-        arrays.put("diagrams", "f", beams.diagrams)
-    if sagging is not None:
-        arrays.put("sagging", "u", sagging[0])
-        arrays.put("sag", "f", sagging[1])
+    arrays.put("start", "f", start - start.mean(axis=0))
+    arrays.put("moved", "f", [shot.moved for shot in shots])
 
 
-def _put_results(told, arrays, moments, colour):
-    """Results of elements at all moments, and how the elements look."""
-    found = moments.columns()
+def _put_curves(arrays, found, shots):
+    """Elements that are not straight, and section forces along beams."""
+    if shots[0].curves is None:
+        return
+    curves, ends = [shot.curves for shot in shots], [shot for shot in shots if shot.end is not None]
+    beam, sagging = np.split(curves[0].number, [len(curves[0].bend)])
+    if len(beam):
+        diagrams = [along_beams(found.parts, shot.end, _DIAGRAM)[0] for shot in ends]
+        if any(len(values) != len(beam) for values in diagrams):  # a group tells none
+            diagrams = np.zeros((len(ends), len(beam), 0, 6))
+        arrays.put("beam", "u", beam)
+        arrays.put("bend", "f", [each.bend for each in curves])
+        arrays.put("axes", "f", [each.axes[:, 1:] for each in curves])
+        arrays.put("diagrams", "f", diagrams)
+    if len(sagging):
+        arrays.put("sagging", "u", sagging)  # on their chords where they are not there
+        arrays.put("sag", "f", [np.nan_to_num(shot.curves.sag) for shot in ends])
+
+
+def _put_results(told, arrays, found, shots):
+    """Results of elements at all instants, NaN where not known, and how the elements look."""
+    parts, columns = found.parts, {}
+    for at, shot in enumerate(shots):
+        for column in results(shot.told, parts, found.structure):
+            nothing = np.full((len(shots), len(shot.forces.present)), np.nan, np.float32)
+            values = columns.setdefault(column.label, (column.unit, nothing))[1]
+            values[at] = joined(column.values, parts)
+    tension, peak = (columns.get(name, (None, None))[1] for name in ("tension", "peak_tension"))
+    if peak is not None and np.array_equal(peak, tension, equal_nan=True):
+        del columns["peak_tension"]
+    columns = {name: pair for name, pair in columns.items() if np.isfinite(pair[1]).any()}
     told["columns"] = [
         {"label": label, "unit": unit, "array": f"column {k}"}
-        for k, (label, (unit, _)) in enumerate(found.items())
+        for k, (label, (unit, _)) in enumerate(columns.items())
     ]
-    told["colour"] = colour if colour in found else next(iter(found), "")
-    for k, (_, values) in enumerate(found.values()):
+    told["colour"] = found.colour if found.colour in columns else next(iter(columns), "")
+    for k, (_, values) in enumerate(columns.values()):
         arrays.put(f"column {k}", "f", values)
-    slack, pressed, absent = moments.looks()
-    arrays.put("looks", "b", 1 * slack + 2 * pressed + 4 * absent)
-    ends = [shot.end for shot in moments.shots if shot.end is not None]
-    lengths = [moments.joined(leaves(end.rest_length)) for end in ends]
-    arrays.put("rest_length", "f", lengths)
+    looks = [1 * f.slack + 2 * f.compressed + 4 * ~f.present for f in (s.forces for s in shots)]
+    arrays.put("looks", "b", looks)
+    ends = [shot.end for shot in shots if shot.end is not None]
+    arrays.put("rest_length", "f", [joined(end.rest_length, parts) for end in ends])
 
 
-def _put_nodes(told, arrays, moments):
-    """Supports, reactions and loads."""
-    last = moments.solution.last
-    n_node = len(moments.start)
-    ends = [shot for shot in moments.shots if shot.end is not None]
-    rotates = None if moments.structure is None else moments.structure.rotating()
-    kinds = [
-        supports(last.fixed[shot.phase + 1].array[:n_node], rotates, _normal(moments.start))
-        for shot in ends
-    ]
-    arrays.put("supports", "b", [kind.T @ [1, 2, 3] for kind in kinds])
+def _put_nodes(arrays, shots):
+    """Supports, reactions and loads at the ends of phases."""
+    shots = [shot for shot in shots if shot.end is not None]
+    normal = choose(shots[0].start).normal
+    arrays.put("supports", "b", [shot.held(normal).T @ [1, 2, 3] for shot in shots])
     # nodes without a load, or without a support, have none in any phase: only others are written
-    load = np.stack([np.asarray(shot.end.load) for shot in ends])
-    loaded = np.flatnonzero((load != 0).any(axis=(0, 2)))
+    load, reactions = (
+        np.stack([np.asarray(getattr(shot.end, name)) for shot in shots])
+        for name in ("load", "reactions")
+    )
+    loaded, held = (np.flatnonzero((x != 0).any(axis=(0, 2))) for x in (load, reactions))
     arrays.put("loaded", "u", loaded)
     arrays.put("load", "f", load[:, loaded])
-    reactions = np.stack([np.asarray(shot.end.reactions) for shot in ends])
-    held = np.flatnonzero((reactions != 0).any(axis=(0, 2)))
     arrays.put("held", "u", held)
     arrays.put("reactions", "f", reactions[:, held])
-    if last.reaction_moments is not None:
-        turns = np.stack([np.asarray(shot.end.reaction_moments) for shot in ends])
-        arrays.put("reaction_moments", "f", turns[:, held])
-
-
-def _normal(points):
-    """The axis normal to a plane structure, a unit vector [3], or None."""
-    size = np.ptp(points, axis=0)
-    flat = size <= 1e-6 * max(size.max(), 1e-300)
-    return np.eye(3)[int(flat.argmax())] if flat.sum() == 1 and not flat[2] else None
+    moments = [shot.end.reaction_moments for shot in shots]
+    if moments[-1] is not None:
+        arrays.put("reaction_moments", "f", np.stack(moments)[:, held])
 
 
 def _colours():

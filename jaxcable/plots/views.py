@@ -113,7 +113,7 @@ class View:
         return axes
 
 
-def choose(points: Float[np.ndarray, "n 3"], kind: str | None = None) -> View:
+def choose(points: Float[np.ndarray, "n 3"], kind: str | None = None, space: bool = False) -> View:
     """The view of a structure: of the stated kind, or else elevation or plan.
 
     Args:
@@ -121,13 +121,15 @@ def choose(points: Float[np.ndarray, "n 3"], kind: str | None = None) -> View:
         kind: "plan", "elevation", "space", or None to choose one of the first two: elevation for a
             structure that lies in a vertical plane or is higher than half its width, the smaller
             of its extents in plan.
+        space: whether to choose "space" instead, unless the structure lies in a vertical plane.
     """
     if kind is not None and kind not in VIEWS:
         raise ValueError(f'view = {kind!r}: expected "plan", "elevation" or "space"')
     along, plane = _plane(points)
     size = np.ptp(points, axis=0)
     if kind is None:
-        kind = "elevation" if plane or size[2] > _HIGH * min(size[:2]) else "plan"
+        high = plane or size[2] > _HIGH * min(size[:2])
+        kind = "space" if space and not plane else "elevation" if high else "plan"
     return View(kind, along, plane)
 
 

@@ -7,7 +7,6 @@ rule; energies are those of the elements.
 from __future__ import annotations
 
 import functools
-from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -19,18 +18,13 @@ from ..common import status
 from ..common.compilation import program
 from ..common.tree import copy, fill, pytree
 from ..common.types import Array, Float
-from ..elements.element import ElementState
+from ..elements.element_state import Amounts, ElementState
 from ..mechanics.carry import Carry, knowing
 from ..mechanics.elementwise import each
 from ..mechanics.ramp import Ramp
 from ..spaces import space_of
 
 _FIRST = 1e-6  # of the first increment's load: stands for no load, and has a direction
-
-_Along: TypeAlias = (
-    "tuple[Float[Array, 'n_elem 3'] | None, dict[str, list[Float[Array, ' n_elem']]] | None]"
-)
-"""Loads along the elements of a group: dead loads, and pressures by the length they are per."""
 
 
 @functools.partial(program, static=("bundles",))
@@ -56,7 +50,7 @@ def works(thawed, arrays, paths, bundles):
 
     phase_terms, end, loads = [], marks_of(carry), carry.loads
     for k, (codes, path) in enumerate(paths):
-        before = knowing(copy(carry, loads=loads), k)
+        before = knowing(carry, loads, k)
         ramp = Ramp.build(nodes, groups, before, schedule.phase(k))
         terms, level, carry = _phase(ramp, codes, path)
         reached = jnp.any(codes == status.OK)
@@ -112,7 +106,7 @@ def _memories(ramp, factors, motions):
     def follow(memory, increment):
         factor, motion = increment
         system = ramp.at(factor, memory)
-        memory = system.settle(system.strains(motion))
+        memory = system.settle(motion)
         return memory, memory
 
     _, later = lax.scan(follow, ramp.memory, (factors[1:], motions[1:]))
@@ -136,8 +130,7 @@ class _Point:
         supports: forces of supports that move, and reactions that are ramped out, or None.
         states: of the elements, with jacks anchored at this load factor: a jack takes unstressed
             length in.
-        alongs: loads q along the elements of each group, (dead or None, pressures or None), or
-            None.
+        alongs: loads q along the elements of each group, or None.
         slopes: dE/dq, in the same form as `alongs`.
         energies: E of each group, J.
     """
@@ -147,8 +140,8 @@ class _Point:
     following: Float[Array, "n_row n_freedom"] | None
     supports: Float[Array, "n_row n_freedom"] | None
     states: list[ElementState]
-    alongs: list[_Along | None]
-    slopes: list[_Along | None]
+    alongs: list[Amounts | None]
+    slopes: list[Amounts | None]
     energies: list[Float[Array, ""]]
 
     @property
@@ -267,30 +260,15 @@ def _at(tree, k):
 
 
 def _along(state):
-    """Loads along the elements of a group, (dead or None, pressures or None); None if none act."""
-    line, pressed = state.line_load, state.pressed
-    if line is None and pressed is None:
-        return None
-    if line is not None:
-        line = line * state.rest_length[:, None]
-    if pressed is not None:
-        pressed = {
-            per: [pressure for pressure, _ in pressures] for per, pressures in pressed.items()
-        }
-    return line, pressed
+    """Loads along the elements of a group, `Amounts`; None if none act."""
+    acting = state.element_load
+    return None if acting is None else acting.amounts(state.rest_length)
 
 
 def _under(state, along):
     """The state with the loads `along` the elements."""
-    line, pressed = along
-    if line is not None:
-        line = line / state.rest_length[:, None]
-    if pressed is not None:
-        pressed = {
-            per: [(new, axis) for new, (_, axis) in zip(pressures, state.pressed[per], strict=True)]
-            for per, pressures in pressed.items()
-        }
-    return copy(state, line_load=line, pressed=pressed)
+    acting = state.element_load.with_amounts(along, state.rest_length)
+    return copy(state, element_load=acting)
 
 
 def _none(load):

@@ -5,17 +5,10 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from ..common.types import Array, Float
-from .fibres import Fibres
+from .fibres import Fibres, Forces
 
 
-def interaction(
-    section: Fibres, n_angle: int = 24, n_axial: int = 21
-) -> tuple[
-    Float[Array, "n_axial n_angle"],
-    Float[Array, "n_axial n_angle"],
-    Float[Array, "n_axial n_angle"],
-]:
+def interaction(section: Fibres, n_angle: int = 24, n_axial: int = 21) -> Forces:
     """Interaction surface N-My-Mz, at which the first fibre reaches the end of its curve.
 
     Strains are scaled up along directions that cover all ratios of elongation to curvature and all
@@ -28,10 +21,19 @@ def interaction(
         n_axial: number of ratios of elongation to curvature, from pure compression to pure tension.
 
     Returns:
-        ``N, My, Mz``, [n_axial, n_angle] each; infinite where no fibre ever fails.
+        ``N, My, Mz``, [n_axial, n_angle] each, N, N m, N m; infinite where no fibre ever fails.
 
     Raises:
         ValueError: no law of the section has an end; fewer than two ratios, or no direction.
+
+    Example:
+        The smallest and largest axial force of an area of 20 000 mm2 that carries 100 MPa:
+
+        >>> law = jc.Polygonal([-1e-3, 0.0, 1e-3], [-100e6, 0.0, 100e6])
+        >>> section = jc.Section.rectangle(0.1, 0.2, law, shape=(10, 10))
+        >>> N, My, Mz = section.interaction(n_angle=4, n_axial=3)  # [3, 4] each
+        >>> print(f"{N[0, 0] / 1e6:.2f} MN, {N[-1, 0] / 1e6:.2f} MN")
+        -2.00 MN, 2.00 MN
     """
     for name, count, least in (("n_angle", n_angle, 1), ("n_axial", n_axial, 2)):
         if count < least:
@@ -49,8 +51,8 @@ def interaction(
         direction = jnp.stack([jnp.sin(slant), bend * jnp.cos(angle), bend * jnp.sin(angle)])
         rate = section.fibre_strain(*direction)
         factors = []
-        for law, fibre_rate, _ in section._each(rate, None):
-            low, high = law.limits
+        for law, part in zip(section.laws, section._parts(), strict=True):
+            (low, high), fibre_rate = law.limits, rate[part]
             moving = jnp.where(fibre_rate == 0, 1.0, fibre_rate)
             factor = jnp.where(fibre_rate > 0, high / moving, low / moving)
             factors.append(jnp.where(fibre_rate == 0, jnp.inf, factor))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, TypeVar
 
 import jax.numpy as jnp
@@ -10,8 +10,9 @@ import numpy as np
 
 from ..common import checks
 from ..common.rules import or_nan, positive
-from ..common.types import ArrayLike, Float
-from .arrays import concatenate, stack
+from ..common.tree import joined, stacked
+from ..common.types import ArrayLike, Float, Int
+from ..materials.law import Law
 from .fibres import Fibres
 from .torsion import are_round
 
@@ -59,44 +60,46 @@ def composite(
         5.552 MN m2
     """
     sections = list(sections)
+    if not sections:
+        raise ValueError("sections: a composite needs at least one section")
     parts = []  # one for each law of each section: section, law, slice of fibres, torsion constant
     for section in sections:
-        for k, (law, part) in enumerate(zip(section.laws, section._parts(), strict=True)):
-            constant = None if section.torsion is None else section.torsion[k]
+        constants = [None] * len(section.laws) if section.torsion is None else section.torsion
+        for law, part, constant in zip(section.laws, section._parts(), constants, strict=True):
             parts.append((section, law, part, constant))
-    if not parts:
-        raise ValueError("sections: a composite needs at least one section")
-    kinds = list({id(law): law for _, law, _, _ in parts}.values())
-    parts = [p for kind in kinds for p in parts if p[1] is kind]
-    starts, n_point = {}, 0
-    for section in sections:
-        starts[id(section)] = n_point
-        n_point += 0 if section.points is None else len(section.points)
-    meshed = all(section.points is not None for section in sections)
-    known = all(section.own is not None for section in sections)
+    laws = [law for _, law, part, _ in parts for _ in range(part.stop - part.start)]
+    kinds, order, counts = by_law(laws)
 
     def join(name):
-        return concatenate([getattr(section, name)[part] for section, _, part, _ in parts])
+        arrays = [getattr(section, name) for section in sections]
+        return None if any(array is None for array in arrays) else joined(arrays)
 
+    points, cells, own = join("points"), None, join("own")
+    if points is not None:
+        starts = np.cumsum([0, *(len(np.asarray(section.points)) for section in sections[:-1])])
+        pairs = zip(sections, starts, strict=True)
+        cells = np.concatenate([section.cells.array + start for section, start in pairs])[order]
     return cls(
-        join("y"),
-        join("z"),
-        join("area"),
-        tuple(kinds),
-        tuple(
-            sum(part.stop - part.start for _, law, part, _ in parts if law is kind)
-            for kind in kinds
-        ),
+        *(join(name)[order] for name in ("y", "z", "area")),
+        kinds,
+        counts,
         _summed(sections, parts, kinds) if torsion is None else _stated(torsion, len(kinds)),
-        concatenate([section.points for section in sections]) if meshed else None,
-        np.concatenate(
-            [s.cells[part] + starts[id(s)] for s, _, part, _ in parts]  # type: ignore[index]  # all
-        )
-        if meshed
-        else None,
-        join("own") if known else None,
+        points,
+        cells,
+        None if own is None else own[order],
         placed=False,
     )
+
+
+def by_law(
+    laws: Sequence[Law],
+) -> tuple[tuple[Law, ...], Int[np.ndarray, " n_fibre"], tuple[int, ...]]:
+    """Different laws of fibres, the order that sorts the fibres by law, and the number of each."""
+    kinds = {id(law): law for law in laws}
+    numbers = {key: number for number, key in enumerate(kinds)}
+    number = np.array([numbers[id(law)] for law in laws])
+    counts = tuple(np.bincount(number).tolist())
+    return tuple(kinds.values()), np.argsort(number, kind="stable"), counts
 
 
 def _stated(torsion, n_law):
@@ -114,7 +117,7 @@ def _summed(sections, parts, kinds):
     """Torsion constants per law, or None where they do not add up."""
     if any(constant is None for *_, constant in parts):
         return None
-    total = stack(*[sum(c for _, law, _, c in parts if law is kind) for kind in kinds])
+    total = stacked([sum(c for _, law, _, c in parts if law is kind) for kind in kinds])
     if len(sections) == 1:
         return total
     alike = are_round(

@@ -17,10 +17,12 @@ import numpy as np
 from ..common.tree import copy
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..materials import Elastic
-from ..materials.law import Law
+from ..materials.law import Law, Numbers, Values
 
 Memory: TypeAlias = "tuple[Float[Array, '... n_fibre n_memory'] | None, ...]"
 """Memory of the fibres, an array for each law of a section; None for a law without memory."""
+Forces: TypeAlias = "tuple[Values, Values, Values]"
+"""Axial force and moments about y and z, ``N, My, Mz``."""
 
 
 class Fibres:
@@ -78,29 +80,20 @@ class Fibres:
             for law, count in zip(self.laws, self.counts, strict=True)
         )
 
-    def fibre_strain(
-        self,
-        e0: Float[ArrayLike, "*shape"],
-        ky: Float[ArrayLike, "*shape"],
-        kz: Float[ArrayLike, "*shape"],
-    ) -> Float[Array, "*shape n_fibre"]:
+    def fibre_strain(self, e0: Numbers, ky: Numbers, kz: Numbers) -> Float[Array, "*shape n_fibre"]:
         """Strain of every fibre, [..., n_fibre]."""
         e0, ky, kz = (jnp.asarray(v)[..., None] for v in (e0, ky, kz))
         shape = (1,) * (jnp.broadcast_shapes(e0.shape, ky.shape, kz.shape).__len__() - 1) + (-1,)
         return e0 + ky * self.z.reshape(shape) - kz * self.y.reshape(shape)
 
     def fibre_stress(
-        self,
-        e0: Float[ArrayLike, "*shape"],
-        ky: Float[ArrayLike, "*shape"],
-        kz: Float[ArrayLike, "*shape"],
-        memory: Memory | None = None,
+        self, e0: Numbers, ky: Numbers, kz: Numbers, memory: Memory | None = None
     ) -> Float[Array, "*shape n_fibre"]:
         """Stress of every fibre, ``s(e0 + ky z - kz y)``.
 
         Args:
             e0, ky, kz: strain at the axis and curvatures, arrays of one shape, -, 1/m, 1/m.
-            memory: of the fibres, as from `initial_memory`; needed where a law has a memory.
+            memory: of the fibres, as from `initial_memory`; None for an unused section.
 
         Returns:
             [..., n_fibre], Pa; zero beyond the end of a curve.
@@ -119,13 +112,7 @@ class Fibres:
             [law.stress_at(e, remembered) for law, e, remembered in each], axis=-1
         )
 
-    def forces(
-        self,
-        e0: Float[ArrayLike, "*shape"],
-        ky: Float[ArrayLike, "*shape"],
-        kz: Float[ArrayLike, "*shape"],
-        memory: Memory | None = None,
-    ) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"], Float[Array, "*shape"]]:
+    def forces(self, e0: Numbers, ky: Numbers, kz: Numbers, memory: Memory | None = None) -> Forces:
         """Axial force and bending moments.
 
         Args:
@@ -146,25 +133,17 @@ class Fibres:
         if self.is_elastic:
             strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
             return tuple(jnp.moveaxis(strain @ self.stiffness(), -1, 0))
-        if memory is None and self.remembers:
-            memory = self.initial_memory(jnp.shape(jnp.asarray(e0) + ky + kz))
         force = self.fibre_stress(e0, ky, kz, memory)
         return tuple(jnp.moveaxis(force @ (self.area[:, None] * self._levers()), -1, 0))
 
     def linearized(
-        self,
-        e0: Float[ArrayLike, "*shape"],
-        ky: Float[ArrayLike, "*shape"],
-        kz: Float[ArrayLike, "*shape"],
-        memory: Memory | None = None,
+        self, e0: Numbers, ky: Numbers, kz: Numbers, memory: Memory | None = None
     ) -> tuple[Float[Array, "*shape 3"], Float[Array, "*shape 3 3"]]:
         """Forces ``N, My, Mz``, [..., 3], and their tangent, [..., 3, 3]; arguments as `forces`."""
         shape = jnp.shape(jnp.asarray(e0) + ky + kz)
         if self.is_elastic:
             force = jnp.stack(self.forces(e0, ky, kz), axis=-1)
             return force, jnp.broadcast_to(self.stiffness(), (*shape, 3, 3))
-        if memory is None and self.remembers:
-            memory = self.initial_memory(shape)
         strain = self.fibre_strain(e0, ky, kz)
         # The stress of a fibre depends on no other fibre's strain: a single directional derivative
         # along ones gives the moduli of all fibres.
@@ -176,48 +155,22 @@ class Fibres:
         outer = (weighted[:, :, None] * lever[:, None, :]).reshape(-1, 9)
         return stress @ weighted, (modulus @ outer).reshape(*shape, 3, 3)
 
-    def size(
-        self,
-        e0: Float[ArrayLike, "*shape"],
-        ky: Float[ArrayLike, "*shape"],
-        kz: Float[ArrayLike, "*shape"],
-        memory: Memory | None,
-    ) -> Float[Array, "*shape"]:
+    def size(self, e0: Numbers, ky: Numbers, kz: Numbers, memory: Memory | None) -> Values:
         """Sum of the absolute forces of all fibres, and of parallel parts in them, N."""
-        strain = self.fibre_strain(e0, ky, kz)
-        areas = [self.area[part] for part in self._parts()]
-        each = self._each(strain, memory)
-        return sum(
-            law.size_at(e, remembered) @ a
-            for a, (law, e, remembered) in zip(areas, each, strict=True)
-        )
+        return self._times_area("size_at", self.fibre_strain(e0, ky, kz), memory)
 
-    def energy(
-        self,
-        e0: Float[ArrayLike, "*shape"],
-        ky: Float[ArrayLike, "*shape"],
-        kz: Float[ArrayLike, "*shape"],
-        memory: Memory | None = None,
-    ) -> Float[Array, "*shape"]:
+    def energy(self, e0: Numbers, ky: Numbers, kz: Numbers, memory: Memory | None = None) -> Values:
         """Stored energy per length, J/m, at a given memory."""
         if self.is_elastic:
             strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
             return 0.5 * jnp.sum(strain * (strain @ self.stiffness()), axis=-1)
-        strain = self.fibre_strain(e0, ky, kz)
-        areas = [self.area[part] for part in self._parts()]
-        if memory is None and self.remembers:
-            memory = self.initial_memory(strain.shape[:-1])
-        each = self._each(strain, memory)
-        return sum(
-            law.energy_at(e, remembered) @ a
-            for a, (law, e, remembered) in zip(areas, each, strict=True)
-        )
+        return self._times_area("energy_at", self.fibre_strain(e0, ky, kz), memory)
 
     def settle(
         self,
-        e0: Float[ArrayLike, "*shape"],
-        ky: Float[ArrayLike, "*shape"],
-        kz: Float[ArrayLike, "*shape"],
+        e0: Numbers,
+        ky: Numbers,
+        kz: Numbers,
         memory: Memory,
         duration: Float[ArrayLike, ""] = 0.0,
     ) -> Memory:
@@ -228,35 +181,22 @@ class Fibres:
             for law, e, remembered in each
         )
 
-    def beyond(
-        self,
-        e0: Float[ArrayLike, "*shape"],
-        ky: Float[ArrayLike, "*shape"],
-        kz: Float[ArrayLike, "*shape"],
-    ) -> Bool[Array, "*shape"]:
+    def beyond(self, e0: Numbers, ky: Numbers, kz: Numbers) -> Bool[Array, "*shape"]:
         """Whether any fibre is beyond the end of its curve."""
-        each = self._each(self.fibre_strain(e0, ky, kz), None)
-        return jnp.any(jnp.concatenate([law.beyond(e) for law, e, _ in each], axis=-1), axis=-1)
+        strain, pairs = self.fibre_strain(e0, ky, kz), zip(self.laws, self._parts(), strict=True)
+        return jnp.any(jnp.concatenate([law.beyond(strain[..., p]) for law, p in pairs], -1), -1)
 
     def extended(self) -> Self:
         """The section for an iteration: its laws go on elastically beyond their ends."""
         return copy(self, laws=tuple(law.extended() for law in self.laws))
 
     def corner_distance(
-        self,
-        e0: Float[ArrayLike, "*shape"],
-        ky: Float[ArrayLike, "*shape"],
-        kz: Float[ArrayLike, "*shape"],
-        memory: Memory | None = None,
-    ) -> Float[Array, "*shape"]:
+        self, e0: Numbers, ky: Numbers, kz: Numbers, memory: Memory | None = None
+    ) -> Values:
         """Smallest distance in strain of any fibre from a corner of its law."""
-        strain = self.fibre_strain(e0, ky, kz)
-        if memory is None and self.remembers:
-            memory = self.initial_memory(strain.shape[:-1])
-        each = [
-            law.corner_distance(e, remembered) for law, e, remembered in self._each(strain, memory)
-        ]
-        return jnp.min(jnp.concatenate(each, axis=-1), axis=-1)
+        each = self._each(self.fibre_strain(e0, ky, kz), memory)
+        distances = [law.corner_distance(e, remembered) for law, e, remembered in each]
+        return jnp.min(jnp.concatenate(distances, axis=-1), axis=-1)
 
     # --- helpers
 
@@ -276,13 +216,24 @@ class Fibres:
         ).astype(jnp.asarray(self.y).dtype)
 
     def _each(self, strain, memory):
-        """For each law: the law, the strain of its fibres, and their memory or None."""
-        memory = (None,) * len(self.laws) if memory is None else memory
-        parts = self._parts()
+        """For each law: the law, the strain of its fibres, and their memory or None.
+
+        Without `memory` it is that of an unused section.
+        """
+        memory = self.initial_memory(strain.shape[:-1]) if memory is None else memory
         return [
             (law, strain[..., part], remembered)
-            for law, part, remembered in zip(self.laws, parts, memory, strict=True)
+            for law, part, remembered in zip(self.laws, self._parts(), memory, strict=True)
         ]
+
+    def _times_area(self, name, strain, memory):
+        """Sum over the fibres of their areas times a method of their law, by its name."""
+        return sum(
+            getattr(law, name)(e, remembered) @ self.area[part]
+            for part, (law, e, remembered) in zip(
+                self._parts(), self._each(strain, memory), strict=True
+            )
+        )
 
 
 @jax.jit

@@ -9,9 +9,8 @@ from typing import TypeVar
 
 import jax.numpy as jnp
 
-from ..common.tree import copy
+from ..common.tree import copy, stacked
 from ..common.types import Array, ArrayLike, Float
-from .arrays import stack
 from .fibres import Fibres
 
 AnySection = TypeVar("AnySection", bound=Fibres)
@@ -27,7 +26,7 @@ def shifted(
         >>> print(f"{section.z.min():.2f} to {section.z.max():.2f} m")  # middles of ten layers
         0.01 to 0.19 m
     """
-    points = None if section.points is None else section.points + stack(y, z)[None]
+    points = None if section.points is None else section.points + stacked([y, z])[None]
     return copy(section, y=section.y + y, z=section.z + z, points=points, placed=True)
 
 

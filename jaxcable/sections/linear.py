@@ -5,9 +5,9 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from ..common.tree import pytree
-from ..common.types import Array, ArrayLike, Float
+from ..common.types import Array, Float
 from ..materials import Elastic
-from ..materials.law import Law
+from ..materials.law import Law, Numbers, Values
 
 
 @pytree
@@ -43,13 +43,7 @@ class Linear:
         """Torsional stiffness, N m2."""
         return self.torsion
 
-    def energy(
-        self,
-        e0: Float[ArrayLike, "*shape"],
-        ky: Float[ArrayLike, "*shape"],
-        kz: Float[ArrayLike, "*shape"],
-        memory: None = None,
-    ) -> Float[Array, "*shape"]:
+    def energy(self, e0: Numbers, ky: Numbers, kz: Numbers, memory: None = None) -> Values:
         """Stored energy per length, J/m."""
         strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
         return 0.5 * jnp.sum(strain * (strain @ self.matrix), axis=-1)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..common import checks
-from ..common.types import ArrayLike, Float
+from ..common.types import ArrayLike, Bool, Float
 
 
 def corners(points: Float[ArrayLike, "n 2"], name: str) -> Float[np.ndarray, "n 2"]:
@@ -26,7 +26,7 @@ def corners(points: Float[ArrayLike, "n 2"], name: str) -> Float[np.ndarray, "n 
 
 def signed_area(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, ""]:
     """Area of a polygon, positive if it is anticlockwise."""
-    y, z = points.T
+    y, z = (points - points[0]).T
     return 0.5 * np.sum(y * np.roll(z, -1) - z * np.roll(y, -1))
 
 
@@ -59,7 +59,7 @@ def fault(outline: Float[np.ndarray, "n 2"], holes: Sequence[Float[np.ndarray, "
                 where = _edges(other, named[other], name, named[name], pair)
                 return f"{other}: a hole crosses it or another hole: {where}"
     for name, hole in list(named.items())[1:]:
-        outside = ~_inside(hole, outline)
+        outside = ~inside(hole, outline)
         if outside.any():
             k = int(outside.argmax())
             return f"{name}[{k}] = {hole[k].tolist()}: outside of the outline"
@@ -94,8 +94,10 @@ def _edges(name, ring, other, around, pair):
     )
 
 
-def _inside(points, ring):
-    """Whether points are inside of a ring, by the crossings of a ray, [n] bool."""
+def inside(
+    points: Float[np.ndarray, "n 2"], ring: Float[np.ndarray, "m 2"]
+) -> Bool[np.ndarray, " n"]:
+    """Whether points are inside of a polygon, by the crossings of a ray, [n] bool."""
     a, b = ring[None], np.roll(ring, -1, axis=0)[None]
     y, z = points[:, None, 0], points[:, None, 1]
     spans = (a[..., 1] > z) != (b[..., 1] > z)

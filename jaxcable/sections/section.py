@@ -8,24 +8,23 @@ import jax.numpy as jnp
 
 from ..common import checks
 from ..common.rules import Rule, positive, refuse
-from ..common.tree import Indices, pytree
+from ..common.tree import Indices, put, pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from ..materials import Parallel
 from ..materials.law import Law, uniaxial
 from . import capacity, composites, geometry, shapes, strains
-from .fibres import Fibres, Memory
+from .fibres import Fibres
 from .linear import Linear
-from .strains import SectionState
 
 
 @pytree(static=("counts", "placed"), indices=("cells",))
 class Section(Fibres):
-    """A cross-section made of fibres; the constructors below make its mesh.
+    """A cross-section made of fibres: places y and z, an area and a law each.
 
-    Fibres of one law follow each other. The axis of an element goes through the origin of the
-    coordinates. `disc`, `ring`, `rectangle`, `i_shape` and `box` put the origin at the centre of
-    their shape; `polygon`, `mesh` and `composite` leave it at the origin of their points or parts,
-    and `centred` moves it to the centroid.
+    The constructors below make its mesh. Fibres of one law follow each other. The axis of an
+    element goes through the origin of the coordinates. `disc`, `ring`, `rectangle`, `i_shape` and
+    `box` put the origin at the centre of their shape; `polygon`, `mesh` and `composite` leave it at
+    the origin of their points or parts, and `centred` moves it to the centroid.
 
     The axis also counts as the shear centre: an element twists about it, and loads through it cause
     no torsion. In an L or a channel the centroid and the shear centre are apart, which is not
@@ -35,17 +34,21 @@ class Section(Fibres):
     Attributes:
         y, z: places of the fibres, [n_fibre], m.
         area: areas of the fibres, [n_fibre], m2.
-        laws: tuple of uniaxial laws.
-        counts: number of fibres of each law.
-        torsion: Saint-Venant torsion constant, the share of each law, [n_law], m4, or None.
-        points, cells: mesh for pictures, [n_point, 2] and [n_fibre, 4]; None if there is none.
-        own: second moments of each fibre about its own centroid, of z^2, y^2 and yz, [n_fibre, 3],
-            m4; None for fibres that are points with an area. They make `inertia` exact, and the
-            forces of a section whose laws are linear. Other laws are evaluated at the centroids of
-            the fibres.
-        placed: False if the place of the axis is merely the origin of the coordinates given, and
-            neither `centred` nor `shifted` has confirmed it; a beam then warns unless the axis is
-            at the centroid.
+        laws: uniaxial laws, in a list; fibres of one law follow each other.
+        counts: number of fibres of each law, in a list; left out where there is one law.
+        torsion: Saint-Venant torsion constant J, the share of each law, [n_law], m4, or None: beams
+            then need a `torsional_stiffness` of their own.
+        points: points of a mesh for pictures, [n_point, 2], m, or None; set by what makes meshes.
+        cells: the four points of each fibre in a mesh for pictures, [n_fibre, 4], or None; set by
+            what makes meshes.
+        own: second moments of area of each fibre about its own centroid, of z^2 (Iy, for moments
+            about y), y^2 (Iz) and yz, [n_fibre, 3], m4; None for fibres that are points with an
+            area: a single one does not resist bending. They make `inertia` exact, and the forces of
+            a section whose laws are linear. Other laws are evaluated at the centroids of the
+            fibres.
+        placed: False if the axis of beams, which goes through the origin of y and z, is merely the
+            origin of the numbers given; beams then warn unless it is the centroid. It is set by
+            what makes and moves sections.
 
     Raises:
         ValueError: wrong shapes, an area that is not positive, something that is no law, `counts`
@@ -73,21 +76,20 @@ class Section(Fibres):
     placed: bool = True
 
     def __post_init__(self):
-        put = object.__setattr__
         for name in ("y", "z", "area"):
             value = checks.floats(getattr(self, name), name)
             if value.ndim != 1 or len(value) != len(self.y) or len(value) == 0:
                 raise ValueError(f"{name}: expected shape [n_fibre] as y, got {value.shape}")
-            put(self, name, value)
+            put(self, **{name: value})
         refuse(self.rules())
         if self.own is not None:
-            put(self, "own", checks.floats(self.own, "own"))
+            put(self, own=checks.floats(self.own, "own"))
             if self.own.shape != (self.n_fibre, 3):
                 raise ValueError(f"own: expected shape [n_fibre, 3], got {self.own.shape}")
-        put(self, "laws", tuple(self.laws) if isinstance(self.laws, list | tuple) else (self.laws,))
+        put(self, laws=tuple(self.laws) if isinstance(self.laws, list | tuple) else (self.laws,))
         for k, law in enumerate(self.laws):
             uniaxial(law, f"laws[{k}]")
-        put(self, "counts", (len(self.y),) if self.counts is None else tuple(self.counts))
+        put(self, counts=(len(self.y),) if self.counts is None else tuple(self.counts))
         if len(self.counts) != len(self.laws) or sum(self.counts) != len(self.y):
             raise ValueError(f"counts = {self.counts}: must give every law its number of fibres")
         for name, shape in (("torsion", (len(self.laws),)), ("points", None)):
@@ -97,13 +99,13 @@ class Section(Fibres):
             if value.shape != (shape or (len(value) if value.ndim else 0, 2)):
                 told = f"one constant per law, {list(shape)}" if shape else "[n_point, 2]"
                 raise ValueError(f"{name}: expected shape {told}, got {value.shape}")
-            put(self, name, value)
+            put(self, **{name: value})
         if self.cells is not None and not isinstance(self.cells, Indices):
             cells = checks.integers(self.cells, "cells", 4)
             count = 0 if self.points is None else len(self.points)
             if len(cells) != self.n_fibre or cells.max(initial=-1) >= count:
                 raise ValueError(f"cells: expected four of {count} points for every fibre")
-            put(self, "cells", Indices(cells))
+            put(self, cells=Indices(cells))
 
     def rules(self) -> list[Rule]:
         """The rules of its numbers, see `common.rules`; laws have rules of their own."""
@@ -158,72 +160,5 @@ class Section(Fibres):
 
     # --- equilibrium of the section
 
-    def strains(
-        self,
-        N: Float[ArrayLike, "*shape"],
-        My: Float[ArrayLike, "*shape"],
-        Mz: Float[ArrayLike, "*shape"],
-        memory: Memory | None = None,
-        tol: Float[ArrayLike, ""] | None = None,
-        max_steps: int = 100,
-    ) -> SectionState:
-        """Strains from forces, by iteration to the equilibrium of the section.
-
-        Forces of any shape are treated one after the other. Differentiable by the implicit function
-        theorem.
-
-        Args:
-            N, My, Mz: arrays of one shape, N, N m, N m.
-            memory: of the fibres, as from `initial_memory`: one memory for all forces, or with the
-                axes of the forces in front; None for an unused section.
-            tol: largest residual relative to the sum of absolute fibre forces and the load; default
-                64 eps.
-            max_steps: iterations allowed.
-
-        Returns:
-            `SectionState`; its status is BEYOND_CAPACITY where the section cannot carry the forces.
-
-        Example:
-            The section can carry 2 MN. Half of that causes half of the strain at failure; 3 MN is
-            too much:
-
-            >>> law = jc.Polygonal([-1e-3, 0.0, 1e-3], [-100e6, 0.0, 100e6])
-            >>> section = jc.Section.rectangle(0.1, 0.2, law, shape=(10, 10))
-            >>> state = section.strains(N=1e6, My=0.0, Mz=0.0)
-            >>> print(f"{jc.describe(state.status)}: {state.strain[0]:.6f}")
-            converged: 0.000500
-            >>> print(jc.describe(section.strains(N=3e6, My=0.0, Mz=0.0).status)[:37])
-            the section cannot carry these forces
-        """
-        return strains.equilibrium(self, N, My, Mz, memory, tol, max_steps)
-
-    def interaction(
-        self, n_angle: int = 24, n_axial: int = 21
-    ) -> tuple[
-        Float[Array, "n_axial n_angle"],
-        Float[Array, "n_axial n_angle"],
-        Float[Array, "n_axial n_angle"],
-    ]:
-        """Interaction surface N-My-Mz: where the first fibre reaches the end of its curve.
-
-        Args:
-            n_angle: number of directions of bending, evenly over the full circle.
-            n_axial: number of ratios of elongation to curvature, from pure compression to pure
-                tension.
-
-        Returns:
-            ``N, My, Mz``, [n_axial, n_angle] each, N, N m, N m; infinite where no fibre ever fails.
-
-        Raises:
-            ValueError: no law of the section has an end; fewer than two ratios, or no direction.
-
-        Example:
-            The smallest and largest axial force of an area of 20 000 mm2 that carries 100 MPa:
-
-            >>> law = jc.Polygonal([-1e-3, 0.0, 1e-3], [-100e6, 0.0, 100e6])
-            >>> section = jc.Section.rectangle(0.1, 0.2, law, shape=(10, 10))
-            >>> N, My, Mz = section.interaction(n_angle=4, n_axial=3)  # [3, 4] each
-            >>> print(f"{N[0, 0] / 1e6:.2f} MN, {N[-1, 0] / 1e6:.2f} MN")
-            -2.00 MN, 2.00 MN
-        """
-        return capacity.interaction(self, n_angle, n_axial)
+    strains = strains.equilibrium
+    interaction = capacity.interaction

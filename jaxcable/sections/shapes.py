@@ -12,11 +12,11 @@ import numpy as np
 
 from ..common import checks
 from ..common.rules import Rule, or_nan, positive
+from ..common.tree import stacked
 from ..common.types import ArrayLike, Float, Int
 from ..materials.law import Law
 from . import meshes, outlines
-from .arrays import stack
-from .composites import Made, composite
+from .composites import Made, by_law, composite
 from .torsion import bredt_torsion, rectangle_torsion
 
 _CELLS = ("quadrilaterals", "triangles")
@@ -126,7 +126,7 @@ def rectangle(
     """
     width, height = _positive(width, "width"), _positive(height, "height")
     points, quads = meshes.square(*_shape(shape))
-    points = points * stack(width / 2, height / 2)[None, :]
+    points = points * stacked([width / 2, height / 2])[None, :]
     return _from_mesh(cls, points, _cells(quads, cells), law, rectangle_torsion(width, height))
 
 
@@ -221,8 +221,8 @@ def box(
     lying = rectangle(cls, width, plate, law, (along, through))
     standing = rectangle(cls, web, height - 2 * plate, law, (through, tall))
     y, z = (width - web) / 2, (height - plate) / 2
-    middle = _CORNERS * stack(y, z)[None, :]
-    torsion = bredt_torsion(middle, stack(plate, web, plate, web))
+    middle = _CORNERS * stacked([y, z])[None, :]
+    torsion = bredt_torsion(middle, stacked([plate, web, plate, web]))
     plates = [lying.shifted(z=z), lying.shifted(z=-z), standing.shifted(y), standing.shifted(-y)]
     return composite(cls, plates, torsion).shifted()
 
@@ -327,13 +327,8 @@ def mesh(
     if isinstance(laws, list | tuple):
         if len(laws) != len(cells):
             raise ValueError(f"laws: expected one law or {len(cells)}, got {len(laws)}")
-        kinds = list({id(law): law for law in laws}.values())
-        kind = np.array(
-            [next(k for k, kind_law in enumerate(kinds) if kind_law is law) for law in laws]
-        )
-        order = np.argsort(kind, kind="stable")
-        counts = tuple(np.bincount(kind).tolist())
-        return _from_mesh(cls, points, cells[order], kinds, counts=counts, placed=False)
+        laws, order, counts = by_law(laws)
+        return _from_mesh(cls, points, cells[order], laws, counts=counts, placed=False)
     return _from_mesh(cls, points, cells, laws, placed=False)
 
 
@@ -344,7 +339,7 @@ def _from_mesh(
     area, centroid, moments = meshes.moments(points, cells)
     y, z = centroid[:, 0], centroid[:, 1]
     if torsion is not None:
-        torsion = stack(torsion)
+        torsion = stacked([torsion])
     if round_inertia is not None:
         # A polygon with the area of a circle has a little more inertia than the circle: the
         # difference is shared among the cells in proportion to their areas.
@@ -383,7 +378,5 @@ def _within(value, broken, name, text):
 
 def _float(value):
     """A scalar dimension as a float, or as it is if traced."""
-    value = checks.floats(value, "dimension")
-    if value.ndim:
-        raise ValueError(f"dimension: expected a scalar, got shape {value.shape}")
+    value = checks.scalar(value, "dimension")
     return value if checks.concrete(value) is None else float(value)

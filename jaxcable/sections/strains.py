@@ -16,6 +16,7 @@ from .. import linear
 from ..common import status
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int
+from ..materials.law import Numbers, Values
 from ..numerics import implicit
 from ..numerics.search import search
 from .fibres import Fibres, Memory
@@ -41,22 +42,22 @@ class SectionState:
         converged: 0.002000 1/m
     """
 
-    strain: tuple[Float[Array, "*shape"], Float[Array, "*shape"], Float[Array, "*shape"]]
+    strain: tuple[Values, Values, Values]
     status: Int[Array, "*shape"]
-    residual: Float[Array, "*shape"]
+    residual: Values
     steps: Int[Array, "*shape"]
 
 
 def equilibrium(
     section: Fibres,
-    N: Float[ArrayLike, "*shape"],
-    My: Float[ArrayLike, "*shape"],
-    Mz: Float[ArrayLike, "*shape"],
+    N: Numbers,
+    My: Numbers,
+    Mz: Numbers,
     memory: Memory | None = None,
     tol: Float[ArrayLike, ""] | None = None,
     max_steps: int = 100,
 ) -> SectionState:
-    """Strains ``(e0, ky, kz)`` that balance the forces.
+    """Strains ``(e0, ky, kz)`` from forces, by iteration to the equilibrium of the section.
 
     Forces of any shape are treated one after the other, each with as many iterations as it needs:
     on a CPU this is five times faster than a batch, which iterates until the slowest has converged.
@@ -72,7 +73,20 @@ def equilibrium(
         max_steps: iterations allowed.
 
     Returns:
-        `SectionState`, differentiable (implicit function theorem).
+        `SectionState`, differentiable (implicit function theorem); its status is BEYOND_CAPACITY
+        where the section cannot carry the forces.
+
+    Example:
+        The section can carry 2 MN. Half of that causes half of the strain at failure; 3 MN is
+        too much:
+
+        >>> law = jc.Polygonal([-1e-3, 0.0, 1e-3], [-100e6, 0.0, 100e6])
+        >>> section = jc.Section.rectangle(0.1, 0.2, law, shape=(10, 10))
+        >>> state = section.strains(N=1e6, My=0.0, Mz=0.0)
+        >>> print(f"{jc.describe(state.status)}: {state.strain[0]:.6f}")
+        converged: 0.000500
+        >>> print(jc.describe(section.strains(N=3e6, My=0.0, Mz=0.0).status)[:37])
+        the section cannot carry these forces
     """
     N, My, Mz = jnp.broadcast_arrays(*(jnp.asarray(v, section.area.dtype) for v in (N, My, Mz)))
     if N.ndim:
@@ -108,13 +122,9 @@ def _batch(section, forces, memory, tol, max_steps):
     shape = forces[0].shape
     flat = [v.ravel() for v in forces]
     by_force = jax.tree.leaves(memory)[0].ndim > 2 if memory is not None else False
-    memories = (
-        jax.tree.map(
-            lambda remembered: remembered.reshape(-1, *remembered.shape[len(shape) :]), memory
-        )
-        if by_force
-        else None
-    )
+    memories = None
+    if by_force:
+        memories = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(shape) :]), memory)
 
     def of_one(item):
         force, remembered = item

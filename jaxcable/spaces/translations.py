@@ -137,7 +137,8 @@ class Translations(Space):
         number = numbers_of(self.freedoms.number, links, width, inner)
         blocks, slopes = square(blocks), self.slopes(x)
         if slopes is not None:
-            blocks = by_numbers(blocks, slopes[links], len(inner))
+            n_end = (blocks.shape[1] - len(inner)) // width
+            blocks = by_numbers(blocks, slopes[links[:, :n_end]], len(inner))
         return blocks, number
 
 

@@ -17,10 +17,9 @@ from ..common.rules import not_negative, or_nan, positive
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging
-from ..elements.prestress import element
 from ..linear import unbatched
 from ..mechanics.carry import make_system
-from ..mechanics.elementwise import each, motion_of
+from ..mechanics.elementwise import each
 from ..model.structure import Structure
 from ..numerics.scaled import unit_shapes
 from .tangent import (
@@ -175,30 +174,7 @@ def _mass(thawed, arrays, freedoms, gravity, distribution):
     """Mass matrix of the elements, [n_free, n_free], kg."""
     nodes, groups, carry = filled(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
-    blocks = _blocks(thawed, arrays, jnp.asarray(gravity, nodes.dtype), distribution)
-    parts = [pair for pair in zip(blocks, system.groups, strict=True) if pair[0] is not None]
-    if not parts:
-        return jnp.zeros((len(freedoms.free),) * 2, nodes.dtype)
-    return system.assembled(parts, carry.motion)
-
-
-def _blocks(thawed, arrays, gravity, distribution):
-    """Mass matrices of the elements, [n_elem, d, d] per group; None for a group without weight."""
-    nodes, groups, carry = filled(thawed, arrays)
-    system = make_system(nodes, groups, carry, None, None)
-    found = []
-    for group, state in zip(system.groups, system.states, strict=True):
-        weights = group.weights(state)
-        if weights is None:
-            found.append(None)
-            continue
-
-        def of_element(properties, state, *arguments, group=group):
-            return element(group, properties).mass_matrix(state, *arguments, distribution)
-
-        ends = nodes[group.links], motion_of(group, carry.motion)
-        found.append(jax.vmap(of_element)(group.properties(), state, *ends, weights / gravity))
-    return found
+    return system.mass(carry.motion, jnp.asarray(gravity, nodes.dtype), distribution)
 
 
 def _suspect_catenaries(structure, thawed, arrays, gravity, found):

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.common import code_digest, digest
+from jaxcable.common import digest, python_objects
 from jaxcable.elements.straight import Straight
 from jaxcable.equilibrium import newton
 from jaxcable.numerics import vectors
@@ -348,7 +348,7 @@ def test_a_study_sees_globals_of_functions_on_the_host(tmp_path, monkeypatch):
 
 def test_the_digest_is_of_the_code_in_memory(monkeypatch):
     """Methods, constants of bytecode, numbers and partial functions; work changes nothing."""
-    of = code_digest.code_digest
+    of = digest.of_package
     same = of()
     assert int(jc.solve(*jc.scenes.flat_net()).status) == jc.status.OK
     assert of() == same
@@ -378,14 +378,14 @@ def test_the_digest_is_of_the_code_in_memory(monkeypatch):
 
 def test_replaced_by_a_function_of_the_user_nothing_is_kept(monkeypatch):
     monkeypatch.setattr(Straight, "tension", lambda self: 0.0)
-    with pytest.raises(code_digest.ForeignError, match="test_digest"):
-        code_digest.code_digest()
+    with pytest.raises(python_objects.ForeignError, match="test_digest"):
+        digest.of_package()
 
 
 def test_lines_and_comments_do_not_count():
     one = "def f(x):\n    return {'a', 'b'} & x"
     texts = one, "\n\n# words\n" + one, one.replace("'a'", "'c'")
     first, moved, other = (
-        code_digest._of_code(compile(text, f"file{k}", "exec")) for k, text in enumerate(texts)
+        python_objects.of_code(compile(text, f"file{k}", "exec")) for k, text in enumerate(texts)
     )
     assert first == moved != other

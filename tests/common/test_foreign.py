@@ -88,7 +88,7 @@ def test_without_an_interface_of_xla_there_is_none(lacks, monkeypatch):
 
 
 def test_other_platforms_get_a_callback(monkeypatch):
-    monkeypatch.setattr(foreign, "_known", lambda _: False)
+    monkeypatch.setattr(foreign, "is_known", lambda _: False)
     vector, positive = jax.jit(jax.vmap(call))(jnp.zeros((2, 3)), jnp.array([1, -1], jnp.int32))
     np.testing.assert_array_equal(vector, [[1.0] * 3, [-1.0] * 3])
     np.testing.assert_array_equal(positive, [True, False])

@@ -21,7 +21,7 @@ from test_digest import module_texts
 
 import jaxcable as jc
 from jaxcable.analysis.preparation import prepare
-from jaxcable.common import code_digest, compilation, foreign, jax_internals, keeping
+from jaxcable.common import compilation, foreign, jax_internals, keeping, python_objects
 from jaxcable.common.program_folder import opened
 from jaxcable.numerics import vectors
 
@@ -125,7 +125,7 @@ def described_modules():
     root = Path(jc.__file__).parent
     files = [path.relative_to(root).with_suffix("").parts for path in root.rglob("*.py")]
     modules = {".".join(("jaxcable", *parts)).removesuffix(".__init__") for parts in files}
-    return set(filter(code_digest.is_described, modules))
+    return set(filter(python_objects.is_described, modules))
 
 
 def test_another_process_neither_traces_nor_compiles(tmp_path):
@@ -159,7 +159,7 @@ def test_another_process_neither_traces_nor_compiles(tmp_path):
     for run in compilation._PROGRAMS:
         made = run.__wrapped__
         if made.__module__.startswith("jaxcable"):
-            assert code_digest.is_described(made.__module__) and "<" not in made.__qualname__
+            assert python_objects.is_described(made.__module__) and "<" not in made.__qualname__
 
 
 # --- a small program of the package, in this process
@@ -315,9 +315,9 @@ def test_what_is_defined_elsewhere_is_not_kept():
         return key(jc.Structure(nodes, cables, jc.pinned([0, 2])), jc.Phase(pretension=1e3))
 
     assert of_law(jc.Polygonal([0.0, 0.01], [0.0, 2e9]))
-    with pytest.raises(code_digest.ForeignError):
+    with pytest.raises(python_objects.ForeignError):
         of_law(Prager(2e11, 4e8, 1e10))
-    with pytest.raises(code_digest.ForeignError):  # a solver of the tests
+    with pytest.raises(python_objects.ForeignError):  # a solver of the tests
         structure, phases = jc.scenes.saddle(8, 8)
         key(structure, phases, jc.Newton(linear_solver=NUMPY))
 

@@ -22,7 +22,7 @@ import scipy
 from test_keeping import product
 
 import jaxcable as jc
-from jaxcable.common import code_digest, jax_internals, keeping, program_folder
+from jaxcable.common import jax_internals, keeping, program_folder, python_objects
 from jaxcable.common.checks import suspect, without_warnings
 from jaxcable.common.compilation import without_collection
 from jaxcable.common.program_folder import Place, opened
@@ -373,7 +373,7 @@ def test_without_the_settings_of_jax(tmp_path, monkeypatch):
     monkeypatch.setattr(jax_internals, "settings", lambda: None)
     with pytest.warns(RuntimeWarning, match="lacks jax.config.values: programs are not kept"):
         jc.keep_programs(tmp_path)
-    with pytest.raises(code_digest.ForeignError):
+    with pytest.raises(python_objects.ForeignError):
         keeping._key(("jaxcable.analysis.solver", "_analyse"), np.ones(2), {})
 
 

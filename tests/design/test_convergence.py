@@ -69,6 +69,26 @@ def test_fits_beside_a_large_misfit():
     assert int(flat.status) == status.OK and abs(float(flat.params) - 1.0) < 1e-8
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_a_zero_that_noise_hides(seed):
+    """Equations of a condition of 1e4, known to 3e-10 as results of an analysis are.
+
+    At the end no step lowers the misfit, and steps of 1e-6 are promised to make it zero.
+    """
+    rng = np.random.default_rng(seed)
+    left, right = (np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(2))
+    matrix, exact = left @ np.diag([1.0, 1e-2, 1e-4]) @ right, np.array([3.0, -2.0, 1.0])
+
+    def equations(p, matrix):
+        noise = 3e-10 * jnp.sin(1e9 * jax.lax.stop_gradient(p) * jnp.array([1.0, 1.7, 2.3]))
+        return matrix @ (p - exact) + noise
+
+    fit = jc.fit(equations, jnp.full(3, 0.5), args=(matrix,))
+    assert int(fit.status) == status.OK and int(fit.history.accepted[fit.steps]) == 0
+    assert float(fit.misfit) < 1e-9
+    np.testing.assert_allclose(fit.params, exact, atol=1e-5)  # noise over 1e-4
+
+
 # --- losses
 
 

@@ -18,6 +18,7 @@ import jaxcable as jc
 from jaxcable.common import status
 from jaxcable.common.tree import copy
 from jaxcable.elements import hanging, hanging_springs
+from jaxcable.elements.element_state import ElementLoad
 from jaxcable.elements.hanging_sag import strain_at_sag
 from jaxcable.elements.stated import Stated
 from jaxcable.mechanics.elementwise import each
@@ -56,7 +57,9 @@ def middle_force(x, z, length, weight, stiffness):
     links = np.arange(2 * n).reshape(2, n).T
     group = jc.Catenaries(links, axial_stiffness=stiffness, rest_length=length)
     group = copy(group, links=links)
-    state = copy(group.start(nodes[links]), line_load=jnp.outer(weight, DOWN.astype(x.dtype)))
+    state = copy(
+        group.start(nodes[links]), element_load=ElementLoad(jnp.outer(weight, DOWN.astype(x.dtype)))
+    )
     still = jnp.zeros_like(nodes)
     force = each("end_forces", group, state, nodes, still)[:, 1]
     return force[:, ::2], each("tension", group, state, nodes, still)
@@ -441,7 +444,9 @@ def test_spans_hang_by_the_force_that_belongs_to_their_sag():
     np.testing.assert_allclose(solution.tension, ends.mean(axis=1), rtol=1e-12)
     np.testing.assert_allclose(solution.peak_tension, ends.max(axis=1), rtol=1e-12)
     state, own = solution.last.carry.states[0], copy(cables, links=links)
-    state = copy(state, line_load=jnp.asarray(np.tile(WEIGHT / WARMTH * DOWN, (n, 1))))
+    state = copy(
+        state, element_load=ElementLoad(jnp.asarray(np.tile(WEIGHT / WARMTH * DOWN, (n, 1))))
+    )
     told = each("end_tensions", own, state, structure.nodes, jnp.zeros((2 * n, 3)))
     np.testing.assert_allclose(told, ends, rtol=1e-12)
     said = jc.forms.statements(structure, solution).sag

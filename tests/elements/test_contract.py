@@ -14,7 +14,8 @@ from extensions.own_membrane import Membranes
 import jaxcable as jc
 from jaxcable.common.tree import Indices, pytree
 from jaxcable.elements import abilities, check
-from jaxcable.elements.element import Element, ElementState, Result
+from jaxcable.elements.element import Element, Result
+from jaxcable.elements.element_state import ElementState
 from jaxcable.elements.straight import Straight
 from jaxcable.loads.load import Dead, Following, Load, Measured, Moving, OnNodes
 from jaxcable.materials.law import Law

@@ -8,6 +8,7 @@ import pytest
 import jaxcable as jc
 from jaxcable.common.tree import copy, fill, thaw
 from jaxcable.elements import AxialState
+from jaxcable.elements.element_state import ElementLoad
 from jaxcable.mechanics.assembly import System
 from jaxcable.spaces import space_of
 from jaxcable.spaces.freedoms import number_freedoms
@@ -91,7 +92,7 @@ def system(name, held=False):
         along = rng.normal(size=(len(chord), 3))
         if name == "catenary":
             along[::4] = 0.0  # there it is a straight cable, or a slack one without force
-        state = copy(state, line_load=jnp.asarray(along))
+        state = copy(state, element_load=ElementLoad(jnp.asarray(along)))
     held_at[n:] = 0.0
     held_at, size = jnp.asarray(0.01 * held_at), 0.1
     if group.rotates:

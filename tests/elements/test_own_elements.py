@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from extensions.own_elements import GroundSprings, TurningSprings
 from extensions.own_laws import Maxwell, Prager
-from extensions.own_links import Brittle, Hooks, Lying, Thrusters
+from extensions.own_links import Brittle, Dampers, Hooks, Lying, Series, Thrusters
 from numpy.testing import assert_allclose
 
 import jaxcable as jc
@@ -353,6 +353,69 @@ def test_increments_of_a_law_with_memory_have_derivatives():
     assert (np.asarray(slopes) != 0).all()
 
 
+def test_inner_numbers_without_rotations():
+    """Two springs one behind the other between cables, along inclined supports: one spring each."""
+    nodes = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 0.0, -3.0]])
+    slope = np.array([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0], [-0.8, 0.0, 0.6]])
+    supports = jc.pinned([0]) + jc.restrained([1], "yz") + jc.restrained([2], "xy", axes=slope)
+    load = np.array([[10.0, 0.0, 0.0], [0.0, 0.0, -20.0]])
+
+    def analysed(first):
+        springs = Series([[0, 1], [1, 2]], first, 500.0)
+        elements = {"springs": springs, "cable": jc.Cables([[0, 2]], axial_stiffness=1e4)}
+        structure = jc.Structure(nodes, elements, supports)
+        return jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1, 2], load), increments=2))
+
+    solution = analysed(300.0)
+    assert solution.status == status.OK
+    places = nodes + np.asarray(solution.displacement)
+    along, before = np.diff(places, axis=0), np.array([2.0, 3.0])
+    length = np.linalg.norm(along, axis=1)
+    force = 300.0 * 500.0 / 800.0 * (length - before)
+    assert_allclose(solution.tension["springs"], force, rtol=1e-8)
+    pull = force[:, None] * along / length[:, None]
+    assert_allclose(load[0, 0], (pull[0] - pull[1])[0], rtol=1e-9)
+    assert abs(solution.displacement[2] @ slope[0]) < 1e-15  # held along the inclined axis
+    rate = jax.grad(lambda first: analysed(first).displacement[1, 0])(300.0)
+    ends = [analysed(300.0 + step).displacement[1, 0] for step in (1e-2, -1e-2)]
+    assert_allclose(rate, (ends[0] - ends[1]) / 2e-2, rtol=1e-6)  # of order step^2
+
+
+@pytest.mark.parametrize("method", [jc.Newton(), jc.Incremental()], ids=["newton", "increments"])
+def test_a_memory_of_where_an_element_was(method):
+    """A damper beside a spring: ``(k + c) u = load + c u_before`` in every increment."""
+    increments = (4, 3)
+
+    def analysed(damping):
+        elements = {"ground": GroundSprings([[1]], K), "damper": Dampers([[0, 1]], damping)}
+        structure = jc.Structure(NODES[:2], elements, jc.pinned([0]))
+        phases = [
+            jc.Phase(loads=jc.NodalLoads([1], LOAD), increments=increments[0]),
+            jc.Phase(increments=increments[1]),
+        ]
+        solution = jc.solve(structure, phases, method)
+        return solution.displacement[1], (solution.phases, solution.status)
+
+    def followed(damping):
+        moved = [np.zeros(3)]
+        for factor in (*np.arange(1, 1 + increments[0]) / increments[0], *increments[1] * (1.0,)):
+            moved.append((factor * LOAD + damping * moved[-1]) / (K[0] + damping))
+        return np.array(moved[1:])
+
+    moved, (phases, code) = analysed(150.0)
+    assert code == status.OK
+    first, second = followed(150.0)[:4], followed(150.0)[4:]
+    # residuals are up to 1e-10 of the forces, which every increment hands on
+    assert_allclose(phases[0].path.displacement[:, 1], first, rtol=1e-9)
+    assert_allclose(phases[1].path.displacement[:, 1], second - first[-1], rtol=1e-8)
+    assert_allclose(moved, second[-1], rtol=1e-9)
+    slope = jax.jacfwd(analysed, has_aux=True)(150.0)[0]
+    step = 1e-3  # of order step^2
+    between = (followed(150.0 + step)[-1] - followed(150.0 - step)[-1]) / (2 * step)
+    assert_allclose(slope, between, rtol=1e-6)
+    assert np.abs(first[0] - LOAD / 4 / K[0]).min() > 1e-4  # without damper
+
+
 def test_time_reaches_a_law_that_creeps():
     """A strain of 1e-3 for 50 s creeps by E e t / viscosity; in an analysis no time passes yet."""
     law, links = Maxwell(1e9, 1e11), np.array([[0, 1]])
@@ -369,7 +432,7 @@ def test_time_reaches_a_law_that_creeps():
         if kind == "beams":
             strain = jnp.zeros((1, group.points, 3)).at[..., 0].set(1e-3)
         system = System(jnp.asarray(nodes), [group], [state], None, None)
-        (after,), (still,) = system.settle([strain], duration=50.0), system.settle([strain])
+        (after,), (still,) = (system.settle(None, [strain], t) for t in (50.0, 0.0))
         for crept, kept in zip(jax.tree.leaves(after), jax.tree.leaves(still), strict=True):
             assert_allclose(crept, 50.0 * 1e9 * 1e-3 / 1e11, rtol=1e-13)
             assert (np.asarray(kept) == 0.0).all()

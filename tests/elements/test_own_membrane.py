@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from extensions.own_membrane import Membranes, sheet
+from extensions.own_membrane import Cloth, Membranes, sheet
 from numpy.testing import assert_allclose
 from oracles.taylor import slope
 
@@ -82,6 +82,55 @@ def test_stretched_square_is_its_closed_form():
         edge = NODES[:, axis] == 1.0
         assert_allclose(reactions[edge, axis].sum(), force[axis], rtol=1e-9)
     assert_allclose(reactions.sum(axis=0), 0.0, atol=1e-8 * np.abs(reactions).max())
+
+
+def stretched(*pretensions, method=None):
+    """Reactions on two edges of a square of cloth whose rim is held, [x, y], N; phase by phase."""
+    nodes, triangles = sheet(3)
+    half = len(triangles) // 2
+    elements = {"one": Cloth(triangles[:half], ET, NU), "two": Cloth(triangles[half:], ET, NU)}
+    structure = jc.Structure(nodes, elements, jc.pinned(rim(nodes)))
+    solution = jc.solve(structure, [jc.Phase(pretension=given) for given in pretensions], method)
+    sums = [
+        jnp.stack([phase.reactions[nodes[:, k] == 1.0, k].sum() for k in (0, 1)])
+        for phase in solution.phases
+    ]
+    return jnp.stack(sums), solution.status
+
+
+def test_a_pretension_of_two_components():
+    """Warp and weft over the width of 1 m are the reactions; stated by group and by element."""
+    both = np.array([300.0, 120.0])
+    every = np.tile(both, (9, 1))
+    found, code = stretched({"one": every, "two": every})
+    assert code == status.OK
+    assert_allclose(found, [both], rtol=1e-12)
+    found, code = stretched(200.0, {"one": every}, {"two": jc.only(range(9), every)})
+    assert code == status.OK
+    assert_allclose(found[::2], [[200.0, 200.0], both], rtol=1e-12)
+
+    def warp(value):
+        return stretched({"one": every * value, "two": every * value})[0][0, 0]
+
+    assert_allclose(jax.grad(warp)(1.0), 300.0, rtol=1e-12)
+    for wrong in (np.full(9, 300.0), both, np.ones((9, 3))):
+        with pytest.raises(ValueError, match=r"pretension: expected a scalar or shape \(9, 2\)"):
+            stretched({"one": wrong})
+    cable = jc.Cables([[0, 1]], axial_stiffness=ET)
+    structure = jc.Structure(np.eye(3)[:2], cable, jc.pinned([0]))
+    with pytest.raises(ValueError, match="pretension: expected a scalar or shape"):
+        jc.Phase(pretension=jc.only([0], [[1.0, 2.0]])).inputs(structure)
+
+
+def test_one_number_is_for_cables_and_not_for_cloth():
+    nodes, triangles = sheet(1)
+    elements = {
+        "cloth": Cloth(triangles, ET, NU),
+        "edge": jc.Cables([[0, 1]], axial_stiffness=ET),
+    }
+    structure = jc.Structure(nodes, elements, jc.pinned(range(4)))
+    cloth, edge = jc.Phase(pretension=50.0).inputs(structure)
+    assert not cloth and edge["pretension"].values == 50.0
 
 
 def roof():

@@ -1,5 +1,6 @@
 """Elements written outside of the package that use little of its contract; one unsymmetric."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from extensions.own_elements import Nothing
@@ -120,6 +121,84 @@ class Jacks(Brittle, Jacked):
 
     def lock(self, state, ends, motion):
         return state
+
+
+@pytree(indices=("links",))
+class Series(Joined):
+    """Two springs, N/m, one behind the other; how long the first has become is an inner number."""
+
+    links: object
+    first: object
+    second: object
+    weight: object = None
+
+    per_element = ("first", "second", "weight")
+    results = (TENSION,)
+    inner = ((0, 0),)
+    n_inner_row = 1
+
+    def unused_columns(self):
+        unused = np.ones((len(self.links), 1, 3), bool)
+        unused[..., 0] = False
+        return unused
+
+    def _second(self, ends, motion):
+        before, after, _ = self._way(ends, motion)
+        return after - before - motion[2, 0]
+
+    def tension(self, state, ends, motion):
+        return self.second * self._second(ends, motion)
+
+    def energy(self, state, ends, motion):
+        first, second = motion[2, 0], self._second(ends, motion)
+        return 0.5 * (self.first * first**2 + self.second * second**2)
+
+    def end_forces(self, state, ends, motion):
+        return jax.grad(self.energy, 2)(state, ends, motion)
+
+
+@pytree
+class Moved(ElementState):
+    """Where the second end was against the first one, after the last increment."""
+
+    memory: object
+
+
+@pytree(indices=("links",))
+class Dampers(Joined):
+    """Resist what an increment moves the second end against the first, in every direction.
+
+    Their memory is a vector that no strain tells: ``settled`` sees the motion.
+    """
+
+    links: object
+    damping: object
+    weight: object = None
+
+    per_element = ("damping", "weight")
+    remembers = True
+
+    def start(self, ends):
+        return Moved(self.initial_memory())
+
+    def initial_memory(self):
+        return jnp.zeros((len(self.links), 3))
+
+    def _pull(self, state, motion):
+        return self.damping * (motion[1] - motion[0] - state.memory)
+
+    def end_forces(self, state, ends, motion):
+        pull = self._pull(state, motion)
+        return jnp.stack([-pull, pull])
+
+    def energy(self, state, ends, motion):
+        return 0.5 * jnp.sum(self._pull(state, motion) ** 2) / self.damping
+
+    def size(self, state, ends, motion):
+        return jnp.sum(jnp.abs(self._pull(state, motion)))
+
+    def settled(self, state, ends, motion, duration=0.0):
+        return motion[1] - motion[0]
 
 
 @pytree(indices=("links",))

@@ -4,6 +4,8 @@ Constant strain, plane stress, St. Venant-Kirchhoff: ``N = N0 + C (E + e0)`` per
 Green's strain E of the midsurface. Source: Bonet and Wood (2008), chapters 4 and 9.
 """
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -101,6 +103,37 @@ class Membranes(Prestressable):
         square = self.poisson * jnp.trace(strain) ** 2
         square = square + (1 - self.poisson) * jnp.sum(strain**2)
         return 0.5 * area * self.stiffness / (1 - self.poisson**2) * square
+
+
+@pytree
+class Stressed(Strained):
+    """Also a force per width along warp and weft, [n_elem, 2], N/m."""
+
+    stress: object
+
+
+@pytree(indices=("links",))
+class Cloth(Membranes):
+    """Triangles in the plane x, y, with warp along x and weft along y."""
+
+    statements = ("pretension",)
+    components: ClassVar = {"pretension": ("warp", "weft")}
+
+    def start(self, ends):
+        before = super().start(ends)
+        return Stressed(before.prestrain, before.area, jnp.zeros((len(ends), 2)))
+
+    def restate(self, state, ends, inputs):
+        stated = inputs["pretension"]
+        return copy(state, stress=stated.over(stated.values, state.stress))
+
+    def _strain(self, state, ends, motion):
+        gradient, strain, inverse, area = super()._strain(state, ends, motion)
+        return gradient, (strain, self._place(ends)[0][:, :2], state.stress), inverse, area
+
+    def _forces(self, strain):
+        strain, axes, stress = strain
+        return super()._forces(strain) + axes @ jnp.diag(stress) @ axes.T
 
 
 def sheet(n, size=1.0, warp=0.0, seed=0):

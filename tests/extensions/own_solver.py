@@ -22,27 +22,20 @@ class Places(linear.Analysis):
     def factorize(self, values, definite):
         matrix = np.zeros((self.n, self.n))
         matrix[self.places] = values
-        if not np.isfinite(matrix).all():
+        if definite and not (np.linalg.eigvalsh(matrix) > 0).all():
             return None
-        size = np.sqrt(np.abs(np.diagonal(matrix)))
-        size = np.where(size > 0, size, 1.0)  # so that singular values can be compared
-        scaled = matrix / size[:, None] / size
-        if definite and not (np.linalg.eigvalsh(scaled) > 0).all():
-            return None
-        singular = np.linalg.svd(scaled, compute_uv=False)
+        singular = np.linalg.svd(matrix, compute_uv=False)
         if not singular[-1] > self.n * np.finfo(float).eps * singular[0]:
             return None
-        return Inverse(np.linalg.inv(scaled), size)
+        return Inverse(np.linalg.inv(matrix))
 
 
 class Inverse(linear.NumericFactor):
-    def __init__(self, inverse, size):
-        self.inverse, self.size, self.n_bytes = inverse, size, inverse.nbytes
+    def __init__(self, inverse):
+        self.inverse, self.n_bytes = inverse, inverse.nbytes
 
     def solve(self, b, transposed=False):
-        inverse = self.inverse.T if transposed else self.inverse
-        size = self.size if b.ndim == 1 else self.size[:, None]
-        return inverse @ (b / size) / size
+        return (self.inverse.T if transposed else self.inverse) @ b
 
 
 NUMPY = linear.register(ByNumpy()).name

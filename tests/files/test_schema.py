@@ -14,7 +14,8 @@ from file_cases import CHECK, GONE, MAST, SCHEMA, at, changed, read_scene, scene
 import jaxcable as jc
 from jaxcable.cli import main
 from jaxcable.elements.element import Element
-from jaxcable.files import FileError, codec, examples
+from jaxcable.files import FileError, codec
+from jaxcable.files.examples import examples
 from jaxcable.files.layout import laid_out
 from jaxcable.loads.load import Load
 from jaxcable.materials.law import Law
@@ -133,9 +134,15 @@ def fits(example, kind, field=None):
     return {**data, "phases": [phase]}
 
 
+SCENE, CLASSES, FIELDS = examples().values()
 EXAMPLES = [
-    *((kind, None, one) for kind, all_of in examples.CLASSES.items() for one in all_of.values()),
-    *((kind, field, one) for (kind, field), values in examples.FIELDS.items() for one in values),
+    *((kind, None, one) for kind, all_of in CLASSES.items() for one in all_of.values()),
+    *(
+        (k, field, one)
+        for k, of in FIELDS.items()
+        for field, values in of.items()
+        for one in values
+    ),
 ]
 
 
@@ -148,15 +155,15 @@ def test_examples_are_valid_and_read(kind, field, example, tmp_path):
 
 def test_the_example_of_a_scene_is_analysed(tmp_path):
     """Two cables in a 3-4-5 triangle carry 500 N each under 600 N."""
-    CHECK.validate(examples.SCENE)
-    solution = jc.solve(*read_scene(examples.SCENE, tmp_path))
+    CHECK.validate(SCENE)
+    solution = jc.solve(*read_scene(SCENE, tmp_path))
     assert solution.status == 0
     np.testing.assert_allclose(solution.tension["guys"], 500.0, rtol=1e-9)  # it begins there
 
 
 def test_every_example_is_in_the_schema():
     """What the tests above read is all that editors offer."""
-    known = [json.dumps(one) for _, _, one in EXAMPLES] + [json.dumps(examples.SCENE)]
+    known = [json.dumps(one) for _, _, one in EXAMPLES] + [json.dumps(SCENE)]
     found = 0
     for one in schemas(CHECK.schema):
         for example in one.get("examples", []):

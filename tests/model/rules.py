@@ -313,15 +313,14 @@ swinging, [1.0] * 4, [1.0, 1.0, -1.0, 1.0]  # masses: masses... = -1.0
 ## results/internal_forces.py
 along, [0.5], [1.5]  # places: places[0] = 1.5
 ## forms/relaxation.py
-relaxed, [5.0, 1.0, 1e-9], [-1.0, 1.0, 1e-9]  # tension: tension... = -1.0
-relaxed, [5.0, 1.0, 1e-9], [5.0, -1.0, 1e-9]  # rest_length: rest_length... = -1.0
 relaxed, [5.0, 1.0, 1e-9], [5.0, 1.0, -1.0]  # tol: tol... = -1.0
-## forms/prescribed.py
-formed("tension"),  # _pulling: tension[0] = -1.0
-formed("stress", area=1.0, law=jc.Elastic(1e3)),  # _pulling: stress[0] = -1.0
-formed("length"),  # statements: length[0] = -1.0
-## forms/force_density.py
-lambda v: jc.force_density(net(), v, PULL),  # force_density: q[0] = -1.0
+## forms/members.py
+relaxed, [5.0, 1.0, 1e-9], [-1.0, 1.0, 1e-9]  # stated: tension... = -1.0
+relaxed, [5.0, 1.0, 1e-9], [5.0, -1.0, 1e-9]  # stated: rest_length... = -1.0
+formed("tension"),  # stated: tension[0] = -1.0
+formed("stress", area=1.0, law=jc.Elastic(1e3)),  # stated: stress[0] = -1.0
+formed("length"),  # stated: length[0] = -1.0
+lambda v: jc.force_density(net(), v, PULL),  # stated: q[0] = -1.0
 ## forms/hanging.py
 chain, [0.1, 1.0, 1e6], [-1.0, 1.0, 1e6]  # hanging_chain: sag = -1.0
 chain, [0.1, 1.0, 1e6], [0.1, -1.0, 1e6]  # hanging_chain: weight = -1.0
@@ -357,8 +356,6 @@ OTHERWISE = {
     "materials/polygonal.py:__post_init__": "no rule: puts the origin among known points",
     "sections/torsion.py:bredt_torsion": "a traced outline is not asked whether it crosses itself",
     "sections/torsion.py:are_round": "no rule: which library computes",
-    "sections/arrays.py:stack": "no rule: which library computes",
-    "sections/arrays.py:concatenate": "no rule: which library computes",
     "sections/shapes.py:_float": "no rule: which library computes",
     "sections/outlines.py:corners": "traced outlines are refused",
     "sections/composites.py:_summed": "NaN where it is traced",

@@ -268,6 +268,24 @@ def test_single_precision():
     assert np.allclose(500 * path.events.load_factor, [381.0872, -381.0872], rtol=1e-3)
 
 
+def test_a_path_that_ends_is_lost():
+    """A jack of 200 N and a load pull a node towards an anchor, against 500 N/m of a spring.
+
+    Where the node meets the anchor the force of the jack turns round: no point follows.
+    """
+    held = np.ones((3, 3), bool)
+    held[1, 0] = False
+    nodes = [[0.0, 0, 0], [1.0, 0, 0], [3.0, 0, 0]]
+    parts = {"jack": jc.Bars([[0, 1]], 1e5), "spring": jc.Bars([[1, 2]], 1e3)}
+    structure = jc.Structure(nodes, parts, supports=jc.Supports(held))
+    jacked = jc.Phase(jacking={"jack": 200.0, "spring": None})
+    pull = jc.replace(jacked, loads=jc.NodalLoads([1], (-1000.0, 0, 0)))
+    path = ok(jc.trace_path(structure, [jacked, pull]), status.PATH_LOST)
+    assert abs(1000 * float(path.load_factor[-1]) - 300.0) < 1e-6
+    assert abs(float(path.displacement[-1, 1, 0]) + 0.6) < 1e-9
+    assert len(path.events) == 0 and "not found" in jc.describe(path.status)
+
+
 # --- cables
 
 

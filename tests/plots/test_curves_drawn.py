@@ -140,7 +140,7 @@ def test_sequences_and_diagrams_have_the_same_curves(cantilever, rope):
 
 def test_increments_have_curves(cantilever, rope, tmp_path):
     structure, solution = cantilever
-    found = shapes.Shapes(solution, structure).along([(0, 0), (1, 0)])
+    found = [shapes.Shapes(solution, structure).along(k, 0) for k in (0, 1)]
     for k, curves in enumerate(found):
         x = np.linspace(0.0, LENGTH, curves.apart.shape[1])
         place = np.asarray(solution.phases[k].positions)

@@ -18,7 +18,8 @@ from matplotlib.text import Text
 from PIL import Image
 
 import jaxcable as jc
-from jaxcable.plots import glyphs, layout, members, stages, style, views
+from jaxcable.plots import forces, glyphs, layout, members, nets, style, views
+from jaxcable.plots.snapshots import evenly
 
 FREE = [3, 4, 7, 8]
 
@@ -172,8 +173,8 @@ def test_slack_cables_are_dashed_and_counted(pictures, runs):
     count = int(np.sum(np.asarray(runs.slack.tension) == 0))
     assert 0 < count < 12
     assert f"slack ({count} of 12)" in legend_texts(pictures["net, slack"])
-    forces = members.Forces(runs.slack.tension, runs.slack.links, runs.structure)
-    assert (forces.slack == (np.asarray(runs.slack.tension) == 0)).all()
+    shown = forces.Forces(runs.slack.told, runs.structure.groups, runs.structure)
+    assert (shown.slack == (np.asarray(runs.slack.tension) == 0)).all()
     orange = np.array([0xD5, 0x5E, 0x00])
 
     def dots(figure):
@@ -196,11 +197,11 @@ def test_bars_without_force_are_not_slack():
     bars = jc.Bars([[0, 1], [0, 2]], axial_stiffness=1.0)
     cable = jc.Cables([[1, 2]], axial_stiffness=1.0)
     structure = jc.Structure(np.eye(3), [bars, cable], jc.pinned([0, 1, 2]))
-    tension, links = [np.array([0.0, -2.0]), np.zeros(1)], [g.links for g in structure.groups]
-    forces = members.Forces(tension, links, structure)
-    assert forces.slack.tolist() == [False, False, True]
-    assert forces.compressed.tolist() == [False, True, False]
-    assert members.Forces(tension, links).slack.tolist() == [True, False, True]  # not known
+    told, parts = {"tension": [np.array([0.0, -2.0]), np.zeros(1)]}, structure.groups
+    shown = forces.Forces(told, parts, structure)
+    assert shown.slack.tolist() == [False, False, True]
+    assert shown.compressed.tolist() == [False, True, False]
+    assert forces.Forces(told, parts).slack.tolist() == [True, False, True]  # not known
 
 
 def test_utilisation(pictures, runs):
@@ -226,10 +227,9 @@ def test_utilisation(pictures, runs):
 
 
 def test_a_strength_that_is_reached_is_not_exceeded(runs):
-    forces = members.Forces(
-        np.full(12, 600.0 * (1 + 1e-8)), runs.taut.links, runs.strong, "utilisation"
-    )
-    scale = members.Scale([forces])
+    told = {"tension": np.full(12, 600.0 * (1 + 1e-8))}
+    shown = forces.Forces(told, runs.strong.groups, runs.strong, "utilisation")
+    scale = members.Scale([shown])
     assert scale.label == "force over strength (%)"
     look = matplotlib.cm.ScalarMappable(**scale.look)
     over, there = (look.to_rgba(scale.factor * u)[:3] for u in (1.01, 1 + 1e-8))
@@ -295,12 +295,10 @@ def test_kinds_of_supports():
 def test_round_factors_units_of_force_and_frames():
     places = np.array([[0.0, 0, 0], [10.0, 0, 0]])
     sizes = (2.0, 0.3, 0.02, 1.1e-5, 0.0)
-    found = [stages.round_factor(np.array([[0.0, 0, size]]), places) for size in sizes]
+    found = [nets.round_factor(np.array([[0.0, 0, size]]), places) for size in sizes]
     assert found == [1.0, 2.0, 50.0, 50000.0, 1.0]
     texts = [style.force_text(force) for force in (15.7, 999.0, 9e3, 2.5e6)]
     assert texts == ["15.7 N", "999 N", "9 kN", "2.5 MN"]
-    from jaxcable.plots.animation import evenly  # `plots.animation` is the function
-
     assert evenly(11, 4).tolist() == [0, 3, 7, 10]  # the last frame is the last increment
     assert evenly(3, 60).tolist() == [0, 1, 2] and evenly(500, 1).tolist() == [499]
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.plots import members, stages
-from jaxcable.plots.moments import Moments
+from jaxcable.plots.forces import Forces, results
+from jaxcable.plots.snapshots import Snapshots
 
 
 @pytest.fixture(scope="module")
@@ -102,10 +102,11 @@ def test_files_say_it(hung, tmp_path):
 
 def test_pictures_draw_what_is_there(hung):
     structure, _, solution = hung
-    forces = stages.forces_of(solution.phases[0], solution, structure, "tension")
+    forces = Snapshots(solution, structure).after(0).forces
     assert forces.present.tolist() == [True, True, False]  # aid, row: sorted by name
     assert not forces.slack.any()
-    without = members.Forces(solution.phases[0].tension, solution.links, structure)
+    told = {"tension": solution.phases[0].tension}
+    without = Forces(told, structure.groups, structure)
     assert without.slack.tolist() == [False, False, True]  # the control: as if it were slack
     figure = jc.plots.sequence(solution, structure=structure, names="abc", columns=3)
     drawn = [axes.collections[1:4] for axes in figure.axes[:3]]  # after the ghost
@@ -118,11 +119,13 @@ def test_pictures_draw_what_is_there(hung):
 
 def test_the_view_tells_them_apart(hung):
     structure, _, solution = hung
-    moments = Moments(solution, structure, 40)
-    slack, pressed, absent = moments.looks()
-    assert absent.tolist() == [[False, False, True], [False] * 3, [True, False, False]]
-    assert not slack.any() and not pressed.any()
-    assert "present" not in moments.columns()
+    found = Snapshots(solution, structure)
+    shots = found.increments(40, ends=True)
+    absent = [(~shot.forces.present).tolist() for shot in shots]
+    assert absent == [[False, False, True], [False] * 3, [True, False, False]]
+    assert not any(shot.forces.slack.any() or shot.forces.compressed.any() for shot in shots)
+    labels = [column.label for column in results(shots[0].told, found.parts, structure)]
+    assert "tension" in labels and "present" not in labels
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pytest
 import scenes
 
 import jaxcable as jc
+from jaxcable.plots.snapshots import Snapshots
 from jaxcable.results.between import forces_between
 
 SECTION = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
@@ -155,7 +156,7 @@ def test_a_picture_of_a_phase_is_that_of_the_analysis_so_far():
     structure, phases = scenes.cable_stayed_bridge()
     solution = jc.solve(structure, phases)
     assert int(solution.status) == 0
-    shown = jc.plots.stages.state_of(solution, None, 2, structure)
+    shown = Snapshots(solution, structure).state(None, 2)
     end = solution.phases[2]
     assert int(shown.phase) == 2 and float(shown.load_factor) == 1.0
     for name in ("positions", "load", "reactions"):

@@ -13,8 +13,10 @@ from oracles.taylor import slope
 import jaxcable as jc
 from jaxcable.cli.solve import highlights
 from jaxcable.common.tree import copy
+from jaxcable.elements.element_state import ElementLoad
 from jaxcable.mechanics.elementwise import each
-from jaxcable.plots import members, stages
+from jaxcable.plots.forces import Forces
+from jaxcable.plots.snapshots import Snapshots
 
 EA, WEIGHT, STRENGTH = 80e6, 500.0, 1e6
 NODES = np.array([[0.0, 0, 0], [200.0, 0, 300.0], [0.0, 0, 300.0]])
@@ -139,7 +141,7 @@ def test_the_larger_end_tension_differentiates():
         group = copy(group, links=group.links.array)
         nodes = p[0] * NODES[:2]
         load = jnp.array([[0.0, 0.0, -WEIGHT]]) * p[2]
-        state = copy(group.start(nodes[group.links]), line_load=load)
+        state = copy(group.start(nodes[group.links]), element_load=ElementLoad(load))
         return each("peak_tension", group, state, nodes, jnp.zeros_like(nodes))[0] / STRENGTH
 
     def peak(p):
@@ -191,11 +193,12 @@ def test_reports_pictures_and_files_use_it(hung, tmp_path):
     cases = jc.report(structure, solution, cases=batch).tables["members"]
     assert [row[7] for row in cases.rows] == [row[7] for row in table.rows]
 
-    _, shown, _ = stages.stages_of(solution, structure, colour="utilisation")
-    assert [stage.forces.value[0] for stage in shown] == [peak / STRENGTH] * 2
-    _, shown, _ = stages.stages_of(solution, structure)
-    assert shown[0].forces.value[0] == mean  # coloured by tension it is the mean
-    used = members.Forces(solution.tension, solution.links, structure, "utilisation").value[0]
+    by_use = Snapshots(solution, structure, "utilisation").of(solution.last).forces
+    by_tension = Snapshots(solution, structure).of(solution.last).forces
+    assert by_use.value[0] == peak / STRENGTH
+    assert by_tension.value[0] == mean  # coloured by tension it is the mean
+    told = {"tension": solution.tension}
+    used = Forces(told, structure.groups, structure, "utilisation").value[0]
     assert used == mean / STRENGTH  # forces as they are
 
     assert highlights(solution)[1] == f"forces: -100000 to {peak:.6g} N"
@@ -216,10 +219,8 @@ def test_reports_pictures_and_files_use_it(hung, tmp_path):
 
 
 def test_moving_pictures_use_it(hung):
-    from jaxcable.plots.animation import _shots
-
     structure, solution = hung
-    shots = _shots(solution, NODES, structure, 1.0, "utilisation", 60)
+    shots = Snapshots(solution, structure, "utilisation").increments(60)
     path = solution.phases[0].path.peak_tension["guy"]
     shown = [shot.forces.value[0] for shot in shots]
     # a quotient of NumPy and one of XLA may differ by a rounding

@@ -9,7 +9,10 @@ import pytest
 from scenes.frames import in_plane, solid
 
 import jaxcable as jc
-from jaxcable.stiffness import flexibility
+from jaxcable.mechanics.bundles import Bundles
+from jaxcable.mechanics.carry import make_system
+from jaxcable.spaces.freedoms import number_freedoms
+from jaxcable.stiffness import flexibility, tangent
 from jaxcable.stiffness import natural_frequencies as frequencies
 
 # weights are masses
@@ -328,3 +331,33 @@ def test_wrong_arguments(call, message):
     structure, solution = net()
     with pytest.raises(ValueError, match=message):
         call(structure, solution)
+
+
+def test_a_sparse_mass_matrix_is_the_dense_one():
+    """On the pattern of the stiffness, with a group without weight and pressure that follows."""
+    nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.3, 2.0], [2.0, 0.0, 0.0], [-2.0, 1.0, 0.0]]
+    elements = {
+        "mast": jc.Beams(
+            [[0, 1], [1, 2]], solid(0.05, 0.05, 210e9), weight=50.0, torsional_stiffness=1e9
+        ),
+        "guys": jc.Cables([[3, 2], [4, 2]], axial_stiffness=1e6),
+    }
+    structure = jc.Structure(nodes, elements, jc.clamped([0]) + jc.pinned([3, 4]))
+    pressure = jc.CablePressure(10.0, (0.0, 0.0, 1.0), on="guys")
+    solution = jc.solve(structure, jc.Phase(pretension={"guys": 500.0}, loads=pressure))
+    assert solution.status == 0
+    thawed, arrays, _ = tangent.prepared(structure, solution)
+    nodes, groups, carry = tangent.filled(thawed, arrays)
+    rows, own = structure.rows()
+    links = [(group.links, group.n_freedom, group.inner) for group in own]
+    bundles = Bundles.of(own)
+    links += [(at, 3, ()) for stack in carry.loads for at in stack.touches(own, bundles)]
+    found = []
+    for settings in ((), (tuple(links), "superlu", False, None, structure.space)):
+        freedoms = number_freedoms(solution.last.fixed[-1], rows, *settings)
+        system = make_system(nodes, groups, carry, carry.motion, freedoms)
+        assert system.followers
+        found.append(system.mass(carry.motion, 9.80665))
+    dense, sparse = found
+    np.testing.assert_allclose(sparse.dense(), dense, rtol=1e-12, atol=1e-15)
+    assert np.count_nonzero(dense) > len(dense)
