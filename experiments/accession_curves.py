@@ -17,7 +17,6 @@ N/n times the load are the same as n increments of the load; so one program serv
 
 import jax
 import jax.numpy as jnp
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from accuracy_cable import LENGTH, LOADS, PAPER, STIFFNESS, exact, polygon
@@ -25,9 +24,7 @@ from record import Record
 
 import jaxcable as jc
 
-jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_disable_most_optimizations", True)  # compilation is most of the time
-matplotlib.use("Agg")
 
 LOAD = 1e3 * PAPER["inputs"]["phase_2_load_for_fig_7_kN"]  # N
 CRITERION = PAPER["inputs"]["force_norm_criterion"]

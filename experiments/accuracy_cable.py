@@ -14,27 +14,19 @@ The span and the start geometry stood in a figure and are not in the text. The s
 from the published vertical displacements, so that their agreement is no validation.
 """
 
-import json
-from pathlib import Path
-
 import jax
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
-from record import Record
+from record import Record, reference
 from scipy.optimize import minimize_scalar
 
 import jaxcable as jc
 from jaxcable.scenes.accuracy import LENGTH, SPAN
 
-jax.config.update("jax_enable_x64", True)
 # many small programs that run once each: compilation is all the time that there is
 jax.config.update("jax_disable_most_optimizations", True)
-matplotlib.use("Agg")
 
-PAPER = json.loads(
-    (Path(__file__).parent.parent / "tests" / "reference" / "accuracy_cable.json").read_text()
-)
+PAPER = reference("accuracy_cable")
 STIFFNESS = PAPER["inputs"]["area_mm2"] * PAPER["inputs"]["E_kN_mm2"] * 1e3  # N
 LOADS = tuple(1e3 * PAPER["inputs"][f"phase_{k}_load_kN_at_nodes_2_to_5"] for k in (1, 2))  # N
 TABLES = {5: PAPER["table_1_five_elements_mm"], 10: PAPER["table_2_ten_elements_mm"]}

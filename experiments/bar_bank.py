@@ -12,53 +12,22 @@ Command    python experiments/bar_bank.py [scenes of a kind] [first seed]   (def
 
 import os
 import sys
-import time
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-import jax
-import numpy as np
+from bank_table import COLUMNS, HEADS, fill
 from banks.bar_bank import KINDS, drawn, judged
 from record import Record
 
 import jaxcable as jc
 
-jax.config.update("jax_enable_x64", True)
-
-COLUMNS = "{:<9}{:>7}{:>7}{:>6}  {:>6}{:>6}{:>6}  {:>8}{:>9}"
+FORM = "{:<9}{:>7}{:>7}{:>6}"
 
 
-def ended(kind, seeds):
-    """`Judged` of every scene of a kind, and the seconds of its analyses without compilation."""
-    results, seconds = [], 0.0
-    for seed in seeds:
-        one = drawn(kind, seed)
-        if not results:  # the first call compiles
-            jc.solve(one.structure, one.phases).displacement.block_until_ready()
-        begun = time.perf_counter()
-        solution = jc.solve(one.structure, one.phases)
-        solution.displacement.block_until_ready()
-        seconds += time.perf_counter() - begun
-        results.append(judged(one, solution))
-    return results, seconds
-
-
-def row(kind, results, seconds):
-    """The table's line of a kind."""
-    steps = np.concatenate([one.steps for one in results if one.code == jc.status.OK])
-    return COLUMNS.format(
-        kind,
-        len(results),
-        sum(one.code != jc.status.OK for one in results),
-        sum(one.wrong for one in results),
-        f"{np.median(steps):.0f}",
-        f"{np.percentile(steps, 99):.0f}",
-        steps.max(),
-        f"{np.mean([one.factorizations for one in results]):.1f}",
-        f"{1e3 * seconds / len(results):.2f}",
-    )
+def converged(one):
+    return one.code == jc.status.OK
 
 
 def turning():
@@ -79,13 +48,16 @@ def main():
     count, first = (int(word) for word in (sys.argv[1:] + ["200", "0"][len(sys.argv) - 1 :]))
     say = Record("bar_bank")
     say(f"{count} scenes of a kind, seeds from {first}\n")
-    say(COLUMNS.format("kind", *"scenes failed wrong median 99% max factors ms".split()))
-    everything, time_of_all = [], 0.0
-    for kind in KINDS:
-        results, seconds = ended(kind, range(first, first + count))
-        say(row(kind, results, seconds))
-        everything, time_of_all = everything + results, time_of_all + seconds
-    say(row("all", everything, time_of_all))
+    say((FORM + COLUMNS).format("kind", "scenes", "failed", "wrong", *HEADS))
+    fill(
+        say,
+        FORM,
+        KINDS,
+        lambda kind: (drawn(kind, seed) for seed in range(first, first + count)),
+        judged,
+        [lambda one: not converged(one), lambda one: one.wrong],
+        converged,
+    )
     say(
         "\nSteps are of an increment; factorisations (factors) and ms (time without compilation) of"
     )

@@ -14,55 +14,23 @@ Command    python experiments/cable_bank.py [scenes of a kind] [first seed]   (d
 
 import os
 import sys
-import time
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-import jax
 import numpy as np
+from bank_table import COLUMNS, HEADS, fill
 from banks.net_bank import KINDS, derivative, drawn, judged, slope
 from record import Record
 
-import jaxcable as jc
-
-jax.config.update("jax_enable_x64", True)
-
-COLUMNS = "{:<11}{:>7}{:>7}{:>7}{:>7}{:>7}  {:>6}{:>6}{:>6}  {:>8}{:>9}"
-
-
-def ended(kind, seeds, dtype):
-    """`Judged` of every scene of a kind, and the seconds of its analyses without compilation."""
-    results, seconds = [], 0.0
-    for seed in seeds:
-        one = drawn(kind, seed, dtype)
-        if not results:  # the first call compiles
-            jc.solve(one.structure, one.phases).displacement.block_until_ready()
-        begun = time.perf_counter()
-        solution = jc.solve(one.structure, one.phases)
-        solution.displacement.block_until_ready()
-        seconds += time.perf_counter() - begun
-        results.append(judged(one, solution, ask=False))
-    return results, seconds
-
-
-def row(kind, results, seconds):
-    """The table's line of a kind."""
-    steps = np.concatenate([one.steps for one in results if one.exists])
-    return COLUMNS.format(
-        kind,
-        len(results),
-        sum(one.missed for one in results),
-        sum(one.hidden for one in results),
-        sum(one.wrong for one in results),
-        sum(not one.exists for one in results),
-        f"{np.median(steps):.0f}",
-        f"{np.percentile(steps, 99):.0f}",
-        steps.max(),
-        f"{np.mean([one.factorizations for one in results]):.1f}",
-        f"{1e3 * seconds / len(results):.2f}",
-    )
+FORM = "{:<11}{:>7}{:>7}{:>7}{:>7}{:>7}"
+COUNTED = {
+    "missed": lambda one: one.missed,
+    "hidden": lambda one: one.hidden,
+    "wrong": lambda one: one.wrong,
+    "none": lambda one: not one.exists,
+}
 
 
 def slopes(kind, seeds):
@@ -87,16 +55,19 @@ def main():
     count, first = (int(word) for word in (sys.argv[1:] + ["250", "0"][len(sys.argv) - 1 :]))
     say = Record("cable_bank")
     say(f"{count} scenes of a kind, seeds from {first}")
-    head = "scenes missed hidden wrong none median 99% max factors ms".split()
+    seeds = range(first, first + count)
     for dtype in ("float64", "float32"):
         say(f"\n{dtype}")
-        say(COLUMNS.format("kind", *head))
-        nets, time_of_nets = [], 0.0
-        for kind in KINDS:
-            results, seconds = ended(kind, range(first, first + count), dtype)
-            say(row(kind, results, seconds))
-            nets, time_of_nets = nets + results, time_of_nets + seconds
-        say(row("all", nets, time_of_nets))
+        say((FORM + COLUMNS).format("kind", "scenes", *COUNTED, *HEADS))
+        fill(
+            say,
+            FORM,
+            KINDS,
+            lambda kind, dtype=dtype: (drawn(kind, seed, dtype) for seed in seeds),
+            lambda one, solution: judged(one, solution, ask=False),
+            COUNTED.values(),
+            lambda one: one.exists,
+        )
     say("\nDerivative of a weighted sum of tensions by a factor of all loads, float64: error over")
     say("the larger of derivative and sum; NaN where a cable is exactly unstressed")
     say(f"{'kind':<11}{'compared':>9}{'NaN':>6}  {'median':>8}{'90%':>8}{'max':>8}")

@@ -14,6 +14,7 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from statistics import median
 from typing import NamedTuple
 
 ROOT = Path(__file__).parent.parent
@@ -112,11 +113,63 @@ def batch_ratios():
     return span([float(ratio) for ratio in ratios], "{:.1f}")
 
 
-def gradient_share():
-    """What a gradient costs more than its value, percent, medians of the nets of gradient_cost."""
+def scaling(part):
+    """The kept figures of a part of the benchmark."""
+    return json.loads((RESULTS / "scaling.json").read_text())[part]["found"]
+
+
+def of_sides(figure_of):
+    """A figure of every size: of PARDISO, below 1 200 unknowns of fused loops, or nothing."""
+
+    def figures():
+        rows = [
+            found["jaxcable"]["fused" if int(n) < 20 else "pardiso"]
+            for n, found in scaling("nets").items()
+        ]
+        return tuple(text for row in rows if (text := figure_of(row)) is not None)
+
+    return figures
+
+
+def step_ratio(row):
+    """A Newton step over the bare solver's factorisation and solve."""
+    if "factor_ms" not in row:
+        return None
+    step, factor, solve = (median(row[k]) for k in ("value_ms", "factor_ms", "solve_ms"))
+    return ratio(step / row["iterations"] / (factor + solve))
+
+
+def batch_times():
+    """Microseconds of a load case: fused loops, least and most; OpenSees, twice; plain."""
+    found = scaling("batches")
+    good = [row for row in found["opensees"].values() if row.get("ok")]
+    peer = min(good, key=lambda row: row["analyze_s"])
+    built = peer["analyze_s"] + peer["build_s"]
+    cases = {key: median(row["us_a_case"]) for key, row in found.items() if key != "opensees"}
+    fused, plain = (
+        span([us for key, us in cases.items() if key.endswith("fused") is kind])
+        for kind in (True, False)
+    )
+    return *fused, f"{1e6 * peer['analyze_s']:.0f}", f"{1e6 * built:.0f}", *plain
+
+
+def gradient_rows():
+    """Value and gradient over value of the nets of gradient_cost, medians: (unknowns, ratio)."""
     text = (RESULTS / "gradient_cost.txt").read_text().split("The first solver")[0]
-    lines = [re.findall(r"([\d.]+) \([\d.]+-[\d.]+\)", line) for line in text.splitlines()]
-    return span([100 * (float(own[2]) - 1) for own in lines if len(own) == 3])
+    for line in text.splitlines():
+        cells = re.findall(r"([\d.]+) \([\d.]+-[\d.]+\)", line)
+        if len(cells) == 3:
+            yield line.split()[0], float(cells[2])
+
+
+def gradient_share():
+    """What a gradient costs more than its value, percent."""
+    return span([100 * (ratio - 1) for _, ratio in gradient_rows()])
+
+
+def gradient_ratios():
+    """Value and gradient over value, of the first solver of each net."""
+    return tuple(f"{ratio:.1f}" for ratio in dict(reversed([*gradient_rows()])).values())[::-1]
 
 
 # --- first_call.json
@@ -132,21 +185,22 @@ def first_calls():
 # --- the studies: figures that stand in one line of their file
 
 
-def read(file, pattern, *forms):
-    """A claim's function: what the groups of a pattern hold in a result file.
+def read(file, *patterns, forms=()):
+    """A claim's function: what the groups of patterns hold in a result file.
 
     Args:
         file: its name, without ending.
-        pattern: regular expression that is there once.
+        patterns: regular expressions, each there once.
         forms: what becomes of each group, a function of its text; default as it is.
     """
 
     def figures():
-        text = (RESULTS / f"{file}.txt").read_text()
-        found = re.findall(pattern, text, re.M)
-        if len(found) != 1:
-            raise ValueError(f"{file}.txt: {len(found)} places match {pattern!r}")
-        groups = found[0] if isinstance(found[0], tuple) else found
+        text, groups = (RESULTS / f"{file}.txt").read_text(), []
+        for pattern in patterns:
+            found = list(re.finditer(pattern, text, re.M))
+            if len(found) != 1:
+                raise ValueError(f"{file}.txt: {len(found)} places match {pattern!r}")
+            groups += found[0].groups()
         return tuple(f(g) for f, g in zip(forms or [str] * len(groups), groups, strict=True))
 
     return figures
@@ -171,17 +225,6 @@ def misfits():
     rows = re.findall(r"^\S.+? +(\d+) +(0\.\d+) +0\.\d+ +0\.", text, re.M)
     steps, largest = zip(*((int(a), float(b)) for a, b in rows), strict=True)
     return (*span(largest, "{:.2f}"), *span(steps))
-
-
-def gradient_ratios():
-    """Value and gradient over value, of the first solver of each net of gradient_cost."""
-    text = (RESULTS / "gradient_cost.txt").read_text().split("The first solver")[0]
-    found = {}
-    for line in text.splitlines():
-        cells = re.findall(r"([\d.]+) \([\d.]+-[\d.]+\)", line)
-        if len(cells) == 3:
-            found.setdefault(line.split()[0], f"{float(cells[2]):.1f}")
-    return tuple(found.values())
 
 
 def large_nets(column, name="pardiso"):
@@ -245,23 +288,23 @@ def kept_row(k):
     return lambda: tuple(f"{kept_programs()[name][k]:.1f}" for name in SHOWN)
 
 
-def many_cases():
-    """Rate of two processes over one; cases that differ; hours of a core for a million."""
-    text = (RESULTS / "many_cases.txt").read_text()
-    rate = re.search(r"rate of two over one: ([\d.]+)", text)[1]
-    differ = re.search(r"^(\d+) cases that differ", text, re.M)[1]
-    hours = re.search(r"1 000 000 cases: ([\d.]+) hours", text)[1]
-    return f"{float(rate):.1f}", differ, f"{float(hours):.1f}"
+MANY_CASES = read(
+    "many_cases",
+    r"rate of two over one: ([\d.]+)",
+    r"^(\d+) cases that differ",
+    r"1 000 000 cases: ([\d.]+) hours",
+    forms=(rounded(1), str, rounded(1)),
+)
+"""Rate of two processes over one; cases that differ; hours of a core for a million."""
 
-
-def stages():
-    """Level of the tuned deck, taken down again, m; derivatives; median of 1 000 bridges, mm."""
-    text = (RESULTS / "stages.txt").read_text()
-    patterns = (
-        *(r"deck level within (\S+) m", r"erection within\n(\S+) m"),
-        *(r"order differ by (\S+) of that", r"median (\S+) mm"),
-    )
-    return tuple(re.search(pattern, text)[1] for pattern in patterns)
+STAGES = read(
+    "stages",
+    r"deck level within (\S+) m",
+    r"erection within\n(\S+) m",
+    r"order differ by (\S+) of that",
+    r"median (\S+) mm",
+)
+"""Level of the tuned deck, taken down again, m; derivatives; median of 1 000 bridges, mm."""
 
 
 def compile_times():
@@ -443,9 +486,11 @@ CLAIMS = [
     Claim(
         STUDIES,
         r"tensions (\d+) % off, (\d+) % after one step",
-        lambda: (
-            *read("retensioning", r"tensions off by up to ([\d.]+) %", rounded(0))(),
-            *read("retensioning", r"matrix of the design +1 +(\d+) ")(),
+        read(
+            "retensioning",
+            r"tensions off by up to ([\d.]+) %",
+            r"matrix of the design +1 +(\d+) ",
+            forms=(rounded(0), str),
         ),
     ),
     Claim(
@@ -456,9 +501,11 @@ CLAIMS = [
     Claim(
         STUDIES,
         r"from the published\s+field to ([\d.]+) m rms, ([\d.]+) m at most",
-        lambda: (
-            *read("saddle_net", r"^  rms ([\d.]+) m", rounded(3))(),
-            *read("saddle_net", r"largest misfit ([\d.]+) m")(),
+        read(
+            "saddle_net",
+            r"^  rms ([\d.]+) m",
+            r"largest misfit ([\d.]+) m",
+            forms=(rounded(3), str),
         ),
     ),
     Claim(
@@ -480,23 +527,20 @@ CLAIMS = [
         for name in ("CHOLMOD", "SuperLU")
     ),
     *(
-        Claim(STUDIES, rf"^\| {words}" + r" \| (.+?)" * 6 + r" \|$", kept_row(k))
-        for k, words in ((0, "`jc.solve`, once"), (2, "inside of `jax.jit`, once"))
-    ),
-    Claim(
-        STUDIES,
-        r"`jc.solve`, once.+\n\| in the next process" + r" \| (.+?)" * 6 + r" \|$",
-        kept_row(1),
-    ),
-    Claim(
-        STUDIES,
-        r"`jax.jit`, once.+\n\| in the next process" + r" \| (.+?)" * 6 + r" \|$",
-        kept_row(3),
+        Claim(STUDIES, start + r" \| (.+?)" * 6 + r" \|$", kept_row(k))
+        for k, start in enumerate(
+            (
+                r"^\| `jc.solve`, once",
+                r"`jc.solve`, once.+\n\| in the next process",
+                r"^\| inside of `jax.jit`, once",
+                r"`jax.jit`, once.+\n\| in the next process",
+            )
+        )
     ),
     Claim(
         STUDIES,
         r"compute ([\d.]+) times as many cases[^|]+?and (\d+) differ[^|]+?take ([\d.]+) hours",
-        many_cases,
+        MANY_CASES,
     ),
     Claim(
         STUDIES,
@@ -505,14 +549,42 @@ CLAIMS = [
     ),
     Claim(
         STUDIES,
+        r"^\| one Newton step over PARDISO.+? \| \|" + r" \| (.+?)" * 5 + r" \|$",
+        of_sides(step_ratio),
+    ),
+    Claim(
+        STUDIES,
+        r"^\| peak memory with the gradient, GB" + r" \| (.+?)" * 7 + r" \|$",
+        of_sides(lambda row: f"{row['peak_rss_MB'][1] / 1e3:.1f}"),
+    ),
+    Claim(
+        STUDIES,
+        r"at 1 000 000 unknowns, mostly for the analysis of the pattern, (\d+) s",
+        lambda: (f"{scaling('nets')['577']['jaxcable']['pardiso']['first_s']:.0f}",),
+    ),
+    Claim(
+        STUDIES,
+        r"batch takes (\d+) to (\d+) us on two.+ OpenSees (\d+) us, (\d+) us with(?:.*\n)+?.+"
+        r"all cases, (\d+) to (\d+) us",
+        batch_times,
+    ),
+    Claim(
+        STUDIES,
+        r"SuperLU and PARDISO that net takes\s(.+), (.+) and (.+) ms",
+        lambda: tuple(
+            figure(cheapest()[f"Newton, {k}"][0]) for k in ("dense", "superlu", "pardiso")
+        ),
+    ),
+    Claim(
+        STUDIES,
         r"random guesses within ([\d.e-]+) m[^|]+?within ([\d.e-]+) m; derivatives[^|]+?to "
         r"([\d.e-]+); stays[^|]+?by ([\d.]+) mm",
-        stages,
+        STAGES,
     ),
     Claim(
         "README.md",
         r"level by one call from 20 guesses.+?\| ([\de-]+) m; ([\de-]+) m \|",
-        lambda: tuple(f"{float(x):.0e}" for x in stages()[:2]),
+        lambda: tuple(f"{float(x):.0e}" for x in STAGES()[:2]),
     ),
     Claim(
         STUDIES,

@@ -31,8 +31,6 @@ from scipy import optimize
 import jaxcable as jc
 from jaxcable import design
 
-jax.config.update("jax_enable_x64", True)
-
 LONGEST = 60.0  # s
 SOLVERS = ["slsqp", "trust-constr"] + ["ipopt"] * bool(importlib.util.find_spec("ipyopt"))
 

@@ -12,18 +12,13 @@ Command    python experiments/cutting_list.py
            (writes experiments/results/cutting_list.txt and .png)
 """
 
-import jax
 import jax.numpy as jnp
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from record import Record
 
 import jaxcable as jc
 from jaxcable import design
-
-jax.config.update("jax_enable_x64", True)
-matplotlib.use("Agg")
 
 LOAD, SAG, SPACING, EA = 15.0, 0.012, 0.4, 97.97e3
 STRUCTURE, (_, LOADING) = jc.scenes.flat_net(load=LOAD, increments=(1, 1))

@@ -13,24 +13,16 @@ Command    python experiments/flat_net_path.py
 The text of the paper has no numbers of these figures, so none are compared.
 """
 
-import json
-from pathlib import Path
-
 import jax
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
-from record import Record
+from record import Record, reference
 
 import jaxcable as jc
 
-jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_disable_most_optimizations", True)  # compilation is most of the time
-matplotlib.use("Agg")
 
-REFERENCE = json.loads(
-    (Path(__file__).parent.parent / "tests" / "reference" / "flat_net.json").read_text()
-)
+REFERENCE = reference("flat_net")
 FREE = np.array(REFERENCE["free_nodes"])
 LOAD = 150.0  # N
 SHARE = 0.125  # of it, where the paper compares

@@ -28,7 +28,6 @@ from record import Record
 
 from jaxcable.common import status
 
-jax.config.update("jax_enable_x64", True)
 # 20 programs, each compiled once and run some hundred times: compilation is most of the time
 jax.config.update("jax_disable_most_optimizations", True)
 

@@ -17,7 +17,6 @@ are 34 programs to compile: without most of XLA's optimizations, to be done in t
 
 import os
 import sys
-import time
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -26,28 +25,22 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 import jax
 import numpy as np
 from banks.hard_cases import CASES
+from benchmarks.measure import clock
 from record import Record
 
 from jaxcable.common import status
 
-jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_disable_most_optimizations", True)
 
 REPEATS = 5
 
 
-def timed(problem):
-    begin = time.perf_counter()
-    solution = jax.block_until_ready(problem.solve())
-    return solution, time.perf_counter() - begin
-
-
 def run(case, dtype):
     """A row of the table, whether the status is one that is expected, and silent failures."""
     problem = case.build(True, dtype)
-    solution, first = timed(problem)
+    first, solution = clock(problem.solve)
     long = first > 5  # whole cycles: once more will do
-    times = [timed(problem)[1] for _ in range(1 if long else REPEATS)]
+    times = [clock(problem.solve)[0] for _ in range(1 if long else REPEATS)]
     code = int(solution.status)
     silent, residual, error = [], "", ""
     if code == status.OK:

@@ -12,25 +12,17 @@ second Kwan column (`identify_spacings.py` does it for each): agreement is an id
 a validation.
 """
 
-import json
-from pathlib import Path
-
 import jax
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
-from record import Record
+from record import Record, reference
 
 import jaxcable as jc
 from jaxcable.scenes.hypar import NODE_NAMES, PUBLISHED
 
-jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_disable_most_optimizations", True)  # compilation is most of the time
-matplotlib.use("Agg")
 
-REFERENCE = json.loads(
-    (Path(__file__).parent.parent / "tests" / "reference" / "hypar_net.json").read_text()
-)
+REFERENCE = reference("hypar_net")
 FREE = np.array(REFERENCE["free_nodes"])
 COMPUTED = np.array(REFERENCE["computed_deflection_mm"])
 

@@ -15,7 +15,6 @@ Agreement is an identification and not a validation: nine numbers are fitted to 
 
 import jax
 import jax.numpy as jnp
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from record import Record
@@ -24,9 +23,6 @@ import jaxcable as jc
 from jaxcable import design
 from jaxcable.scenes import hypar
 from jaxcable.scenes.nets import grid
-
-jax.config.update("jax_enable_x64", True)
-matplotlib.use("Agg")
 
 PLACES, LINKS, FREE = grid(3, 4)
 SCENE = jc.scenes.hypar_net(disturbed=False, increments=(1, 1))

@@ -13,7 +13,6 @@ by turns in one process, each with a new load and blocked on completion. Compile
 """
 
 import os
-import time
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
@@ -23,12 +22,11 @@ import matplotlib.pyplot as plt
 import mpmath as mp
 import numpy as np
 import scenes
+from benchmarks.measure import by_turns, clock
 from record import Record
 from scenes.cables import FOOT, POUND
 
 import jaxcable as jc
-
-jax.config.update("jax_enable_x64", True)
 
 ELEMENTS = (1, 2, 4, 8, 16, 32, 64, 128, 256)
 TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
@@ -93,25 +91,17 @@ def main():
     cases += [("straight", n, 1e-10) for n in ELEMENTS]
     runs, compile_time = [], []
     for _, n, tol in cases:
-        run = analysis(n, tol)
-        begin = time.perf_counter()
-        jax.block_until_ready(run(1.01 * LOAD))
-        compile_time.append(time.perf_counter() - begin)
-        runs.append(run)
-    times, rng = np.zeros((REPEATS, len(cases))), np.random.default_rng(0)
-    for repeat in range(REPEATS):
-        for k, run in enumerate(runs):
-            load = jnp.asarray(LOAD * (1 + 0.01 * rng.random()))
-            begin = time.perf_counter()
-            jax.block_until_ready(run(load))
-            times[repeat, k] = time.perf_counter() - begin
+        runs.append(analysis(n, tol))
+        compile_time.append(clock(runs[-1], 1.01 * LOAD)[0])
+    rng = np.random.default_rng(0)
+    times = by_turns(runs, REPEATS, lambda _: jnp.asarray(LOAD * (1 + 0.01 * rng.random())))
     record("kind         elements      tol    error, m   time, ms (quartiles)      compile, s")
-    errors, middle = [], np.median(times, axis=0) * 1e3
+    errors, middle = [], np.median(times, axis=0)
     for k, (kind, n, tol) in enumerate(cases):
         moved, status = runs[k](jnp.asarray(LOAD))
         assert int(status) == 0, jc.describe(status)
         errors.append(np.linalg.norm(np.asarray(moved)[[0, 2]] - exact))
-        low, high = np.percentile(times[:, k], [25, 75]) * 1e3
+        low, high = np.percentile(times[:, k], [25, 75])
         record(
             f"{kind:12s} {2 * max(n, 1):8d} {tol:8.0e} {errors[-1]:11.2e}   "
             f"{middle[k]:6.3f} ({low:.3f} to {high:.3f})   {compile_time[k]:8.1f}"

@@ -18,7 +18,6 @@ import time
 
 import jax
 import jax.numpy as jnp
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from record import Record
@@ -28,9 +27,6 @@ import jaxcable as jc
 from jaxcable import design
 from jaxcable.scenes import hypar
 from jaxcable.scenes.nets import grid
-
-jax.config.update("jax_enable_x64", True)
-matplotlib.use("Agg")
 
 PLACES, LINKS, FREE = grid(3, 4)
 STRUCTURE, _ = jc.scenes.hypar_net(disturbed=False)

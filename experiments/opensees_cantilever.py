@@ -30,23 +30,22 @@ factorisations wait for each other), and OPENBLAS_NUM_THREADS=1, because the thr
 for each other too, for seconds if something else runs beside them.
 """
 
-import io
 import json
 import os
-import platform
-import subprocess
 import sys
-import time
 from functools import partial
-from pathlib import Path
 
+os.environ |= {"NPROC": "1", "OPENBLAS_NUM_THREADS": "1"}  # before jax and LAPACK are loaded
+
+import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
 import numpy as np
-from record import write
+from benchmarks.measure import Peer, clock
+from record import Record
 
-HERE = Path(__file__).parent
-RESULT = HERE / "results" / "opensees_cantilever.txt"
-TIMES = HERE / "results" / "opensees_cantilever_times.txt"
-PEER = HERE / "peers" / "opensees_cantilever.py"
+import jaxcable as jc
+from jaxcable.scenes.parts import chain
 
 LENGTH, WIDTH, HEIGHT = 2.0, 0.1, 0.2
 E, YIELD, HARDENING = 210e9, 235e6, 0.01
@@ -72,62 +71,35 @@ value, steel()  the same with jc.materials.steel of a traced yield stress: the n
                 strains is then not known and taken as 3; the others state it as 1"""
 
 
-class OpenSees:
-    """The peer process."""
+class OpenSees(Peer):
+    """The peer process; its first answer is its version, or why there is none."""
 
     def __init__(self):
-        self.process = subprocess.Popen(
-            [os.environ.get("OPENSEES_PYTHON", sys.executable), str(PEER)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
+        super().__init__("OPENSEES_PYTHON", "opensees_cantilever.py")
         hello = json.loads(self.process.stdout.readline() or '{"error": "it does not start"}')
         if "error" in hello:
-            print(
+            sys.exit(
                 "The interpreter that OPENSEES_PYTHON names (default: this one) cannot import "
-                f"openseespy: {hello['error']}\nNothing was written.",
-                file=sys.stderr,
+                f"openseespy: {hello['error']}\nNothing was written."
             )
-            sys.exit(1)
         self.version = hello["version"]
 
     def __call__(
         self, n, element="dispBeamColumn", load=LOAD, fibres=(1, 40), dimensions=2, stepwise=False
     ):
         """The answer to one case."""
-        case = {
-            "length": LENGTH,
-            "width": WIDTH,
-            "height": HEIGHT,
-            "E": E,
-            "yield_stress": YIELD,
-            "hardening": HARDENING,
-            "load": load,
-            "element": element,
-            "n": n,
-            "points": POINTS,
-            "fibres": fibres,
-            "dimensions": dimensions,
-            "increments": INCREMENTS,
-            "stepwise": stepwise,
-        }
-        print(json.dumps(case), file=self.process.stdin, flush=True)
-        answer = json.loads(self.process.stdout.readline())
+        case = {"length": LENGTH, "width": WIDTH, "height": HEIGHT, "E": E, "yield_stress": YIELD}
+        case |= {"hardening": HARDENING, "load": load, "element": element, "n": n}
+        case |= {"points": POINTS, "fibres": fibres, "dimensions": dimensions}
+        case |= {"increments": INCREMENTS, "stepwise": stepwise}
+        answer = self.ask(**case)
         if not answer["ok"]:
             raise RuntimeError(f"OpenSees did not converge: {case}")
         return answer
 
-    def close(self):
-        self.process.stdin.close()
-        self.process.wait()
-
 
 def steel(yield_stress):
     """`jc.materials.steel` with its one plastic strain stated, so that the stress may be traced."""
-    import jaxcable as jc
-
     known = jc.materials.steel(YIELD, E, HARDENING)
     end = float(known.strain[-1])
     e = yield_stress / E
@@ -138,20 +110,15 @@ def steel(yield_stress):
 
 def analyse(parameters, n, fibres=(1, 40), plane=True, law=steel):
     """Solution for width, height, yield stress and load; `plane`: held in its plane."""
-    import jax.numpy as jnp
-
-    import jaxcable as jc
-
     width, height, yield_stress, load = parameters
     nodes = np.zeros((n + 1, 3))
     nodes[:, 0] = np.linspace(0, LENGTH, n + 1)
-    links = np.column_stack([np.arange(n), np.arange(1, n + 1)])
     section = jc.Section.rectangle(width, height, law(yield_stress), fibres)
     held = np.zeros((n + 1, 6), bool)
     held[0] = True
     if plane:
         held[:, [1, 3, 5]] = True
-    beams = jc.Beams(links, section=section, points=POINTS)
+    beams = jc.Beams(chain(range(n + 1)), section=section, points=POINTS)
     force = load * jnp.array([0.0, 0.0, -1.0])
     return jc.solve(
         jc.Structure(nodes, beams, jc.Supports(held)),
@@ -164,7 +131,6 @@ def analyse(parameters, n, fibres=(1, 40), plane=True, law=steel):
 
 def tip_path(n, fibres=(1, 40), plane=True):
     """Function of the load: status, the tip's way, m, after every increment, and iterations."""
-    import jax.numpy as jnp
 
     def run(load):
         solution = analyse((WIDTH, HEIGHT, YIELD, load), n, fibres, plane)
@@ -238,21 +204,13 @@ def timed(functions, calls=CALLS):
 
     The first row is that of the first calls, which compile.
     """
-    import jax
-
-    wall, values = np.zeros((1 + calls, len(functions))), [None] * len(functions)
-    for row in wall:
-        for k, function in enumerate(functions):
-            begin = time.perf_counter()
-            values[k] = jax.block_until_ready(function())
-            row[k] = time.perf_counter() - begin
-    return values, wall
+    turns = [[clock(function) for function in functions] for _ in range(1 + calls)]
+    wall = [[seconds for seconds, _ in turn] for turn in turns]
+    return [result for _, result in turns[-1]], np.array(wall)
 
 
 def print_times(opensees, say):
     """Analysis: jaxcable and OpenSees in turn."""
-    import jax
-
     say(f"{'':24}{'jaxcable, ms':>16}{'compile':>10}", end="")
     say("".join(f"{f'OpenSees {d}-D, ms':>26}{'ratio':>10}" for d in (2, 3)))
     say(f"{'loaded and released':24}{'median':>8}{'least':>8}{'s':>10}", end="")
@@ -283,11 +241,6 @@ def print_times(opensees, say):
 
 def print_derivatives(analysis, say):
     """Value and gradient of the released tip, and a batch of loads."""
-    import jax
-    import jax.numpy as jnp
-
-    import jaxcable as jc
-
     p = jnp.array([WIDTH, HEIGHT, YIELD, LOAD])
     loads = jnp.linspace(1.0, 1.3, BATCH) * FIRST_YIELD
     say(f"{'':24}{'value':>9}{'and gradient':>19}{'error':>10}{'8 analyses':>14}", end="")
@@ -338,11 +291,6 @@ def print_derivatives(analysis, say):
 
 def draw(solver, opensees, errors, control):
     """Load against displacement, and distance from the reference against number of elements."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     down, up = INCREMENTS
     load = LOAD / 1e3 * np.concatenate([np.arange(down + 1) / down, 1 - np.arange(1, up + 1) / up])
     own = checked(solver(LOAD))[0]
@@ -389,41 +337,13 @@ def draw(solver, opensees, errors, control):
         f"reference: forceBeamColumn, {FINEST} elements (elastic: extrapolated)", fontsize=10
     )
     right.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    write(RESULT.with_suffix(".png"), figure, dpi=150)
-
-
-def processor():
-    """The name of the processor, as far as the system says it."""
-    information = Path("/proc/cpuinfo")
-    lines = information.read_text().splitlines() if information.exists() else []
-    names = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
-    return f"{platform.machine()} ({names[0]})" if names else platform.machine()
+    return figure
 
 
 def main():
-    os.environ.update(NPROC="1", OPENBLAS_NUM_THREADS="1")  # before jax and LAPACK are loaded
     opensees = OpenSees()
-
-    import jax
-
-    jax.config.update("jax_enable_x64", True)
-    import matplotlib
-
-    out = io.StringIO()
-
-    def say(text, end="\n"):
-        print(text, end=end, file=out)
-        print(text, end=end, flush=True)
-
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, cwd=HERE
-    )
-    machine = (
-        f"{processor()}, {os.cpu_count()} cores; Python {platform.python_version()}, "
-        f"jax {jax.__version__}, numpy {np.__version__}, matplotlib {matplotlib.__version__}, "
-        f"OpenSees {opensees.version}; commit {commit.stdout.strip()}"
-    )
-    say(machine)
+    say = Record("opensees_cantilever")
+    say(f"OpenSees {opensees.version}")
     solvers = {n: jax.jit(tip_path(n)) for n in SIZES}
     found = deflections(opensees, solvers, LOAD)
     control = deflections(opensees, solvers, 0.5 * FIRST_YIELD)
@@ -465,19 +385,17 @@ def main():
         f"Newton iterations at n = 10, loading + release: jaxcable {own[0]} + {own[1]}, "
         f"OpenSees {peer[0]} + {peer[1]}.\n"
     )
-    draw(solvers[10], opensees, errors, elastic)
-    write(RESULT, out.getvalue())
+    say.close(draw(solvers[10], opensees, errors, elastic))
     if "--times" in sys.argv:
-        out.seek(0)
-        out.truncate()
-        say(machine)
+        say = Record("opensees_cantilever_times")
+        say(f"OpenSees {opensees.version}")
         analysis = print_times(opensees, say)
-        say("")
+        say()
         print_derivatives(analysis, say)
         say(NOTES)
         load = os.getloadavg()[2]
         say(f"\nload average of the machine meanwhile: {load:.1f} (one process is ours)")
-        write(TIMES, out.getvalue())
+        say.close()
     opensees.close()
 
 

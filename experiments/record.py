@@ -1,5 +1,9 @@
-"""Where the studies write: the machine and the versions first, then every line twice."""
+"""What the studies share: where they write, the machine first, then every line twice; settings.
 
+Who imports it computes in double precision and draws without a window.
+"""
+
+import json
 import os
 import platform
 import subprocess
@@ -7,16 +11,27 @@ import sys
 import time
 from pathlib import Path
 
-RESULTS = Path(__file__).parent / "results"
+import jax
+import matplotlib
+import numpy as np
+import scipy
+
+ROOT = Path(__file__).parent.parent
+RESULTS = ROOT / "experiments" / "results"
+jax.config.update("jax_enable_x64", True)
+matplotlib.use("Agg")
+
+
+def reference(name):
+    """The numbers of the paper, or of an independent computation, in `tests/reference`."""
+    return json.loads((ROOT / "tests" / "reference" / f"{name}.json").read_text())
 
 
 def commit():
     """Short name of the commit, marked if anything but results differs from it."""
 
     def git(*arguments):
-        run = subprocess.run(
-            ["git", *arguments], capture_output=True, text=True, cwd=Path(__file__).parent.parent
-        )
+        run = subprocess.run(["git", *arguments], capture_output=True, text=True, cwd=ROOT)
         return run.stdout.strip()
 
     changed = git("status", "--porcelain", "--", ".", ":!experiments/results")
@@ -25,10 +40,6 @@ def commit():
 
 def machine():
     """What figures belong to: processor, cores, versions, commit."""
-    import jax
-    import numpy as np
-    import scipy
-
     information = Path("/proc/cpuinfo")  # of Linux
     lines = information.read_text().splitlines() if information.exists() else []
     names = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]

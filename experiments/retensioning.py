@@ -15,16 +15,12 @@ Command    python experiments/retensioning.py
 
 import jax
 import jax.numpy as jnp
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from record import Record
 
 import jaxcable as jc
 from jaxcable import design
-
-jax.config.update("jax_enable_x64", True)
-matplotlib.use("Agg")
 
 STRUCTURE, (PRESTRESS, LOAD) = jc.scenes.saddle(5, 5)  # EA 16 MN, 20 kN, 500 N a node
 PHASES = [PRESTRESS, LOAD]

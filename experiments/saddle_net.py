@@ -15,28 +15,20 @@ Neither spacing nor heights are in the text. The first part uses the geometry of
 and never a validation: 44 numbers are fitted to 90.
 """
 
-import json
 import textwrap
 import time
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
-from record import Record
+from record import Record, reference
 
 import jaxcable as jc
 from jaxcable.scenes.nets import grid
 from jaxcable.scenes.saddle_net import DIAMETER
 
-jax.config.update("jax_enable_x64", True)
-matplotlib.use("Agg")
-
-PAPER = json.loads(
-    (Path(__file__).parent.parent / "tests" / "reference" / "saddle_net.json").read_text()
-)
+PAPER = reference("saddle_net")
 FIELD = np.array(PAPER["z_displacement_m"])  # [6, 15]
 INPUTS = PAPER["inputs"]
 INCREMENTS = (INPUTS["increments_phase_1"], INPUTS["increments_phase_2"])

@@ -17,42 +17,22 @@ forces) each force has its own iteration; a batch (vmap) goes round until its sl
 Compile: the first call less the median warm one, with no compilation cache.
 """
 
-import io
-import os
-import platform
-import subprocess
-import time
-from pathlib import Path
+import jax
+import numpy as np
+from benchmarks.measure import timed
+from record import Record
 
-from record import write
+import jaxcable as jc
+from jaxcable import materials
+from jaxcable.common import status
+from jaxcable.sections import Section
 
-RESULT = Path(__file__).parent / "results" / "section_equilibrium.txt"
 TOLERANCES = [1e-4, 1e-6, 1e-8, 1e-10, 1e-12, None]
 NUMBER = 1000
 
 
-def timed(function, *arguments, calls=5):
-    """Value, compile seconds and median warm seconds of a function."""
-    import jax
-
-    begin = time.perf_counter()
-    jax.block_until_ready(function(*arguments))
-    first = time.perf_counter() - begin
-    warm = []
-    for _ in range(calls):
-        begin = time.perf_counter()
-        value = jax.block_until_ready(function(*arguments))
-        warm.append(time.perf_counter() - begin)
-    warm.sort()
-    return value, first - warm[calls // 2], warm[calls // 2]
-
-
 def make_sections():
     """Name -> section and the strain at which its steel yields."""
-    import jaxcable as jc
-    from jaxcable import materials
-    from jaxcable.sections import Section
-
     steel = materials.steel(unloading="reversible")
     strand = materials.strand(unloading="reversible")
     concrete = jc.Polygonal(  # parabola of EN 1992-1-1, 3.1.7, by four points; hardly any tension
@@ -76,8 +56,6 @@ class Fibres:
     """The section again, in NumPy."""
 
     def __init__(self, section, yield_strain):
-        import numpy as np
-
         self.y, self.z, self.area = (np.asarray(v) for v in (section.y, section.z, section.area))
         self.curves = [(np.asarray(law.strain), np.asarray(law.stress)) for law in section.laws]
         self.ends = np.cumsum(section.counts)[:-1]
@@ -92,8 +70,6 @@ class Fibres:
 
     def pulls(self, strains):
         """Forces of the fibres, [n, n_fibre]; none without a point of the curve."""
-        import numpy as np
-
         parts = np.split(strains @ self.lever.T, self.ends, axis=1)
         stress = [
             np.where((e >= curve[0][0]) & (e <= curve[0][-1]), np.interp(e, *curve), 0.0)
@@ -103,8 +79,6 @@ class Fibres:
 
     def random_strains(self, rng):
         """Up to just before the end of the first fibre, most of them small."""
-        import numpy as np
-
         way = rng.normal(size=(NUMBER, 3))
         way = way / np.linalg.norm(way, axis=1, keepdims=True) / self.reach
         if self.one_sided:  # so that some fibre is taut
@@ -120,8 +94,6 @@ class Fibres:
 
     def elastic(self, strains):
         """Part of the area whose strain is below yield and, without compression, above zero."""
-        import numpy as np
-
         e = strains @ self.lever.T
         return ((np.abs(e) < self.yield_strain) & ~(self.one_sided & (e <= 0))) @ (
             self.area / self.area.sum()
@@ -129,8 +101,6 @@ class Fibres:
 
     def errors(self, found, strains, target):
         """Largest residual, force error and strain error; strains that were found, [n, 3]."""
-        import numpy as np
-
         pulls = self.pulls(found)
         over = pulls @ self.lever - target
         scale = np.abs(pulls).sum(1) + np.abs(target / self.radius).max(1)
@@ -143,13 +113,6 @@ class Fibres:
 
 
 def main():
-    import jax
-
-    jax.config.update("jax_enable_x64", True)
-    import numpy as np
-
-    from jaxcable.common import status
-
     @jax.jit
     def in_turn(section, target, tol):
         return section.strains(*target.T, tol=tol)
@@ -158,17 +121,7 @@ def main():
     def batch(section, target, tol):
         return jax.vmap(lambda force: section.strains(*force, tol=tol))(target)
 
-    out = io.StringIO()
-
-    def say(text=""):
-        print(text, file=out)
-        print(text, flush=True)
-
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True)
-    say(
-        f"{platform.machine()}, {os.cpu_count()} cores; Python {platform.python_version()}, "
-        f"jax {jax.__version__}, numpy {np.__version__}; commit {commit.stdout.strip()}"
-    )
+    say = Record("section_equilibrium")
     for name, (section, yield_strain) in make_sections().items():
         fibres = Fibres(section, yield_strain)
         strains = fibres.random_strains(np.random.default_rng(5))
@@ -185,10 +138,11 @@ def main():
         )
         compiling = []
         for tol in TOLERANCES:
-            state, compile_batch, seconds = timed(batch, section, target, tol)
-            again, compile_turn, seconds_turn = timed(in_turn, section, target, tol)
+            state, *times = timed(batch, section, target, tol)
+            again, *times_turn = timed(in_turn, section, target, tol)
+            seconds, seconds_turn = (np.median(own[1]) for own in (times, times_turn))
             if tol in (TOLERANCES[0], None):  # others are other arguments of the same program
-                compiling.append((compile_batch, compile_turn))
+                compiling.append((times[0] - seconds, times_turn[0] - seconds_turn))
             good = np.asarray(state.status) == status.OK
             assert (good == (np.asarray(again.status) == status.OK)).all()
             found = np.stack(state.strain, axis=1)
@@ -213,7 +167,7 @@ def main():
             f"compile: batch {np.median(compiling, axis=0)[0]:.1f} s, "
             f"in turn {np.median(compiling, axis=0)[1]:.1f} s"
         )
-    write(RESULT, out.getvalue())
+    say.close()
 
 
 if __name__ == "__main__":

@@ -16,39 +16,30 @@ Command    python experiments/slack_regions.py [n ...]   (default 10 20 40 60 10
 """
 
 import itertools
-import json
 import os
-import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-import jax
 import numpy as np
 from banks.slack_nets import scene
+from benchmarks.measure import opensees, timed
 from record import Record
 
 import jaxcable as jc
 
-jax.config.update("jax_enable_x64", True)
-
 CASES = [("half", None), *((k, r) for k in ("third", "patches", "hung") for r in (1e2, 1e4, 1e6))]
 COLUMNS = "{:>5}  {:<9}{:>9}  {:>6}{:>9}{:>7}{:>9}{:>7}{:>10}  {}"
-PEER = Path(__file__).parent / "peers" / "opensees_slack.py"
 
 
 def row(n, kind, ratio):
     """The table's line of a scene."""
     structure, phase = scene(kind, n, ratio)
-    jc.solve(structure, phase).displacement.block_until_ready()  # compiled
-    begun = time.perf_counter()
-    solution = jc.solve(structure, phase)
-    solution.displacement.block_until_ready()
-    seconds, path = time.perf_counter() - begun, solution.phases[0].path
+    solution, _, (seconds,) = timed(jc.solve, structure, phase, calls=1)
+    path = solution.phases[0].path
     ok = int(solution.status) == jc.status.OK
     slack = f"{100 * np.mean(np.asarray(solution.tension) == 0):.0f}" if ok else "-"
     error = f"{float(path.residual[0]):.0e}"
@@ -61,8 +52,7 @@ def row(n, kind, ratio):
 
 def peer(n, structure, phase):
     """Steps and seconds of OpenSees as text."""
-    interpreter = os.environ.get("OPENSEES_PYTHON")
-    if interpreter is None:
+    if "OPENSEES_PYTHON" not in os.environ:
         return "", ""
     forces = np.zeros((n * n, 3))
     forces[np.asarray(phase.loads.nodes)] = np.asarray(phase.loads.forces)
@@ -81,11 +71,8 @@ def peer(n, structure, phase):
         np.savez(file, **stated)
         for algorithm, pressed in itertools.product(("Newton", "NewtonLineSearch"), (1e-2, 1e-4)):
             case = {"file": file, "algorithm": algorithm, "start": 0.1, "pressed": pressed}
-            run = subprocess.run(
-                [interpreter, str(PEER)], input=json.dumps(case), capture_output=True, text=True
-            )
-            answers += [json.loads(x) for x in run.stdout.splitlines() if x.startswith("{")]
-    good = [a for a in answers if a["converged"] and a["unbalanced"] < 1e-6]
+            answers.append(opensees("opensees_slack.py", case))
+    good = [a for a in answers if a.get("converged") and a["unbalanced"] < 1e-6]
     if not good:
         return "none", "none"
     best = min(good, key=lambda a: a["seconds"])

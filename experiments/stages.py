@@ -13,31 +13,25 @@ Command    OPENSEES_PYTHON=... python experiments/stages.py
 """
 
 import json
-import os
-import subprocess
 import sys
 import time
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import scenes
+from benchmarks.measure import apart, extent, opensees, timed
 from record import Record
 
 import jaxcable as jc
-
-jax.config.update("jax_enable_x64", True)
-matplotlib.use("Agg")
 
 N = 6  # segments on either side
 M = N - 1  # stays
 BASE = M + 3  # number of the first node of the deck
 STRUCTURE, PHASES = scenes.cable_stayed_bridge(N)
 LEVEL = jc.design.Target("positions", 0.0, at=np.s_[BASE : BASE + 2 * M, 2], within=1e-4)
-PLANNED = np.array([float(PHASES[k].jacking["stays"].values[0]) for k in range(M)])  # N
+PLANNED = np.array([float(PHASES[k].jacking["stays"].values) for k in range(M)])  # N
 
 
 def staged(forces):
@@ -155,11 +149,8 @@ def costs(record):
     """First calls of a cantilever in 2 and in 40 stages, each in a process of its own."""
     record("\na cantilever built segment by segment, first call with compilation")
     for n in (2, 10, 40):
-        clean = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
-        command = [sys.executable, __file__, "--cantilever", str(n)]
-        runs = [subprocess.run(command, capture_output=True, text=True, env=clean, check=True)]
-        first, again, lines = runs[0].stdout.split()[-3:]
-        record(f"{n:4} stages  {float(first):6.2f} s  {lines} lines of StableHLO; again {again} ms")
+        first, again, lines = apart(__file__, n, "--cantilever")
+        record(f"{n:4} stages  {first:6.2f} s  {lines} lines of StableHLO; again {again:.1f} ms")
 
 
 def cantilever(n):
@@ -180,15 +171,9 @@ def cantilever(n):
     begin = time.perf_counter()
     jitted = jax.jit(tip)
     lines = jitted.lower(nodes).as_text().count("\n")
-    _, code = jax.block_until_ready(jitted(nodes))
-    first = time.perf_counter() - begin
+    (_, code), _, warm = timed(jitted, nodes, calls=9)
     assert int(code) == 0
-    times = []
-    for _ in range(9):
-        begin = time.perf_counter()
-        jax.block_until_ready(jitted(nodes))
-        times.append(time.perf_counter() - begin)
-    print(first, f"{1e3 * np.median(times):.1f}", lines)
+    print(json.dumps([time.perf_counter() - begin - sum(warm), 1e3 * np.median(warm), lines]))
 
 
 def lost(record):
@@ -206,26 +191,12 @@ def lost(record):
     method = jc.Newton(tol=1e-12)
     solution = jc.solve(structure, phases, method)
     assert int(solution.status) == 0
-    jitted = jax.jit(
-        lambda f: (
-            jc.solve(
-                structure,
-                [
-                    jc.Phase(
-                        pretension=stressed, loads=jc.NodalLoads(np.arange(structure.n_node), f)
-                    ),
-                    phases[1],
-                ],
-                method,
-            ).displacement
-        )
-    )
-    jax.block_until_ready(jitted(forces))
-    times = []
-    for _ in range(15):
-        begin = time.perf_counter()
-        jax.block_until_ready(jitted(forces))
-        times.append(1e3 * (time.perf_counter() - begin))
+
+    def loaded(forces):
+        load = jc.replace(loads, forces=forces)
+        return jc.solve(structure, [jc.replace(phases[0], loads=load), phases[1]], method)
+
+    times = timed(jax.jit(lambda f: loaded(f).displacement), forces, calls=15)[2]
     beams = []
     for name in ("pylon", "deck"):
         group = groups[name]
@@ -254,15 +225,10 @@ def lost(record):
         "steps": 5,
         "repeats": 15,
     }
-    child = Path(__file__).parent / "peers" / "opensees_removed.py"
-    python = os.environ.get("OPENSEES_PYTHON", sys.executable)
-    run = subprocess.run(
-        [python, child], input=json.dumps(case) + "\n", capture_output=True, text=True
-    )
-    if run.returncode != 0:
-        record(f"\nOpenSees: no answer ({run.stderr.strip().splitlines()[-1:]})")
+    answer = opensees("opensees_removed.py", case)
+    if "error" in answer:
+        record(f"\nOpenSees: no answer ({answer['error']})")
         return
-    answer = json.loads(run.stdout.strip().splitlines()[-1])
     assert answer["ok"]
     record(f"\nthe last stay on the right is lost; beside OpenSees {answer['version']}")
     for name, phase in zip(("before", "after"), solution.phases, strict=True):
@@ -274,7 +240,7 @@ def lost(record):
             f"{name:7} deflection {1e3 * np.abs(moved).max():8.2f} mm, differs by "
             f"{1e3 * apart:.4f} mm; stays up to {own.max():.0f} N, differ by {force:.1f} N"
         )
-    spread = f"{np.median(times):.2f} ms ({min(times):.2f} to {max(times):.2f})"
+    spread = f"{extent(1e3 * np.array(times)).replace(' (', ' ms (')}"
     peer = f"{1e3 * answer['analyze_s']:.2f} ms and {1e3 * answer['build_s']:.2f} ms to build"
     record(f"both analyses: {spread}, OpenSees {peer}")
 
@@ -309,7 +275,4 @@ def main():
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--cantilever"]:
-        cantilever(int(sys.argv[2]))
-    else:
-        main()
+    cantilever(int(sys.stdin.readline())) if "--cantilever" in sys.argv else main()

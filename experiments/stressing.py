@@ -21,7 +21,6 @@ import time
 
 import jax
 import jax.numpy as jnp
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import scenes
@@ -29,9 +28,6 @@ from record import Record
 from scipy.optimize import linprog
 
 import jaxcable as jc
-
-jax.config.update("jax_enable_x64", True)
-matplotlib.use("Agg")
 
 N, M = 6, 5  # segments on either side, pairs of stays
 BASE = M + 3  # number of the first node of the deck

@@ -25,8 +25,6 @@ import jaxcable as jc
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 import browser
 
-jax.config.update("jax_enable_x64", True)
-
 SIZE = (1000, 640)  # of the window, px
 TURNING = """() => {
     const begin = performance.now();

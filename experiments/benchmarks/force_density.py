@@ -21,9 +21,7 @@ milliseconds, median and quartiles; ratios are medians, with their quartiles, of
 on the same numbers: the other program's time over that of jaxcable with PARDISO.
 """
 
-import json
 import os
-import subprocess
 import sys
 import tempfile
 
@@ -38,37 +36,11 @@ import jaxcable as jc
 from jaxcable import linear
 from jaxcable.forms import force_density
 
-from .measure import PEERS, clock, quartiles
+from .measure import Peer, clock, quartiles
 
-jax.config.update("jax_enable_x64", True)
-
+CHILD = "jax_fdm_child.py"
 TURNS, CALLS = 9, 5
 THEIRS = (("scipy", 1), ("scipy", 2), ("pardiso", 1))  # solver, threads of BLAS
-
-
-class Peer:
-    """jax_fdm in a process of its own."""
-
-    def __init__(self, path, threads):
-        self.process = subprocess.Popen(
-            [os.environ["JAX_FDM_PYTHON"], "-W", "ignore", str(PEERS / "jax_fdm_child.py"), path],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env=os.environ | {"OPENBLAS_NUM_THREADS": str(threads)},
-        )
-
-    def ask(self, **order):
-        self.process.stdin.write(json.dumps(order) + "\n")
-        self.process.stdin.flush()
-        answer = self.process.stdout.readline()
-        if not answer:
-            raise RuntimeError(f"the process of jax_fdm ended at {order}")
-        return json.loads(answer)
-
-    def close(self):
-        self.process.stdin.close()
-        self.process.wait()
 
 
 def net(n):
@@ -108,13 +80,16 @@ def compare(n, record):
         anchors = np.asarray(structure.supports.nodes.array)
         links = structure.elements.links.array
         np.savez(path, nodes=structure.nodes, links=links, anchors=anchors, load=load, q=q)
-        peers = {threads: Peer(path, threads) for _, threads in THEIRS}
+        peers = {
+            threads: Peer("JAX_FDM_PYTHON", CHILD, path, OPENBLAS_NUM_THREADS=str(threads))
+            for _, threads in THEIRS
+        }
         version = check(functions, rows, peers, f"{folder}/answer.npz", record)
 
         def time_of(who, what, call):
             if who[0] == "jax_fdm":
                 return peers[who[2]].ask(call=call, what=what, solver=who[1])["ms"]
-            return clock(functions[who[1]][what], rows[call])[0]
+            return 1e3 * clock(functions[who[1]][what], rows[call])[0]
 
         everyone = [("jaxcable", s) for s in mine] + [("jax_fdm", s, t) for s, t in THEIRS]
         times = {(who, what): [] for who in everyone for what in ("value", "gradient")}

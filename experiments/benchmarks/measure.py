@@ -16,12 +16,18 @@ CALM = {"OPENBLAS_NUM_THREADS": "1", "JAX_COMPILATION_CACHE_DIR": None}
 
 
 def clock(function, *arguments):
-    """Milliseconds of a call, blocked on completion, and its result."""
+    """Seconds of a call, blocked on completion, and its result."""
     import jax
 
     begin = time.perf_counter()
     result = jax.block_until_ready(function(*arguments))
-    return 1e3 * (time.perf_counter() - begin), result
+    return time.perf_counter() - begin, result
+
+
+def timed(function, *arguments, calls=5):
+    """Result of a function, seconds of the first call, and of the others, sorted."""
+    first, result = clock(function, *arguments)
+    return result, first, sorted(clock(function, *arguments)[0] for _ in range(calls))
 
 
 def by_turns(functions, count, new):
@@ -37,16 +43,17 @@ def by_turns(functions, count, new):
         for k in range(len(functions))[:: 1 if turn % 2 else -1]:
             number += 1
             argument = jax.block_until_ready(new(number))
-            times[turn, k] = clock(functions[k], argument)[0]
+            times[turn, k] = 1e3 * clock(functions[k], argument)[0]
     return times
 
 
-def apart(script, case, interpreter=sys.executable, flags=None, limit=900):
+def apart(script, case, *words, interpreter=sys.executable, flags=None, limit=900):
     """The answer of a script to a case, in a process of its own; failing is an answer, too.
 
     Args:
         script: reads a line of JSON on stdin, and answers with another one.
         case: what JSON can hold.
+        words: on its command line.
         interpreter: of Python.
         flags: changes of the environment; None removes a name.
         limit: s.
@@ -54,7 +61,7 @@ def apart(script, case, interpreter=sys.executable, flags=None, limit=900):
     environment = {**os.environ, **CALM, **(flags or {})}
     try:
         run = subprocess.run(
-            [interpreter, str(script)],
+            [interpreter, str(script), *words],
             input=json.dumps(case) + "\n",
             capture_output=True,
             text=True,
@@ -79,7 +86,39 @@ def analysis(case, **options):
 
 def opensees(script, case):
     """The answer of a script of `peers`, by the interpreter that OPENSEES_PYTHON names."""
-    return apart(PEERS / script, case, os.environ.get("OPENSEES_PYTHON", sys.executable))
+    interpreter = os.environ.get("OPENSEES_PYTHON", sys.executable)
+    return apart(PEERS / script, case, interpreter=interpreter)
+
+
+class Peer:
+    """A script of `peers` in a process of its own, that answers one line of JSON with another.
+
+    Args:
+        interpreter: name of a variable of the environment that names it, else this one.
+        script, arguments: what it runs.
+        environment: changes of it.
+    """
+
+    def __init__(self, interpreter, script, *arguments, **environment):
+        self.process = subprocess.Popen(
+            [os.environ.get(interpreter, sys.executable), str(PEERS / script), *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            env=os.environ | environment,
+        )
+
+    def ask(self, **case):
+        print(json.dumps(case), file=self.process.stdin, flush=True)
+        answer = self.process.stdout.readline()
+        if not answer:
+            raise RuntimeError(f"the process has ended at {case}")
+        return json.loads(answer)
+
+    def close(self):
+        self.process.stdin.close()
+        self.process.wait()
 
 
 def bare():

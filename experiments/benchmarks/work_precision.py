@@ -31,7 +31,6 @@ from .measure import by_turns, clock
 from .scaling import of_opensees
 
 jc.fuse_loops()
-jax.config.update("jax_enable_x64", True)
 
 SIDE, LOAD = 10, 5000.0 / 11  # free nodes a side; N on each
 GOALS = (1e-3, 1e-6, 1e-9)
@@ -124,7 +123,7 @@ def net(say, cases):
         runs.append(lambda load, run=analysed, method=method: run(load, method))
         first, (moved, status) = clock(runs[-1], jnp.asarray(LOAD))
         off = np.abs(np.asarray(moved, np.longdouble) - last).max() / size
-        rows.append([family, setting, float(off), np.nan, first / 1e3, int(status)])
+        rows.append([family, setting, float(off), np.nan, first, int(status)])
     for row, own in zip(rows, warm(runs, cases, LOAD).T, strict=True):
         row[3] = np.median(own)
     middle = SIDE // 2 * SIDE + SIDE // 2
@@ -162,7 +161,7 @@ def cable(say, cases):
         first, (moved, status) = clock(run, jnp.asarray(isolated_cable.LOAD))
         assert int(status) == 0, jc.describe(status)
         off = np.linalg.norm(np.asarray(moved)[[0, 2]] - exact) / size
-        took, compiled = warm([run], cases, isolated_cable.LOAD), first / 1e3
+        took, compiled = warm([run], cases, isolated_cable.LOAD), first
         setting = tol if n == 0 else n
         rows.append([family, setting, float(off), np.median(took), compiled, 0])
         what = f"tol {tol:.0e}" if n == 0 else f"{n} a span"
@@ -193,7 +192,7 @@ def fibres(say, cases):
 
         first, (tip, status) = clock(run, jnp.asarray(2e5))
         assert int(status) == 0, jc.describe(status)
-        took, compiled = warm([run], cases, 2e5), first / 1e3
+        took, compiled = warm([run], cases, 2e5), first
         tips[k] = np.asarray(tip)
         if k:
             off = np.linalg.norm(tips[k] - tips[0]) / np.linalg.norm(tips[0])

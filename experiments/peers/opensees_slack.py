@@ -11,8 +11,9 @@ import sys
 import time
 
 import numpy as np
-import openseespy.opensees as ops
+from opensees_cantilever import import_opensees
 
+ops, _ = import_opensees()
 TOLERANCE, MOST = 1e-8, 200
 
 

@@ -2,33 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 import jaxcable as jc
 from jaxcable.common import checks
-from jaxcable.common.types import ArrayLike, Float, Int
+from jaxcable.common.types import ArrayLike, Float
 from jaxcable.scenes.parts import Scene, around, chain, downward, require_positive, two_phases
-
-
-class DomeParts(NamedTuple):
-    """Geometry and topology of a dome before it has stiffness.
-
-    Attributes:
-        nodes: top and bottom of the hub; then, for each ring from the inside, the tops of its
-            struts and their bottoms; finally the anchors, [n_node, 3], m.
-        links: by kind, "ridges", "diagonals", "hoops", "struts", each [n_elem, 2].
-        groups: by kind, the number of the group of equal tension of every element, each [n_elem].
-        tops: numbers of the hub's top and of the top nodes of the rings, [1 + n_ring sectors].
-        areas: roof area in plan carried by each of these nodes, m2.
-    """
-
-    nodes: Float[np.ndarray, "n_node 3"]
-    links: dict[str, Int[np.ndarray, "n_elem 2"]]
-    groups: dict[str, Int[np.ndarray, " n_elem"]]
-    tops: Int[np.ndarray, " n_top"]
-    areas: Float[np.ndarray, " n_top"]
 
 
 def geiger_dome(
@@ -93,8 +72,21 @@ def geiger_dome(
         >>> found.s, found.m
         (1, 18)
     """
-    parts = _dome(span, rise, sectors, rings, struts, staggered)
-    return _scene(parts, pretension, load, cable_stiffness, strut_stiffness, increments)
+    nodes, links, groups, tops, areas = _dome(span, rise, sectors, rings, struts, staggered)
+    require_positive(pretension=pretension)
+    cables = ("ridges", "diagonals", "hoops")
+    if not isinstance(cable_stiffness, dict):
+        cable_stiffness = dict.fromkeys(cables, cable_stiffness)
+    if set(cable_stiffness) != set(cables):
+        raise ValueError(f"cable_stiffness: expected the keys {', '.join(cables)}")
+    elements = {k: jc.Cables(links[k], axial_stiffness=cable_stiffness[k]) for k in cables}
+    elements["struts"] = jc.Bars(links["struts"], axial_stiffness=strut_stiffness)
+    anchors = np.arange(len(nodes) - sectors, len(nodes))
+    structure = jc.Structure(nodes, elements, supports=jc.pinned(anchors))
+    outermost = int(groups["hoops"].max())
+    prestress = jc.forms.feasible_prestress(structure, groups, group=outermost, tension=pretension)
+    roof = downward(tops, load * areas)
+    return two_phases(structure, increments, roof, pretension=prestress.tension)
 
 
 def levy_dome(span: float = 60.0, rise: float = 4.5, **options) -> Scene:
@@ -121,7 +113,16 @@ def levy_dome(span: float = 60.0, rise: float = 4.5, **options) -> Scene:
 
 
 def _dome(span, rise, sectors, rings, struts, staggered):
-    """`DomeParts` of either kind."""
+    """Geometry and topology of a dome of either kind.
+
+    Returns:
+        nodes: top and bottom of the hub; then, for each ring from the inside, the tops of its
+            struts and their bottoms; finally the anchors, [n_node, 3], m.
+        links: by kind, "ridges", "diagonals", "hoops", "struts", each [n_elem, 2].
+        groups: by kind, the number of the group of equal tension of every element, each [n_elem].
+        tops: numbers of the hub's top and of the top nodes of the rings, [1 + n_ring sectors].
+        areas: roof area in plan carried by each of these nodes, m2.
+    """
     checks.whole(sectors, "sectors", least=3)
     checks.whole(rings, "rings")
     require_positive(span=span, rise=rise)
@@ -181,30 +182,10 @@ def _dome(span, rise, sectors, rings, struts, staggered):
         count += len(links_by_ring)
     border = np.concatenate([[0.0], 0.5 * (radius[1:-1] + radius[:-2]), [radius[-2:].mean()]])
     share = np.pi * np.diff(border**2)
-    return DomeParts(
+    return (
         nodes,
         {kind: np.concatenate(links_by_ring) for kind, links_by_ring in kinds.items()},
         groups,
         np.concatenate([[0], *(at(r, 0) for r in range(1, rings + 1))]),
         np.concatenate([share[:1], np.repeat(share[1:] / n, n)]),
     )
-
-
-def _scene(parts, pretension, load, cable_stiffness, strut_stiffness, increments):
-    """The scene of a dome: its parts with stiffness, prestress and load."""
-    require_positive(pretension=pretension)
-    cables = ("ridges", "diagonals", "hoops")
-    if not isinstance(cable_stiffness, dict):
-        cable_stiffness = dict.fromkeys(cables, cable_stiffness)
-    if set(cable_stiffness) != set(cables):
-        raise ValueError(f"cable_stiffness: expected the keys {', '.join(cables)}")
-    elements = {k: jc.Cables(parts.links[k], axial_stiffness=cable_stiffness[k]) for k in cables}
-    elements["struts"] = jc.Bars(parts.links["struts"], axial_stiffness=strut_stiffness)
-    n, outermost = len(parts.nodes), int(parts.groups["hoops"].max())
-    sectors = int((parts.groups["hoops"] == outermost).sum())
-    structure = jc.Structure(parts.nodes, elements, supports=jc.pinned(np.arange(n - sectors, n)))
-    prestress = jc.forms.feasible_prestress(
-        structure, parts.groups, group=outermost, tension=pretension
-    )
-    roof = downward(parts.tops, load * parts.areas)
-    return two_phases(structure, increments, roof, pretension=prestress.tension)

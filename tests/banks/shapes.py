@@ -3,8 +3,8 @@
 Numbers, loads and phases are a test's own; the shape of the arrays is that of the structure, so
 that a second test of the same shape and phases finds the first one's programs. Nets of a
 publication are `jc.scenes.flat_net`, `hypar_net` and `saddle_net`, with numbers in
-`tests/reference`; a mast and a bridge in stages are `jc.scenes.guyed_mast` and
-`cable_stayed_bridge`.
+`tests/reference`; a mast is `jc.scenes.guyed_mast`, and a bridge in stages
+`scenes.cable_stayed_bridge` of the experiments.
 """
 
 from collections.abc import Callable

@@ -7,7 +7,6 @@ import functools
 import importlib
 import importlib.util
 import sys
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -33,16 +32,14 @@ TOL = 1e-6  # the default: of limits and of the KKT residual
 @pytest.fixture(scope="module")
 def study():
     """`experiments/constrained.py`, with the minimum of each of its problems."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(Path(__file__).parents[2] / "experiments"))
-        module = importlib.import_module("constrained")
+    module = importlib.import_module("constrained")
 
-        @functools.cache
-        def minimum(name):
-            problem, start, bounds, _ = module.PROBLEMS[name]
-            return design.minimize_subject_to(problem, jnp.asarray(start), bounds)
+    @functools.cache
+    def minimum(name):
+        problem, start, bounds, _ = module.PROBLEMS[name]
+        return design.minimize_subject_to(problem, jnp.asarray(start), bounds)
 
-        yield module, minimum
+    yield module, minimum
     sys.modules.pop("constrained", None)
 
 

@@ -1,13 +1,10 @@
 """Events on paths of frames, domes and loads that follow: easily missed, invented or misnamed."""
 
-import importlib
-import sys
-from pathlib import Path
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import rods
 import scenes
 from banks.problems import INSTALLED
 from scenes.frames import in_plane, solid
@@ -138,15 +135,7 @@ def test_a_ring_under_pressure_buckles_in_two_modes_at_once(per):
 # --- frames
 
 
-@pytest.fixture
-def rods(monkeypatch):
-    """Plane extensible rods by shooting, of the experiments."""
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "experiments"))
-    yield importlib.import_module("rods")
-    sys.modules.pop("rods", None)
-
-
-def test_toggles_of_any_size_have_the_limit_loads_of_rods(rods):
+def test_toggles_of_any_size_have_the_limit_loads_of_rods():
     """Williams' toggle, and the same shrunk to 2.6 mm: quaternions are no lengths."""
     structure, (phase,) = scenes.toggle_frame(4)
     section = structure.elements.section
@@ -173,7 +162,7 @@ def test_toggles_of_any_size_have_the_limit_loads_of_rods(rods):
 
 
 @pytest.mark.slow
-def test_lee_frame(rods):
+def test_lee_frame():
     guess = np.array([np.pi / 2, 0, -0.1, 0.1])
     for w in np.arange(1, 49.0):
         guess = rods.lee_frame(w, guess)

@@ -2,7 +2,6 @@
 
 import importlib
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ NAMES = ("accuracy_cable", "accession_curves", "flat_net_path", "hypar_net", "sa
 
 @pytest.fixture
 def study(monkeypatch, tmp_path):
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "experiments"))
     monkeypatch.setattr(importlib.import_module("record"), "RESULTS", tmp_path)
     yield importlib.import_module
     for name in (*NAMES, "record"):

@@ -2,7 +2,6 @@
 
 import importlib
 import sys
-from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,8 +14,7 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def study(monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "experiments"))
+def study():
     yield importlib.import_module
     for name in ("least_pretension", "cutting_list", "identify_spacings", "retensioning"):
         sys.modules.pop(name, None)
