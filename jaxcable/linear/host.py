@@ -74,12 +74,12 @@ class Analysed:
         self.rows = np.repeat(np.arange(self.n, dtype=np.int32), np.diff(indptr))
         self.diagonal = np.flatnonzero(self.rows == self.indices)
         shape = self.n, self.n
-        whole = sp.csr_matrix((np.arange(1, len(indices) + 1), indices, indptr), shape)
+        numbers = np.arange(1, len(indices) + 1)
+        whole = whole_matrix(numbers, indices, indptr, symmetric)
         # the stored entries as a matrix and as its transpose; `times` puts the values in
         self.stored = sp.csr_matrix((np.ones(len(indices)), self.indices, self.indptr), shape)
         self.flipped = self.stored.T
         if symmetric:  # solvers get both triangles
-            whole = (whole + sp.triu(whole, 1).T).tocsr()
             whole.sort_indices()
             self.take = whole.data - 1
         else:
@@ -313,6 +313,18 @@ def _without(analysed, values, loose):
         return values
     touched = loose[analysed.rows] | loose[analysed.indices]
     return np.where(touched, analysed.rows == analysed.indices, values)
+
+
+def whole_matrix(
+    values: Float[np.ndarray, " n_value"],
+    indices: Int[np.ndarray, " n_value"],
+    indptr: Int[np.ndarray, " n+1"],
+    symmetric: bool,
+) -> Any:
+    """The SciPy matrix of what is stored: its upper triangle only, if it is symmetric."""
+    n = len(indptr) - 1
+    stored = sp.csr_matrix((values, indices, indptr), (n, n))
+    return (stored + sp.triu(stored, 1).T).tocsr() if symmetric else stored
 
 
 def flattened(
