@@ -132,7 +132,7 @@ class Analysed:
         if made is None:
             return None
         factor = Factor(made, size, definite)
-        if factor.regular or (definite and small_pivots and factor.least > 0):
+        if factor.regular or (small_pivots and factor.least > 0):
             return factor
         factor.release()
         return None
@@ -299,7 +299,7 @@ def solve(
                 times = analysed.times(entries)
                 answer = conjugate_gradients(times, old.solve, b, tol[g], int(limit[g]))
             if answer is None:
-                factor = analysed.factor(entries, definite, small_pivots=limit[g] < 0)
+                factor = analysed.factor(entries, definite, definite and limit[g] < 0)
                 if factor is None:
                     continue
                 answer, fresh[at] = factor.solve(b, transposed), True

@@ -30,8 +30,8 @@ def words(pattern: Pattern) -> tuple[str, str]:
 def solve(solver, stored, kind):
     """The callback for `host.solve`: flattens the axes of batches of matrices and right sides.
 
-    Its last array are the loose unknowns, or for the "next" matrix of a sequence, which should be
-    positive definite, whether the result matters.
+    The last array says which unknowns are loose; for the "next" matrix of a sequence, which should
+    be positive definite, it says whether the result matters.
     """
     solver, symmetric = named(solver), stored == "symmetric"
     following, transposed = kind == "next", kind == "transposed"
@@ -66,8 +66,8 @@ def _called(pattern, kind, rhs, n_flag, *arrays):
     """Solution [n] by the host, and flags; the arguments of `solve` from `rhs` on."""
     flag = jax.ShapeDtypeStruct((), bool)
     shapes = jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), *[flag] * n_flag
-    called, of_pattern = (solve, *words(pattern), kind), (pattern.digest, pattern.indptr)
-    return foreign.call(called, shapes, *of_pattern, pattern.indices, rhs, *arrays)
+    arrays = pattern.digest, pattern.indptr, pattern.indices, rhs, *arrays
+    return foreign.call((solve, *words(pattern), kind), shapes, *arrays)
 
 
 @pytree
