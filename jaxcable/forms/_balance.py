@@ -83,6 +83,13 @@ def host_nodes(structure: Structure, what: str) -> Float[np.ndarray, "n_node 3"]
     return np.asarray(nodes, float)
 
 
+def rank_tolerance(structure: Structure, tol: float | None) -> float:
+    """`tol`, or its default, by which singular values count as zero beside the largest."""
+    if tol is not None:
+        return tol
+    return 1e-5 if np.dtype(structure.nodes.dtype) == np.float32 else 1e-10
+
+
 def incidence(
     links: Int[np.ndarray, "n_elem 2"], n_node: int
 ) -> Float[np.ndarray, "n_elem n_node"]:

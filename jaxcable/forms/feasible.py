@@ -20,7 +20,7 @@ from ..common.rules import Rule, or_nan
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..model.structure import Structure
-from ._balance import arranged, balance, host_nodes, members, of_all_members
+from ._balance import arranged, balance, host_nodes, members, of_all_members, rank_tolerance
 
 
 @pytree
@@ -112,10 +112,8 @@ def feasible_prestress(
     free = ~structure.held().ravel()
     spread = np.zeros((len(links), n_group))
     spread[np.arange(len(links)), number] = 1.0
-    modes = None
-    if tol is None:
-        single = np.dtype(structure.nodes.dtype) == np.float32
-        tol = 1e-5 if single else 1e-10
+    pulled = (spread * cable[:, None]).any(axis=0)
+    modes, tol = None, rank_tolerance(structure, tol)
     if checks.concrete(structure.nodes) is None:
         if group is None:
             raise ValueError("group: must be given where nodes are traced")
@@ -123,7 +121,7 @@ def feasible_prestress(
         nodes = host_nodes(structure, "feasible_prestress")
         sums = balance(nodes, links)[0][free] @ spread
         modes = _null(sums / np.sqrt(spread.sum(0)), tol) / np.sqrt(spread.sum(0))
-        taut = _taut(modes, (spread * cable[:, None]).any(axis=0))
+        taut = _taut(modes, pulled)
         if group is None:
             group = int(np.abs(taut).argmax())
             tension = np.sign(taut[group]) * tension
@@ -137,7 +135,6 @@ def feasible_prestress(
         if len(modes) > 1:
             return _result(structure, free, links, number, taut / taut[group] * tension, modes)
     solved = _others(structure, free, links, spread, group, tension, tol)
-    pulled = (spread * cable[:, None]).any(axis=0)
     if isinstance(solved, jax.Array) and pulled.any():  # not checked above where nodes are traced
         solved = jnp.where(jnp.any(pulled & (solved <= 0)), jnp.nan, solved)
     return _result(structure, free, links, number, solved, modes)

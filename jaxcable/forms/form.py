@@ -118,14 +118,14 @@ def make_form(
     ok = code == status.OK
     # forces beyond the curve of a law, or NaN, must not pollute the other cases of a batch
     groups, positions, tensions = implicit.gate(ok, (groups, positions, tensions))
-    lengths, cut = [], []
-    for group, tension in zip(groups, tensions, strict=True):
-        ends = positions[group.links]
-        lengths.append(jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1))
-        if rests is None:
-            cut.append(lengths[-1] / (1 + group.strain_at(tension, group.initial_memory())))
-    densities = [force / length for force, length in zip(tensions, lengths, strict=True)]
-    rests = cut if rests is None else rests
+    lengths = [group.chord(positions[group.links]) for group in groups]
+    pairs = list(zip(lengths, tensions, strict=True))
+    densities = [force / length for length, force in pairs]
+    if rests is None:
+        rests = [
+            length / (1 + group.strain_at(force, group.initial_memory()))
+            for group, (length, force) in zip(groups, pairs, strict=True)
+        ]
     values = positions, tensions, lengths, rests, densities
     positions, tensions, lengths, rests, densities = implicit.nan_unless(ok, values, parameters)
     relative = scaled.relative(residual, scale)

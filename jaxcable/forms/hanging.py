@@ -16,9 +16,8 @@ from ..common.rules import Rule, or_nan, positive, refuse
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements import hanging, hanging_sag
 from ..elements.abilities import Sagging
-from ..elements.prestress import element
 from ..mechanics.carry import make_system
-from ..mechanics.elementwise import motion_of
+from ..mechanics.elementwise import over
 from ..model.structure import Structure
 from ..stiffness.tangent import filled, prepared
 
@@ -105,23 +104,21 @@ def _of_groups(thawed, arrays, *arguments, method, absent):
     """The compiled core: results of a method for every group, or None."""
     nodes, groups, carry = filled(thawed, arrays)
     states = make_system(nodes, groups, carry, None, None, carry.nodal_load).states
-    results = []
-    for group, state in zip(groups, states, strict=True):
+
+    def of_group(group, state):
         if not isinstance(group, Sagging):
-            results.append(None)
-            continue
-        call = jax.vmap(
-            lambda p, state, ends, motion, group=group: getattr(element(group, p), method)(
-                state, ends, motion, *arguments
-            )
-        )
-        ends, motion = nodes[group.links], motion_of(group, carry.motion)
-        found = call(group.properties(), state, ends, motion)
-        if state.present is not None:
-            there = state.present.reshape(-1, *(1,) * (found.ndim - 1))
-            found = jnp.where(there, found, absent)
-        results.append(found)
-    return results
+            return None
+
+        def value(member, *at):
+            return getattr(member, method)(*at, *arguments)
+
+        found = over(value, group, state, nodes, carry.motion, absent=True)
+        if state.present is None:
+            return found
+        there = state.present.reshape(-1, *(1,) * (found.ndim - 1))
+        return jnp.where(there, found, absent)
+
+    return list(map(of_group, groups, states))
 
 
 def hanging_chain(

@@ -130,8 +130,11 @@ def _state(group, ends, force, rest):
     return copy(state, jack_force=force.values, jacked=force.chosen)
 
 
-def _stiffness(member, state, ends, motion):
-    """An upper bound of the stiffness of an element in any direction, N/m, also if it is slack."""
+def _forces_and_stiffness(member, state, ends, motion):
+    """End forces of an element, N, and an upper bound of its stiffness in any direction, N/m.
+
+    A slack element has the bound of a taut one.
+    """
 
     def along():
         slope = jax.grad(lambda strain: member.force(strain, state.memory))
@@ -139,7 +142,8 @@ def _stiffness(member, state, ends, motion):
         return jnp.maximum(slope(strain), slope(jnp.zeros_like(strain))) / state.rest_length
 
     _, length, _, _ = stretch(ends, motion)
-    return jacked_or(state, 0.0, along) + jnp.abs(member.tension(state, ends, motion)) / length
+    across = jnp.abs(member.tension(state, ends, motion)) / length
+    return member.end_forces(state, ends, motion), jacked_or(state, 0.0, along) + across
 
 
 def _cut_length(member, state, ends, motion):
@@ -187,7 +191,7 @@ def _relax(thawed, arrays, freedoms, tol, max_steps):
         for group, force, rest in zip(groups, forces, rests, strict=True)
     ]
     system = system_at_rest(nodes, groups, states, total(loads, nodes.shape, dtype), freedoms)
-    still, away = jnp.zeros_like(nodes), _AWAY * system.extent()
+    origin, away = jnp.zeros_like(nodes), _AWAY * system.extent()
     limit = jnp.maximum(jnp.asarray(tol, dtype), 64 * jnp.finfo(dtype).eps)
 
     def of_elements(function, motion):
@@ -198,10 +202,10 @@ def _relax(thawed, arrays, freedoms, tol, max_steps):
 
     def balance(x):
         """Unbalanced forces, the largest over its scale, this scale, least masses for stability."""
-        motion = system.move(still, x)
-        residual, scale = system.residual_and_scale(motion)
-        bounds = [jnp.stack([bound, bound], axis=1) for bound in of_elements(_stiffness, motion)]
-        stiffness = system.at_rows(bounds)
+        motion = system.move(origin, x)
+        found = of_elements(_forces_and_stiffness, motion)
+        residual, scale = system.residual_and_scale(motion, [forces for forces, _ in found])
+        stiffness = system.at_rows([jnp.stack([bound, bound], axis=1) for _, bound in found])
         # a node without stiff elements gets some mass, too
         mass = 0.5 * jnp.maximum(stiffness, 1e-6 * jnp.max(stiffness))
         mass = jnp.where(mass > 0, mass, 1.0)[:, None]
@@ -232,14 +236,15 @@ def _relax(thawed, arrays, freedoms, tol, max_steps):
     def unfinished(motion):
         return (motion.steps < max_steps) & (motion.size > limit) & ~gone(motion)
 
-    x = system.space.collected(still if start is None else start - nodes, still)
-    force, size, scale, mass = balance(x)
-    rest = jnp.zeros_like(x), force, _SPARE * mass, jnp.zeros(2, dtype), jnp.int32(0)
-    end = lax.while_loop(unfinished, step, _Motion(x, *rest, size, scale))
+    x = system.space.collected(origin if start is None else start - nodes, origin)
+    # step number 0 does not move, and ends at rest because the energy seems to have had a peak
+    still = jnp.zeros_like(x), jnp.zeros_like(x), jnp.ones_like(x), jnp.ones(2, dtype)
+    size, scale = jnp.asarray(jnp.finfo(dtype).max, dtype), jnp.zeros((), dtype)
+    end = lax.while_loop(unfinished, step, _Motion(x, *still, jnp.int32(-1), size, scale))
     code = jnp.where(end.size <= limit, status.OK, status.OUT_OF_TIME_STEPS)
     code = jnp.where(gone(end), status.MECHANISM, code)
     code = jnp.where(jnp.isfinite(end.size) & jnp.isfinite(end.scale), code, status.NONFINITE)
-    motion = system.move(still, end.x)
+    motion = system.move(origin, end.x)
     torn = jnp.where(system.beyond(motion), status.MATERIAL_FAILURE, status.OK)
     code = status.first_failure(verdict(*parameters[:2]), status.first_failure(code, torn))
     residual, positions = jnp.max(jnp.abs(end.force), initial=0.0), nodes + motion

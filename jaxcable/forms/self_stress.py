@@ -24,7 +24,15 @@ import numpy as np
 from ..common.tree import pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..model.structure import Structure
-from ._balance import arranged, balance, host_nodes, incidence, members, of_all_members
+from ._balance import (
+    arranged,
+    balance,
+    host_nodes,
+    incidence,
+    members,
+    of_all_members,
+    rank_tolerance,
+)
 
 KINDS = {
     (False, False): "I",
@@ -235,8 +243,7 @@ def self_stress(structure: Structure, tol: float | None = None) -> SelfStress:
     free = ~structure.held().ravel()
     if not free.any():
         raise ValueError("supports: every freedom is fixed; there is nothing to balance")
-    if tol is None:
-        tol = 1e-5 if np.asarray(structure.nodes).dtype == np.float32 else 1e-10
+    tol = rank_tolerance(structure, tol)
     matrix, length = balance(nodes, links)
     matrix = matrix[free]
     left_vectors, values, right_vectors = np.linalg.svd(matrix)

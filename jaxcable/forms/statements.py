@@ -9,7 +9,7 @@ from ..analysis.solution import Solution, State
 from ..common.tree import pytree
 from ..common.types import Array, Float, PyTree
 from ..elements.abilities import Sagging, Uniaxial
-from ..elements.prestress import element
+from ..elements.prestress import of_each
 from ..mechanics.carry import make_system
 from ..mechanics.elementwise import each
 from ..model.structure import Structure
@@ -110,10 +110,7 @@ def _group(group, state, nodes, motion):
     strain = each("strain", group, state, nodes, motion)
     length = state.rest_length * (1 + strain)
 
-    def force(properties, strain, memory):
-        return element(group, properties).force(strain, memory)
-
-    pretension = jax.vmap(force)(group.properties(), strain, state.memory)
+    pretension = of_each("force", group, strain, state.memory)
     values |= {
         "pretension": pretension,
         "force_density": pretension / length,

@@ -126,8 +126,8 @@ def _solve(analysed, values, loose, column, row, rhs, corner, last):
     if not all(np.isfinite(v).all() for v in (values, column, row, rhs, corner, last)):
         return nothing
     entries = host._without(analysed, values, loose)
-    stored = sp.csr_matrix((entries, analysed.indices, analysed.indptr), (n, n))
-    matrix = stored + sp.triu(stored, 1).T if analysed.symmetric else stored
+    stored = analysed.indices, analysed.indptr, analysed.symmetric
+    matrix = host.whole_matrix(entries, *stored)
     # unknowns and equations are scaled as in `_whole`
     size = host.scales(entries[analysed.diagonal])
     width = np.abs(column / size).max(initial=0.0) or 1.0

@@ -74,12 +74,12 @@ class Analysed:
         self.rows = np.repeat(np.arange(self.n, dtype=np.int32), np.diff(indptr))
         self.diagonal = np.flatnonzero(self.rows == self.indices)
         shape = self.n, self.n
-        whole = sp.csr_matrix((np.arange(1, len(indices) + 1), indices, indptr), shape)
+        numbers = np.arange(1, len(indices) + 1)
+        whole = whole_matrix(numbers, indices, indptr, symmetric)
         # the stored entries as a matrix and as its transpose; `times` puts the values in
         self.stored = sp.csr_matrix((np.ones(len(indices)), self.indices, self.indptr), shape)
         self.flipped = self.stored.T
         if symmetric:  # solvers get both triangles
-            whole = (whole + sp.triu(whole, 1).T).tocsr()
             whole.sort_indices()
             self.take = whole.data - 1
         else:
@@ -240,107 +240,71 @@ def _norm(a):
     return np.sqrt(_dot(a, a))
 
 
-def _solved(analysed, entries, b, stale, tol, limit, definite=False, transposed=False):
-    """Solution of a system, and whether its matrix was factorised; None if it is singular.
-
-    Conjugate gradients with the factor of a `stale` matrix are tried first, unless it is None.
-    """
-    old = None if stale is None else analysed.factor(stale, True)
-    if old is not None:
-        x = conjugate_gradients(analysed.times(entries), old.solve, b, tol, int(limit))
-        if x is not None:
-            return x, False
-    factor = analysed.factor(entries, definite, small_pivots=definite and limit < 0)
-    return None if factor is None else (factor.solve(b, transposed), True)
-
-
-def step(
-    pattern: tuple[Any, ...],
-    values: Float[np.ndarray, "m n_value"],
-    rhs: Float[np.ndarray, "m n"],
-    stale: Float[np.ndarray, "m n_value"],
-    usable: Bool[np.ndarray, " m"],
-    tol: Float[np.ndarray, " m"],
-    limit: Int[np.ndarray, " m"],
-    wanted: Bool[np.ndarray, " m"],
-) -> tuple[Float[np.ndarray, "m n"], Bool[np.ndarray, " m"], Bool[np.ndarray, " m"]]:
-    """Solve a batch of systems that should be positive definite, see `linear.solve_next`.
-
-    Args:
-        pattern: arguments of `kept`.
-        values: matrices, [m, n_value].
-        rhs: right sides, [m, n].
-        stale: matrices factorised earlier, [m, n_value].
-        usable: whether there is such a matrix, and conjugate gradients are to be tried, [m] bool.
-        tol, limit: for `conjugate_gradients`, [m].
-        wanted: whether the result matters, [m] bool.
-
-    Returns:
-        x: solutions, [m, n].
-        definite: whether the matrices are positive definite, as far as seen, [m].
-        fresh: whether the matrix itself was factorised, [m].
-    """
-    x = np.zeros(rhs.shape)
-    definite, fresh = np.zeros(len(rhs), bool), np.zeros(len(rhs), bool)
-    with _lock:
-        analysed = kept(*pattern)
-        # the factors of a larger batch would not all be stored: factorise every matrix anew
-        usable = usable & (len(rhs) < _FACTORS) & analysed.iterates
-        for k in np.flatnonzero(wanted):
-            old = stale[k] if usable[k] else None
-            found = _solved(analysed, values[k], rhs[k], old, tol[k], limit[k], definite=True)
-            if found is not None:
-                x[k], fresh[k] = found
-                definite[k] = True
-    return x, definite, fresh
-
-
 def solve(
     pattern: tuple[Any, ...],
+    definite: bool,
     transposed: bool,
     values: Float[np.ndarray, "g n_value"],
-    loose: Bool[np.ndarray, "g n"],
+    loose: Bool[np.ndarray, "g n"] | None,
     stale: Float[np.ndarray, "g n_value"],
     usable: Bool[np.ndarray, " g"],
     tol: Float[np.ndarray, " g"],
     limit: Int[np.ndarray, " g"],
     rhs: Float[np.ndarray, "m n"],
     group: Int[np.ndarray, " m"],
-) -> tuple[Float[np.ndarray, "m n"], Bool[np.ndarray, " m"]]:
-    """Solve a batch of general systems: x [m, n], and whether the matrices are regular [m].
+    wanted: Bool[np.ndarray, " m"],
+) -> tuple[Float[np.ndarray, "m n"], Bool[np.ndarray, " m"], Bool[np.ndarray, " m"]]:
+    """Solve a batch of systems.
 
     If a matrix has one right side only, and a similar one is factorised, conjugate gradients are
     tried first.
 
     Args:
         pattern: arguments of `kept`.
-        transposed: whether to solve with the transposed matrices. Then a right side of zeros is not
-            solved for, and its matrix counts as regular.
+        definite: whether only positive definite matrices count as regular.
+        transposed: whether to solve with the transposed matrices.
         values: matrices, [g, n_value].
-        loose: unknowns whose rows and columns are replaced by those of the identity, [g, n] bool.
+        loose: unknowns whose rows and columns are replaced by those of the identity, [g, n] bool,
+            or None.
         stale: matrices factorised earlier, [g, n_value].
         usable: whether there is such a matrix, and this one is positive semidefinite, [g] bool.
-        tol, limit: for `conjugate_gradients`, [g].
+        tol, limit: for `conjugate_gradients`, [g]; a limit below 0 allows small pivots of definite
+            matrices.
         rhs: right sides, [m, n].
         group: number of the matrix of each right side, [m].
+        wanted: the right sides that are solved for, [m] bool.
+
+    Returns:
+        x: solutions, [m, n]; zero where none is wanted.
+        regular: whether the matrices are regular, as far as seen, [m].
+        fresh: whether the matrix itself was factorised, [m].
     """
-    x, regular = np.zeros(rhs.shape), np.zeros(len(rhs), bool)
-    idle = ~rhs.any(axis=1) if transposed else np.zeros(len(rhs), bool)
-    regular[idle] = True
+    x = np.zeros(rhs.shape)
+    regular, fresh = np.zeros(len(rhs), bool), np.zeros(len(rhs), bool)
     with _lock:
         analysed = kept(*pattern)
+        # the factors of a larger batch would not all be stored: factorise every matrix anew
         usable = usable & (len(values) < _FACTORS) & analysed.iterates
-        for g in np.unique(group[~idle]):
-            sides = np.flatnonzero((group == g) & ~idle)
-            entries = _without(analysed, values[g], loose[g])
+        for g in range(len(values)):
+            sides = np.flatnonzero((group == g) & wanted)
+            if not len(sides):
+                continue
             one = len(sides) == 1
-            b = rhs[sides[0]] if one else rhs[sides].T
-            old = stale[g] if usable[g] and one else None
-            at = tol[g], limit[g]
-            found = _solved(analysed, entries, b, old, *at, transposed=transposed)
-            if found is not None:
-                x[sides], regular[sides] = found[0].T, True
-    return x, regular
+            at = sides[0] if one else sides
+            b = rhs[at].T
+            entries = values[g] if loose is None else _without(analysed, values[g], loose[g])
+            answer = None
+            old = analysed.factor(stale[g], True) if usable[g] and one else None
+            if old is not None:
+                times = analysed.times(entries)
+                answer = conjugate_gradients(times, old.solve, b, tol[g], int(limit[g]))
+            if answer is None:
+                factor = analysed.factor(entries, definite, definite and limit[g] < 0)
+                if factor is None:
+                    continue
+                answer, fresh[at] = factor.solve(b, transposed), True
+            x[at], regular[at] = answer.T, True
+    return x, regular, fresh
 
 
 def _without(analysed, values, loose):
@@ -349,6 +313,18 @@ def _without(analysed, values, loose):
         return values
     touched = loose[analysed.rows] | loose[analysed.indices]
     return np.where(touched, analysed.rows == analysed.indices, values)
+
+
+def whole_matrix(
+    values: Float[np.ndarray, " n_value"],
+    indices: Int[np.ndarray, " n_value"],
+    indptr: Int[np.ndarray, " n+1"],
+    symmetric: bool,
+) -> Any:
+    """The SciPy matrix of what is stored: its upper triangle only, if it is symmetric."""
+    n = len(indptr) - 1
+    stored = sp.csr_matrix((values, indices, indptr), (n, n))
+    return (stored + sp.triu(stored, 1).T).tocsr() if symmetric else stored
 
 
 def flattened(
@@ -360,6 +336,8 @@ def flattened(
         vectors: arrays [..., k].
         scalars: arrays [...].
     """
+    if all(v.ndim == 1 for v in vectors) and all(s.ndim == 0 for s in scalars):  # fast path
+        return (), [array[None] for array in (*vectors, *scalars)]
     batch = np.broadcast_shapes(*(v.shape[:-1] for v in vectors), *(s.shape for s in scalars))
     flat = [np.broadcast_to(v, (*batch, v.shape[-1])).reshape(-1, v.shape[-1]) for v in vectors]
     return batch, flat + [np.broadcast_to(s, batch).reshape(-1) for s in scalars]

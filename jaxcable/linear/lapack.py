@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import lapack
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from ..common.types import Float, Int
 from . import solver
+from .pattern import narrow_order
 
 
 class _Analysis(solver.Analysis):
@@ -23,9 +23,7 @@ class _Analysis(solver.Analysis):
     ):
         super().__init__(n, indptr, indices)
         pattern = sp.csr_matrix((np.ones(len(indices)), indices, indptr), (n, n))
-        self.order = reverse_cuthill_mckee(pattern, symmetric_mode=True)
-        place = np.empty(n, np.int64)
-        place[self.order] = np.arange(n)
+        self.order, place = narrow_order(pattern)
         row, column = place[np.repeat(np.arange(n), np.diff(indptr))], place[indices]
         self.b = int(np.max(np.abs(row - column), initial=0))
         self.lower = np.flatnonzero(row >= column)

@@ -13,6 +13,8 @@ from typing import Any, TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from ..common.tree import copy, places, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
@@ -154,15 +156,10 @@ def _listed(numbers, size, symmetric, paired):
 
 def _band(rows, columns, size):
     """`Pattern.order`, `.place`, `.band` of an upper triangle; all None if the band is too wide."""
-    from scipy.sparse import csr_matrix
-    from scipy.sparse.csgraph import reverse_cuthill_mckee
-
     if size > _WIDEST**2:
         return None, None, None
-    upper = csr_matrix((np.ones(len(rows)), (rows, columns)), (size, size))
-    order = reverse_cuthill_mckee(upper + upper.T, symmetric_mode=True)
-    place = np.empty(size, np.int64)
-    place[order] = np.arange(size)
+    upper = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), (size, size))
+    order, place = narrow_order(upper + upper.T)
     low, high = np.minimum(place[rows], place[columns]), np.maximum(place[rows], place[columns])
     width = int(np.max(high - low, initial=0)) + 1
     if width > _WIDEST + 1:
@@ -170,6 +167,14 @@ def _band(rows, columns, size):
     band = np.full((size, width), len(rows), np.int32)
     band[low, high - low] = np.arange(len(rows))
     return places(order), places(place.astype(np.int32)), places(band)
+
+
+def narrow_order(matrix: Any) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Unknowns of a symmetric SciPy matrix in an order of small bandwidth, and their places."""
+    order = reverse_cuthill_mckee(matrix, symmetric_mode=True)
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    return order, place
 
 
 def _table(rows, columns, size, symmetric):

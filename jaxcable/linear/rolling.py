@@ -46,13 +46,18 @@ class Rolling(solver.Solver):
         return x[matrix.pattern.place], jnp.all((pivots > 0) & jnp.isfinite(pivots))
 
     def factorize(self, matrix: Sparse, loose: Bool[Array, " n"]) -> BandFactor:
-        """See `solver.Solver`."""
-        return factorize(matrix, loose)
+        """See `linear.factorize`; a matrix that is not positive definite counts as singular."""
+        matrix = matrix.held_at(loose, jnp.ones((), matrix.values.dtype))
+        size = scales(matrix.diagonal())
+        scaled = matrix.scaled(size)
+        factor, _ = solve(scaled.banded(), jnp.zeros_like(size))
+        regular = have_digits(factor[:, 0] ** 2)  # the pivots of LU
+        return BandFactor(factor, size, loose, regular, scaled)
 
 
 @pytree
 class BandFactor(Direct):
-    """Cholesky factor of a matrix scaled to unit diagonal; made by `factorize`.
+    """Cholesky factor of a matrix scaled to unit diagonal; made by `Rolling.factorize`.
 
     Attributes:
         factor: that of the scaled matrix in the order of the pattern, [n, b + 1].
@@ -76,16 +81,6 @@ class BandFactor(Direct):
         """See `Direct`."""
         p = self.scaled.pattern
         return times(self.scaled.banded(), x[p.order])[p.place]
-
-
-def factorize(matrix: Sparse, loose: Bool[Array, " n"]) -> BandFactor:
-    """See `linear.factorize`; a matrix that is not positive definite counts as singular."""
-    matrix = matrix.held_at(loose, jnp.ones((), matrix.values.dtype))
-    size = scales(matrix.diagonal())
-    scaled = matrix.scaled(size)
-    factor, _ = solve(scaled.banded(), jnp.zeros_like(size))
-    regular = have_digits(factor[:, 0] ** 2)  # the pivots of LU
-    return BandFactor(factor, size, loose, regular, scaled)
 
 
 def solve(

@@ -46,7 +46,7 @@ class Solver:
 
     name: str = None  # type: ignore[assignment]  # every solver has one
     package: str | None = None
-    analysis: type[Analysis] = None  # type: ignore[assignment]  # of those that solve on the host
+    analysis: type[Analysis] | None = None
     offered: bool = True
     on_device: bool = False
     definite: bool = False
@@ -86,6 +86,8 @@ class Solver:
             indptr, indices: compressed rows of the whole matrix (both triangles), columns
                 ascending.
         """
+        if self.analysis is None:
+            raise NotImplementedError(f"{self.name}: has no analysis of patterns")
         return self.analysis(n, indptr, indices)
 
     def solve_definite(

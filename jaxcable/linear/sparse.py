@@ -27,40 +27,47 @@ def words(pattern: Pattern) -> tuple[str, str]:
 
 
 @foreign.family
-def step(solver, stored):
-    """The callback for `host.step`: flattens the axes of batches."""
+def solve(solver, stored, kind):
+    """The callback for `host.solve`: flattens the axes of batches of matrices and right sides.
+
+    The last array says which unknowns are loose; for the "next" matrix of a sequence, which should
+    be positive definite, it says whether the result matters.
+    """
     solver, symmetric = named(solver), stored == "symmetric"
+    following, transposed = kind == "next", kind == "transposed"
 
-    def function(digest, indptr, indices, values, rhs, stale, *scalars):
-        if digest.ndim == 1:  # fast path: no batch axes
-            pattern = solver, symmetric, digest, indptr, indices
-            arrays = (a.astype(np.float64, copy=False)[None] for a in (values, rhs, stale))
-            return tuple(r[0] for r in host.step(pattern, *arrays, *(s[None] for s in scalars)))
-        batch, flat = host.flattened((values, rhs, stale), scalars)
-        arrays = (a.astype(np.float64, copy=False) for a in flat[:3])
-        pattern = solver, symmetric, *host.first(digest, indptr, indices)
-        x, definite, fresh = host.step(pattern, *arrays, *flat[3:])
-        return x.reshape(*batch, -1), definite.reshape(batch), fresh.reshape(batch)
-
-    return function
-
-
-@foreign.family
-def solve(solver, stored, direction):
-    """The callback for `host.solve`: flattens the axes of batches of matrices and right sides."""
-    solver, symmetric = named(solver), stored == "symmetric"
-    transposed = direction == "transposed"
-
-    def function(digest, indptr, indices, rhs, values, loose, stale, *scalars):
-        matrices, (values, loose, stale, *scalars) = host.flattened((values, loose, stale), scalars)
-        group = np.arange(len(values)).reshape(matrices)
-        batch, (rhs, group) = host.flattened((rhs,), (group,))
+    def function(digest, indptr, indices, rhs, values, stale, usable, tol, limit, last):
+        scalars = usable, tol, limit
+        if following:
+            batch, flat = host.flattened((values, stale, rhs), (*scalars, last))
+            values, stale, rhs, *scalars, wanted = flat
+            loose, group = None, np.arange(len(rhs))
+        else:
+            matrices, flat = host.flattened((values, stale, last), scalars)
+            values, stale, loose, *scalars = flat
+            group = np.arange(len(values)).reshape(matrices)
+            batch, (rhs, group) = host.flattened((rhs,), (group,))
+            # of an adjoint nothing is asked where its right side is zero
+            wanted = rhs.any(axis=1) if transposed else np.ones(len(rhs), bool)
         values, stale, rhs = (a.astype(np.float64, copy=False) for a in (values, stale, rhs))
-        pattern = solver, symmetric, *host.first(digest, indptr, indices)
-        x, regular = host.solve(pattern, transposed, values, loose, stale, *scalars, rhs, group)
-        return x.reshape(*batch, -1), regular.reshape(batch)
+        x, regular, fresh = host.solve(
+            (solver, symmetric, *host.first(digest, indptr, indices)),
+            *(following, transposed, values, loose, stale, *scalars, rhs, group, wanted),
+        )
+        x = x.reshape(*batch, -1)
+        if following:
+            return x, regular.reshape(batch), fresh.reshape(batch)
+        return x, (regular | ~wanted).reshape(batch)
 
     return function
+
+
+def _called(pattern, kind, rhs, n_flag, *arrays):
+    """Solution [n] by the host, and flags; the arguments of `solve` from `rhs` on."""
+    flag = jax.ShapeDtypeStruct((), bool)
+    shapes = jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), *[flag] * n_flag
+    arrays = pattern.digest, pattern.indptr, pattern.indices, rhs, *arrays
+    return foreign.call((solve, *words(pattern), kind), shapes, *arrays)
 
 
 @pytree
@@ -107,18 +114,9 @@ def solve_next(
     p = matrix.pattern
     if p.solver.on_device:
         return *p.solver.solve_definite(matrix, rhs), factored
-    shapes = (
-        jax.ShapeDtypeStruct(rhs.shape, rhs.dtype),
-        jax.ShapeDtypeStruct((), bool),
-        jax.ShapeDtypeStruct((), bool),
-    )
     tried = factored.usable & (limit > 0) & (factored.pause == 0)
-    x, definite, fresh = foreign.call(
-        (step, *words(p)),
-        shapes,
-        *(p.digest, p.indptr, p.indices, matrix.values, rhs),
-        *(factored.values, tried, tol, limit, wanted),
-    )
+    arrays = matrix.values, factored.values, tried, tol, limit, wanted
+    x, definite, fresh = _called(p, "next", rhs, 2, *arrays)
     after = Factored(
         values=jnp.where(fresh, matrix.values, factored.values),
         usable=factored.usable | fresh,
@@ -189,13 +187,10 @@ class SparseFactor(Factor):
         stale, usable = self.matrix.values, jnp.zeros((), bool)
         if self.factored is not None:
             stale, usable = self.factored.values, self.factored.usable & (self.limit > 0)
-        x, regular = foreign.call(
-            (solve, *words(p), "transposed" if transposed else "as it is"),
-            (jax.ShapeDtypeStruct(b.shape, dtype), jax.ShapeDtypeStruct((), bool)),
-            *(p.digest, p.indptr, p.indices, jnp.where(self.loose, 0.0, b)),
-            *(self.matrix.values, self.loose, stale, usable),
-            *(jnp.asarray(self.tol, dtype), jnp.int32(self.limit)),
-        )
+        b = jnp.where(self.loose, 0.0, b)
+        known = stale, usable, jnp.asarray(self.tol, dtype), jnp.int32(self.limit)
+        kind = "transposed" if transposed else "as it is"
+        x, regular = _called(p, kind, b, 1, self.matrix.values, *known, self.loose)
         return x, regular
 
     def checked(

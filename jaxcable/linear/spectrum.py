@@ -128,16 +128,12 @@ def _count(matrix, sure):
 def _on_host(matrix, loose, general, strict):
     """`spectrum` of a sparse matrix: a callback to the host."""
     p = matrix.pattern
-    shapes = (
-        jax.ShapeDtypeStruct((), jnp.int32),
-        jax.ShapeDtypeStruct((), matrix.values.dtype),
-        jax.ShapeDtypeStruct(loose.shape, matrix.values.dtype),
-        jax.ShapeDtypeStruct(loose.shape, matrix.values.dtype),
-    )
+    of_scalar = (jax.ShapeDtypeStruct((), dtype) for dtype in (jnp.int32, matrix.values.dtype))
+    of_vector = jax.ShapeDtypeStruct(loose.shape, matrix.values.dtype)
     stored = "symmetric" if p.symmetric else "general"
     return foreign.call(
         (analysis, stored, "may be unsymmetric" if general else "is symmetric"),
-        shapes,
+        (*of_scalar, of_vector, of_vector),
         *(p.indptr, p.indices, matrix.values, loose, jnp.asarray(strict)),
     )
 
@@ -163,8 +159,7 @@ def analysis(stored, kind):
 def _analyse(symmetric, apart, indptr, indices, values, loose, strict):
     """`spectrum` of one matrix in compressed rows; `apart`: `tol` of `_is_symmetric`, or None."""
     n = len(indptr) - 1
-    stored = sp.csr_matrix((values, indices, indptr), (n, n))
-    whole = stored + sp.triu(stored, 1).T if symmetric else stored
+    whole = host.whole_matrix(values, indices, indptr, symmetric)
     keep = np.flatnonzero(~loose)
     whole = whole.tocsc()[:, keep][keep]
     nothing = np.int32(0), np.nan, np.full(n, np.nan), np.full(n, np.nan)

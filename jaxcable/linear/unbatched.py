@@ -12,6 +12,7 @@ calls stay batched.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -67,27 +68,15 @@ svd = one_at_a_time(lambda matrix: tuple(jnp.linalg.svd(matrix)))
 _thin_svd = one_at_a_time(lambda matrix: tuple(jnp.linalg.svd(matrix, full_matrices=False)))
 
 
-def _triangular(lower, transposed):
+@functools.cache
+def _triangular(lower, transposed, unit_diagonal=False):
+    """Solve with a triangle; that of L in an LU decomposition has ones that are not stored."""
+
     def solve(factor, rhs):
-        return jsl.solve_triangular(factor, rhs, trans=int(transposed), lower=lower)
+        options = {"lower": lower, "unit_diagonal": unit_diagonal}
+        return jsl.solve_triangular(factor, rhs, trans=int(transposed), **options)
 
     return one_at_a_time(solve)
-
-
-_SOLVES = {(a, b): _triangular(a, b) for a in (False, True) for b in (False, True)}
-
-
-def _unit_triangular(transposed):
-    """Solve with the factor L of an LU decomposition, whose diagonal of ones is not stored."""
-
-    def solve(lu, rhs):
-        trans = int(transposed)
-        return jsl.solve_triangular(lu, rhs, trans=trans, lower=True, unit_diagonal=True)
-
-    return one_at_a_time(solve)
-
-
-_UNIT_SOLVES = {transposed: _unit_triangular(transposed) for transposed in (False, True)}
 
 
 @jax.custom_jvp
@@ -139,10 +128,10 @@ def solve_triangular(
         return (triangle.T if transposed else triangle) @ x
 
     def solved(_, b):
-        return _SOLVES[lower, transposed](held, b)
+        return _triangular(lower, transposed)(held, b)
 
     def adjoint(_, b):
-        return _SOLVES[lower, not transposed](held, b)
+        return _triangular(lower, not transposed)(held, b)
 
     return lax.custom_linear_solve(product, rhs, solved, adjoint)
 
@@ -158,9 +147,9 @@ def lu_solve(
 ) -> Float[Array, " n"]:
     """Solve with the factors of `lu_factor`, or with those of the transpose; no derivative."""
     if transposed:
-        x = _UNIT_SOLVES[True](lu, _SOLVES[False, True](lu, rhs))
+        x = _triangular(True, True, True)(lu, _triangular(False, True)(lu, rhs))
         return jnp.zeros_like(x).at[order].set(x, unique_indices=True)
-    return _SOLVES[False, False](lu, _UNIT_SOLVES[False](lu, rhs[order]))
+    return _triangular(False, False)(lu, _triangular(True, False, True)(lu, rhs[order]))
 
 
 def lstsq(
