@@ -74,7 +74,7 @@ class Law(abc.ABC):
         """Whether the law carries no stress because it has become too short."""
         return jnp.zeros(jnp.shape(strain), bool)
 
-    def corners(self, memory: Memory = None) -> Float[Array, "... n_corner"]:
+    def corners(self, memory: Memory = None) -> Float[ArrayLike, "... n_corner"]:
         """Strains at which the slope jumps, on the last axis."""
         return np.zeros(0)
 
