@@ -196,13 +196,13 @@ def integers(
     if array.ndim != (1 if width is None else 2) or (width and array.shape[1] != width):
         shape = "[n]" if width is None else f"[n, {width}]"
         raise ValueError(f"{name}: expected shape {shape}, got {array.shape}")
-    if (array < 0).any():
-        index = int(np.argwhere(array < 0)[0][0])
-        raise ValueError(f"{name}[{index}] = {array[index]}: {things} numbers start at 0")
-    large = array > np.iinfo(np.int32).max
-    if large.any():
-        index = int(np.argwhere(large)[0][0])
-        raise ValueError(f"{name}[{index}] = {array[index]}: a number of 32 bits is expected")
+    for wrong, text in (
+        (array < 0, f"{things} numbers start at 0"),
+        (array > np.iinfo(np.int32).max, "a number of 32 bits is expected"),
+    ):
+        if wrong.any():
+            index = int(np.argwhere(wrong)[0][0])
+            raise ValueError(f"{name}[{index}] = {array[index]}: {text}")
     return array.astype(np.int32)
 
 

@@ -25,6 +25,7 @@ _SETTINGS = (
     *("jax_numpy_rank_promotion", "jax_numpy_dtype_promotion"),
 )
 _CHECKS = "jax_disable_jit", "jax_debug_nans", "jax_debug_infs"
+"""Settings by which jax runs every operation by itself, or checks it."""
 
 
 def program(function, static=()):
@@ -49,7 +50,7 @@ def program(function, static=()):
         alone = by_itself(leaves)
         if "alone" in static:
             options["alone"] = alone
-        if not alone or _step_by_step():
+        if not alone or any(getattr(jax.config, name, False) for name in _CHECKS):
             with without_collection():
                 return plain(*arguments, **options)
         small = size <= _SMALL
@@ -128,11 +129,6 @@ def settings() -> tuple[Any, ...]:
     return tuple(getattr(jax.config, name, None) for name in _SETTINGS)
 
 
-def _step_by_step():
-    """Whether jax is to run every operation by itself, or to check it."""
-    return any(getattr(jax.config, name, False) for name in _CHECKS)
-
-
 @contextlib.contextmanager
 def without_collection() -> Iterator[None]:
     """Python's collector of cyclic garbage does not run meanwhile.
@@ -140,25 +136,19 @@ def without_collection() -> Iterator[None]:
     To trace a program makes a million objects, hardly any of them garbage; the collector would take
     up to a third of that time to find this out.
     """
-    own = object()
+    with _lock:
+        _enabled.append(gc.isenabled())
+        gc.disable()
     try:
-        with _lock:
-            if not _pauses:  # the first thread
-                _paused[:] = [gc.isenabled()]
-                gc.disable()
-            _pauses.add(own)
         yield
     finally:
-        with _lock:  # the last thread leaves things as the first one has found them
-            _pauses.discard(own)
-            if not _pauses and _paused == [True]:
+        with _lock:
+            if _enabled.pop():  # of the first thread, which has found it enabled: the last one here
                 gc.enable()
-                _paused.clear()
 
 
 _lock = threading.Lock()
-_pauses: set[object] = set()  # one for every thread that traces now
-_paused: list[bool] = []  # whether the collector ran before the first of them
+_enabled: list[bool] = []  # whether the collector ran when each of the threads that trace came
 
 
 def by_itself(leaves: Sequence[Any]) -> bool:

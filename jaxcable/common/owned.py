@@ -7,17 +7,15 @@ NumPy's error instead of half a change.
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any
 
 import jax
 import numpy as np
 
-_T = TypeVar("_T")
-
 _IMMUTABLE = (type(None), bool, int, float, complex, str, bytes, jax.Array, np.generic)
 
 
-def owned(value: _T, is_owner: type | tuple[type, ...] = ()) -> _T:
+def owned(value: Any, is_owner: type | tuple[type, ...] = ()) -> Any:
     """Copy the NumPy arrays, lists and dicts of a pytree; the copies of arrays are read-only.
 
     Arrays of jax, which nobody can change, are not copied, nor are arrays that are such copies.
@@ -26,26 +24,21 @@ def owned(value: _T, is_owner: type | tuple[type, ...] = ()) -> _T:
         value: array, number, or pytree.
         is_owner: classes of objects that own what is in them, and are left as they are.
     """
-    return _owned(value, is_owner)
-
-
-def _owned(value, is_owner):
-    """See `owned`."""
     kind = type(value)
     if kind is np.ndarray:
         return value if _is_frozen(value) else _frozen_copy(value)
     if isinstance(value, _IMMUTABLE) or hasattr(kind, "_all_fields") or isinstance(value, is_owner):
         return value
     if kind is dict:
-        return {key: _owned(item, is_owner) for key, item in value.items()}
+        return {key: owned(item, is_owner) for key, item in value.items()}
     if kind is list or kind is tuple:
-        return kind([_owned(item, is_owner) for item in value])
+        return kind([owned(item, is_owner) for item in value])
     if isinstance(value, np.ndarray):  # a subclass, such as a file in memory
         return _frozen_copy(value)
     leaves, tree = jax.tree.flatten(value, is_leaf=lambda x: x is not value)
     if len(leaves) == 1 and leaves[0] is value:
         return value
-    return jax.tree.unflatten(tree, [_owned(leaf, is_owner) for leaf in leaves])
+    return jax.tree.unflatten(tree, [owned(leaf, is_owner) for leaf in leaves])
 
 
 def _is_frozen(array):

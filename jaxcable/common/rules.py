@@ -71,9 +71,7 @@ def refuse(rules: Sequence[Rule]) -> None:
     Traced numbers and NaN pass.
     """
     for rule in rules:
-        values: list[Any] = (
-            [None] if rule.values is None else [concrete(v) for v in _all(rule.values)]
-        )
+        values: list[Any] = [concrete(v) for v in _all(rule.values)]
         if any(value is None for value in values):
             continue
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -140,6 +138,6 @@ def _of_each(tree):
 
 
 def _all(values):
-    """The values of a rule as a tuple of arrays; a list of numbers becomes one array."""
+    """The values of a rule as a tuple of arrays, or None; a list of numbers becomes one array."""
     values = values if isinstance(values, tuple) else (values,)
-    return tuple(v if isinstance(v, jax.Array) else np.asarray(v) for v in values)
+    return tuple(v if v is None or isinstance(v, jax.Array) else np.asarray(v) for v in values)

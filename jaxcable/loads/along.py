@@ -13,7 +13,7 @@ from jax.typing import DTypeLike
 
 from ..common import checks
 from ..common.selection import Selection
-from ..common.tree import copy, put, pytree
+from ..common.tree import put, pytree
 from ..common.types import Array, ArrayLike, Float
 from ..elements.element import Element, OwnState
 from ..model.parts import group_path
@@ -108,6 +108,8 @@ class SelfWeight(Along):
         None  # by number of group: 1 for loaded elements, else 0; set by the analysis
     )
 
+    scales = ("direction",)
+
     def __post_init__(self):
         self._check_elements()
         direction = checks.floats(self.direction, "direction")
@@ -123,10 +125,6 @@ class SelfWeight(Along):
         if all(group.weight is None for group in groups):
             kind = "no element group" if self.on is None else f"on = {self.on!r}: no such group"
             raise ValueError(f"SelfWeight: {kind} has a weight; give weight=... in N/m")
-
-    def scaled(self, factor: Float[ArrayLike, ""]) -> SelfWeight:
-        """The load times `factor`."""
-        return copy(self, direction=factor * self.direction)
 
     def _vector(self):
         return self.direction
@@ -195,6 +193,8 @@ class LineLoads(Along, Measured):
         None  # by number of group: 1 for loaded elements, else 0; set by the analysis
     )
 
+    scales = ("factor",)
+
     def __post_init__(self):
         self._check_elements()
         forces = checks.shaped(self.forces, "forces", (3,))
@@ -212,10 +212,6 @@ class LineLoads(Along, Measured):
                 f"on = {self.on!r}: {path} ({kind.__name__}) has no length to load; its class must "
                 "state has_length = True"
             )
-
-    def scaled(self, factor: Float[ArrayLike, ""]) -> LineLoads:
-        """The load times `factor`."""
-        return copy(self, factor=factor * self.factor)
 
     def _vector(self):
         return self.factor * self.forces

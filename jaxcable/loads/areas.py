@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 
 from ..common import checks
-from ..common.tree import copy, put, pytree
+from ..common.tree import put, pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from ..model.structure import Structure
 from ..numerics import scaled
@@ -61,6 +61,8 @@ class AreaLoads(Measured):
         None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
     )
 
+    scales = ("factor",)
+
     def __post_init__(self):
         put(self, faces=_faces.checked(self.faces))
         forces = checks.shaped(self.forces, "forces", (3,), (len(self.faces), 3))
@@ -71,10 +73,6 @@ class AreaLoads(Measured):
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
         _faces.known(self.faces, structure)
-
-    def scaled(self, factor: Float[ArrayLike, ""]) -> AreaLoads:
-        """The load times `factor`."""
-        return copy(self, factor=factor * self.factor)
 
     def element_forces(
         self,

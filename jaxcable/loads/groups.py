@@ -16,7 +16,7 @@ from ..common.tree import Indices, copy, plain
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.element_state import ElementState
 from ..model.structure import Structure
-from .load import Acting, Bundles
+from .load import Acting, Bundles, OnEveryNode
 
 Key: TypeAlias = Any
 """Key of a group in the structure's elements: a dict's key or a list's index; None means all
@@ -117,7 +117,7 @@ def scattered(
     parts: Sequence[Float[ArrayLike, "... 3"] | None],
     shape: tuple[int, int],
     dtype: DTypeLike,
-) -> Float[Array | np.ndarray, "n_node n_freedom"]:
+) -> OnEveryNode:
     """Add vectors at their nodes: an array of `shape`, NumPy unless something is traced.
 
     Args:

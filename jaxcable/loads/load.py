@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Mapping, Sequence
-from typing import Protocol, TypeAlias
+from typing import Protocol, Self, TypeAlias
 
 import numpy as np
 from jax.typing import DTypeLike
 
 from ..common.rules import Rule
-from ..common.tree import Indices
+from ..common.tree import Indices, copy
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element, OwnState
 from ..model.structure import Structure
@@ -20,8 +20,8 @@ Groups: TypeAlias = Sequence[Element]
 States: TypeAlias = Sequence[OwnState]
 """State of every group, an `ElementState` of the group's own class."""
 Positions: TypeAlias = 'Float[Array, "n_row 3"]'
-OnEveryNode: TypeAlias = 'Float[Array, "n_row n_freedom"]'
-"""Forces of all nodes, N, with six columns also moments, N m."""
+OnEveryNode: TypeAlias = 'Float[Array | np.ndarray, "n_row n_freedom"]'
+"""Forces of all nodes, N, and moments, N m, or steps, with three columns or six."""
 Blocks: TypeAlias = 'list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]'
 """Derivatives of forces by positions: blocks, and the nodes that they couple."""
 
@@ -42,7 +42,7 @@ class Bundles(Protocol):
         """Convert arrays [n_elem] or scalars by number of group to the same by number of bundle."""
 
 
-class Load(abc.ABC):
+class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstract methods
     """Something that acts on a structure in a phase; a pytree whose leaves are its numbers.
 
     A load derives from one of the classes below: `OnNodes`, `Moving`, `Dead` or `Measured`,
@@ -50,17 +50,23 @@ class Load(abc.ABC):
 
     Attributes:
         worked_out: names of fields that the analysis sets and the user does not give.
+        scales: names of fields that a factor of the load multiplies.
     """
 
     worked_out: tuple[str, ...] = ("begun", "part")
+    scales: tuple[str, ...] = ()
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if the load does not fit a structure."""
         return None
 
-    @abc.abstractmethod
-    def scaled(self, factor: Float[ArrayLike, ""]) -> Load:
-        """The load times `factor`."""
+    def scaled(self, factor: Float[ArrayLike, ""]) -> Self:
+        """The load times `factor`, by its fields `scales`."""
+        if not self.scales:
+            kind = type(self).__name__
+            raise NotImplementedError(f"{kind}: name in `scales` what a factor multiplies")
+        given = {name: getattr(self, name) for name in self.scales}
+        return copy(self, **{name: factor * x for name, x in given.items() if x is not None})
 
     def rules(self) -> list[Rule]:
         """The rules of its numbers, see `common.rules`."""
@@ -86,9 +92,7 @@ class OnNodes(Load):
         return True
 
     @abc.abstractmethod
-    def nodal_forces(
-        self, shape: tuple[int, int], dtype: DTypeLike
-    ) -> Float[Array | np.ndarray, "n_node n_freedom"]:
+    def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
         """Force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
 
 
@@ -100,9 +104,7 @@ class Moving(Load):
         """Raise ValueError if a moved freedom is not held; `fixed` is a `supports.Fixed`."""
 
     @abc.abstractmethod
-    def steps(
-        self, shape: tuple[int, int], dtype: DTypeLike
-    ) -> Float[Array | np.ndarray, "n_node n_freedom"]:
+    def steps(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
         """Steps of all nodes, of `shape`: translations, and rotation vectors with six columns."""
 
 

@@ -6,13 +6,13 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from ..common import checks
-from ..common.tree import Indices, copy, put, pytree
-from ..common.types import Array, ArrayLike, Float, Int
+from ..common.tree import Indices, put, pytree
+from ..common.types import ArrayLike, Float, Int
 from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import Fixed
 from .groups import scattered
-from .load import Moving
+from .load import Moving, OnEveryNode
 
 
 @pytree(indices=("nodes",))
@@ -46,6 +46,8 @@ class SupportMovement(Moving):
     nodes: Int[ArrayLike, " n"]
     displacements: Float[ArrayLike, "... 3"] | None
     rotations: Float[ArrayLike, "... 3"] | None = None
+
+    scales = ("displacements", "rotations")
 
     def __post_init__(self):
         if not isinstance(self.nodes, Indices):
@@ -95,13 +97,6 @@ class SupportMovement(Moving):
             if self.rotations is not None and not held[k, 3:].all():
                 raise ValueError(f"rotations[{k}]: node {node} is not clamped")
 
-    def scaled(self, factor: Float[ArrayLike, ""]) -> SupportMovement:
-        """The movement with displacements and rotation vectors times `factor`."""
-        rotations = None if self.rotations is None else factor * self.rotations
-        return copy(self, displacements=factor * self.displacements, rotations=rotations)
-
-    def steps(
-        self, shape: tuple[int, int], dtype: DTypeLike
-    ) -> Float[Array | np.ndarray, "n_node n_freedom"]:
+    def steps(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
         """Steps of all nodes, of `shape`: translations, and rotation vectors with six columns."""
         return scattered(self.nodes, (self.displacements, self.rotations), shape, dtype)

@@ -6,11 +6,11 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from ..common import checks
-from ..common.tree import Indices, copy, put, pytree
-from ..common.types import Array, ArrayLike, Float, Int
+from ..common.tree import Indices, put, pytree
+from ..common.types import ArrayLike, Float, Int
 from ..model.structure import Structure
 from .groups import scattered
-from .load import OnNodes
+from .load import OnEveryNode, OnNodes
 
 
 @pytree(indices=("nodes",))
@@ -42,6 +42,8 @@ class NodalLoads(OnNodes):
     forces: Float[ArrayLike, "... 3"]
     moments: Float[ArrayLike, "... 3"] | None = None
 
+    scales = ("forces", "moments")
+
     def __post_init__(self):
         if not isinstance(self.nodes, Indices):
             put(self, nodes=Indices(checks.integers(self.nodes, "load nodes")))
@@ -70,11 +72,6 @@ class NodalLoads(OnNodes):
                     f"moments: node {self.nodes[k]} has no rotation: no beam is joined rigidly"
                 )
 
-    def scaled(self, factor: Float[ArrayLike, ""]) -> NodalLoads:
-        """The load times `factor`."""
-        moments = None if self.moments is None else factor * self.moments
-        return copy(self, forces=factor * self.forces, moments=moments)
-
     def __str__(self) -> str:
         forces = checks.concrete(self.forces)
         if forces is None:
@@ -83,8 +80,6 @@ class NodalLoads(OnNodes):
         total = ", ".join(f"{force:.6g}" for force in total)
         return f"NodalLoads on {len(self.nodes)} nodes, sum ({total}) N"
 
-    def nodal_forces(
-        self, shape: tuple[int, int], dtype: DTypeLike
-    ) -> Float[Array | np.ndarray, "n_node n_freedom"]:
+    def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
         """Force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
         return scattered(self.nodes, (self.forces, self.moments), shape, dtype)

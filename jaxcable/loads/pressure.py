@@ -31,6 +31,8 @@ PER = ("current", "unstressed")
 class Pressure(Following):
     """A following load by the force on one piece, an element or a face, and all of its pieces."""
 
+    scales = ("pressure",)
+
     @abc.abstractmethod
     def _parts(self, groups, states, moved):
         """Iterate over arrays of pieces: moved corners [n, k, 3], numbers, nodes [n, k]."""
@@ -144,10 +146,6 @@ class CablePressure(OnGroups, Pressure):
         part = dict.fromkeys(load.on, self.pressure)
         return copy(load, pressure=jnp.ones_like(self.pressure[0]), part=part)
 
-    def scaled(self, factor: Float[ArrayLike, ""]) -> CablePressure:
-        """The load times `factor`."""
-        return copy(self, pressure=factor * self.pressure)
-
     def touches(self, groups: Groups) -> list[Indices]:
         """Nodes whose forces depend on each other's positions, a list of [n, 2]."""
         return [Indices(groups[number].links.array[:, :2]) for number in self.on]
@@ -225,10 +223,6 @@ class FacePressure(Pressure):
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
         _faces.known(self.faces, structure)
-
-    def scaled(self, factor: Float[ArrayLike, ""]) -> FacePressure:
-        """The load times `factor`."""
-        return copy(self, pressure=factor * self.pressure)
 
     def touches(self, groups: Groups) -> list[Indices]:
         """Nodes whose forces depend on each other's positions, a list of [n, 3 or 4]."""

@@ -6,6 +6,7 @@ import abc
 from typing import TypeAlias
 
 import jax.numpy as jnp
+import numpy as np
 
 from ..common.types import Array, ArrayLike, Bool, Float
 
@@ -61,7 +62,7 @@ class Law(abc.ABC):
 
     @property
     def limits(self) -> Pair:
-        """Numbers at which the curve ends."""
+        """Strains at which the curve ends."""
         return -jnp.inf, jnp.inf
 
     def beyond(self, strain: Numbers) -> Bool[Array, "*shape"]:
@@ -73,13 +74,18 @@ class Law(abc.ABC):
         """Whether the law carries no stress because it has become too short."""
         return jnp.zeros(jnp.shape(strain), bool)
 
-    def corners(self, memory: Memory = None) -> Float[Array, "... n_corner"]:
-        """Numbers at which the slope jumps, on the last axis."""
-        return jnp.zeros(0)
+    def corners(self, memory: Memory = None) -> Float[ArrayLike, "... n_corner"]:
+        """Strains at which the slope jumps, on the last axis."""
+        return np.zeros(0)
 
     def corner_distance(self, strain: Numbers, memory: Memory = None) -> Values:
         """Distance in strain to the nearest corner."""
-        return jnp.full_like(strain, jnp.inf)
+        strain, corners = jnp.asarray(strain), self.corners(memory)
+        if corners.shape[-1] == 0:
+            return jnp.full_like(strain, jnp.inf)
+        if memory is None:
+            corners = on_last_axis(corners, strain[..., None])
+        return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1)
 
     def size_at(self, strain: Numbers, memory: Memory) -> Values:
         """Sum of the absolute stresses of its parts, Pa: rounding errors are relative to it."""
@@ -122,6 +128,11 @@ class Law(abc.ABC):
     def falls(self) -> Float[ArrayLike, " n"] | None:
         """The stresses [n] of a curve that may fall, or None if the curve cannot fall."""
         return None
+
+
+def on_last_axis(values: Float[Array, " n"], like: Values) -> Float[Array, "... n"]:
+    """`values` [n], reshaped so that they broadcast along the last axis of `like`."""
+    return values.reshape((1,) * (like.ndim - 1) + (-1,))
 
 
 def uniaxial(law: object, name: str) -> None:

@@ -73,7 +73,7 @@ class Parallel(Law):
 
     @property
     def limits(self) -> Pair:
-        """Numbers at which the first of the curves ends; -inf for the lower one of a cable.
+        """Strains at which the first of the curves ends; -inf for the lower one of a cable.
 
         Computed for first loading. They hold after any other loading too: at these strains every
         part that can yield has yielded.
@@ -82,7 +82,7 @@ class Parallel(Law):
         return jnp.full_like(low, -jnp.inf) if self.one_sided else low, high
 
     def _ends(self):
-        """Numbers of the laws, without the spring, at which the first of the curves ends."""
+        """Strains of the laws, without the spring, at which the first of the curves ends."""
         low, high = zip(*(law.limits for law in self.laws), strict=True)
         return (
             jnp.max(jnp.stack([jnp.asarray(v) for v in low])),
@@ -261,14 +261,6 @@ class Parallel(Law):
             candidates = jnp.concatenate([corners, slack], -1)
             corners = jnp.maximum(candidates, jnp.broadcast_to(slack, candidates.shape))
         return self._with_spring(corners, None if memory is None else memory[..., None, :])
-
-    def corner_distance(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Distance in strain to the nearest corner of any law."""
-        strain = jnp.asarray(strain)
-        corners = self.corners(memory)
-        if memory is None:
-            corners = corners.reshape((1,) * strain.ndim + (-1,))
-        return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1, initial=jnp.inf)
 
     def is_slack(self, strain: Numbers, memory: Memory = None) -> Bool[Array, "*shape"]:
         """Whether it carries no stress: a cable as a whole, otherwise if all laws are slack."""

@@ -28,7 +28,7 @@ from ..common.tree import copy, put, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from . import points
 from .inverse import inverse
-from .law import Law, Memory, Numbers, Pair, Remembered, Values
+from .law import Law, Memory, Numbers, Pair, Remembered, Values, on_last_axis
 
 
 @pytree(static=("unloading", "one_sided", "endless", "rising", "n_memory"))
@@ -137,7 +137,7 @@ class Polygonal(Law):
 
     @property
     def limits(self) -> Pair:
-        """Numbers at which the curve ends; -inf on the compression side of a slack material."""
+        """Strains at which the curve ends; -inf on the compression side of a slack material."""
         return jnp.where(self._two_sided, self.strain[0], -jnp.inf), self.strain[-1]
 
     # --- the law
@@ -209,11 +209,11 @@ class Polygonal(Law):
         return ~self._two_sided & (self._curve(strain, memory) < 0)
 
     def corners(self, memory: Memory = None) -> Float[Array, "... n_corner"]:
-        """Numbers at which the slope jumps, including the ends of the curve, on the last axis."""
+        """Strains at which the slope jumps, including the ends of the curve, on the last axis."""
         if memory is None:
             return jnp.where(self._two_sided, self.strain, jnp.maximum(self.strain, 0.0))
         low, high = self.limits
-        stiffness, pull, push = (_on_last_axis(v, memory) for v in self._parts())
+        stiffness, pull, push = (on_last_axis(v, memory) for v in self._parts())
         yielding = jnp.concatenate([memory + pull, memory - push], -1)
         # a part that never yields in a direction has its corner at the end of the curve
         yielding = jnp.where(jnp.isfinite(yielding), yielding, high)
@@ -221,14 +221,6 @@ class Polygonal(Law):
         slack = jnp.sum(stiffness * memory, axis=-1, keepdims=True) / self.modulus
         ends = [jnp.where(self._two_sided, low, slack), jnp.full_like(slack, high)]
         return jnp.concatenate([yielding, *ends], -1)
-
-    def corner_distance(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Distance in strain to the nearest corner or end of the curve."""
-        strain = jnp.asarray(strain)
-        corners = self.corners(memory)
-        if memory is None:
-            corners = _on_last_axis(corners, strain[..., None])
-        return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1)
 
     # --- the same material, changed
 
@@ -281,15 +273,15 @@ class Polygonal(Law):
     def _ramps(self, strain):
         """Initial slope; at every corner the change of slope and the strains beyond it.
 
-        Numbers beyond corners in tension and beyond corners in compression are separate arrays.
+        Strains beyond corners in tension and beyond corners in compression are separate arrays.
         """
         slopes, e = self._slopes, strain[..., None]
-        corners = _on_last_axis(self.strain[1:-1], e)
+        corners = on_last_axis(self.strain[1:-1], e)
         forward = jnp.where((corners > 0) & (e >= corners), e - corners, 0.0)
         backward = jnp.where((corners < 0) & (e <= corners) & self._two_sided, e - corners, 0.0)
         behind = jnp.where(self._two_sided, slopes[jnp.sum(self.strain[1:-1] < 0)], 0.0)
         initial = jnp.where(strain >= 0, self.modulus, behind)
-        return initial, _on_last_axis(jnp.diff(slopes), e), forward, backward
+        return initial, on_last_axis(jnp.diff(slopes), e), forward, backward
 
     def _parts(self):
         """Stiffness, tension and compression yield strain of the parallel parts, [n_memory] each.
@@ -314,7 +306,7 @@ class Polygonal(Law):
 
     def _yielding(self, strain, memory):
         """Stiffness of the parts, last slope, strains of the parts before and after yielding."""
-        stiffness, pull, push = (_on_last_axis(v, memory) for v in self._parts())
+        stiffness, pull, push = (on_last_axis(v, memory) for v in self._parts())
         elastic = strain[..., None] - memory
         # at a corner the plastic branch counts, that of loading
         kept = jnp.where(elastic >= pull, pull, jnp.where(elastic <= -push, -push, elastic))
@@ -322,8 +314,3 @@ class Polygonal(Law):
         corners, slopes = self.strain[1:-1], self._slopes
         last = jnp.where(jnp.sum(corners > 0) >= jnp.sum(corners < 0), slopes[-1], slopes[0])
         return stiffness, last, elastic, kept
-
-
-def _on_last_axis(values, like):
-    """`values` [n], reshaped so that they broadcast along the last axis of `like`."""
-    return values.reshape((1,) * (like.ndim - 1) + (-1,))

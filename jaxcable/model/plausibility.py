@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import jax
 import numpy as np
@@ -36,6 +36,12 @@ OFF_AXIS = 1e-6
 
 STIFFLESS = 1e-12
 """Bending stiffness over EA and the square of the section's size that is nothing but rounding."""
+
+Held: TypeAlias = 'Bool[np.ndarray, "n_row n_freedom"]'
+"""True where a freedom is held, [n_row, 3 or 6]."""
+Positions: TypeAlias = 'Float[np.ndarray, "n_node 3"]'
+Named: TypeAlias = Sequence[tuple[str, Element]]
+"""Pairs of (key in the elements as text, group)."""
 
 _UNITS = "are stiffness and forces in N, areas in m2, moduli in Pa?"
 
@@ -98,11 +104,7 @@ def turned(name: str, rotations: Float[np.ndarray, "... 3"]) -> Iterator[str]:
 
 
 @warns
-def places(
-    nodes: Float[np.ndarray, "n_node 3"],
-    touched: Bool[np.ndarray, " n_node"],
-    fixed: Bool[np.ndarray, "n_row n_freedom"],
-) -> Iterator[str]:
+def places(nodes: Positions, touched: Bool[np.ndarray, " n_node"], fixed: Held) -> Iterator[str]:
     """Warn of two nodes at the same position that are not joined, unless both are held.
 
     Args:
@@ -127,7 +129,7 @@ def places(
 
 
 @warns
-def members(group: Element, where: str, nodes: Float[np.ndarray, "n_node 3"]) -> Iterator[str]:
+def members(group: Element, where: str, nodes: Positions) -> Iterator[str]:
     """Warn of unstressed lengths and cross-sections that do not fit the positions of the nodes.
 
     Args:
@@ -159,9 +161,7 @@ def members(group: Element, where: str, nodes: Float[np.ndarray, "n_node 3"]) ->
 
 
 @warns
-def bending(
-    named: Sequence[tuple[str, Element]], fixed: Bool[np.ndarray, "n_node n_freedom"]
-) -> Iterator[str]:
+def bending(named: Named, fixed: Held) -> Iterator[str]:
     """Warn of beams whose section does not resist bending.
 
     No error: under tension a beam without bending stiffness can have an equilibrium, as a cable.
@@ -198,9 +198,8 @@ def prestress(
         force = value * _chords(group, nodes) if name == "force_density" else value
         strength = _there(group.strength)
         if strength is not None:
-            yield from _first(
-                label, value, force > strength, "more than the strength of the element"
-            )
+            text = "more than the strength of the element"
+            yield from _first(label, value, force > strength, text)
         if stiffness is not None:
             yield from _judge_strain(label, value, force / stiffness, _UNITS)
     elif name == "prestrain":
@@ -217,10 +216,10 @@ def prestress(
 def loading(
     number: int,
     loads: Sequence[Any],
-    fixed: Bool[np.ndarray, "n_row n_freedom"],
+    fixed: Held,
     groups: Sequence[Element],
     alone: bool,
-    waits: Bool[np.ndarray, "n_row n_freedom"] | None = None,
+    waits: Held | None = None,
 ) -> Iterator[str]:
     """Warn of nodal loads that only what holds still takes, or that their elements cannot bear.
 
@@ -283,7 +282,7 @@ def loading(
 
 
 @warns
-def weights(named: Sequence[tuple[str, Element]], weighed: bool) -> Iterator[str]:
+def weights(named: Named, weighed: bool) -> Iterator[str]:
     """Warn of weights in an analysis under other loads, or with a stated sag, that never act.
 
     Args:
@@ -301,9 +300,7 @@ def weights(named: Sequence[tuple[str, Element]], weighed: bool) -> Iterator[str
 
 
 @warns
-def nothing_free(
-    number: int, fixed: Bool[np.ndarray, "n_row n_freedom"], groups: Sequence[Element]
-) -> Iterator[str]:
+def nothing_free(number: int, fixed: Held, groups: Sequence[Element]) -> Iterator[str]:
     """Warn of supports that hold every node, unless elements change their shape under load."""
     if fixed.all() and not any(group.shaped_by_load and not group.slides for group in groups):
         yield (

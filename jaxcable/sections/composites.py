@@ -76,9 +76,11 @@ def composite(
 
     points, cells, own = join("points"), None, join("own")
     if points is not None:
-        starts = np.cumsum([0, *(len(np.asarray(section.points)) for section in sections[:-1])])
-        pairs = zip(sections, starts, strict=True)
-        cells = np.concatenate([section.cells.array + start for section, start in pairs])[order]
+        cells, count = [], 0  # a list, and the number of the points before
+        for section in sections:
+            cells.append(section.cells.array + count)
+            count += section.points.shape[0]
+        cells = np.concatenate(cells)[order]
     return cls(
         *(join(name)[order] for name in ("y", "z", "area")),
         kinds,

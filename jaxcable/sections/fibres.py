@@ -7,6 +7,7 @@ size of the fibres; where all laws are linear, the sums are exact integrals.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Self, TypeAlias
 
@@ -25,18 +26,20 @@ Forces: TypeAlias = "tuple[Values, Values, Values]"
 """Axial force and moments about y and z, ``N, My, Mz``."""
 
 
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Fibres:
-    """The law of a section from its fibres; `section.Section` derives from it, with the fields."""
+    """The law of a section from its fibres; `section.Section` says what its fields are."""
 
     y: Float[ArrayLike, " n_fibre"]
     z: Float[ArrayLike, " n_fibre"]
     area: Float[ArrayLike, " n_fibre"]
     laws: Sequence[Law]
-    counts: tuple[int, ...]
-    torsion: Float[ArrayLike, " n_law"] | None
-    points: Float[ArrayLike, "n_point 2"] | None
-    cells: Int[ArrayLike, "n_fibre 4"] | None
-    own: Float[ArrayLike, "n_fibre 3"] | None
+    counts: tuple[int, ...] = None  # type: ignore[assignment]  # set by the constructor
+    torsion: Float[ArrayLike, " n_law"] | None = None
+    points: Float[ArrayLike, "n_point 2"] | None = None
+    cells: Int[ArrayLike, "n_fibre 4"] | None = None
+    own: Float[ArrayLike, "n_fibre 3"] | None = None
+    placed: bool = True
 
     @property
     def n_fibre(self) -> int:

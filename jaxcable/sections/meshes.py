@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 
 from ..common.types import ArrayLike, Float, Int
 
+Mesh: TypeAlias = 'tuple[Float[np.ndarray, "n_point 2"], Int[np.ndarray, "n_cell 4"]]'
+"""Points and cells."""
 
-def square(
-    n_y: int, n_z: int
-) -> tuple[Float[np.ndarray, "n_point 2"], Int[np.ndarray, "n_cell 4"]]:
+
+def square(n_y: int, n_z: int) -> Mesh:
     """Square from -1 to 1 in `n_y` by `n_z` cells."""
     y, z = np.meshgrid(np.linspace(-1, 1, n_y + 1), np.linspace(-1, 1, n_z + 1), indexing="ij")
     number = np.arange(y.size).reshape(y.shape)
@@ -24,7 +26,7 @@ def square(
     return np.column_stack([y.ravel(), z.ravel()]), np.stack(corners, -1).reshape(-1, 4)
 
 
-def disc(n_y: int, n_z: int) -> tuple[Float[np.ndarray, "n_point 2"], Int[np.ndarray, "n_cell 4"]]:
+def disc(n_y: int, n_z: int) -> Mesh:
     """Disc of diameter 1, mapped from the square, with the exact area of the circle.
 
     Squares about the centre become circles with equal angles between the points (Shirley and Chiu
@@ -61,7 +63,7 @@ def ring(
 
 def polygon(
     outline: Float[np.ndarray, "n 2"], holes: Sequence[Float[np.ndarray, "_ 2"]], size: float
-) -> tuple[Float[np.ndarray, "n_point 2"], Int[np.ndarray, "n_cell 4"]]:
+) -> Mesh:
     """Mesh of a polygon with holes, with its exact area and cells not larger than `size`.
 
     The polygon is cut into level strips at every corner. Within a strip the edges do not cross, and
@@ -70,12 +72,11 @@ def polygon(
     edges = np.concatenate([np.stack([p, np.roll(p, -1, axis=0)], 1) for p in (outline, *holes)])
     edges = edges[edges[:, 0, 1] != edges[:, 1, 1]]  # a level edge is no side of a strip
     levels = np.unique(edges[:, :, 1])
-    levels = np.concatenate(
-        [np.linspace(a, b, _parts(b - a, size), endpoint=False) for a, b in _pairs(levels)]
-        + [levels[-1:]]
-    )
+    strips = itertools.pairwise(levels)
+    parts = [np.linspace(a, b, _parts(b - a, size), endpoint=False) for a, b in strips]
+    levels = np.concatenate([*parts, levels[-1:]])
     points, cells = [], []
-    for low, high in _pairs(levels):
+    for low, high in itertools.pairwise(levels):
         middle = 0.5 * (low + high)
         hit = edges[(edges[:, :, 1].min(1) < middle) & (edges[:, :, 1].max(1) > middle)]
         bottom, centre, top = (_crossings(hit, level) for level in (low, middle, high))
@@ -143,10 +144,6 @@ def _triangle(a, b, c):
 def _squares(points):
     """``z^2, y^2, y z`` of points [m, 2], [m, 3]."""
     return points[:, [1, 0, 0]] * points[:, [1, 0, 1]]
-
-
-def _pairs(values):
-    return itertools.pairwise(values)
 
 
 def _parts(length, size):

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import jax.numpy as jnp
 
 from ..common import checks
 from ..common.rules import Rule, positive, refuse
 from ..common.tree import Indices, put, pytree
-from ..common.types import Array, ArrayLike, Float, Int
+from ..common.types import Array, Float
 from ..materials import Parallel
 from ..materials.law import Law, uniaxial
 from . import capacity, composites, geometry, shapes, strains
@@ -64,17 +62,6 @@ class Section(Fibres):
         >>> print(f"{section.stiffness()[0, 0] / 1e6:.1f} MN")  # EA
         412.3 MN
     """
-
-    y: Float[ArrayLike, " n_fibre"]
-    z: Float[ArrayLike, " n_fibre"]
-    area: Float[ArrayLike, " n_fibre"]
-    laws: Sequence[Law]
-    counts: tuple[int, ...] = None  # type: ignore[assignment]  # set by the constructor
-    torsion: Float[ArrayLike, " n_law"] | None = None
-    points: Float[ArrayLike, "n_point 2"] | None = None
-    cells: Int[ArrayLike, "n_fibre 4"] | None = None
-    own: Float[ArrayLike, "n_fibre 3"] | None = None
-    placed: bool = True
 
     def __post_init__(self):
         for name in ("y", "z", "area"):

@@ -5,7 +5,7 @@ import numpy as np
 
 import jaxcable as jc
 from jaxcable.common import checks
-from jaxcable.common.tree import copy, pytree
+from jaxcable.common.tree import pytree
 from jaxcable.loads.load import Dead
 
 PLACES, WEIGHTS = np.polynomial.legendre.leggauss(4)
@@ -27,6 +27,8 @@ class PowerLawWind(Dead):
     reference: object
     exponent: object
 
+    scales = ("reference",)
+
     def __post_init__(self):
         object.__setattr__(self, "reference", checks.floats(self.reference, "reference"))
         object.__setattr__(self, "exponent", checks.floats(self.exponent, "exponent"))
@@ -34,9 +36,6 @@ class PowerLawWind(Dead):
     def check(self, structure):
         if any(group.links.shape[1] != 2 for group in structure.groups):
             raise ValueError("PowerLawWind: elements of two ends only")
-
-    def scaled(self, factor):
-        return copy(self, reference=factor * self.reference)
 
     def element_forces(self, groups, states, nodes, shape, dtype):
         total = jnp.zeros(shape, dtype)
