@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TypeAlias
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
 
 _SCALED = ("N", "N m", "J")
 _SHARED = 4  # columns from which a unit that all of them have is said in the title
@@ -41,6 +44,45 @@ class Table:
     notes: tuple[str, ...] = ()
     governing: int | tuple[int, ...] | None = None
     details: tuple[int, ...] = ()
+
+
+class Column(NamedTuple):
+    """A column of a table.
+
+    Attributes:
+        name: in words; columns may have the same.
+        unit: "" for none, "-" for shares; forces are in "N" and lengths in "m".
+        values: numbers or texts, an array or a list; NaN and None where there is no value.
+        governs: whether the text of a long table shows the lines with its largest values.
+        detail: whether the text leaves it out.
+    """
+
+    name: str
+    unit: str
+    values: Any
+    governs: bool = False
+    detail: bool = False
+
+
+def tabled(title: str, columns: Sequence[Column], notes: Sequence[str] = ()) -> Table:
+    """A table from its columns; spaces after a name tell it from the same name before it."""
+    names = [column.name for column in columns]
+    governing = tuple(k for k, column in enumerate(columns) if column.governs)
+    return Table(
+        title,
+        tuple(name + " " * names[:k].count(name) for k, name in enumerate(names)),
+        tuple(column.unit for column in columns),
+        [list(row) for row in zip(*(_cells(c.values) for c in columns), strict=True)],
+        tuple(notes),
+        governing if len(governing) > 1 else next(iter(governing), None),
+        tuple(k for k, column in enumerate(columns) if column.detail),
+    )
+
+
+def _cells(values):
+    """The values of a column as cells, None for NaN."""
+    values = values.tolist() if isinstance(values, np.ndarray) else values
+    return [None if isinstance(v, float) and math.isnan(v) else v for v in values]
 
 
 def headed(table: Table) -> list[str]:
