@@ -106,11 +106,6 @@ def finite(value: Cell) -> Cell:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def empty(value: Cell) -> Cell:
-    """A value for a CSV field: an empty text for None."""
-    return "" if value is None else value
-
-
 def as_text(table, most):
     """A table as text of at most `most` lines; large forces and works in kN and kJ, Pa in MPa."""
     rows, notes = table.rows, list(table.notes)
