@@ -36,7 +36,7 @@ class Points(NamedTuple):
 
 
 class Stresses(NamedTuple):
-    """Extreme stresses of the elements of a group in one increment.
+    """Extreme stresses of elements in one increment.
 
     Attributes:
         low, high: lowest and highest stress of any fibre, Pa, where along the element it is, from 0
@@ -55,11 +55,13 @@ class Instant(NamedTuple):
 
     Attributes:
         name: of its phase or case, with the load factor unless it is the end.
-        groups: `Stresses` of every group, or None; a list.
+        groups: numbers of the groups that have stresses.
+        stresses: of their elements, one group after the other.
     """
 
     name: str
-    groups: list[Stresses | None]
+    groups: list[int]
+    stresses: Stresses
 
 
 def stressed(structure: Structure, solution: Solution) -> bool:
@@ -76,6 +78,8 @@ def instants(
 ) -> list[Instant]:
     """The `Instant` of every converged increment of the phases `names`, from one of them on.
 
+    There is none where no element tells stresses.
+
     Args:
         structure, solution: of an analysis.
         names: of the first phases.
@@ -86,14 +90,19 @@ def instants(
         name, phase = names[number], solution.phases[number]
         path = phase.path
         stress = _stress(structure, points, phase)
-        for k in np.flatnonzero(np.asarray(path.status) == status.OK).tolist():
-            parts = zip(structure.groups, points, stress, _there(structure, path, k), strict=True)
-            groups = [
-                None if s is None else _extremes(group, place, np.asarray(s[k], float), present)
-                for group, place, s, present in parts
+        kept = [k for k, values in enumerate(stress) if values is not None]
+        good = np.flatnonzero(np.asarray(path.status) == status.OK).tolist()
+        for n in good if kept else ():
+            own = zip(structure.groups, points, stress, _there(structure, path, n), strict=True)
+            parts = [
+                _extremes(group, place, np.asarray(values[n], float), present)
+                for group, place, values, present in own
+                if values is not None
             ]
-            factor = float(path.load_factor[k])
-            found.append(Instant(name if factor == 1 else f"{name}, {factor:.3g}", groups))
+            factor = float(path.load_factor[n])
+            called = name if factor == 1 else f"{name}, {factor:.3g}"
+            joined = (np.concatenate(x, axis=-1) for x in zip(*parts, strict=True))
+            found.append(Instant(called, kept, Stresses(*joined)))
     return found
 
 

@@ -16,9 +16,8 @@ def slack(structure: Structure, states: Mapping[str, State]) -> Table:
     """Cables without tension, and the states in which they are slack."""
     found = {}
     for name, (state, _) in states.items():
-        parts = per_group(structure, state.tension), there(structure, state.present)
-        for (label, group), force, present in zip(groups_by_name(structure), *parts, strict=True):
-            for k in np.flatnonzero(slack_cables(group, force, present)):
+        for label, _, _, slack in _groups(structure, state):
+            for k in np.flatnonzero(slack):
                 found.setdefault((label, int(k)), []).append(name)
     columns = [Column("group", "", [label for label, _ in found])]
     columns += [Column("element", "", [k for _, k in found]), _states(found)]
@@ -31,19 +30,20 @@ def loose(structure, states):
     for name, (state, fixed) in states.items():
         taut = fixed.array[: structure.n_node, :3].all(axis=1)
         touched = np.zeros(structure.n_node, bool)  # a node that waits is not loose
-        parts = (
-            structure.groups,
-            per_group(structure, state.tension),
-            there(structure, state.present),
-        )
-        for group, force, present in zip(*parts, strict=True):
-            slack = slack_cables(group, force, present)
-            touched[group.links.array[present]] = True
-            taut[group.links.array[present & ~slack]] = True
+        for _, links, present, slack in _groups(structure, state):
+            touched[links[present]] = True
+            taut[links[present & ~slack]] = True
         for k in np.flatnonzero(~taut & touched):
             found.setdefault(int(k), []).append(name)
     columns = [Column("node", "", list(found)), _states(found)]
     return tabled("Loose nodes", columns, () if found else ("none",))
+
+
+def _groups(structure, state):
+    """Of every group its name, its links, and which elements are there, and which slack."""
+    parts = per_group(structure, state.tension), there(structure, state.present)
+    for (label, group), force, present in zip(groups_by_name(structure), *parts, strict=True):
+        yield label, group.links.array, present, slack_cables(group, force, present)
 
 
 def _states(found):

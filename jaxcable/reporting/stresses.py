@@ -47,52 +47,37 @@ def stresses(
             instants(structure, case, [name] * len(case.phases)) for name, case in cases.items()
         ]
         every = [instant for part in parts for instant in part]
-    if not end:  # no increment has converged: the state is that before all of them
+    if not end:  # no increment has converged, or elements tell strains alone
         return {}
-    if all(stress is None for stress in end[0].groups):  # elements that tell strains alone
-        return {}
-    kept = [k for k, stress in enumerate(end[0].groups) if stress is not None]
-    found = {"stresses": _at_end(structure, end[0], kept)}
+    found = {"stresses": _at_end(structure, end[0])}
     if len(every) > 1 or cases:
         kind = "phases" if cases is None else "cases"
-        found["stress_envelope"] = _envelope(structure, every, kept, kind)
+        found["stress_envelope"] = _envelope(structure, every, kind)
     return found
 
 
-def _fibres(instant, kept, of):
-    """The lowest or highest stress of all elements at an instant, and where it is, [4, n]."""
-    return np.concatenate([getattr(instant.groups[k], of) for k in kept], axis=1)
-
-
-def _used(instant, kept):
-    """Stress over strength of all elements at an instant, [n]."""
-    return np.concatenate([instant.groups[k].used for k in kept])
-
-
-def _at_end(structure, end, kept):
-    """The table of the last converged state, of the groups `kept`."""
-    used = _used(end, kept)
+def _at_end(structure, end):
+    """The table of the last converged state."""
+    low, high, used = end.stresses
     known = bool(np.isfinite(used).any())
-    columns = of_elements(structure, kept)[:2]
-    for head, of in (("lowest", "low"), ("highest", "high")):
-        found = _fibres(end, kept, of)
+    columns = of_elements(structure, end.groups)[:2]
+    for head, found in (("lowest", low), ("highest", high)):
         columns.append(Column(head, "Pa", found[0], governs=not known))
         columns += [Column(*place, x) for place, x in zip(_WHERE, found[1:], strict=True)]
-    gone = bool(np.isnan(columns[2].values).any())
+    gone = bool(np.isnan(low[0]).any())
     columns.append(Column("used", "-", used, governs=known))
     notes = _notes(structure, end, known, gone)
     return tabled("Stresses of fibres at the end, tension positive", columns, notes)
 
 
-def _envelope(structure, every, kept, kind):
+def _envelope(structure, every, kind):
     """The table of the extremes over `every` instant, of "phases" or "cases"."""
     names = [instant.name for instant in every]
-    used = np.array([_used(instant, kept) for instant in every])
+    low, high, used = (np.stack(x, axis=-2) for x in zip(*(i.stresses for i in every), strict=True))
     most, state = envelope("used", "-", used, names, 1)
     known = bool(np.isfinite(most.values).any())
-    columns = of_elements(structure, kept)[:2]
-    for head, of, sign in (("lowest", "low", -1), ("highest", "high", 1)):
-        found = np.stack([_fibres(x, kept, of) for x in every], axis=1)
+    columns = of_elements(structure, every[0].groups)[:2]
+    for head, found, sign in (("lowest", low, -1), ("highest", high, 1)):
         beside = [(*place, x) for place, x in zip(_WHERE, found[1:], strict=True)]
         extreme, at, *others = envelope(head, "Pa", found[0], names, sign, beside)
         columns += [extreme._replace(governs=not known), at._replace(detail=True), *others]
@@ -124,8 +109,8 @@ def _notes(structure, end, known, gone):
         )
     if known:
         notes.append("used: stress over the strength of the law of the fibre, the largest share")
-    pairs = zip(groups_by_name(structure), end.groups, strict=True)
-    without = [label for (label, _), stress in pairs if stress is None]
+    labels = enumerate(label for label, _ in groups_by_name(structure))
+    without = [label for k, label in labels if k not in end.groups]
     if without:
         notes.append(f"{', '.join(without)}: a stiffness only, no stress")
     if gone:
