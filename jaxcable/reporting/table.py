@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -59,7 +59,7 @@ class Column(NamedTuple):
 
     name: str
     unit: str
-    values: Any
+    values: Sequence[Cell] | np.ndarray
     governs: bool = False
     detail: bool = False
 
