@@ -52,11 +52,11 @@ def internal_forces(
     found: dict[str, Table] = {}
     zero = []
     for number, (name, nothing) in enumerate(zip(SECTION_FORCES.components, least, strict=True)):
-        sizes = {
-            k: max(np.nanmax(np.abs(part[k][0][..., number]), initial=0.0) for part in parts)
+        kept = [
+            k
             for k in beams
-        }
-        kept = [k for k in beams if sizes[k] > nothing]
+            if any((np.abs(part[k][0][..., number]) > nothing).any() for part in parts)
+        ]
         if not kept:
             zero.append(name)
             continue

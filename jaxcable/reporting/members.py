@@ -50,7 +50,11 @@ def members(structure, state, states, several):
         notes.append("no force: the element is not there")
     if any(isinstance(group, Sagging) for group in structure.groups):
         notes.append("force of a catenary: the larger of the tensions at its two ends")
-    if _compressed(structure, used, now, *each):
+    pressed = np.vstack([force, over])
+    pressed = (pressed < -_ROUNDING * np.nanmax(np.abs(pressed), initial=0.0)).any(axis=0)
+    pairs = zip(structure.groups, used, strict=True)
+    judged = [None if x is None else np.full(len(x), not g.tension_only) for g, x in pairs]
+    if (pressed & (joined(structure, judged, kept) > 0)).any():
         notes.append(BUCKLING)
     if known and structure.space.rotates:
         notes.append(
@@ -109,26 +113,6 @@ def _forces(structure, state):
         None if force is None else np.where(present, force, np.nan)
         for force, present in zip(*parts, strict=True)
     ]
-
-
-def _compressed(structure, used, *forces):
-    """Whether compression is compared with strength in any state.
-
-    Args:
-        structure: `Structure`.
-        used: utilisation, a list with an item per group.
-        forces: forces of every state, lists with an item per group.
-    """
-    sizes = [np.nanmax(np.abs(f), initial=0.0) for state in forces for f in state if f is not None]
-    largest = max(sizes, default=0.0)
-    return any(
-        share is not None
-        and force is not None
-        and not group.tension_only
-        and (force < -_ROUNDING * largest).any()
-        for state in forces
-        for group, share, force in zip(structure.groups, used, state, strict=True)
-    )
 
 
 def others(structure, state):

@@ -123,21 +123,17 @@ def as_text(table, most):
     sizes = {unit: _largest(table, table.rows, unit) for unit in (*_SCALED, "Pa")}
     least = {unit: _NOTHING * max(size, 1.0) for unit, size in sizes.items()}
     least["N m"] = max(least["N m"], _LEVER * least["N"])
-    body = [
-        [
-            _cell(value, factor, unit, least.get(unit, 0.0))
-            for value, factor, unit in zip(row, factors, table.units, strict=True)
-        ]
-        for row in rows
-    ]
-    lines = [title]
-    if rows:
-        widths = [max(len(line[k]) for line in [heads, *body]) for k in range(len(heads))]
-        shown = [k for k in range(len(heads)) if any(line[k] for line in body)]
-        shown = [k for k in shown if k not in table.details]
-        for line in [heads, *body]:
-            lines.append("  " + "  ".join(line[k].rjust(widths[k]) for k in shown))
-    return "\n".join(lines + [f"  {note}" for note in notes])
+    texts = [
+        [_cell(value, factor, unit, least.get(unit, 0.0)) for value in column]
+        for column, factor, unit in zip(zip(*rows, strict=True), factors, table.units, strict=False)
+    ]  # none without rows
+    shown = [k for k, column in enumerate(texts) if any(column) and k not in table.details]
+    padded = []
+    for k in shown:
+        width = max(map(len, [heads[k], *texts[k]]))
+        padded.append([text.rjust(width) for text in (heads[k], *texts[k])])
+    lines = ["  ".join(["", *line]) for line in zip(*padded, strict=True)]
+    return "\n".join([title, *lines, *(f"  {note}" for note in notes)])
 
 
 def _governing(table, row):
