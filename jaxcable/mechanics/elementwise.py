@@ -232,8 +232,20 @@ def each(
     def one(law, *at):
         return getattr(law, method)(*at)
 
+    return over(one, group, state, nodes, *motions, exact=exact, absent=absent)
+
+
+def over(
+    function: Callable[..., Any],
+    group: Element,
+    state: ElementState,
+    nodes: Float[Array, "n_row 3"],
+    *motions: Motion,
+    **options: Any,
+) -> Any:
+    """`over_ends` from the positions and motions of all rows."""
     at = nodes[group.links], *(motion[group.links] for motion in motions)
-    return over_ends(one, group, state, at, exact=exact, absent=absent)
+    return over_ends(function, group, state, at, **options)
 
 
 def over_ends(

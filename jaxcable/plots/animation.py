@@ -6,7 +6,6 @@ import base64
 import io
 import os
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from ..model.structure import Structure
 from .glyphs import draw_supports, support_keys
 from .layout import arrange, settle
 from .members import Members, Scale, ghost, keys
+from .page import filled
 from .snapshots import Snapshots
 from .style import OVER, SLACK, colour_map
 from .views import choose
@@ -81,8 +81,6 @@ def animation(
     path = Path(path)
     if path.suffix.lower() not in (".gif", ".html"):
         raise ValueError(f'path = {str(path)!r}: expected the suffix ".gif" or ".html"')
-    if not (isinstance(frames, int) and frames > 0):
-        raise ValueError(f"frames = {frames}: must be a positive integer")
     if not rate > 0:
         raise ValueError(f"rate = {rate}: must be positive")
     found = Snapshots(solution, structure, colour, names)
@@ -154,8 +152,11 @@ def _html(images, path, rate):
         buffer = io.BytesIO()
         image.save(buffer, format="PNG", optimize=True)
         frames.append(f'"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"')
-    page = (resources.files(__package__) / "viewer" / "frames.html").read_text(encoding="utf-8")
-    page = page.replace("WIDTH", str(images[0].width)).replace("LAST", str(len(images) - 1))
-    page = page.replace("WAIT", str(round(1000 / rate))).replace("FRAMES", ",\n".join(frames))
+    parts = {
+        "@WIDTH@": str(images[0].width),
+        "@LAST@": str(len(images) - 1),
+        "@WAIT@": str(round(1000 / rate)),
+        "@FRAMES@": ",\n".join(frames),
+    }
     with written(path) as stream:
-        stream.write(page)
+        stream.write(filled("frames.html", parts))

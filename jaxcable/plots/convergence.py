@@ -15,6 +15,7 @@ from .style import GRID, below, finish, series_style, start
 
 _ROOM = 2.0  # ratio of the limits of axes and the extreme values
 _DECADES = 60.0  # range of values below which powers of ten alone are too few ticks
+_OPEN = {"markerfacecolor": "white"}
 _EDGE = 0.03  # distance of marks at the edge from it, over the size of the axes
 
 
@@ -68,20 +69,14 @@ def convergence(
         if len(np.unique(size[fitted])) > 1:
             slope = np.polyfit(np.log(size[fitted]), np.log(error[fitted]), 1)[0]
             name.append(f"order {-slope if counts else slope:.2f}")
-        order = np.argsort(size[real], kind="stable")
-        axes.plot(size[real][order], error[real][order], **{**style, "marker": ""})
-        filled = {**style, "linestyle": ""}
-        axes.plot(size[fitted], error[fitted], **filled)
-        axes.plot(size[real & ~fitted], error[real & ~fitted], **filled, markerfacecolor="white")
-        axes.plot([], [], label=": ".join(name), **style)
+        order = np.flatnonzero(real)[np.argsort(size[real], kind="stable")]
+        marked = np.flatnonzero(fitted[order]).tolist()
+        axes.plot(size[order], error[order], label=": ".join(name), markevery=marked, **style)
+        rounding = real & ~fitted
+        axes.plot(size[rounding], error[rounding], **style | {"linestyle": ""} | _OPEN)
     marks = _edges(axes, series)
     if any((e[np.isfinite(e)] <= floor).any() for _, e in series.values()) and floor > 0:
-        look: dict[str, Any] = {
-            "marker": "o",
-            "color": "0.3",
-            "markerfacecolor": "white",
-            "markersize": 5,
-        }
+        look: dict[str, Any] = {"marker": "o", "color": "0.3", "markersize": 5, **_OPEN}
         marks.append(Line2D([], [], linestyle="", label="rounding", **look))
     below(axes, columns=2, handles=[*axes.get_legend_handles_labels()[0], *marks])
     return finish(figure, path)
@@ -183,34 +178,32 @@ def _axes(series, xlabel, ylabel):
 
 def _edges(axes, series):
     """Mark failed runs and zero errors at the edges; legend entries of the marks that occur."""
-    found = {"failed": False, "exact": False}
-    both = axes.transAxes
-    for k, (place, value) in enumerate(series.values()):
-        look = {**series_style(k), "linestyle": "", "markersize": 7, "zorder": 5}
-        for kind, chosen, height in (
-            ("failed", ~np.isfinite(value) | ~np.isfinite(place), 1 - _EDGE),
-            ("exact", (value == 0) & np.isfinite(place), _EDGE),
-        ):
-            for x, y in zip(place[chosen], value[chosen], strict=True):
-                found[kind] = True
-                across = _share(axes.get_xlim(), x) if np.isfinite(x) else 1 - _EDGE
-                up = _share(axes.get_ylim(), y) if np.isfinite(y) and y > 0 else height
-                fill = {"markerfacecolor": "white", "markeredgewidth": 1.6}
-                axes.plot([across], [up], transform=both, **look, **fill)
-                if kind == "failed":
-                    dot = {"marker": "x", "color": "black", "markersize": 4, "zorder": 6}
-                    axes.plot([across], [up], transform=both, linestyle="", **dot)
-    keys = []
     grey = {"linestyle": "", "color": "0.3", "markersize": 7, "markeredgewidth": 1.6}
-    if found["failed"]:
-        keys.append(Line2D([], [], marker="x", label="failed", **{**grey, "color": "black"}))
-    if found["exact"]:
-        label = "no error at all"
-        keys.append(Line2D([], [], marker="o", markerfacecolor="white", label=label, **grey))
-    return keys
+    cross = {"marker": "x", "color": "black"}
+    keys = {}
+    for k, (place, value) in enumerate(series.values()):
+        exact = (value == 0) & np.isfinite(place)
+        failed = ~np.isfinite(value) | ~np.isfinite(place)
+        x, y = _share(axes.get_xlim(), place), _share(axes.get_ylim(), value)
+        y = np.where(exact, _EDGE, y)
+        look = {**series_style(k), "linestyle": "", "markersize": 7, "zorder": 5}
+        look |= {"transform": axes.transAxes, "markeredgewidth": 1.6}
+        marked = failed | exact
+        axes.plot(x[marked], y[marked], **look, **_OPEN)
+        dot = cross | {"linestyle": "", "markersize": 4, "zorder": 6, "transform": axes.transAxes}
+        axes.plot(x[failed], y[failed], **dot)
+        if failed.any():
+            keys["failed"] = grey | cross
+        if exact.any():
+            keys["no error at all"] = {"marker": "o"} | grey | _OPEN
+    return [Line2D([], [], label=name, **keys[name]) for name in sorted(keys)]
 
 
-def _share(limits, value):
-    """Position of a value between two limits, in logarithms, from 0 to 1."""
+def _share(limits, values):
+    """Where values are between two limits, in logarithms; at the upper edge where there are none.
+
+    There is none of a number that is not finite, or of an error of zero.
+    """
     low, high = np.log(limits)
-    return (np.log(value) - low) / (high - low)
+    known = np.isfinite(values) & (values > 0)
+    return np.where(known, (np.log(np.where(known, values, 1.0)) - low) / (high - low), 1 - _EDGE)

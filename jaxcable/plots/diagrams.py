@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
-from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..analysis.phase_results import PhaseResult
 from ..analysis.solution import Solution, State
@@ -24,7 +24,7 @@ from ..results.between import stored_forces
 from .forces import leaves
 from .glyphs import draw_supports, support_keys
 from .layout import arrange, settle
-from .shapes import PLACES, Links, chosen, cubic, lines, on_chords, projected
+from .shapes import PLACES, Links, chosen, cubic, lines, on_chords
 from .snapshots import Snapshot, Snapshots
 from .style import GHOST, INK, SERIES, SIZE, finish, force_unit
 from .views import View, choose
@@ -92,48 +92,104 @@ def diagram(
     >>> figure.axes[0].get_title(), figure.axes[0].texts[0].get_text()
     ('My (N m), at the end', '2000')
     """
-    check(of, high)
     snapshots = Snapshots(solution, structure, names=names)
     shown = snapshots.state(state, phase)
     snapshot, title = snapshots.of(shown), snapshots.title(int(shown.phase), shown)
-    found = Along(snapshots.parts, snapshot, of)
-    points = snapshot.points()
-    seen = choose(points, view, space=True)
-    tips = found.tips(seen, high * found.extent / max(found.largest, 1e-300))
-    factor, unit = force_unit(found.largest)
-    everything = np.concatenate([points, tips.reshape(-1, 3)])
+    seen = choose(snapshot.points(), view, space=True)
+    found = Diagrams(snapshots, [snapshot], of, high, seen)
+    points = np.concatenate([snapshot.points(), found.points()])
     name = title if names is not None else title[0].lower() + title[1:]
-    title = f"{of} ({unit_of(of, unit)}), {name}" + ("" if found.largest > 0.0 else ": zero")
-    figure, slots = arrange([seen], [everything], [title])
+    title = f"{of} ({found.unit}), {name}" + ("" if found.largest > 0.0 else ": zero")
+    figure, slots = arrange([seen], [points], [title])
     (axes,) = figure.axes
-    found.draw(axes, seen, snapshots.links, tips)
-    handles = sign_keys(of, [found])
+    found.draw(axes, 0)
+    handles = found.keys()
     if supports:
         held = snapshot.held(seen.normal)
         draw_supports(axes, seen, snapshot.positions, held)
         handles += support_keys(held)
-    found.write(axes, seen, tips, factor)
-    settle(figure, slots, None, "", handles)
+    settle(figure, slots, *found.bar(), handles)
     for text in axes.texts:
         text.set_fontsize(0.85 * SIZE)
     return finish(figure, path)
 
 
-def check(of: str, high: float = _HIGH) -> None:
-    """Raise ValueError for an unknown section force, or a size that is not positive."""
-    if of not in SECTION_FORCES.components:
-        raise ValueError(f"of = {of!r}: expected one of {', '.join(SECTION_FORCES.components)}")
-    if not high > 0:
-        raise ValueError(f"high = {high!r}: must be positive")
+class Diagrams:
+    """A section force along all beams at one or several instants, in one scale.
+
+    Args:
+        found: `Snapshots` of the solution.
+        snapshots: `Snapshot` of every picture, at the end of a phase, or of a `State`.
+        of: name of the force.
+        high: length of the largest value over the extent of the structure.
+        view: `View` of the pictures.
+        most: number of values that are written in a picture.
+        apart: least distance of written values over the extent.
+        least: what is written over the largest value of all pictures, at least.
+
+    Attributes:
+        largest: size of the largest value.
+        unit: of the values that are written.
+
+    Raises:
+        ValueError: an unknown force, a size that is not positive, or a structure without beams.
+    """
+
+    def __init__(
+        self,
+        found: Snapshots,
+        snapshots: Sequence[Snapshot],
+        of: str,
+        high: float,
+        view: View,
+        most: int = _LABELS,
+        apart: float = _APART,
+        least: float = 0.0,
+    ):
+        if of not in SECTION_FORCES.components:
+            raise ValueError(f"of = {of!r}: expected one of {', '.join(SECTION_FORCES.components)}")
+        if not high > 0:
+            raise ValueError(f"high = {high!r}: must be positive")
+        self.of, self.view, self.links = of, view, found.links
+        self._along = [_Along(found.parts, snapshot, of) for snapshot in snapshots]
+        self.largest = max(each.largest for each in self._along)
+        self._factor, force = force_unit(self.largest)
+        self.unit = f"{force} m" if of in _MOMENTS else force
+        scale = high * max(each.extent for each in self._along) / max(self.largest, 1e-300)
+        self._tips = [each.tips(view, scale) for each in self._along]
+        self._labels = most, apart, least * self.largest
+
+    def points(self) -> Float[np.ndarray, "n 3"]:
+        """Where all values end, [n, 3], m."""
+        return np.concatenate([tips.reshape(-1, 3) for tips in self._tips])
+
+    def draw(self, axes: Any, number: int) -> None:
+        """Draw elements, areas between beams and their values, and the largest values."""
+        along, tips, view = self._along[number], self._tips[number], self.view
+        along.draw(axes, view, self.links, tips)
+        halo = [Stroke(linewidth=2.5, foreground="white"), Normal()]
+        most, apart, least = self._labels
+        for place, value in _written(tips, along.values, apart * along.extent, most, least):
+            look = {"ha": "center", "va": "center", "color": INK, "zorder": 9}
+            text = f"{self._factor * value:.4g}"
+            axes.text(*view.project(place), text, path_effects=halo, **look)
+
+    def keys(self) -> list[Any]:
+        """Legend entries of the signs that occur."""
+        signed = (("positive", 1.0), ("negative", -1.0))
+        return [
+            Patch(color=_COLOURS[name], alpha=0.6, label=f"{self.of} {name}")
+            for name, sign in signed
+            if any((sign * each.values > each.least).any() for each in self._along)
+        ]
+
+    def bar(self) -> tuple[None, str]:
+        """No colour bar, and no label."""
+        return None, ""
 
 
-def unit_of(of: str, force: str) -> str:
-    """The unit of a section force, from that of a force."""
-    return f"{force} m" if of in _MOMENTS else force
-
-
-class Along:
-    """A section force along all beams that are there, in one geometry.
+class _Along:
+    """A section force along all beams that are there, at one instant.
 
     Args:
         parts: of the elements.
@@ -180,53 +236,20 @@ class Along:
         self, axes: Any, view: View, links: Links, tips: Float[np.ndarray, "n_beam n_place 3"]
     ) -> None:
         """Draw the lines of all elements, and the areas between beams and their values."""
-        kinds: Any = (LineCollection, PolyCollection) if view.flat else (
-            Line3DCollection,
-            Poly3DCollection,
-        )  # fmt: skip
-        line, area = kinds
+        area: Any = PolyCollection if view.flat else Poly3DCollection
         shown = self.snapshot
-        every = projected(view, lines(shown.positions, links, shown.curves))
+        every = lines(view, shown.positions, links, shown.curves)
         plain = chosen(every, shown.forces.present[links[1]])
-        axes.add_collection(line(plain, colors=GHOST, linewidths=1.0, zorder=1), autolim=False)
+        view.add_lines(axes, plain, colors=GHOST, linewidths=1.0, zorder=1)
         base, top = view.project(self._base), view.project(tips)
-        axes.add_collection(line(base, colors=INK, linewidths=1.4, zorder=4), autolim=False)
-        axes.add_collection(line(top, colors=INK, linewidths=0.7, zorder=3), autolim=False)
+        view.add_lines(axes, base, colors=INK, linewidths=1.4, zorder=4)
+        view.add_lines(axes, top, colors=INK, linewidths=0.7, zorder=3)
         quads = np.stack([base[:, :-1], base[:, 1:], top[:, 1:], top[:, :-1]], axis=2)
         mean = 0.5 * (self.values[:, :-1] + self.values[:, 1:])
         for sign, alike in (("positive", mean > self.least), ("negative", mean < -self.least)):
             if alike.any():
                 look: Any = {"facecolors": _COLOURS[sign], "edgecolors": "none", "alpha": 0.6}
                 axes.add_collection(area(quads[alike], zorder=2, **look), autolim=False)
-
-    def write(
-        self,
-        axes: Any,
-        view: View,
-        tips: Float[np.ndarray, "n_beam n_place 3"],
-        factor: float,
-        most: int = _LABELS,
-        apart: float = _APART,
-        least: float = 0.0,
-    ) -> None:
-        """Write values at ends and extremes, times a factor: the largest above `least`."""
-        halo = [Stroke(linewidth=2.5, foreground="white"), Normal()]
-        for place, value in _written(tips, self.values, apart * self.extent, most, least):
-            look = {"ha": "center", "va": "center", "color": INK, "zorder": 9}
-            axes.text(*view.project(place), f"{factor * value:.4g}", path_effects=halo, **look)
-
-
-def sign_keys(of: str, found: Sequence[Along]) -> list[Any]:
-    """Legend entries of the signs that occur."""
-    occur = (
-        any((each.values > each.least).any() for each in found),
-        any((each.values < -each.least).any() for each in found),
-    )
-    return [
-        Patch(color=_COLOURS[sign], alpha=0.6, label=f"{of} {sign}")
-        for sign, occurs in zip(_COLOURS, occur, strict=True)
-        if occurs
-    ]
 
 
 def along_beams(

@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from ..common.types import ArrayLike, Bool, Float, Int
 from .style import AXES, INK, LOAD, REACTION, force_text
@@ -227,14 +225,12 @@ def draw_section_axes(
     tips: Float[np.ndarray, "n_beam 3 3"],
 ) -> None:
     """Draw the axes x, y and z of sections, see `axis_tips`; a dot for those seen end on."""
-    make = LineCollection if view.flat else Line3DCollection
     feet = view.project(middles)
     for k, colour in enumerate(AXES):
         lines = np.stack([feet, view.project(tips[:, k])], axis=1)
         seen = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1)
         on_end = seen < 0.1 * np.linalg.norm(tips[:, k] - middles, axis=1)
-        look: dict[str, Any] = {"colors": colour, "linewidths": 1.2, "zorder": 7}
-        axes.add_collection(make(lines[~on_end], **look), autolim=False)
+        view.add_lines(axes, lines[~on_end], colors=colour, linewidths=1.2, zorder=7)
         if on_end.any():
             axes.plot(*feet[on_end].T, ".", color=colour, markersize=3, zorder=8)
 

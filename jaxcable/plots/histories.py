@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 
 from ..design.fit import Fit
 from ..design.minimize import Design
-from .style import GRID, SERIES, below, finish, start
+from .style import FAILED, GRID, SERIES, below, finish, start
 
-_FAILED = {"linestyle": "", "marker": "X", "color": "#D55E00", "markersize": 7, "zorder": 5}
 _LOG = 30.0  # largest over smallest value from which the axis is logarithmic
 
 
@@ -79,7 +78,7 @@ def _steps(record, n, upper, lower):
     marked = (failures > 0) & np.isfinite(loss)
     if marked.any():
         label = f"failed trials ({int(failures[failures > 0].sum())})"
-        upper.plot(number[marked], loss[marked], label=label, **_FAILED)
+        upper.plot(number[marked], loss[marked], label=label, **FAILED)
     upper.set_ylabel("loss")
     lower.set(ylabel="gradient norm (-)", xlabel="step (-)")
 
@@ -101,7 +100,7 @@ def _trials(record, n, upper, lower):
     if (~finite).any():
         edge = {"transform": upper.get_xaxis_transform(), "clip_on": False}
         upper.plot(
-            number[~finite], np.ones((~finite).sum()), label="failed trial", **_FAILED, **edge
+            number[~finite], np.ones((~finite).sum()), label="failed trial", **FAILED, **edge
         )
     _line(lower, number, damping, None)
     upper.set_ylabel("misfit")

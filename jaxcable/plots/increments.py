@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 from ..analysis.solution import Solution
 from ..equilibrium.balance import default_tolerance
 from .snapshots import refuse_batch
-from .style import GRID, SERIES, below, finish, start
+from .style import FAILED, GRID, SERIES, below, finish, start
 
-_FAILED = "#D55E00"
 _NAME = 0.17  # width of the name of a phase over that of the axes
 
 
@@ -68,9 +67,8 @@ def increments(
     middle.plot(number, iterations[:n], **dots)
     lowest.plot(number, slack[:n], **dots)
     if n < len(status):
-        cross = {"linestyle": "", "marker": "X", "color": _FAILED, "markersize": 7}
-        above.plot([n + 1], [max(residual[n], floor)], label="failed", **cross)
-        middle.plot([n + 1], [iterations[n]], **cross)
+        above.plot([n + 1], [max(residual[n], floor)], label="failed", **FAILED)
+        middle.plot([n + 1], [iterations[n]], **FAILED)
     for axes, values, name in ((middle, iterations, "iterations"), (lowest, slack, "slack cables")):
         axes.set(ylabel=f"{name} (-)", ylim=(-0.08, 1.15 * max(values[: n + 1].max(), 1.0)))
         axes.yaxis.get_major_locator().set_params(integer=True, nbins=4)
@@ -80,10 +78,7 @@ def increments(
         for end in ends[:-1]:
             axes.axvline(end + 0.5, color="0.5", linewidth=0.8, linestyle=":")
     # names of phases in two lines: where the last name of each line is
-    lines = [
-        -1.0,
-        -1.0,
-    ]
+    lines = [-1.0, -1.0]
     for k, (begin, end) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
         share = 0.5 * (begin + end) / ends[-1]
         # the first line with room; a phase without room has no name

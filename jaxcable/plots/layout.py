@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import proj3d
 
 from ..common.types import Float
-from .style import SIZE, resize, start
+from .style import LEGEND, SIZE, resize, start
 from .views import View
 
 Slots: TypeAlias = "Sequence[tuple[float, float, float, float]]"
@@ -127,11 +127,9 @@ def _legend(figure, handles, width):
             handles=handles,
             loc="lower center",
             ncols=columns,
-            frameon=False,
             fontsize=SIZE,
             borderaxespad=0.4,
-            columnspacing=1.4,
-            handletextpad=0.6,
+            **LEGEND,
         )
         size = legend.get_window_extent()
         if columns == 1 or size.width / figure.dpi <= width - 2 * _GAP:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from ..common.types import Bool
 from .forces import Forces
-from .shapes import Links, chosen, lines, projected
+from .shapes import Links, chosen, lines
 from .snapshots import Snapshot
 from .style import GHOST, SLACK, colour_map, force_unit
 from .views import View
@@ -84,28 +83,23 @@ class Members:
         links: Links,
         scale: Scale,
     ):
-        self.view, self.scale = view, scale
-        self.pairs, self.element = links
-        width = thickness(len(self.pairs))
-        make = LineCollection if view.flat else Line3DCollection
-        nowhere: Any = np.zeros((0, 2, 2 if view.flat else 3))
-        self.casing = make(nowhere, colors="black", linewidths=2.2 * width, zorder=2)
-        self.taut = make(nowhere, linewidths=width, zorder=3, **scale.look)
-        self.slack = make(
-            nowhere, colors=SLACK, linewidths=max(0.75 * width, 0.8), linestyles=DASHES, zorder=4
-        )
-        for part in (self.casing, self.taut, self.slack):
-            axes.add_collection(part, autolim=False)
+        self.view, self.links, self.scale = view, links, scale
+        width = thickness(len(links[0]))
+        add = functools.partial(view.add_lines, axes, np.zeros((0, 2, 2 if view.flat else 3)))
+        self.casing = add(colors="black", linewidths=2.2 * width, zorder=2)
+        self.taut = add(linewidths=width, zorder=3, **scale.look)
+        thin = max(0.75 * width, 0.8)
+        self.slack = add(colors=SLACK, linewidths=thin, linestyles=DASHES, zorder=4)
 
     def show(self, snapshot: Snapshot) -> None:
         """Draw the elements as they are at an instant."""
-        links, forces = (self.pairs, self.element), snapshot.forces
-        drawn = projected(self.view, lines(snapshot.positions, links, snapshot.curves))
-        slack, compressed = forces.slack[self.element], forces.compressed[self.element]
-        taut = forces.present[self.element] & ~slack
+        forces, element = snapshot.forces, self.links[1]
+        drawn = lines(self.view, snapshot.positions, self.links, snapshot.curves)
+        slack, compressed = forces.slack[element], forces.compressed[element]
+        taut = forces.present[element] & ~slack
         self.casing.set_segments(chosen(drawn, compressed))
         self.taut.set_segments(chosen(drawn, taut))
-        self.taut.set_array(self.scale.factor * forces.value[self.element][taut])
+        self.taut.set_array(self.scale.factor * forces.value[element][taut])
         self.slack.set_segments(chosen(drawn, slack))
 
 
@@ -120,12 +114,10 @@ def ghost(
 
     Elements whose curve is not known there are left out.
     """
-    make = LineCollection if view.flat else Line3DCollection
-    found = projected(view, lines(snapshot.positions, links, snapshot.curves))
+    found = lines(view, snapshot.positions, links, snapshot.curves)
     segments = chosen(found, (snapshot.known() & which)[links[1]])
     width = min(1.0, thickness(len(links[0])))
-    drawn = make(segments, colors=GHOST, linewidths=width, linestyles="dashed", zorder=1)
-    axes.add_collection(drawn, autolim=False)
+    view.add_lines(axes, segments, colors=GHOST, linewidths=width, linestyles="dashed", zorder=1)
 
 
 def thickness(n: int) -> float:

@@ -6,6 +6,7 @@ import base64
 import html
 import json
 import os
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -66,28 +67,35 @@ class Arrays:
         return base64.b64encode(b"".join(self._blocks)).decode()
 
 
+def filled(name: str, parts: Mapping[str, str]) -> str:
+    """A page made of a file in ``viewer``, with texts in place of marks that occur once in it."""
+    before = source(name)
+    pieces = []
+    for mark, text in sorted(parts.items(), key=lambda pair: before.rindex(pair[0]), reverse=True):
+        before, after = before.split(mark)  # marks in the texts stay what they are
+        pieces[:0] = [text, after]
+    return "".join([before, *pieces])
+
+
+def source(name: str) -> str:
+    """The text of a file in ``viewer``."""
+    return (resources.files(__package__) / "viewer" / name).read_text(encoding="utf-8")
+
+
 def write(
     title: str, told: dict[str, Any], arrays: Arrays, path: str | os.PathLike[str] | None
 ) -> Page:
     """Make the `Page` of a description `told` and its arrays, and write it unless path is None."""
-    folder = resources.files(__package__) / "viewer"
-    page = (folder / "view.html").read_text(encoding="utf-8")
-    script = "\n".join((folder / f"{n}.js").read_text(encoding="utf-8") for n in SCRIPTS)
     # in a script nothing ends it but "</script", nor begins a comment but "<!--"
     data = json.dumps(told | {"arrays": arrays.listed}).replace("<", "\\u003c")
     parts = {
         "@TITLE@": html.escape(title),
-        "@STYLE@": (folder / "view.css").read_text(encoding="utf-8"),
+        "@STYLE@": source("view.css"),
         "@DATA@": data,
-        "@SCRIPT@": script,
+        "@SCRIPT@": "\n".join(source(f"{script}.js") for script in SCRIPTS),
         "@BYTES@": arrays.text(),
     }
-    before = page
-    pieces = []
-    for mark, text in sorted(parts.items(), key=lambda pair: page.rindex(pair[0]), reverse=True):
-        before, after = before.split(mark)  # exactly once each
-        pieces[:0] = [text, after]
-    whole = "".join([before, *pieces])
+    whole = filled("view.html", parts)
     if path is not None:
         path = Path(path)
         with written(path) as stream:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,14 +12,13 @@ from matplotlib.lines import Line2D
 
 from ..analysis.solution import Solution
 from ..model.structure import Structure
-from .diagrams import Along, sign_keys, unit_of
-from .diagrams import check as check_force
+from .diagrams import Diagrams
 from .glyphs import draw_supports, support_keys
 from .layout import arrange, settle
 from .members import Members, Scale, ghost, keys
 from .nets import Stage
 from .snapshots import Snapshots
-from .style import SIZE, finish, force_unit
+from .style import SIZE, finish
 from .views import choose
 
 _HIGH = 0.15  # length of the largest value of a diagram over the extent of the structure
@@ -85,10 +85,10 @@ def sequence(
     stages = _stages(found, magnify)
     everything = np.concatenate([stage.points() for stage in stages])
     seen = choose(everything, view)
-    if diagram is None:
-        content: _Members | _Diagrams = _Members(stages, found.links)
-    else:
-        content = _Diagrams(found, stages, (diagram, high), seen)
+    content: Any = _Members(stages, found.links, seen)
+    if diagram is not None:
+        instants = [stage.now for stage in stages]
+        content = Diagrams(found, instants, diagram, high, seen, _LABELS, _APART, _LEAST)
         everything = np.concatenate([everything, content.points()])
     if columns is None:
         columns = 2 if seen.ratio(everything) < _WIDE else 3
@@ -104,10 +104,12 @@ def sequence(
             axes.set(ylabel="", yticklabels=[])
         if seen.flat and number + columns < count:
             axes.set(xlabel="", xticklabels=[])
-        content.draw(axes, seen, number)
+        content.draw(axes, number)
         if supports:
             draw_supports(axes, seen, stage.now.positions, held[number])
     handles = content.keys()
+    if diagram is not None:  # what the numbers are
+        handles.insert(0, Line2D([], [], linestyle="", label=f"{diagram} ({content.unit})"))
     if supports:
         handles += support_keys(np.any(held, axis=0))
     if magnify != 1.0:
@@ -135,17 +137,17 @@ def _stages(found, magnify):
 
 
 class _Members:
-    """The pictures of a sequence, with elements in colours."""
+    """The pictures of a sequence with elements in colours, as `Diagrams` are those of a force."""
 
-    def __init__(self, stages, links):
-        self.stages, self.links = stages, links
+    def __init__(self, stages, links, view):
+        self.stages, self.links, self.view = stages, links, view
         self.scale = Scale([stage.now.forces for stage in stages])
 
-    def draw(self, axes, view, number):
+    def draw(self, axes, number):
         """Draw one of the pictures."""
         _, now, before = self.stages[number]
-        ghost(axes, view, self.links, before, now.forces.present)
-        self.lines = Members(axes, view, self.links, self.scale)
+        ghost(axes, self.view, self.links, before, now.forces.present)
+        self.lines = Members(axes, self.view, self.links, self.scale)
         self.lines.show(now)
 
     def keys(self):
@@ -156,38 +158,3 @@ class _Members:
     def bar(self):
         """What the colour bar explains, and its label."""
         return self.lines.taut, self.scale.label
-
-
-class _Diagrams:
-    """The pictures of a sequence, with a section force on the beams."""
-
-    def __init__(self, found, stages, asked, view):
-        check_force(*asked)
-        of, high = asked
-        self.links, self.of = found.links, of
-        self.along = [Along(found.parts, stage.now, of) for stage in stages]
-        self.largest = max(each.largest for each in self.along)
-        extent = max(each.extent for each in self.along)
-        scale = high * extent / max(self.largest, 1e-300)
-        self.tips = [each.tips(view, scale) for each in self.along]
-
-    def points(self):
-        """Where all diagrams end, [n, 3], m."""
-        return np.concatenate([tips.reshape(-1, 3) for tips in self.tips])
-
-    def draw(self, axes, view, number):
-        """Draw one of the pictures."""
-        along, tips = self.along[number], self.tips[number]
-        along.draw(axes, view, self.links, tips)
-        factor = force_unit(self.largest)[0]
-        along.write(axes, view, tips, factor, _LABELS, _APART, _LEAST * self.largest)
-
-    def keys(self):
-        """Legend entries, with the unit of the numbers."""
-        unit = unit_of(self.of, force_unit(self.largest)[1])
-        numbers = Line2D([], [], linestyle="", label=f"{self.of} ({unit})")
-        return [numbers, *sign_keys(self.of, self.along)]
-
-    def bar(self):
-        """No colour bar."""
-        return None, ""

@@ -198,32 +198,25 @@ def on_chords(ends: Float[np.ndarray, "n 2 3"], n_place: int) -> Float[np.ndarra
     return (1 - parts) * ends[:, :1] + parts * ends[:, 1:]
 
 
-def lines(
-    positions: Float[np.ndarray, "n_node 3"], links: Links, curves: Curves | None
-) -> Float[np.ndarray, "n_piece 2 3"] | list[Float[np.ndarray, "n_place 3"]]:
-    """The line of every piece: an array of straight ones, or a list if some are curves."""
-    pairs, owner = links
-    straight = positions[pairs]
-    if curves is None:
-        return straight
-    found, points = list(straight), curves.points(positions)
-    row = np.full(1 + max(owner.max(initial=0), curves.number.max(initial=0)), -1)
-    row[curves.number] = np.arange(len(points))
-    for piece in np.flatnonzero(row[owner] >= 0):
-        found[piece] = points[row[owner[piece]]]
-    return found
-
-
 Lines: TypeAlias = (
     "Float[np.ndarray, 'n_line n_place 2or3'] | list[Float[np.ndarray, 'n_place 2or3']]"
 )
 
 
-def projected(view: View, found: Lines) -> Lines:
-    """Lines, an array or a list, in a picture."""
-    if isinstance(found, np.ndarray):
-        return view.project(found)
-    return [view.project(line) for line in found]
+def lines(
+    view: View, positions: Float[np.ndarray, "n_node 3"], links: Links, curves: Curves | None
+) -> Lines:
+    """The line of every piece in a picture: an array of straight ones, or a list with curves."""
+    pairs, owner = links
+    straight = view.project(positions)[pairs]
+    if curves is None:
+        return straight
+    found, points = list(straight), view.project(curves.points(positions))
+    row = np.full(1 + max(owner.max(initial=0), curves.number.max(initial=0)), -1)
+    row[curves.number] = np.arange(len(points))
+    for piece in np.flatnonzero(row[owner] >= 0):
+        found[piece] = points[row[owner[piece]]]
+    return found
 
 
 def chosen(found: Lines, which: Bool[np.ndarray, " n_line"]) -> Any:

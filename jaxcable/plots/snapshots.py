@@ -172,8 +172,10 @@ class Snapshots:
             ends: whether the ends of phases are kept whatever `frames` is.
 
         Raises:
-            ValueError: no increment has converged.
+            ValueError: no increment has converged, or `frames` is no positive integer.
         """
+        if isinstance(frames, bool) or not isinstance(frames, int) or frames < 1:
+            raise ValueError(f"frames = {frames!r}: must be a positive integer")
         phases = list(self.solution.phases)
         paths: list[Any] = [jax.tree.map(np.asarray, phase.path) for phase in phases]
         good = [(k, int(n)) for k, p in enumerate(paths) for n in np.flatnonzero(p.status == 0)]

@@ -39,6 +39,9 @@ OVER = "#E8002A"
 AXES = ("#E69F00", "#56B4E9", "#0072B2")
 """Colours of the axes x, y and z of sections."""
 GRID = "0.9"
+FAILED = {"linestyle": "", "marker": "X", "color": "#D55E00", "markersize": 7, "zorder": 5}
+"""Marks of failed increments, steps and trials."""
+LEGEND = {"frameon": False, "columnspacing": 1.4, "handletextpad": 0.6}
 
 
 class Picture(Figure):
@@ -138,10 +141,8 @@ def below(
             loc="upper center",
             bbox_to_anchor=(0.5, lower),
             ncols=min(columns, len(handles)),
-            frameon=False,
             borderaxespad=0.0,
-            columnspacing=1.4,
-            handletextpad=0.6,
+            **LEGEND,
         )
 
 

@@ -85,8 +85,6 @@ def view(
     """
     if path is not None and Path(path).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f'path = {str(path)!r}: expected the suffix ".html"')
-    if isinstance(frames, bool) or not isinstance(frames, int) or frames < 1:
-        raise ValueError(f"frames = {frames!r}: must be a positive integer")
     _require_solution(solution)
     found = Snapshots(solution, structure, colour, names, _PLACES)
     shots = found.increments(frames, ends=True)

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D  # makes the projection known
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from ..common.types import Float
 from .style import SIZE
@@ -41,6 +46,13 @@ class View:
         if self.kind == "elevation":
             return np.stack([vectors @ self.along, vectors[..., 2]], axis=-1)
         return vectors
+
+    def add_lines(self, axes: Axes, segments: Any, **look: Any) -> LineCollection:
+        """Draw lines, given in the picture, in axes whose limits stay what they are."""
+        make: Any = LineCollection if self.flat else Line3DCollection
+        lines = make(segments, **look)
+        axes.add_collection(lines, autolim=False)
+        return lines
 
     def names(self) -> tuple[str, ...]:
         """Labels of the axes."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..results.energy import energy_balance
-from .table import Table
+from .table import Column, tabled
 
 _IMBALANCE = 0.05  # imbalance over the largest term of a phase from which there is a note
 
@@ -19,10 +19,12 @@ def energy(structure, solution, phases, start=None, names=None):
     """
     balance = energy_balance(structure, phases, solution, start)
     terms = ("dead", "following", "supports", "prestress", "stored", "dissipated", "imbalance")
-    values = [getattr(balance, term) for term in terms]
-    values = np.column_stack([*values, 100 * balance.relative]).tolist()
-    called = list(range(1, len(values) + 1)) if names is None else [str(name) for name in names]
-    rows = [[name, *numbers] for name, numbers in zip(called, values, strict=True)]
+    called = list(range(1, len(balance.relative) + 1)) if names is None else [*map(str, names)]
+    columns = [
+        Column("phase", "", called),
+        *(Column(term, "J", np.asarray(getattr(balance, term))) for term in terms),
+        Column("part", "%", 100 * np.asarray(balance.relative)),
+    ]
     notes = [
         f"stored at the end: {float(balance.level[-1]):.6g} J",
         "work by the trapezoidal rule, whose error falls with the square of the increments; "
@@ -36,7 +38,4 @@ def energy(structure, solution, phases, start=None, names=None):
                 f"{worst + 1} of {len(gaps)}; it jumped there, began out of balance, or needs more "
                 "increments"
             )
-    columns, units = ("phase", *terms, "part"), ("", *["J"] * len(terms), "%")
-    return Table(
-        "Energy: work = stored + dissipated + imbalance", columns, units, rows, tuple(notes)
-    )
+    return tabled("Energy: work = stored + dissipated + imbalance", columns, notes)

@@ -10,7 +10,7 @@ import numpy as np
 from ..analysis.phase_results import Path
 from ..analysis.solution import Solution
 from ..common import status
-from ..common.types import Bool, Float, Int
+from ..common.types import Bool, Float
 from ..elements import Beams
 from ..elements.bending import lobatto
 from ..elements.element import Element
@@ -36,35 +36,32 @@ class Points(NamedTuple):
 
 
 class Stresses(NamedTuple):
-    """Extreme stresses of the elements of a group in one increment.
+    """Extreme stresses of elements in one increment.
 
     Attributes:
-        low, high: lowest and highest stress of any fibre, [n_elem], Pa; NaN for an element that is
-            not there.
-        low_at, high_at: where along the element, from 0 to 1, [n_elem]; NaN for bars and cables.
-        low_fibre, high_fibre: number of the fibre, [n_elem]; -1 if all have the same stress.
+        low, high: lowest and highest stress of any fibre, Pa, where along the element it is, from 0
+            to 1, and the y and z of its fibre, m, [4, n_elem]; NaN for an element that is not
+            there, for places along bars and cables, and for fibres where all have the same stress.
         used: largest stress over the strength of its law, [n_elem]; NaN if no law ends.
     """
 
-    low: Float[np.ndarray, " n_elem"]
-    low_at: Float[np.ndarray, " n_elem"]
-    low_fibre: Int[np.ndarray, " n_elem"]
-    high: Float[np.ndarray, " n_elem"]
-    high_at: Float[np.ndarray, " n_elem"]
-    high_fibre: Int[np.ndarray, " n_elem"]
+    low: Float[np.ndarray, "4 n_elem"]
+    high: Float[np.ndarray, "4 n_elem"]
     used: Float[np.ndarray, " n_elem"]
 
 
-class Moment(NamedTuple):
+class Instant(NamedTuple):
     """One converged increment.
 
     Attributes:
         name: of its phase or case, with the load factor unless it is the end.
-        groups: `Stresses` of every group, or None; a list.
+        groups: numbers of the groups that have stresses.
+        stresses: of their elements, one group after the other.
     """
 
     name: str
-    groups: list[Stresses | None]
+    groups: list[int]
+    stresses: Stresses
 
 
 def stressed(structure: Structure, solution: Solution) -> bool:
@@ -73,35 +70,39 @@ def stressed(structure: Structure, solution: Solution) -> bool:
     return strain is not None or any(group.area is not None for group in structure.groups)
 
 
-def moments(
+def instants(
     structure: Structure,
-    points: Sequence[Points | None],
     solution: Solution,
     names: Sequence[str],
     from_phase: int = 0,
-) -> list[Moment]:
-    """The `Moment` of every converged increment of the phases `names`, from one of them on.
+) -> list[Instant]:
+    """The `Instant` of every converged increment of the phases `names`, from one of them on.
+
+    There is none where no element tells stresses.
 
     Args:
         structure, solution: of an analysis.
-        points: of every group, as by `points_of`.
         names: of the first phases.
         from_phase: number of the first phase that counts, from 0.
     """
-    found = []
+    found, points = [], [points_of(group) for group in structure.groups]
     for number in range(from_phase, len(names)):
         name, phase = names[number], solution.phases[number]
         path = phase.path
         stress = _stress(structure, points, phase)
-        for k in np.flatnonzero(np.asarray(path.status) == status.OK).tolist():
-            groups = [
-                None if s is None else _extremes(group, np.asarray(s[k], float), present)
-                for group, s, present in zip(
-                    structure.groups, stress, _there(structure, path, k), strict=True
-                )
+        kept = [k for k, values in enumerate(stress) if values is not None]
+        good = np.flatnonzero(np.asarray(path.status) == status.OK).tolist()
+        for n in good if kept else ():
+            own = zip(structure.groups, points, stress, _there(structure, path, n), strict=True)
+            parts = [
+                _extremes(group, place, np.asarray(values[n], float), present)
+                for group, place, values, present in own
+                if values is not None
             ]
-            factor = float(path.load_factor[k])
-            found.append(Moment(name if factor == 1 else f"{name}, {factor:.3g}", groups))
+            factor = float(path.load_factor[n])
+            called = name if factor == 1 else f"{name}, {factor:.3g}"
+            joined = (np.concatenate(x, axis=-1) for x in zip(*parts, strict=True))
+            found.append(Instant(called, kept, Stresses(*joined)))
     return found
 
 
@@ -150,7 +151,7 @@ def _there(structure: Structure, path: Path, k: int) -> list[Bool[np.ndarray, " 
     return [np.asarray(found)[k] > 0 for found in per_group(structure, path.present)]
 
 
-def _extremes(group, stress, present):
+def _extremes(group, points, stress, present):
     """`Stresses` of a group from stresses [n_elem], with axes [n_fibre] or [n_point, n_fibre].
 
     Along beams of linear laws they are parabolas; of other laws those at the integration points
@@ -168,17 +169,18 @@ def _extremes(group, stress, present):
             found = extremes.among(fibres[:, :, None], places[None])
     else:
         found = extremes.among(fibres[:, :, None], np.full((1, 1), np.nan))
-    low, high = (_first(values) for values in (found.low, -found.high))
-    each = np.arange(len(stress))
-    return Stresses(
-        found.low[each, low],
-        found.low_at[each, low],
-        low,
-        found.high[each, high],
-        found.high_at[each, high],
-        high,
-        _used(group, stress),
-    )
+    low, high = (found.low, found.low_at, 1), (found.high, found.high_at, -1)
+    return Stresses(_fibre(points, *low), _fibre(points, *high), _used(group, stress))
+
+
+def _fibre(points, values, at, sign):
+    """The smallest of `sign` times the values [n_elem, n_fibre], and where; see `Stresses`."""
+    first, each = _first(sign * values), np.arange(len(values))
+    found = np.full((4, len(values)), np.nan)
+    found[:2] = values[each, first], at[each, first]
+    if points is not None:
+        found[2:] = np.where(first < 0, np.nan, [points.y[first], points.z[first]])
+    return np.where(np.isnan(found[0]), np.nan, found)
 
 
 def _first(values):

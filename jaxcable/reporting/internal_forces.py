@@ -13,9 +13,10 @@ from ..elements.element import SECTION_FORCES
 from ..model.parts import first_and_last, groups_by_name, per_group, there
 from ..model.structure import Structure
 from . import extremes
+from .columns import envelope, of_elements
 from .extremes import Extremes
 from .states import State
-from .table import Cell, Table
+from .table import Column, Table, tabled
 
 _TITLES = {
     "N": "N, axial force: tension positive",
@@ -42,34 +43,37 @@ def internal_forces(
         states: the states of the envelope; empty if there is nothing but the end.
         kind: what they are, in words: "ends of phases", "cases".
     """
-    beams = [
-        (number, label, group)
-        for number, (label, group) in enumerate(groups_by_name(structure))
-        if isinstance(group, Beams)
-    ]
+    beams = [k for k, group in enumerate(structure.groups) if isinstance(group, Beams)]
     if not beams:
         return {}
     parts = [_values(structure, beams, state) for state in (end, *states.values())]
     least = _least(structure, parts)
-    found, zero = {}, []
-    for name, nothing in zip(SECTION_FORCES.components, least, strict=True):
-        rows, idle = [], []
-        for beam, (_, label, group) in enumerate(beams):
-            values = [part[beam].values[..., _column(name)] for part in parts]
-            if not any(np.nanmax(np.abs(v), initial=0.0) > nothing for v in values):
-                idle.append(label)
-                continue
-            here, *envelope = (part[beam].of[name] for part in parts)
-            for k, ends in enumerate(first_and_last(group).tolist()):
-                row = [label, k, *ends, *_cells(values[0][k, 0], values[0][k, -1])]
-                row += _cells(*(extreme[k] for extreme in here))
-                row += _enveloped(envelope, k, list(states), nothing) if states else []
-                rows.append(row)
-        if rows:
-            notes = (f"{', '.join(idle)}: zero everywhere",) if idle else ()
-            found[name] = _table(name, rows, notes, bool(states))
-        else:
+    labels = [label for label, _ in groups_by_name(structure)]
+    found: dict[str, Table] = {}
+    zero = []
+    for number, (name, nothing) in enumerate(zip(SECTION_FORCES.components, least, strict=True)):
+        kept = [
+            k
+            for k in beams
+            if any((np.abs(part[k][0][..., number]) > nothing).any() for part in parts)
+        ]
+        if not kept:
             zero.append(name)
+            continue
+        idle = ", ".join(labels[k] for k in beams if k not in kept)
+        notes = (f"{idle}: zero everywhere",) if idle else ()
+        here, *others = (
+            Extremes(*map(np.concatenate, zip(*(part[k][1][name] for k in kept), strict=True)))
+            for part in parts
+        )
+        values = np.concatenate([parts[0][k][0][:, [0, -1], number] for k in kept])
+        columns = [
+            *of_elements(structure, kept),
+            *_columns(name, values, here, others, list(states), nothing),
+        ]
+        if states:  # the nodes are in other tables
+            columns[2:4] = (column._replace(detail=True) for column in columns[2:4])
+        found[name] = tabled(_TITLES[name], columns, notes)
     if found:
         first = next(iter(found))
         notes = (*_notes(zero, parts, kind if states else None), *found[first].notes)
@@ -77,26 +81,21 @@ def internal_forces(
     return found
 
 
-class _Part:
-    """Section forces of a group in a state.
-
-    Attributes:
-        values: at its places, [n_elem, n_point, 6]; NaN for elements that are not there.
-        of: `Extremes` [n_elem] by name of the force.
-    """
-
-    def __init__(self, group, forces, positions, present):
-        self.values = np.where(present[:, None, None], np.asarray(forces, float), np.nan)
-        first, last = np.asarray(positions, float)[group.links.array[:, :2]].transpose(1, 0, 2)
-        length = np.linalg.norm(last - first, axis=1)[:, None]
-        self.of = _along(self.values, length)
-
-
 def _values(structure, beams, state):
-    """The `_Part` of every group of beams in a state, a list."""
-    forces = per_group(structure, state.section_forces)
-    present = there(structure, state.present)
-    return [_Part(group, forces[k], state.positions, present[k]) for k, _, group in beams]
+    """Section forces of every group of beams in a state, a dict from the number of the group.
+
+    Returns:
+        For each the values at its places, [n_elem, n_point, 6], NaN for elements that are not
+        there, and `Extremes` [n_elem] by name of the force.
+    """
+    result, found = state.result, {}
+    forces, present = per_group(structure, result.section_forces), there(structure, result.present)
+    for k in beams:
+        values = np.where(present[k][:, None, None], np.asarray(forces[k], float), np.nan)
+        ends = np.asarray(result.positions, float)[first_and_last(structure.groups[k])]
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[:, None]
+        found[k] = values, _along(values, length)
+    return found
 
 
 def _along(
@@ -127,58 +126,37 @@ def _along(
 
 def _least(structure, parts):
     """Sizes up to which forces are rounding, [6], N and N m."""
-    every = np.concatenate([part.values.reshape(-1, 6) for state in parts for part in state])
-    sizes = np.nanmax(np.abs(every), axis=0, initial=0.0)
+    every = [values.reshape(-1, 6) for part in parts for values, _ in part.values()]
+    sizes = np.nanmax(np.abs(np.concatenate(every)), axis=0, initial=0.0)
     extent = np.ptp(np.asarray(structure.nodes, float), axis=0).max()
     force = sizes[:3].max()
     return _NOTHING * np.repeat([force, max(sizes[3:].max(), force * extent)], 3)
 
 
-def _column(name):
-    return SECTION_FORCES.components.index(name)
+def _columns(name, values, here, others, states, nothing):
+    """The columns of one force.
 
-
-def _cells(*values: float) -> list[Cell]:
-    """Numbers as cells, None for NaN."""
-    return [float(value) if np.isfinite(value) else None for value in values]
-
-
-def _enveloped(parts, k, names, nothing):
-    """Cells of the envelope of element k over its `Extremes` in the states `names`.
-
-    Of states that differ by `nothing` the first one governs.
+    Args:
+        name: of the force.
+        values: at the first and the last node at the end, [n, 2].
+        here, others: `Extremes` along the elements at the end, and in the states of the envelope.
+        states: names of these states.
+        nothing: states that differ by this have the same extreme.
     """
-    low, high = (np.array([getattr(part, of)[k] for part in parts]) for of in ("low", "high"))
-    if not np.isfinite(low).any():
-        return [None] * 6
-    least = int(np.argmax(low <= np.nanmin(low) + nothing))
-    most = int(np.argmax(high >= np.nanmax(high) - nothing))
-    return [
-        *_cells(low[least], parts[least].low_at[k]),
-        names[least],
-        *_cells(high[most], parts[most].high_at[k]),
-        names[most],
-    ]
-
-
-def _table(name, rows, notes, several):
-    """The table of one force."""
     unit = "N" if name == "N" or name in _SHEARS else "N m"
-    columns = ["group", "element", "first", "last", "at first", "at last"]
-    columns += ["lowest", "at", "highest", "at "]
-    units = ["", "", "", "", unit, unit, unit, "-", unit, "-"]
-    if several:
-        columns += ["min", "at  ", "in", "max", "at   ", "in "]
-        units += [unit, "-", "", unit, "-", ""]
-    return Table(
-        _TITLES[name],
-        tuple(columns),
-        tuple(units),
-        rows,
-        notes,
-        governing=(10, 13) if several else (6, 8),
-        details=(2, 3, 11, 14) if several else (),
-    )
+    found = [
+        Column("at first", unit, values[:, 0]),
+        Column("at last", unit, values[:, 1]),
+        Column("lowest", unit, here.low, governs=not states),
+        Column("at", "-", here.low_at),
+        Column("highest", unit, here.high, governs=not states),
+        Column("at", "-", here.high_at),
+    ]
+    for head, sign, of in (("min", -1, "low"), ("max", 1, "high")) if states else ():
+        extreme, at = (np.array([getattr(x, end) for x in others]) for end in (of, f"{of}_at"))
+        most, place, state = envelope(head, unit, extreme, states, sign, [("at", "-", at)], nothing)
+        found += [most._replace(governs=True), place._replace(detail=True), state]
+    return found
 
 
 def _notes(zero, parts, kind):
@@ -194,6 +172,6 @@ def _notes(zero, parts, kind):
         notes.append(f"lowest, highest: along the element at the end; min, max: over all {kind}")
     if zero:
         notes.append(f"{', '.join(zero)}: zero everywhere")
-    if any(np.isnan(part.values[:, 0, 0]).any() for part in parts[0]):
+    if any(np.isnan(values[:, 0, 0]).any() for values, _ in parts[0].values()):
         notes.append("no values: the element is not there")
     return tuple(notes)

@@ -11,7 +11,8 @@ from ..common.types import Float, Int
 from ..elements import Cables, SlidingCables
 from ..model.parts import first_and_last, groups_by_name, per_group
 from ..model.structure import Structure
-from .table import Table
+from .columns import joined, of_elements
+from .table import Column, Table, tabled
 
 _STRAIGHT = -0.5  # cosine between two elements at a node up to which a cable runs through: 60 deg
 _WARMTH = "at the temperature before the first phase"
@@ -27,30 +28,27 @@ def cutting_list(structure: Structure, solution: results.Solution) -> Table:
     in the group, and its unstressed length up to their first and last node: where its clamps are to
     be marked.
     """
-    notes, rows, chained = [_reference(solution)], [], False
-    for label, group, length, cable in _lengths(structure, solution):
-        ends = first_and_last(group).tolist()
-        marks = np.full((len(ends), 2), np.nan)
-        number = np.full(len(ends), -1)
-        for k, (elements, turned) in enumerate(cable):
-            chained = chained or len(elements) > 1
-            along = np.cumsum([0.0, *length[elements]])
+    lengths, chained = _lengths(structure, solution)
+    kept = [k for k, length in enumerate(lengths) if length is not None]
+    marks = [np.full((len(group.links), 3), np.nan) for group in structure.groups]
+    notes = [_reference(solution)]
+    for k, (label, _) in enumerate(groups_by_name(structure)):
+        for number, (elements, turned) in enumerate(chained[k]):
+            along = np.cumsum([0.0, *lengths[k][elements]])
             span = np.column_stack([along[:-1], along[1:]])
-            marks[elements] = np.where(turned[:, None], span[:, ::-1], span)
-            number[elements] = k
-        for k, pair in enumerate(ends):
-            own = [int(number[k]), *marks[k].tolist()] if number[k] >= 0 else [None] * 3
-            rows.append([label, k, *pair, float(length[k]), *own])
-        notes.append(
-            f"{label or 'all'}: {len(ends)} pieces, {float(np.sum(length)):.3f} m in total"
-        )
-    columns = "group", "element", "first", "last", "unstressed length", "cable", "from", "to"
-    units = "", "", "", "", "m", "", "m", "m"
-    shown = len(columns) if chained else columns.index("cable")
-    if chained:
+            marks[k][elements, 0] = number
+            marks[k][elements, 1:] = np.where(turned[:, None], span[:, ::-1], span)
+        if k in kept:
+            pieces, total = len(lengths[k]), np.sum(lengths[k])
+            notes.append(f"{label or 'all'}: {pieces} pieces, {total:.3f} m in total")
+    length = Column("unstressed length", "m", joined(structure, lengths, kept))
+    columns = [*of_elements(structure, kept), length]
+    if any(len(elements) > 1 for found in chained for elements, _ in found):
+        cable, *ends = np.concatenate([marks[k] for k in kept]).T
+        columns.append(Column("cable", "", [None if np.isnan(x) else int(x) for x in cable]))
+        columns += [Column(head, "m", x) for head, x in zip(("from", "to"), ends, strict=True)]
         notes.append("from, to: where the first and last node are along the cable")
-    rows = [row[:shown] for row in rows]
-    return Table("Cutting list", columns[:shown], units[:shown], rows, tuple(notes))
+    return tabled("Cutting list", columns, notes)
 
 
 def cables(structure: Structure, solution: results.Solution) -> dict[str, Table]:
@@ -62,20 +60,25 @@ def cables(structure: Structure, solution: results.Solution) -> dict[str, Table]
     at most; of several pairs at a node the straightest come first.
     """
     rows = []
-    for label, group, length, found in _lengths(structure, solution):
+    groups = zip(groups_by_name(structure), *_lengths(structure, solution), strict=True)
+    for (label, group), length, found in groups:
         ends = first_and_last(group)
         for k, (elements, turned) in enumerate(found):
             nodes = np.where(turned[:, None], ends[elements][:, ::-1], ends[elements])
             total = float(length[elements].sum())
-            rows.append([label, k, len(elements), int(nodes[0, 0]), int(nodes[-1, 1]), total])
-    columns = ("group", "cable", "elements", "first", "last", "unstressed length")
+            rows.append((label, k, len(elements), int(nodes[0, 0]), int(nodes[-1, 1]), total))
+    if all(row[2] == 1 for row in rows):
+        return {}
+    heads = ("group", "cable", "elements", "first", "last", "unstressed length")
+    columns = [
+        Column(head, "m" if head == heads[-1] else "", values)
+        for head, values in zip(heads, zip(*rows, strict=True), strict=True)
+    ]
     notes = (
         _reference(solution),
         "a cable: elements of a group that go on from node to node within 60 degrees",
     )
-    if all(row[2] == 1 for row in rows):
-        return {}
-    return {"cables": Table("Cables", columns, ("", "", "", "", "", "m"), rows, notes)}
+    return {"cables": tabled("Cables", columns, notes)}
 
 
 def _reference(solution):
@@ -86,19 +89,16 @@ def _reference(solution):
 
 
 def _lengths(structure, solution):
-    """Label, group, lengths [n_elem] and chains of every group that has unstressed lengths."""
+    """Lengths [n_elem] of every group, or None, and its `chains`; two lists."""
     lengths = per_group(structure, solution.last.rest_length)
-    warmth = [state.warmth for state in solution.last.carry.states]
-    positions = np.asarray(solution.last.positions, float)
-    found = []
-    parts = zip(groups_by_name(structure), lengths, warmth, strict=True)
-    for (label, group), length, warm in parts:
-        if length is not None:
-            length = length if warm is None else length / np.asarray(warm)
-            runs = isinstance(group, Cables) and not isinstance(group, SlidingCables)
-            chained = chains(first_and_last(group), positions) if runs else []
-            found.append((label, group, length, chained))
-    return found
+    positions, chained = np.asarray(solution.last.positions, float), []
+    states = solution.last.carry.states
+    for k, (group, state) in enumerate(zip(structure.groups, states, strict=True)):
+        runs = isinstance(group, Cables) and not isinstance(group, SlidingCables)
+        chained.append(chains(first_and_last(group), positions) if runs else [])
+        if lengths[k] is not None and state.warmth is not None:
+            lengths[k] = lengths[k] / np.asarray(state.warmth)
+    return lengths, chained
 
 
 def chains(

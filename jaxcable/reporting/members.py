@@ -9,8 +9,9 @@ import numpy as np
 from ..design import utilisation
 from ..elements.abilities import Sagging
 from ..elements.element import PRESENT
-from ..model.parts import columns, first_and_last, groups_by_name, per_group, there
-from .table import Cell, Table
+from ..model.parts import columns, per_group, there
+from .columns import envelope, joined, joined_each, of_elements
+from .table import Column, Table, tabled
 
 BUCKLING = (
     "utilisation in compression is force over strength, buckling is not in it: see "
@@ -24,50 +25,43 @@ def members(structure, state, states, several):
 
     The text leaves the envelope out unless there are `several` states.
     """
+    names, now = list(states), _forces(structure, state)
+    each = [_forces(structure, other.result) for other in states.values()]
+    kept = [k for k, own in enumerate(now) if own is not None]  # groups with axial forces
+    every = (state, *(other.result for other in states.values()))
     try:
-        used = per_group(structure, utilisation(structure, state))
-        most = {name: per_group(structure, utilisation(structure, s)) for name, s in states.items()}
+        used, *most = (per_group(structure, utilisation(structure, x)) for x in every)
     except ValueError:  # no group has a strength
-        used, most = [None] * len(structure.groups), {}
-    now = _forces(structure, state)
-    each = {name: _forces(structure, s) for name, s in states.items()}
-    names, rows = list(each), []
-    for number, (label, group) in enumerate(groups_by_name(structure)):
-        if now[number] is None:  # a group without axial forces
-            continue
-        force = np.array([each[name][number] for name in names])
-        share = [most[n][number] for n in names if n in most and most[n][number] is not None]
-        for k, ends in enumerate(first_and_last(group).tolist()):
-            here = np.isfinite(now[number][k])
-            row = [label, k, *ends, float(now[number][k]) if here else None]
-            if names and np.isfinite(force[:, k]).any():
-                low, high = int(np.nanargmin(force[:, k])), int(np.nanargmax(force[:, k]))
-                row += [float(force[low, k]), names[low], float(force[high, k]), names[high]]
-            else:
-                row += [None] * 4
-            row.append(float(used[number][k]) if here and used[number] is not None else None)
-            row.append(max(float(s[k]) for s in share) if share else None)
-            rows.append(row)
-    heads = ("group", "element", "first", "last", "force", "lowest", "in", "highest", "in ")
-    columns = (*heads, "used", "most used")
-    units = ("", "", "", "", "N", "N", "", "N", "", "-", "-")
-    known = any(value is not None for row in rows for value in row[-2:])
+        used, *most = ([None] * len(now) for _ in every)
+    force, over = joined(structure, now, kept), joined_each(structure, each, kept)
+    share = np.where(np.isnan(force), np.nan, joined(structure, used, kept))
+    largest = envelope("most used", "-", joined_each(structure, most, kept), names, 1)[0]
+    known = bool(np.isfinite([share, largest.values]).any())
+    extremes = envelope("lowest", "N", over, names, -1) + envelope("highest", "N", over, names, 1)
+    shown = [
+        *of_elements(structure, kept),
+        Column("force", "N", force, governs=not known),
+        *(column._replace(detail=not several) for column in extremes),
+        Column("used", "-", share),
+        largest._replace(governs=known, detail=not several),
+    ]
     notes = [] if known else ["no group has a strength: no utilisation"]
-    if any(row[4] is None for row in rows):
+    if np.isnan(force).any():
         notes.append("no force: the element is not there")
     if any(isinstance(group, Sagging) for group in structure.groups):
         notes.append("force of a catenary: the larger of the tensions at its two ends")
-    if _compressed(structure, used, now, *each.values()):
+    pressed = np.vstack([force, over])
+    pressed = (pressed < -_ROUNDING * np.nanmax(np.abs(pressed), initial=0.0)).any(axis=0)
+    pairs = zip(structure.groups, used, strict=True)
+    judged = [None if x is None else np.full(len(x), not g.tension_only) for g, x in pairs]
+    if (pressed & (joined(structure, judged, kept) > 0)).any():
         notes.append(BUCKLING)
     if known and structure.space.rotates:
         notes.append(
             "utilisation of beams is that of their axial force alone: see stresses of fibres"
         )
-    details = () if several else (5, 6, 7, 8, 10)
     title = f"Forces, tension positive{', and their envelope' if several else ''}"
-    return Table(
-        title, columns, units, rows, tuple(notes), governing=10 if known else 4, details=details
-    )
+    return tabled(title, shown, notes)
 
 
 def groups(table: Table) -> dict[str, Table]:
@@ -84,7 +78,7 @@ def groups(table: Table) -> dict[str, Table]:
         parts.setdefault(row[0], []).append(row)
     if len(parts) < 2:
         return {}
-    rows: list[list[Cell]] = []
+    rows = []
     for label, members in parts.items():
         low = [(x, row[1], row[6]) for row in members if (x := _first(row[5], row[4])) is not None]
         high = [(x, row[1], row[8]) for row in members if (x := _first(row[7], row[4])) is not None]
@@ -92,12 +86,15 @@ def groups(table: Table) -> dict[str, Table]:
         row = [label, len(members)]
         row += [*min(low, key=_size), *max(high, key=_size)] if low else [None] * 6
         rows.append([*row, *(max(used, key=_size) if used else [None] * 2)])
-    columns = ("group", "elements", "lowest", "of", "in", "highest", "of ", "in ")
-    units = ("", "", "N", "", "", "N", "", "", "-", "")
-    title = "Groups: lowest and highest force, tension positive"
-    several = any(row[4] is not None for row in rows)
-    details = () if several else (4, 7)
-    return {"groups": Table(title, (*columns, "most used", "of  "), units, rows, (), None, details)}
+    heads = ("group", "elements", "lowest", "of", "in", "highest", "of", "in", "most used", "of")
+    units = {"lowest": "N", "highest": "N", "most used": "-"}
+    columns = [
+        Column(head, units.get(head, ""), values)
+        for head, values in zip(heads, zip(*rows, strict=True), strict=True)
+    ]
+    if all(value is None for value in columns[4].values):
+        columns = [column._replace(detail=column.name == "in") for column in columns]
+    return {"groups": tabled("Groups: lowest and highest force, tension positive", columns)}
 
 
 def _first(value, otherwise):
@@ -118,26 +115,6 @@ def _forces(structure, state):
     ]
 
 
-def _compressed(structure, used, *forces):
-    """Whether compression is compared with strength in any state.
-
-    Args:
-        structure: `Structure`.
-        used: utilisation, a list with an item per group.
-        forces: forces of every state, lists with an item per group.
-    """
-    sizes = [np.nanmax(np.abs(f), initial=0.0) for state in forces for f in state if f is not None]
-    largest = max(sizes, default=0.0)
-    return any(
-        share is not None
-        and force is not None
-        and not group.tension_only
-        and (force < -_ROUNDING * largest).any()
-        for state in forces
-        for group, share, force in zip(structure.groups, used, state, strict=True)
-    )
-
-
 def others(structure, state):
     """Tables of other results than forces along elements, a dict by name of the result.
 
@@ -148,17 +125,17 @@ def others(structure, state):
         if name == PRESENT.name:  # the tables of forces leave out what is not there
             continue
         told = columns(structure.groups, {name: value})
-        rows = []
-        for number, (label, group) in enumerate(groups_by_name(structure)):
-            parts = [column.values[number] for column in told]
-            if not parts or parts[0] is None:
-                continue
-            for k, ends in enumerate(first_and_last(group).tolist()):
-                rows.append([label, k, *ends, *(float(part[k]) for part in parts)])
-        if rows:
-            heads = [column.label.removeprefix(name).strip() or name for column in told]
-            units = ("", "", "", "", *(column.unit for column in told))
+        kept = [k for k in range(len(structure.groups)) if told and told[0].values[k] is not None]
+        if kept:
+            shown = [
+                Column(
+                    one.label.removeprefix(name).strip() or name,
+                    one.unit,
+                    joined(structure, one.values, kept),
+                    governs=one is told[0],
+                )
+                for one in told
+            ]
             title = name.replace("_", " ").capitalize()
-            names = ("group", "element", "first", "last", *heads)
-            found[name] = Table(title, names, units, rows, governing=4)
+            found[name] = tabled(title, [*of_elements(structure, kept), *shown])
     return found

@@ -9,8 +9,9 @@ import numpy as np
 from ..analysis import solution as results
 from ..model.structure import Structure
 from ..model.supports import Fixed
+from .columns import envelope
 from .states import State
-from .table import Cell, Table
+from .table import Column, Table, tabled
 
 _ROUNDING = 1e-9  # of the largest force or moment
 _ASLANT = 1e-9  # cosine from which a held direction has a component
@@ -28,34 +29,30 @@ def reactions(
     The table has all nodes that are held at the end or in one of these states. A component that no
     support holds has no value. The text leaves the largest out unless there are `several` states.
     """
-    values = np.asarray(state.reactions, float)
-    held = _held(structure, fixed)
+    values, held = np.asarray(state.reactions, float), _held(structure, fixed)
     ever = np.any([held, *(_held(structure, other.fixed) for other in states.values())], axis=0)
-    columns, units = ["node", "Rx", "Ry", "Rz", "R"], ["", "N", "N", "N", "N"]
     turning = state.reaction_moments is not None and bool(ever[:, 3:].any())
     if turning:
         values = np.hstack([values, np.asarray(state.reaction_moments, float)])
-        columns, units = [*columns, "Mx", "My", "Mz"], [*units, "N m", "N m", "N m"]
-    columns, units = [*columns, "largest R", "in"], [*units, "N", ""]
     # a support that has turned along with its node may push along other axes, too
     held[:, : values.shape[1]] |= np.abs(values) > _least(values)
-    names = list(states)
-    sizes = np.array([np.linalg.norm(np.asarray(s.reactions), axis=1) for s in states.values()])
-    rows: list[list[Cell]] = []
-    for k in np.flatnonzero(ever.any(axis=1)):
-        cells = [float(v) if h else None for v, h in zip(values[k], held[k], strict=False)]
-        size = float(np.linalg.norm(values[k, :3])) if held[k, :3].any() else None
-        worst = int(sizes[:, k].argmax()) if names else None
-        row: list[Cell] = [int(k), *cells[:3], size, *cells[3:]]
-        row += [None, None] if worst is None else [float(sizes[worst, k]), names[worst]]
-        rows.append(row)
+    nodes = np.flatnonzero(ever.any(axis=1))
+    parts = np.where(held[:, : values.shape[1]], values, np.nan)[nodes].T
+    size = np.where(held[:, :3].any(axis=1), np.linalg.norm(values[:, :3], axis=1), np.nan)[nodes]
+    every = [np.linalg.norm(other.result.reactions, axis=1)[nodes] for other in states.values()]
+    sizes = np.array(every).reshape(len(every), len(nodes))
+    largest, case = envelope("largest R", "N", sizes, list(states), 1)
+    columns = [
+        Column("node", "", nodes),
+        *(Column(f"R{axis}", "N", part) for axis, part in zip("xyz", parts[:3], strict=True)),
+        Column("R", "N", size, governs=not states),
+        *(Column(f"M{axis}", "N m", part) for axis, part in zip("xyz", parts[3:], strict=False)),
+        largest._replace(governs=bool(states), detail=not several),
+        case._replace(detail=not several),
+    ]
     title = f"Reactions: forces {'and moments ' if turning else ''}of the supports on the structure"
-    notes = []
-    if any(None in row[1:4] for row in rows):
-        notes.append("no value: no support holds it at the end")
-    governing = 4 if not names else len(columns) - 2
-    details = () if several else (len(columns) - 2, len(columns) - 1)
-    return Table(title, tuple(columns), tuple(units), rows, tuple(notes), governing, details)
+    unheld = bool(np.isnan(parts[:3]).any())
+    return tabled(title, columns, ["no value: no support holds it at the end"] if unheld else [])
 
 
 def _held(structure, fixed):
@@ -81,12 +78,9 @@ def _least(values):
 def equilibrium(structure: Structure, state: results.State) -> Table:
     """Sums of loads and reactions; also of moments about the origin if all forces are at nodes."""
     load, reactions = np.asarray(state.load, float), np.asarray(state.reactions, float)
-    rows = [
-        ["loads", *load.sum(0).tolist()],
-        ["reactions", *reactions.sum(0).tolist()],
-        ["sum of forces", *(load + reactions).sum(0).tolist()],
-    ]
-    units = ["", "N", "N", "N"]
+    sums = np.transpose([part.sum(0) for part in (load, reactions, load + reactions)])
+    columns = [Column("of", "", ["loads", "reactions", "sum of forces"])]
+    columns += [Column(axis, "N", part) for axis, part in zip("xyz", sums, strict=True)]
     notes = []
     size = np.abs(load).sum() + np.abs(reactions).sum()
     apart = np.abs((load + reactions).sum(0)).max()
@@ -104,5 +98,4 @@ def equilibrium(structure: Structure, state: results.State) -> Table:
         )
     else:
         notes.append("moments not summed: beams and catenaries carry loads between their nodes")
-    columns = ("of", "x", "y", "z")
-    return Table("Global equilibrium", columns, tuple(units), rows, tuple(notes))
+    return tabled("Global equilibrium", columns, notes)

@@ -27,7 +27,7 @@ from .members import groups, members, others
 from .reactions import equilibrium, reactions
 from .slackness import loose, slack
 from .stresses import stresses
-from .table import Table, as_text, empty, finite, headed
+from .table import Table, as_text, finite, headed
 
 _LONG = 30  # number of lines of a table up to which its text shows all of them
 
@@ -79,7 +79,7 @@ class Report:
         return {
             "summary": as_csv(sentences),
             **{
-                name: as_csv([headed(table), *([empty(v) for v in row] for row in table.rows)])
+                name: as_csv([headed(table), *table.rows])  # None is an empty field
                 for name, table in self.tables.items()
             },
         }

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
 
 from ..analysis import solution as results
+from ..analysis.results import Results
 from ..common import status
-from ..common.types import ArrayLike, Float, PyTree
 from ..model.supports import Fixed
 
 
@@ -18,33 +18,17 @@ class State(NamedTuple):
     """A state that counts in envelopes: the end of a phase, or a case.
 
     Attributes:
-        tension: axial forces in the shape of the elements, N.
-        peak_tension: largest force along each element, likewise, N.
-        section_forces: of beams, [n_elem, n_point, 6] in the shape of the elements; None without.
-        positions: of the nodes, [n_node, 3], m.
-        reactions: reactions at all nodes, [n_node, 3], N.
-        present: 1 for elements that are there, in the shape of the elements; None if all are.
+        result: `State`, `PhaseResult` or `Solution`.
         fixed: freedoms that supports hold in this state.
     """
 
-    tension: PyTree[Float[ArrayLike, " n_elem"]]
-    peak_tension: PyTree[Float[ArrayLike, " n_elem"]]
-    section_forces: PyTree[Float[ArrayLike, "n_elem n_point 6"]] | None
-    positions: Float[ArrayLike, "n_node 3"]
-    reactions: Float[ArrayLike, "n_node 3"]
-    present: PyTree[Float[ArrayLike, " n_elem"]] | None
+    result: Results
     fixed: Fixed
-
-
-def state_of(part: Any, fixed: Fixed) -> State:
-    """The `State` of a result, such as a phase, under the supports `fixed`."""
-    fields = {name: getattr(part, name) for name in State._fields if name != "fixed"}
-    return State(**fields, fixed=fixed)
 
 
 def last_of(solution: results.Solution) -> State:
     """The last converged state."""
-    return state_of(solution.last, solution.last.fixed[int(solution.last.phase) + 1])
+    return State(solution.last, solution.last.fixed[int(solution.last.phase) + 1])
 
 
 def phase_names(solution: results.Solution, names: Sequence[str] | None) -> list[str]:
@@ -60,16 +44,9 @@ def of_phases(
     Raises:
         ValueError: a wrong number of names, or names that are not apart.
     """
-    names = phase_names(solution, names)
-    good, failed = {}, {}
-    pairs = zip(solution.phases, solution.last.fixed[1:], strict=True)
-    for name, (phase, fixed) in zip(names, pairs, strict=True):
-        code = int(phase.status)
-        if code == status.OK:
-            good[name] = state_of(phase, fixed)
-        else:
-            failed[name] = code
-    return good, failed
+    names, phases = phase_names(solution, names), list(solution.phases)
+    codes = [int(phase.status) for phase in phases]
+    return _apart(names, codes, lambda k: State(phases[k], solution.last.fixed[k + 1]))
 
 
 def each_case(
@@ -85,13 +62,14 @@ def each_case(
         raise ValueError(f"cases: expected a leading axis [n_case], got shape {codes.shape}")
     names = _checked(names, len(codes), "case", 0)
     cases = jax.tree.map(np.asarray, cases)
-    good, failed = {}, {}
-    for k, (name, code) in enumerate(zip(names, codes.tolist(), strict=True)):
-        if code == status.OK:
-            good[name] = jax.tree.map(lambda x, k=k: x[k], cases)
-        else:
-            failed[name] = code
-    return good, failed
+    return _apart(names, codes.tolist(), lambda k: jax.tree.map(lambda x: x[k], cases))
+
+
+def _apart(names, codes, of):
+    """What `of` makes of the numbers of those that have converged, and codes of others, by name."""
+    coded = dict(zip(names, codes, strict=True))
+    good = {name: of(k) for k, name in enumerate(names) if codes[k] == status.OK}
+    return good, {name: code for name, code in coded.items() if code != status.OK}
 
 
 def _checked(names, count, kind, first):
@@ -108,4 +86,4 @@ def _checked(names, count, kind, first):
 
 def of_cases(cases: dict[str, results.Solution]) -> dict[str, State]:
     """Ends of cases, a dict by name."""
-    return {name: state_of(case, case.last.fixed[-1]) for name, case in cases.items()}
+    return {name: State(case, case.last.fixed[-1]) for name, case in cases.items()}

@@ -11,8 +11,12 @@ from ..elements import Beams
 from ..model.parts import groups_by_name
 from ..model.structure import Structure
 from ..sections import Section
-from .fibres import Points, Stresses, moments, points_of, stressed
-from .table import Cell, Table
+from .columns import envelope, of_elements
+from .fibres import instants, stressed
+from .table import Column, Table, tabled
+
+_WHERE = (("at", "-"), ("y", "m"), ("z", "m"))
+"""Name and unit of the columns that say where a stress is: along the element, in the section."""
 
 
 def stresses(
@@ -33,106 +37,63 @@ def stresses(
     """
     if not stressed(structure, solution):
         return {}
-    points = [points_of(group) for group in structure.groups]
     reached = int(solution.last.phase) + 1  # number of phases of which an increment has converged
     if cases is None:
-        every = moments(structure, points, solution, phases[:reached])
+        every = instants(structure, solution, phases[:reached])
         end = every[-1:]
     else:
-        end = moments(structure, points, solution, ["end"] * reached, max(reached - 1, 0))[-1:]
+        end = instants(structure, solution, ["end"] * reached, max(reached - 1, 0))[-1:]
         parts = [
-            moments(structure, points, case, [name] * len(case.phases))
-            for name, case in cases.items()
+            instants(structure, case, [name] * len(case.phases)) for name, case in cases.items()
         ]
-        every = [moment for part in parts for moment in part]
-    if not end:  # no increment has converged: the state is that before all of them
+        every = [instant for part in parts for instant in part]
+    if not end:  # no increment has converged, or elements tell strains alone
         return {}
-    if all(stress is None for stress in end[0].groups):  # elements that tell strains alone
-        return {}
-    found = {"stresses": _at_end(structure, points, end[0])}
+    found = {"stresses": _at_end(structure, end[0])}
     if len(every) > 1 or cases:
-        found["stress_envelope"] = _envelope(
-            structure, points, every, "phases" if cases is None else "cases"
-        )
+        kind = "phases" if cases is None else "cases"
+        found["stress_envelope"] = _envelope(structure, every, kind)
     return found
 
 
-def _rows(structure, moment):
-    """Elements that have stresses: (name of group, number of group, element)."""
-    for number, (label, group) in enumerate(groups_by_name(structure)):
-        if moment.groups[number] is not None:
-            for k in range(len(group.links)):
-                yield label, number, k
-
-
-def _fibre(points: Points | None, stress: Stresses, of: str, k: int) -> list[Cell]:
-    """Stress of element k, its place along the element and the y and z of its fibre."""
-    value, at = (float(getattr(stress, of + end)[k]) for end in ("", "_at"))
-    if np.isnan(value):
-        return [None] * 4
-    fibre = int(getattr(stress, of + "_fibre")[k])
-    if fibre < 0 or points is None:
-        return [value, _number(at), None, None]
-    return [value, _number(at), float(points.y[fibre]), float(points.z[fibre])]
-
-
-def _number(value: float) -> float | None:
-    """A number as a cell, None for NaN."""
-    return None if np.isnan(value) else float(value)
-
-
-def _at_end(structure, points, moment):
+def _at_end(structure, end):
     """The table of the last converged state."""
-    rows = []
-    for label, number, k in _rows(structure, moment):
-        stress, place = moment.groups[number], points[number]
-        row = [label, k, *_fibre(place, stress, "low", k), *_fibre(place, stress, "high", k)]
-        rows.append([*row, _number(stress.used[k])])
-    heads = ("lowest", "at", "y", "z", "highest", "at ", "y ", "z ")
-    return Table(
-        "Stresses of fibres at the end, tension positive",
-        ("group", "element", *heads, "used"),
-        ("", "", *("Pa", "-", "m", "m") * 2, "-"),
-        rows,
-        _notes(structure, moment, rows),
-        governing=10 if any(row[-1] is not None for row in rows) else (2, 6),
-    )
+    low, high, used = end.stresses
+    known = bool(np.isfinite(used).any())
+    columns = of_elements(structure, end.groups)[:2]
+    for head, found in (("lowest", low), ("highest", high)):
+        columns.append(Column(head, "Pa", found[0], governs=not known))
+        columns += [Column(*place, x) for place, x in zip(_WHERE, found[1:], strict=True)]
+    gone = bool(np.isnan(low[0]).any())
+    columns.append(Column("used", "-", used, governs=known))
+    notes = _notes(structure, end, known, gone)
+    return tabled("Stresses of fibres at the end, tension positive", columns, notes)
 
 
-def _envelope(structure, points, every, kind):
-    """The table of the extremes over `every` moment, of "phases" or "cases"."""
-    names = [moment.name for moment in every]
-    rows = []
-    for label, number, k in _rows(structure, every[0]):
-        parts = [moment.groups[number] for moment in every]
-        row: list[Cell] = [label, k]
-        for of, argument in (("low", np.nanargmin), ("high", np.nanargmax)):
-            values = np.array([getattr(part, of)[k] for part in parts])
-            if np.isnan(values).all():
-                row += [None] * 5
-                continue
-            n = int(argument(values))
-            row += [*_fibre(points[number], parts[n], of, k), names[n]]
-        used = np.array([part.used[k] for part in parts])
-        if np.isnan(used).all():
-            row += [None] * 2
-        else:
-            row += [float(np.nanmax(used)), names[int(np.nanargmax(used))]]
-        rows.append(row)
-    heads = ("lowest", "at", "y", "z", "in")
-    columns = (*heads, "highest", *(head + " " for head in heads[1:]), "used", "in  ")
-    return Table(
-        f"Stresses of fibres over all converged increments of all {kind}",
-        ("group", "element", *columns),
-        ("", "", *("Pa", "-", "m", "m", "") * 2, "-", ""),
-        rows,
-        governing=12 if any(row[12] is not None for row in rows) else (2, 7),
-        details=(3, 8, 13),
-    )
+def _envelope(structure, every, kind):
+    """The table of the extremes over `every` instant, of "phases" or "cases"."""
+    names = [instant.name for instant in every]
+    low, high, used = (np.stack(x, axis=-2) for x in zip(*(i.stresses for i in every), strict=True))
+    most, state = envelope("used", "-", used, names, 1)
+    known = bool(np.isfinite(most.values).any())
+    columns = of_elements(structure, every[0].groups)[:2]
+    for head, found, sign in (("lowest", low, -1), ("highest", high, 1)):
+        beside = [(*place, x) for place, x in zip(_WHERE, found[1:], strict=True)]
+        extreme, at, *others = envelope(head, "Pa", found[0], names, sign, beside)
+        columns += [extreme._replace(governs=not known), at._replace(detail=True), *others]
+    columns += [most._replace(governs=known), state._replace(detail=True)]
+    return tabled(f"Stresses of fibres over all converged increments of all {kind}", columns)
 
 
-def _notes(structure, moment, rows):
-    """Sentences on stresses."""
+def _notes(structure, end, known, gone):
+    """Sentences on stresses.
+
+    Args:
+        structure: `Structure`.
+        end: the `Instant` that is told.
+        known: whether any law has a strength.
+        gone: whether any element is not there.
+    """
     notes = []
     beams = [
         (label, group) for label, group in groups_by_name(structure) if isinstance(group, Beams)
@@ -146,13 +107,13 @@ def _notes(structure, moment, rows):
             "of laws that are not linear: at centres of fibres, integration points; edges are "
             f"further out by {', '.join(reach)}"
         )
-    if any(row[-1] is not None for row in rows):
+    if known:
         notes.append("used: stress over the strength of the law of the fibre, the largest share")
-    pairs = zip(groups_by_name(structure), moment.groups, strict=True)
-    without = [label for (label, _), stress in pairs if stress is None]
+    labels = enumerate(label for label, _ in groups_by_name(structure))
+    without = [label for k, label in labels if k not in end.groups]
     if without:
         notes.append(f"{', '.join(without)}: a stiffness only, no stress")
-    if any(row[2] is None for row in rows):
+    if gone:
         notes.append("no stress: the element is not there")
     return tuple(notes)
 

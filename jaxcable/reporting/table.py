@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TypeAlias
+from collections.abc import Sequence
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
 
 _SCALED = ("N", "N m", "J")
 _SHARED = 4  # columns from which a unit that all of them have is said in the title
@@ -43,6 +46,45 @@ class Table:
     details: tuple[int, ...] = ()
 
 
+class Column(NamedTuple):
+    """A column of a table.
+
+    Attributes:
+        name: in words; columns may have the same.
+        unit: "" for none, "-" for shares; forces are in "N" and lengths in "m".
+        values: numbers or texts, an array or a list; NaN and None where there is no value.
+        governs: whether the text of a long table shows the lines with its largest values.
+        detail: whether the text leaves it out.
+    """
+
+    name: str
+    unit: str
+    values: Sequence[Cell] | np.ndarray
+    governs: bool = False
+    detail: bool = False
+
+
+def tabled(title: str, columns: Sequence[Column], notes: Sequence[str] = ()) -> Table:
+    """A table from its columns; spaces after a name tell it from the same name before it."""
+    names = [column.name for column in columns]
+    governing = tuple(k for k, column in enumerate(columns) if column.governs)
+    return Table(
+        title,
+        tuple(name + " " * names[:k].count(name) for k, name in enumerate(names)),
+        tuple(column.unit for column in columns),
+        [list(row) for row in zip(*(_cells(c.values) for c in columns), strict=True)],
+        tuple(notes),
+        governing if len(governing) > 1 else next(iter(governing), None),
+        tuple(k for k, column in enumerate(columns) if column.detail),
+    )
+
+
+def _cells(values):
+    """The values of a column as cells, None for NaN."""
+    values = values.tolist() if isinstance(values, np.ndarray) else values
+    return [None if isinstance(v, float) and math.isnan(v) else v for v in values]
+
+
 def headed(table: Table) -> list[str]:
     """The header of a table: names of columns with their units, a list.
 
@@ -64,11 +106,6 @@ def finite(value: Cell) -> Cell:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def empty(value: Cell) -> Cell:
-    """A value for a CSV field: an empty text for None."""
-    return "" if value is None else value
-
-
 def as_text(table, most):
     """A table as text of at most `most` lines; large forces and works in kN and kJ, Pa in MPa."""
     rows, notes = table.rows, list(table.notes)
@@ -86,21 +123,17 @@ def as_text(table, most):
     sizes = {unit: _largest(table, table.rows, unit) for unit in (*_SCALED, "Pa")}
     least = {unit: _NOTHING * max(size, 1.0) for unit, size in sizes.items()}
     least["N m"] = max(least["N m"], _LEVER * least["N"])
-    body = [
-        [
-            _cell(value, factor, unit, least.get(unit, 0.0))
-            for value, factor, unit in zip(row, factors, table.units, strict=True)
-        ]
-        for row in rows
-    ]
-    lines = [title]
-    if rows:
-        widths = [max(len(line[k]) for line in [heads, *body]) for k in range(len(heads))]
-        shown = [k for k in range(len(heads)) if any(line[k] for line in body)]
-        shown = [k for k in shown if k not in table.details]
-        for line in [heads, *body]:
-            lines.append("  " + "  ".join(line[k].rjust(widths[k]) for k in shown))
-    return "\n".join(lines + [f"  {note}" for note in notes])
+    texts = [
+        [_cell(value, factor, unit, least.get(unit, 0.0)) for value in column]
+        for column, factor, unit in zip(zip(*rows, strict=True), factors, table.units, strict=False)
+    ]  # none without rows
+    shown = [k for k, column in enumerate(texts) if any(column) and k not in table.details]
+    padded = []
+    for k in shown:
+        width = max(map(len, [heads[k], *texts[k]]))
+        padded.append([text.rjust(width) for text in (heads[k], *texts[k])])
+    lines = ["  ".join(["", *line]) for line in zip(*padded, strict=True)]
+    return "\n".join([title, *lines, *(f"  {note}" for note in notes)])
 
 
 def _governing(table, row):

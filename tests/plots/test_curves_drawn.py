@@ -172,7 +172,8 @@ def test_nets_of_cables_have_no_curves_and_no_section_forces():
     assert int(solution.status) == 0
     assert shapes.Shapes(solution, structure).after(0) is None
     links = structure.elements.links.array, np.arange(12)
-    assert shapes.lines(np.asarray(solution.positions), links, None).shape == (12, 2, 3)
+    drawn = shapes.lines(views.View("space"), np.asarray(solution.positions), links, None)
+    assert drawn.shape == (12, 2, 3)
     for known in (structure, None):
         with pytest.raises(ValueError, match="has no beams"):
             jc.plots.diagram(solution, structure=known)

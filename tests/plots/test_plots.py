@@ -364,9 +364,10 @@ def test_failures_are_at_the_edge(pictures):
     axes = pictures["work_precision"].axes[0]
     assert legend_texts(pictures["work_precision"]) == ["Newton", "secant", "failed"]
     marks = [
-        (float(line.get_xdata()[0]), float(line.get_ydata()[0]))
+        (float(x), float(y))
         for line in axes.lines
         if line.get_transform() == axes.transAxes and line.get_marker() == "x"
+        for x, y in line.get_xydata()
     ]
     (never, top), (failed, high), (end, middle) = marks
     assert never > 0.95 and top > 0.95  # no time: the corner

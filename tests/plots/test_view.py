@@ -140,9 +140,7 @@ def test_diagrams_of_beams_that_turn_far():
     n = arrays["diagrams"].shape[2]
     exact = np.concatenate(jax.tree.leaves(jc.section_forces(structure, solution, n)))
     forces, moments = np.abs(exact[..., :3]).max(), np.abs(exact[..., 3:]).max()
-    error = np.abs(
-        arrays["diagrams"][-1] - exact
-    )  # cubics between the points, see `results.between`
+    error = np.abs(arrays["diagrams"][-1] - exact)  # see `results.between`
     assert error[..., :3].max() < 1e-3 * forces and error[..., 3:].max() < 1e-3 * moments
 
 
