@@ -31,7 +31,7 @@ from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..elements.prestress import jacked_or, stretch
 from ..elements.stated import Stated
 from ..loads import Load
-from ..mechanics.elementwise import over_ends
+from ..mechanics.elementwise import over
 from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import Fixed
@@ -196,7 +196,7 @@ def _relax(thawed, arrays, freedoms, tol, max_steps):
 
     def of_elements(function, motion):
         return [
-            over_ends(function, group, state, (nodes[group.links], motion[group.links]))
+            over(function, group, state, nodes, motion)
             for group, state in zip(groups, states, strict=True)
         ]
 
