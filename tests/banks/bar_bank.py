@@ -199,6 +199,18 @@ def rope(numbers):
     return arm(numbers, jc.Cables)
 
 
+def blown(numbers):
+    """A crooked chain of cables, slack or taut, under pressure that follows: hence no net."""
+    rng, n = numbers.rng, 12
+    nodes = np.stack([np.linspace(0, 1, n + 1), *np.zeros((2, n + 1))], axis=1)
+    nodes[1:-1] += 0.03 * rng.normal(size=(n - 1, 3))
+    rest = (1 + rng.uniform(-0.005, 0.1)) * np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    cables = jc.Cables(_row(n), axial_stiffness=numbers.stiffness(n), rest_length=rest)
+    supports = jc.pinned([0, n]) + jc.restrained(np.arange(1, n), "y")
+    pressure = jc.CablePressure(1.0, (0.0, 1.0, 0.0))
+    return jc.Structure(nodes, cables, supports), [jc.Phase(loads=pressure)]
+
+
 def stayed(numbers):
     """Half a stayed bridge: a deck of beams held by a pylon of beams with stays and back stay."""
     rng = numbers.rng
@@ -219,7 +231,7 @@ def stayed(numbers):
 
 KINDS = {
     kind.__name__: kind
-    for kind in (turning, string, chain, mixed, prism, mast, truss, arm, rope, stayed)
+    for kind in (turning, string, chain, mixed, prism, mast, truss, arm, rope, stayed, blown)
 }
 
 
@@ -257,6 +269,8 @@ def judged(one, solution):
 
 def _balanced(one, solution):
     """Whether the results of a scene are in equilibrium."""
+    if isinstance(one.phases[-1].loads, jc.CablePressure):
+        return _balanced_under_pressure(one, solution)
     if not any(group.rotates for group in one.structure.groups):
         return verdict(one.structure, one.phases, solution).passed
     place = WIDE(one.structure.nodes) + WIDE(solution.displacement)
@@ -269,3 +283,15 @@ def _balanced(one, solution):
     pulls = [np.abs(np.asarray(t)) for t in jax.tree.leaves(solution.tension)]
     scale = max(sizes, *(pull.max() for pull in pulls))
     return bool(np.abs(left).max() <= ALL * scale)
+
+
+def _balanced_under_pressure(one, solution):
+    """Whether tensions balance half of the pressure on each piece, normal to it and to y, 1 N/m."""
+    piece = np.diff(WIDE(one.structure.nodes) + WIDE(solution.displacement), axis=0)
+    tension = np.asarray(solution.tension)
+    pull = tension[:, None] * piece / np.linalg.norm(piece, axis=1)[:, None]
+    push = 0.5 * np.cross(piece, [0.0, 1.0, 0.0])
+    left = (np.diff(pull, axis=0) + push[1:] + push[:-1])[:, ::2]
+    stiffness = np.max(one.structure.elements.axial_stiffness)
+    rounding = 8 * np.finfo(float).eps * stiffness  # of the lengths
+    return bool(np.abs(left).max() <= 1e-9 * np.abs(pull).max() + rounding)

@@ -13,7 +13,7 @@ from banks.net_bank import together
 import jaxcable as jc
 from jaxcable.common.tree import copy
 
-DEFAULT = "string", "prism"  # bars only, and with prestressed cables
+DEFAULT = "string", "prism", "blown"  # bars only, with prestressed cables, cables alone
 
 
 @pytest.mark.parametrize(
@@ -94,41 +94,3 @@ def test_derivatives_of_a_string_of_stiff_bars():
     assert int(code) == jc.status.OK
     assert value == pytest.approx(length.sum() * (1 + 2.0 / 1e7), rel=1e-12)
     assert slope == pytest.approx(length.sum() / 1e7, rel=1e-6)
-
-
-def test_cables_under_pressure_converge_from_anywhere():
-    """No net, as pressure follows: crooked chains, slack and taut, EA over the load to 1e10.
-
-    Balance of every node by NumPy: half of the pressure on each piece, normal to it, and tensions.
-    """
-    n, rng, free = 12, np.random.default_rng(0), np.arange(1, 12)
-    nodes = np.stack([np.linspace(0, 1, n + 1), *np.zeros((2, n + 1))], axis=1)
-    crooked = nodes + np.pad(0.03 * rng.normal(size=(20, n - 1, 3)), ((0, 0), (1, 1), (0, 0)))
-    stiffness, slack = 10 ** rng.uniform(2, 10, 20), rng.uniform(-0.005, 0.1, 20)
-
-    @jax.jit
-    @jax.vmap
-    def blown(nodes, stiffness, slack):
-        rest = (1 + slack) * jnp.linalg.norm(jnp.diff(nodes, axis=0), axis=1)
-        cables = jc.Cables(_links(n), axial_stiffness=stiffness, rest_length=rest)
-        structure = jc.Structure(nodes, cables, jc.pinned([0, n]) + jc.restrained(free, "y"))
-        pressure = jc.CablePressure(1.0, (0.0, 1.0, 0.0))
-        solution = jc.solve(structure, jc.Phase(loads=pressure))
-        steps = solution.phases[0].path.iterations[-1]
-        return solution.positions, solution.tension, solution.status, steps
-
-    places, tension, code, steps = blown(crooked, stiffness, slack)
-    assert (np.asarray(code) == jc.status.OK).all()
-    assert np.max(steps) <= 62  # the most of 200; with true forces in the matrix 115 of 200 failed
-    piece = np.diff(places, axis=1)
-    pull = np.asarray(tension)[..., None] * piece / np.linalg.norm(piece, axis=2)[..., None]
-    push = 0.5 * np.cross([0.0, 1.0, 0.0], piece)
-    left = (pull[:, 1:] - pull[:, :-1])[..., ::2]
-    right = (push[:, 1:] + push[:, :-1])[..., ::2]
-    off = min((np.abs(left + s * right).max(axis=(1, 2)) for s in (1, -1)), key=np.max)
-    rounding = 8 * np.finfo(float).eps * stiffness  # of the lengths
-    assert (off <= 1e-9 * np.abs(pull).max(axis=(1, 2)) + rounding).all()
-
-
-def _links(n):
-    return np.stack([np.arange(n), np.arange(n) + 1], axis=1)
