@@ -290,7 +290,7 @@ def _balanced_under_pressure(one, solution):
     piece = np.diff(WIDE(one.structure.nodes) + WIDE(solution.displacement), axis=0)
     tension = np.asarray(solution.tension)
     pull = tension[:, None] * piece / np.linalg.norm(piece, axis=1)[:, None]
-    push = 0.5 * np.cross(piece, [0.0, 1.0, 0.0])
+    push = 0.5 * np.cross([0.0, 1.0, 0.0], piece)
     left = (np.diff(pull, axis=0) + push[1:] + push[:-1])[:, ::2]
     stiffness = np.max(one.structure.elements.axial_stiffness)
     rounding = 8 * np.finfo(float).eps * stiffness  # of the lengths
