@@ -26,6 +26,7 @@ from ..common.tree import Indices, cast, copy, fill, pytree, thaw
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..equilibrium.newton import Newton
 from ..loads import Load
+from ..mechanics.assembly import System
 from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import Fixed
@@ -223,37 +224,38 @@ def _loaded(thawed, arrays, net, freedoms, method):
         OnForm(groups, others),
     )
     q = lax.stop_gradient(jnp.concatenate(densities))
-    start = draped(lax.stop_gradient(strings), lambda _: q, net)
     allowed = verdict(nodes, groups, others)
     laws = lax.stop_gradient(groups)
-    _, code, _, moved = strings.equilibrated(start, method, freedoms, allowed, laws)
+
+    def begin(system):
+        return draped(system, lambda _: q, net)
+
+    _, code, _, moved = strings.equilibrated(begin, method, freedoms, allowed, laws)
     moved = implicit.nan_unless(code == status.OK, moved, parameters)
     free = jnp.zeros(nodes.size, bool).at[freedoms.free].set(True).reshape(nodes.shape)
     return jnp.where(free, nodes + moved, nodes)
 
 
 def draped(
-    strings: StringNet,
+    system: System,
     densities: Callable[[Float[Array, "n_node 3"]], Float[Array, " n_elem"]],
     net: tuple[Int[Array, "n_elem 2"], list[_Block]],
 ) -> Float[Array, "n_node 3"]:
     """Displacements [n_node, 3] for the start, by some forms of given force densities.
 
     Args:
-        strings: `StringNet`; each form has its loads in the form before.
+        system: that of a `StringNet`; each form has its loads in the form before.
         densities: force densities as a function of the positions in the form before, [n_elem].
         net: the numbering of `number_axes`.
     """
-    states = strings.states()
 
     def step(_, x):
-        load = strings.load
-        if strings.others is not None:
-            load = load + strings.others.following_forces(None, states, None, x)
-        new = shape(strings.nodes, densities(x), load, net)
+        follows = system.followers is not None
+        load = system.load + system.following(x) if follows else system.load
+        new = shape(system.nodes, densities(x), load, net)
         return jnp.where(jnp.all(jnp.isfinite(new)), new, x)
 
-    return lax.fori_loop(0, _FIRST, step, strings.nodes) - strings.nodes
+    return lax.fori_loop(0, _FIRST, step, system.nodes) - system.nodes
 
 
 def shape(

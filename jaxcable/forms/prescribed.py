@@ -192,18 +192,22 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
     )
     allowed = verdict(parameters[0], parameters[1], method, others)
     frozen = lax.stop_gradient(strings)
-    start = jnp.zeros_like(nodes)
-    if net is not None:
-        start = draped(frozen, lambda x: _densities(frozen.forces, x[net[0]]), net)
+    still = jnp.zeros_like(nodes)
+
+    def begin(system):
+        if net is None:
+            return still
+        return draped(system, lambda x: _densities(frozen.forces, x[net[0]]), net)
+
     if extra is None:
-        found, code, attached, motion = strings.equilibrated(start, method, freedoms, allowed)
+        found, code, attached, motion = strings.equilibrated(begin, method, freedoms, allowed)
         valid = code == status.OK
         steps, residual, scale = found.steps, found.residual, found.scale
         reached, forces = found.x, [state.force for state in attached.states]
     else:
         struts = not all(group.tension_only for group in groups)
         z, code, steps, residual, scale = _with_lengths(
-            frozen, lax.stop_gradient(given), start, freedoms, extra, method, struts
+            frozen, lax.stop_gradient(given), still, freedoms, extra, method, struts
         )
         code = status.first_failure(allowed, code)
         valid = code == status.OK

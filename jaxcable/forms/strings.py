@@ -7,7 +7,7 @@ large ``k`` it nearly keeps its length.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -104,32 +104,27 @@ class StringNet:
         """The `System` of the strings, with this numbering of the unknowns."""
         groups: list[Any] = [Strings(links, self.tension_only) for links in self.links]
         followers = None if self.others is None else [self.others]
-        states: list[Any] = self.states()
-        return system_at_rest(self.nodes, groups, states, self.load, freedoms, followers)
-
-    def states(self) -> list[StringState]:
-        """The states of all groups."""
-        states = []
-        for links, force, spring in zip(self.links, self.forces, self.springs, strict=True):
+        states: list[Any] = []
+        for group, force, spring in zip(groups, self.forces, self.springs, strict=True):
             stiffness = excess = jnp.zeros_like(force)
             if spring is not None:
                 stiffness, length = spring
-                excess = Strings(links).chord(self.nodes[links]) - length
+                excess = group.chord(self.nodes[group.links]) - length
             states.append(StringState(force, stiffness, excess))
-        return states
+        return system_at_rest(self.nodes, groups, states, self.load, freedoms, followers)
 
     def equilibrated(
         self,
-        start: Float[Array, "n_node 3"],
+        begin: Callable[[System], Float[Array, "n_node 3"]],
         method: Newton,
         freedoms: Freedoms,
         allowed: Int[Array, ""],
         laws: Sequence[Straight] = (),
     ) -> tuple[newton.Outcome, Int[Array, ""], System, Float[Array, "n_node 3"]]:
-        """Bring the strings to equilibrium from displacements `start`, [n_node, 3].
+        """Bring the strings to equilibrium.
 
         Args:
-            start: displacements, m; not differentiated.
+            begin: the displacements to start from, [n_node, 3], m, of the system.
             method: `Newton`.
             freedoms: the numbering of the unknowns.
             allowed: status of the input.
@@ -141,6 +136,7 @@ class StringNet:
         """
         frozen = lax.stop_gradient(self)
         sought = frozen.system(freedoms)
+        start = begin(sought)
         found, factored = newton.equilibrate(sought, start, method, allowed == status.OK)
         code = status.first_failure(allowed, found.code)
         if laws:
