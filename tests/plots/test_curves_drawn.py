@@ -9,7 +9,7 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 
 import jaxcable as jc
-from jaxcable.plots import glyphs, shapes, views
+from jaxcable.plots import glyphs, shapes, snapshots, views
 
 SECTION = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
 RIGIDITY = 10e9 * 0.1 * 0.2**3 / 12
@@ -153,6 +153,21 @@ def test_increments_have_curves(cantilever, rope, tmp_path):
     )
     with Image.open(made) as gif:
         assert gif.n_frames == 2
+
+
+def test_a_cable_that_is_added_hangs_in_all_increments():
+    """Its shape is known from the phase that adds it, not from the end of the phase before."""
+    nodes = [[0.0, 0, 0], [100.0, 0, 0], [0, 50.0, 0], [100.0, 50.0, 0]]
+    cables = jc.Catenaries([[0, 1], [2, 3]], STIFFNESS, weight=WEIGHT)
+    structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 1, 2, 3]))
+    hang = jc.Phase(sag=jc.only([0], 5.0), loads=jc.SelfWeight())
+    add = jc.Phase(adds=jc.only([1]), sag=jc.only([1], 5.0), increments=2)
+    solution = jc.solve(structure, [hang, add])
+    assert int(solution.status) == 0
+    shots = snapshots.Snapshots(solution, structure).increments(9)
+    assert [shot.curves.known.tolist() for shot in shots] == [[True, False], [True] * 2, [True] * 2]
+    middle = shots[1].curves.apart[:, 12, 2]
+    np.testing.assert_allclose(middle, -5.0, rtol=1e-3)  # between the ends by unstressed length
 
 
 def test_pressed_curves(cantilever):
