@@ -293,5 +293,5 @@ def _balanced_under_pressure(one, solution):
     push = 0.5 * np.cross([0.0, 1.0, 0.0], piece)
     left = (np.diff(pull, axis=0) + push[1:] + push[:-1])[:, ::2]
     stiffness = np.max(one.structure.elements.axial_stiffness)
-    rounding = 8 * np.finfo(float).eps * stiffness  # of the lengths
+    rounding = 32 * np.finfo(float).eps * stiffness  # of displacements, as `path.rounding`
     return bool(np.abs(left).max() <= 1e-9 * np.abs(pull).max() + rounding)
