@@ -128,10 +128,6 @@ class Acting(Load):
         """As `bundled`, with only the numbers of the bundles that the load acts on."""
         return self
 
-    def without_begun(self) -> Acting:
-        """The load without the nodes that an analysis has put into it."""
-        return self
-
 
 class Dead(Acting):
     """Forces that do not depend on where the nodes are, but may on the state of the elements."""

@@ -126,7 +126,6 @@ def stacks(acting: Sequence[Sequence[kinds.Acting]]) -> list[LoadStack]:
     found = {}
     for phase, loads in enumerate(acting):
         for load in loads:
-            load = load.without_begun()  # `Amounts` has these positions
             kind = jax.tree.structure(load), tuple(np.shape(x) for x in jax.tree.leaves(load))
             found.setdefault(kind, []).append((phase, load))
     return [
