@@ -1,8 +1,9 @@
-"""Does every structure with bars converge, however stiff its bars are, and in how many steps?
+"""Does every structure that is no net converge, however stiff its bars and cables are?
 
-Question   Bars that turn, strings of insulators, crooked chains, strings on nets and on beams,
-           tensegrities, masts, trusses and stayed decks, EA over the load from 1e2 to 1e10: how
-           many end without equilibrium, in how many Newton steps and factorisations?
+Question   Bars that turn, strings of insulators, crooked chains, strings on nets, strings and ropes
+           on beams, tensegrities, masts, trusses, stayed decks, cables under pressure, EA over the
+           load from 1e2 to 1e10: how many end without equilibrium, in how many Newton steps and
+           factorisations?
 Reference  Statics in extended precision, apart from the package: of every node (`independent.py`),
            with beams of the whole structure in its deflected shape.
 Error      failed: no equilibrium, whatever the status says; wrong: status OK and not in balance.
