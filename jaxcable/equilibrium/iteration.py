@@ -109,7 +109,9 @@ class Task:
         self.net = system.is_net
         self.judges = not system.always_convex
         self.loaded = loaded(system) if self.net else None
-        self.predicts = not self.net and have_chords(system.groups)
+        # a net beyond the peak of a law finds where its curve ends by the true forces
+        falls = not self.net and system.risen().is_net
+        self.predicts = not self.net and not falls and have_chords(system.groups)
         self.convex = system.convex
         tension_only = system.may_be_convex and not self.net
         self.sprints = tension_only or system.may_be_unsymmetric

@@ -3,8 +3,9 @@
 A step sideways lengthens a bar in second order. Where EA is large, its force EA e at the next point
 is then larger than the true one by orders of magnitude: the geometric stiffness N/l resists the
 next step, and the line search allows tiny steps only. Nets of cables have their tensions as
-unknowns (`tensions`). In all other structures every bar and cable has a predicted force N^ beside
-its force N: that at the end of the last step, linearized at the start of that step,
+unknowns (`tensions`). In all other structures, but for nets beyond a peak of their law, every bar
+and cable has a predicted force N^ beside its force N: that at the end of the last step, linearized
+at the start of that step,
 
     (K + sum of (N^ - N)/l (I - n n^T)) p = -R,      N^_new = N + k n.p,
 
