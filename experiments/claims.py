@@ -433,7 +433,7 @@ CLAIMS = [
     ),
     Claim(
         "README.md",
-        r"Of (\d+) random scenes.+,\sNOT_CONVERGED end (\d+), and (\d+) is wrong",
+        r"Of (\d+) random scenes.+,\sNOT_CONVERGED end (\d+), and (\d+) are wrong",
         valid_scenes,
     ),
     Claim(STUDIES, r"First calls take ([\d.]+) to ([\d.]+) s", first_calls),
