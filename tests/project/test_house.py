@@ -41,7 +41,6 @@ def room(path):
 
 def imported(path, tree):
     """What a file imports of this package, anywhere in it: modules, or rooms, as tuples."""
-    known = {dotted(own) for own in TREES}
     here = path.relative_to(PACKAGE).parts[:-1]
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.level:
@@ -49,7 +48,7 @@ def imported(path, tree):
             base += tuple(node.module.split(".")) if node.module else ()
             for alias in node.names:
                 whole = (*base, alias.name)
-                yield whole if whole in known else base
+                yield whole if whole in KNOWN else base
         elif isinstance(node, ast.ImportFrom) and node.module.split(".")[0] == "jaxcable":
             yield tuple(node.module.split(".")[1:]) or ("__init__",)
         elif isinstance(node, ast.Import):
@@ -62,6 +61,7 @@ def dotted(path):
     return parts[:-1] if parts[-1] == "__init__" else parts
 
 
+KNOWN = {dotted(path) for path in TREES}
 GRAPH = {path: set(imported(path, tree)) - {dotted(path)} for path, tree in TREES.items()}
 
 
