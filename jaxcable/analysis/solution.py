@@ -108,6 +108,8 @@ class Solution(Results):
             (Gauss-Lobatto points: the ends and the middle of 3), in the shape of `elements`, each
             [n_elem, n_point, 6] or None for other groups, N and N m; None without beams.
             `section_forces` has their signs, and gives them at any place.
+        results: further results of elements by name, each in the shape of `elements`: those that
+            elements of your own state, and `present` where elements come and go. `told` has all.
         last: `State` at the end of the last converged increment. If the analysis has converged, the
             end of the last phase; if it has failed, the state before that, as `State` says.
         phases: one `PhaseResult` per phase, a sequence (`PhaseResults`).

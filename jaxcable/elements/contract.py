@@ -11,7 +11,7 @@ import numpy as np
 from ..common.types import ArrayLike, Float
 from . import trial
 from .abilities import STATEMENTS, Jacked, Prestressable, Sagging
-from .element import SECTION_STRAIN, Element
+from .element import SECTION_STRAIN, Element, Result
 from .element_state import ElementState
 
 METHODS = {
@@ -42,7 +42,13 @@ def _lacks(group):
         for method in methods:
             if getattr(group, attribute) and _inherits(kind, method):
                 yield f"{attribute} = True needs a method `{method}`"
+    wrong = [result for result in group.results if not isinstance(result, Result)]
+    if wrong:
+        yield f"results: expected `Result`, got {wrong[0]!r}"
+        return
     names = [result.name for result in group.results]
+    if not group.remembers and not _inherits(kind, "settled"):
+        yield "settled: it is only asked where remembers = True"
     by_strain = group.remembers and _inherits(kind, "settled")
     if by_strain and _inherits(kind, "settle"):
         yield "remembers = True needs a method `settle`, or `settled`"

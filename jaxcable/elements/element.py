@@ -238,6 +238,8 @@ class Element(abc.ABC):
     def found(self, state: OwnState, ends: Ends, motion: Motion) -> ElementState:
         """State of an element that is added here, unstressed where it finds its ends.
 
+        The `state` that it gets has the memory of elements that have not been strained yet.
+
         Raises:
             ValueError: elements of this kind cannot be added.
         """
@@ -342,7 +344,10 @@ class Element(abc.ABC):
         """Memory after an increment of a `duration`, s, that ended at a motion.
 
         By default that of a law, which sees the section strain only. Elements whose memory depends
-        on more (how far a cable has slid, where a damper was) override it.
+        on more (how far a cable has slid, where a damper was) override it. It is asked once for
+        every increment that has converged, at its end, with the memory of its beginning in the
+        state; results of the increment are read with that, too. `energy` then is that of the
+        increment: its gradient are the end forces at the memory of the beginning.
         """
         strain = self.section_strain(state, ends, motion)  # type: ignore[attr-defined]  # a result
         return self.settle(strain, state.memory, duration)

@@ -16,7 +16,7 @@ import numpy as np
 from ..common.tree import Indices
 from ..numerics.rotations import IDENTITY, turned
 from .abilities import Jacked, Sagging
-from .element import Element
+from .element import Element, Result
 from .element_state import ElementState
 from .prestress import element
 
@@ -38,6 +38,9 @@ def declared(group: Element, n_row: int) -> Iterator[str]:
     yield from _undeclared(group, kind.__name__)
     if "links" not in kind._index_fields:  # type: ignore[attr-defined]
         yield 'links: expected an index field, @pytree(indices=("links",)), got another field'
+    for result in group.results:
+        if not isinstance(result, Result):
+            yield f"results: expected `Result`, got {result!r}"
     links = group.links
     if not isinstance(links, Indices):
         yield (
@@ -140,6 +143,8 @@ class _Calls:
             if bad and name != "tangent":
                 return
         yield from self._named()
+        if self.group.remembers:
+            yield from self._remembered()
         if not bad:
             yield from self._derivatives(tol, conservative)
 
@@ -208,6 +213,20 @@ class _Calls:
         weights = group.weights(state)
         if (weights is None) != (group.weight is None):
             yield "weights: returns something where `weight` is None, or the other way about"
+
+    def _remembered(self):
+        """What is wrong with the memory after an increment, and with the size of the parts."""
+        expected = jax.tree.map(lambda x: (x.shape, x.dtype), self.state.memory)
+        words = "a memory like that of the state"
+        try:
+            after = self.every(lambda one, *at: one.settled(*at, duration=0.0))
+        except Exception as error:  # of the author's code
+            yield _raised("settled", words, error)
+        else:
+            found = jax.tree.map(lambda x: (jnp.shape(x), jnp.result_type(x)), after)
+            if jax.tree.structure(found) != jax.tree.structure(expected) or found != expected:
+                yield f"settled: expected {words}, {expected} for all elements, got {found}"
+        yield from self._one("size", ((),), "", None)
 
     def _derivatives(self, tol, conservative):
         """What is wrong with the forces about a step, the tangent, and the energy."""

@@ -68,15 +68,20 @@ def register(cls: Kind) -> Kind:
         The class, so that `register` can be a decorator.
 
     Raises:
-        ValueError: another class has that name.
+        ValueError: another class has that name, or it is no dataclass.
 
     Example:
         >>> from jaxcable.elements import Cables
         >>> jc.files.register(Cables) is Cables  # files know it already
         True
     """
-    if TYPES.setdefault(cls.__name__, cls) is not cls:
+    if not dataclasses.is_dataclass(cls):
+        raise ValueError(f"{cls.__name__}: expected a dataclass, such as a pytree of jaxcable")
+    known = TYPES.get(cls.__name__, cls)
+    # a cell of a notebook that runs again defines the same class once more
+    if (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
         raise ValueError(f"{cls.__name__}: files know another class of that name")
+    TYPES[cls.__name__] = cls
     return cls
 
 
@@ -137,7 +142,8 @@ def _encode_object(value, where, implied):
             continue
         if field.default is not dataclasses.MISSING and content is field.default:
             continue
-        if is_group(value) and isinstance(content, np.ndarray | jax.Array):
+        own = cls.__module__.partition(".")[0] == __package__.partition(".")[0]
+        if own and is_group(value) and isinstance(content, np.ndarray | jax.Array):
             content = _once(np.asarray(content))
         if cls is Section and field.name == "laws":
             content = list(content)  # its constructor makes a tuple of it again

@@ -226,7 +226,7 @@ def _values():
             "a number, a list of numbers, or these by group",
             ["Only"],
             "statement",
-            {"items": number},
+            {"items": {"type": ["number", "array"], "items": number}},  # components, in rows
             {"float32": single},
         ),
         "choice": _by_group(

@@ -57,10 +57,10 @@ def changed(
         motion = jnp.where(attached, placed, motion)
     states = []
     for group, state, there, coming in zip(groups, carry.states, present, new, strict=True):
-        found = each("found", group, copy(state, present=coming), nodes, motion)
-        fresh = group.initial_memory()
+        begins, fresh = copy(state, present=coming), group.initial_memory()
         if fresh is not None:
-            found = copy(found, memory=fresh)
+            begins = copy(begins, memory=fresh)
+        found = each("found", group, begins, nodes, motion)
         state = jax.tree.map(
             lambda a, b, own=coming: jnp.where(own.reshape(-1, *(1,) * (a.ndim - 1)), a, b),
             copy(found, present=there),

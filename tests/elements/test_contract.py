@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from extensions.own_elements import GroundSprings, Nothing, TurningSprings
-from extensions.own_links import Brittle, Hooks, Jacks, Lying, Thrusters
+from extensions.own_links import Brittle, Dampers, Hooks, Jacks, Lying, Thrusters
 from extensions.own_membrane import Membranes
 
 import jaxcable as jc
@@ -110,6 +110,7 @@ NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 4.0,
         Hooks([[0, 1], [2, 1]], 1e3, -0.2),
         Brittle([[0, 1]], 1e3, 2.0),
         Thrusters([[0, 1]], 10.0, 3.0),
+        Dampers([[0, 1], [1, 2]], 10.0),
         jc.Cables([[0, 1]], axial_stiffness=1e3, rest_length=0.9),
     ],
     ids=lambda g: type(g).__name__,
@@ -247,6 +248,44 @@ DEFECTS = [
         "per_element: expected fields of the class, `name: object` in its body, got 'softness'",
     ),
 ]
+
+
+class Forgetful(Dampers):
+    """Says neither that it remembers nor anything else that is right."""
+
+    remembers = False
+
+
+class Widened(Dampers):
+    """Its memory changes its shape."""
+
+    def settled(self, state, ends, motion, duration=0.0):
+        return motion
+
+
+class Timeless(Dampers):
+    """It knows no duration."""
+
+    def settled(self, state, ends, motion):
+        return state.memory
+
+
+@pytest.mark.parametrize(
+    ("kind", "sentence"),
+    [
+        (Forgetful, "settled: it is only asked where remembers = True"),
+        (Widened, "settled: expected a memory like that of the state"),
+        (Timeless, "settled: expected a memory like that of the state, got TypeError"),
+    ],
+)
+def test_a_memory_is_tried(kind, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        check(pytree(indices=("links",))(kind)([[0, 1]], 10.0), NODES)
+
+
+def test_results_are_objects():
+    with pytest.raises(ValueError, match=r"results: expected `Result`, got 'tension'"):
+        check(springs(results=("tension",)), NODES[:3])
 
 
 @pytest.mark.parametrize(("changes", "sentence"), DEFECTS)

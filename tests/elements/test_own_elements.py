@@ -416,6 +416,20 @@ def test_a_memory_of_where_an_element_was(method):
     assert np.abs(first[0] - LOAD / 4 / K[0]).min() > 1e-4  # without damper
 
 
+def test_a_memory_begins_where_an_element_is_added():
+    """A damper that a phase adds beside a bar: ``(k + c) u = 2 F + c u_before``."""
+    elements = {"bar": jc.Bars([[0, 1]], axial_stiffness=600.0), "damper": Dampers([[0, 1]], 150.0)}
+    supports = jc.pinned([0]) + jc.restrained([1], "yz")
+    structure = jc.Structure([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]], elements, supports)
+    load = jc.NodalLoads([1], (3.0, 0.0, 0.0))
+    stages = [jc.Phase(loads=load), jc.Phase(adds="damper", loads=load)]
+    solution = jc.solve(structure, stages)
+    assert solution.status == status.OK
+    assert_allclose(solution.phases[0].displacement[1, 0], 3.0 / 300.0, rtol=1e-9)
+    moved = (2 * 3.0 + 150.0 * 3.0 / 300.0) / (300.0 + 150.0)
+    assert_allclose(solution.displacement[1, 0], moved, rtol=1e-9)
+
+
 def test_time_reaches_a_law_that_creeps():
     """A strain of 1e-3 for 50 s creeps by E e t / viscosity; in an analysis no time passes yet."""
     law, links = Maxwell(1e9, 1e11), np.array([[0, 1]])

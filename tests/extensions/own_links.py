@@ -7,7 +7,7 @@ from extensions.own_elements import Nothing
 
 import jaxcable as jc
 from jaxcable.common import checks
-from jaxcable.common.tree import Indices, pytree
+from jaxcable.common.tree import Indices, copy, pytree
 from jaxcable.elements.abilities import Jacked
 from jaxcable.elements.element import SECTION_STRAIN, TENSION, Element, ElementState
 
@@ -162,6 +162,7 @@ class Moved(ElementState):
     """Where the second end was against the first one, after the last increment."""
 
     memory: object
+    present: object = None
 
 
 @pytree(indices=("links",))
@@ -199,6 +200,9 @@ class Dampers(Joined):
 
     def settled(self, state, ends, motion, duration=0.0):
         return motion[1] - motion[0]
+
+    def found(self, state, ends, motion):
+        return copy(state, memory=motion[1] - motion[0])
 
 
 @pytree(indices=("links",))

@@ -10,11 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from extensions.own_elements import GroundSprings
 from file_cases import CHECK, MAST, SCENES, changed, read_scene, require_same, scene_of
 
 import jaxcable as jc
+from jaxcable.common.tree import pytree
 from jaxcable.common.writing import written
-from jaxcable.files import FileError
+from jaxcable.files import FileError, codec
 from jaxcable.files.results import flat
 
 
@@ -44,6 +46,37 @@ def test_every_scene_solves_to_the_identical_result(solved, tmp_path):
     assert int(solution.status) == int(again.status) == 0
     for a, b in zip(jax.tree.leaves(solution), jax.tree.leaves(again), strict=True):
         assert np.asarray(a).tobytes() == np.asarray(b).tobytes()
+
+
+def test_arrays_of_own_elements_come_back_with_all_rows(tmp_path):
+    """Two springs alike: their constructor takes [n_elem, 3] only."""
+    springs = GroundSprings([[1], [2]], [[3.0, 2.0, 5.0]] * 2)
+    cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e3)
+    structure = jc.Structure(np.eye(3), {"net": cables, "ground": springs}, jc.pinned([0]))
+    path = tmp_path / "own.json"
+    jc.save_scene(path, (structure, [jc.Phase(pretension={"net": 10.0})]))
+    read, phases = jc.load_scene(path)
+    np.testing.assert_array_equal(read.elements["ground"].stiffness, springs.stiffness)
+    assert jc.solve(read, phases).status == jc.status.OK
+
+
+def test_what_is_registered():
+    """A class that is defined again, as by a cell of a notebook; no dataclass, no second class."""
+
+    def defined():
+        @pytree
+        class Own:
+            number: object
+
+        return Own
+
+    first, again = jc.files.register(defined()), jc.files.register(defined())
+    assert first is not again and codec.TYPES["Own"] is again
+    with pytest.raises(ValueError, match="Plain: expected a dataclass"):
+        jc.files.register(type("Plain", (), {}))
+    with pytest.raises(ValueError, match="Cables: files know another class of that name"):
+        jc.files.register(pytree(type("Cables", (), {})))
+    del codec.TYPES["Own"]
 
 
 def test_an_editor_may_name_its_schema(tmp_path):
