@@ -42,7 +42,8 @@ class Phase:
     ``only(elements, values)`` for some elements of a group, or these by group, in the shape of the
     structure's elements: ``{"guys": 10e3}``. Groups that a dict leaves out, or that have None, have
     no statement. Elements of your own may take several numbers each, [n_elem, n_component], such as
-    along warp and weft (`elements.abilities.Prestressable`). Absolute statements refer to the initial nodes; an element has one at most:
+    along warp and weft (`elements.abilities.Prestressable`). Absolute statements refer to the
+    initial nodes; an element has one at most:
 
     - pretension: axial force in the initial geometry, N. In equilibrium it is another one, less
       where beams and struts give way: `jacking` keeps a force, and `design.tune` finds what ends
