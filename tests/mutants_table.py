@@ -131,7 +131,7 @@ FAULTS = (
         "self.space.part(-blocks, links, 3, (), x)", "self.space.part(blocks, links, 3, (), x)",
         "sign of a following pressure in the tangent: equilibria stay, gradients do not"),
     Fault("mechanics/presence.py",
-        "found = copy(found, memory=fresh)", "found = copy(found, memory=state.memory)",
+        "begins = copy(begins, memory=fresh)", "begins = copy(begins, memory=state.memory)",
         "an element that is removed and added again keeps its plastic strains"),
     Fault("mechanics/load_stacks.py",
         "begun=jnp.where(which[:, None, None], moved, self.begun)",

@@ -141,8 +141,9 @@ def _judge_array(name, label, where, given, present, later):
     """
     values = None if isinstance(given, Only) else checks.concrete(given)
     known = values is not None and not isinstance(present, jax.core.Tracer)
-    if name == "temperature" or not known or np.ndim(values) != 1:
+    if name == "temperature" or not known or np.ndim(values) < 1:
         return
+    nonzero = (values != 0).reshape(len(values), -1).any(axis=1)
     waits, lost = ~present[0], np.zeros(len(present[0]), bool)
     for comes, statements in zip(present[1:], later, strict=True):
         for other, stated in statements.items():
@@ -151,10 +152,11 @@ def _judge_array(name, label, where, given, present, later):
                 waits = waits & ~(comes & chosen)
         lost |= waits & comes
         waits = waits & ~comes
-    lost &= values != 0 if name in INCREMENTS else True
+    lost &= nonzero if name in INCREMENTS else True
     if lost.any():
         k = int(lost.argmax())
+        shown = ", ".join(f"{number:.6g}" for number in np.atleast_1d(values[k]))
         checks.suspect(
-            f"{label}{where}[{k}] = {values[k]:.6g}: the element is not there in this phase, and "
+            f"{label}{where}[{k}] = {shown}: the element is not there in this phase, and "
             "the phase that adds it states nothing for it: the number has no effect"
         )

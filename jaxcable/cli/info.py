@@ -112,7 +112,7 @@ def _stated(field, statements, structure):
             lacks = field == "temperature" and group.expansion is None
             (cold if lacks else without).append(label)
             continue
-        values = np.broadcast_to(np.asarray(stated.values), len(group.links))
+        values = np.asarray(stated.values)
         meant = np.ones(len(values), bool) if stated.chosen is None else stated.chosen
         text = f"{inputs.spread(values[meant])}{_UNITS[field]}"
         some = "" if meant.all() else f" ({int(meant.sum())} of {len(meant)} elements)"

@@ -108,7 +108,10 @@ def _parameters(structure, phase, options):
     def spread_out(parameters):
         parts = zip(by_group(parameters), structure.groups, strict=True)
         return structure.arrange(
-            [None if own is None else jnp.broadcast_to(own, len(of.links)) for own, of in parts]
+            [
+                None if own is None else jnp.broadcast_to(own, (len(of.links), *own.shape[1:]))
+                for own, of in parts
+            ]
         )
 
     return start, spread_out

@@ -136,14 +136,17 @@ def without_collection() -> Iterator[None]:
     To trace a program makes a million objects, hardly any of them garbage; the collector would take
     up to a third of that time to find this out.
     """
-    with _lock:
-        _enabled.append(gc.isenabled())
-        gc.disable()
-    try:
+    entered = False
+    try:  # an interrupt may come at any line
+        with _lock:
+            _enabled.append(gc.isenabled())
+            entered = True
+            gc.disable()
         yield
     finally:
         with _lock:
-            if _enabled.pop():  # of the first thread, which has found it enabled: the last one here
+            # of the first thread, which has found it enabled: the last one here
+            if entered and _enabled.pop():
                 gc.enable()
 
 

@@ -200,10 +200,10 @@ def kept(
         options: static arguments.
     """
     described = words, arguments, options
-    key = _key_or_none(*described) if _place else None
-    if key is None:
+    place = _place[0] if _place else None  # another thread may stop keeping meanwhile
+    key = None if place is None else _key_or_none(*described)
+    if place is None or key is None:
         return compiled()
-    place = _place[0]
     found = _load(place, key, jax.tree.leaves(arguments))
     if found is not None:
         return found

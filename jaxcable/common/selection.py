@@ -102,10 +102,11 @@ class Only(_Elements):
 
     def __post_init__(self):
         self._number()
-        several = np.ndim(self.values) > 1  # components, which the group checks
-        checks.per_element(0.0 if several else self.values, len(self.elements), "values")
+        values, count = checks.floats(self.values, "values"), len(self.elements)
+        if values.ndim < 2 or len(values) != count:  # components are checked by the group
+            checks.per_element(values, count, "values")
         # one value for all stays one: a search then has one unknown (`design.tune`)
-        put(self, values=checks.floats(self.values, "values"))
+        put(self, values=values)
 
     def spread(self, others: Float[ArrayLike, " n_elem"]) -> Float[Array, " n_elem"]:
         """Array [n_elem] of the values at their elements, and of `others` elsewhere."""

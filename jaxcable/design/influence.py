@@ -156,7 +156,8 @@ def _changing(structure, phases, wrt, phase, start):
         able = isinstance(group, Prestressable)
         able = able and (wrt != "temperature" or group.expansion is not None)
         if wrt in INCREMENTS and values[k] is None and able:
-            values[k] = jnp.zeros(len(group.links), dtype)
+            several = (len(group.components[wrt]),) if wrt in group.components else ()
+            values[k] = jnp.zeros((len(group.links), *several), dtype)
         values[k] = values[k] if some else None
     if all(value is None for value in values):
         raise ValueError(f"wrt = {wrt!r}: no group of elements can have one")

@@ -80,6 +80,7 @@ def stated(
             raise ValueError(f"{name}: only(...) has no values here; give only(elements, values)")
         if isinstance(given, Only):
             meant = given.chosen(n_elem, name)
+            checks.per_element(given.values, len(given.elements), name)
             given = given.spread(np.zeros(n_elem))
         given = checks.per_element(given, n_elem, name)
         if given is not None and (is_length or group.tension_only):

@@ -234,7 +234,8 @@ def _relax(thawed, arrays, freedoms, tol, max_steps):
         return jnp.max(jnp.abs(motion.x), initial=0.0) > away
 
     def unfinished(motion):
-        return (motion.steps < max_steps) & (motion.size > limit) & ~gone(motion)
+        goes_on = (motion.steps < max_steps) & (motion.size > limit) & ~gone(motion)
+        return goes_on | (motion.steps < 0)  # also a start far away has a residual
 
     x = system.space.collected(origin if start is None else start - nodes, origin)
     # step number 0 does not move, and ends at rest because the energy seems to have had a peak

@@ -64,7 +64,7 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
         """The load times `factor`, by its fields `scales`."""
         if not self.scales:
             kind = type(self).__name__
-            raise NotImplementedError(f"{kind}: name in `scales` what a factor multiplies")
+            raise ValueError(f"{kind}: cannot be scaled; its class names no field in `scales`")
         given = {name: getattr(self, name) for name in self.scales}
         return copy(self, **{name: factor * x for name, x in given.items() if x is not None})
 

@@ -233,9 +233,9 @@ class FacePressure(Pressure):
         yield moved[self.faces], pressure, self.faces
 
     def _force(self, corners, numbers):
-        force = jnp.zeros_like(corners)
+        force, pressure = jnp.zeros_like(corners), numbers
         for triangle, vector in _faces.area_vectors(corners):
-            force = force.at[jnp.array(triangle)].add(numbers * vector / 3)
+            force = force.at[jnp.array(triangle)].add(pressure * vector / 3)
         return force
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from extensions.own_elements import GroundSprings, Nothing, TurningSprings
 from extensions.own_links import Brittle, Dampers, Hooks, Jacks, Lying, Thrusters
-from extensions.own_membrane import Membranes
+from extensions.own_membrane import Cloth, Membranes
 
 import jaxcable as jc
 from jaxcable.common.tree import Indices, pytree
@@ -111,6 +111,7 @@ NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 4.0,
         Brittle([[0, 1]], 1e3, 2.0),
         Thrusters([[0, 1]], 10.0, 3.0),
         Dampers([[0, 1], [1, 2]], 10.0),
+        Cloth([[0, 1, 2]], 1e4, 0.3),
         jc.Cables([[0, 1]], axial_stiffness=1e3, rest_length=0.9),
     ],
     ids=lambda g: type(g).__name__,

@@ -1,9 +1,11 @@
 """A membrane of three-node triangles, written in a test file against the contract of elements."""
 
 import functools
+import json
 
 import jax
 import jax.numpy as jnp
+import jsonschema
 import numpy as np
 import pytest
 from extensions.own_membrane import Cloth, Membranes, sheet
@@ -11,6 +13,7 @@ from numpy.testing import assert_allclose
 from oracles.taylor import slope
 
 import jaxcable as jc
+from jaxcable.cli import main
 from jaxcable.common import status
 
 ET, NU = 1e4, 0.3
@@ -120,6 +123,28 @@ def test_a_pretension_of_two_components():
     structure = jc.Structure(np.eye(3)[:2], cable, jc.pinned([0]))
     with pytest.raises(ValueError, match="pretension: expected a scalar or shape"):
         jc.Phase(pretension=jc.only([0], [[1.0, 2.0]])).inputs(structure)
+
+
+def test_components_are_refused_where_nothing_takes_them():
+    with pytest.raises(ValueError, match=r"values: expected a scalar or shape \(2,\)"):
+        jc.only([0, 1], np.ones((3, 2)))
+    cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=ET)
+    structure = jc.Structure(np.eye(3), cables, jc.pinned([0, 2]))
+    with pytest.raises(ValueError, match=r"q: expected a scalar or shape \(2,\)"):
+        jc.force_density(structure, jc.only([0, 1], np.ones((2, 2))))
+
+
+def test_files_and_commands_know_components(tmp_path, capsys):
+    nodes, triangles = sheet(1)
+    structure = jc.Structure(nodes, {"cloth": Cloth(triangles, ET, NU)}, jc.pinned(range(4)))
+    stated = np.array([[300.0, 120.0], [280.0, 120.0]])
+    path = tmp_path / "cloth.json"
+    jc.save_scene(path, (structure, [jc.Phase(pretension={"cloth": stated})]))
+    read, phases = jc.load_scene(path)
+    assert_allclose(phases[0].inputs(read)[0]["pretension"].values, stated, rtol=0)
+    jsonschema.validate(json.loads(path.read_text()), jc.files.scene_schema())
+    main(["info", str(path)])
+    assert "pretension 120 to 300 N" in capsys.readouterr().out
 
 
 def test_one_number_is_for_cables_and_not_for_cloth():

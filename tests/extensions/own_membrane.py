@@ -100,9 +100,12 @@ class Membranes(Prestressable):
 
     def energy(self, state, ends, motion):
         _, strain, _, area = self._strain(state, ends, motion)
+        return area * self._density(strain)
+
+    def _density(self, strain):
         square = self.poisson * jnp.trace(strain) ** 2
         square = square + (1 - self.poisson) * jnp.sum(strain**2)
-        return 0.5 * area * self.stiffness / (1 - self.poisson**2) * square
+        return 0.5 * self.stiffness / (1 - self.poisson**2) * square
 
 
 @pytree
@@ -112,6 +115,7 @@ class Stressed(Strained):
     stress: object
 
 
+@jc.files.register
 @pytree(indices=("links",))
 class Cloth(Membranes):
     """Triangles in the plane x, y, with warp along x and weft along y."""
@@ -134,6 +138,11 @@ class Cloth(Membranes):
     def _forces(self, strain):
         strain, axes, stress = strain
         return super()._forces(strain) + axes @ jnp.diag(stress) @ axes.T
+
+    def _density(self, strain):
+        strain, axes, stress = strain
+        stated = axes @ jnp.diag(stress) @ axes.T
+        return super()._density(strain) + jnp.sum(stated * strain)
 
 
 def sheet(n, size=1.0, warp=0.0, seed=0):
