@@ -126,6 +126,14 @@ def test_a_net_stiffens_an_arch():
     assert sway[0] < 0.8 * sway[1]
 
 
+def test_an_oblong_saddle_rises_and_falls_by_its_own_spans():
+    """A tenth of 8 m up to the middles of two edges, and a tenth of 16 m down to the others."""
+    x, y, z = np.asarray(jc.scenes.saddle(3, 7, spacing=2.0, rise=0.1).structure.nodes).T
+    assert (x.max(), y.max()) == (8.0, 16.0)
+    assert z.max() == pytest.approx(0.8) == z[(x == 0.0) & (y == 8.0)].item()
+    assert z.min() == pytest.approx(-1.6) == z[(x == 4.0) & (y == 16.0)].item()
+
+
 def test_sizes_of_the_saddle_net():
     structure, phases = jc.scenes.saddle_net()
     assert structure.n_node == 132 and len(structure.elements.links) == 201
