@@ -166,7 +166,8 @@ def _put_curves(arrays, found, shots):
         arrays.put("axes", "f", [each.axes[:, 1:] for each in curves])
         arrays.put("diagrams", "f", diagrams)
     if len(sagging):
-        arrays.put("sagging", "u", sagging)  # on their chords where they are not there
+        arrays.put("sagging", "u", sagging)
+        # NaN where no sag is known, as of a cable that is not there: the page draws its chord
         arrays.put("sag", "f", [np.nan_to_num(shot.curves.sag) for shot in ends])
 
 
