@@ -46,6 +46,9 @@ class Result:
         components: names of the entries of its last axis; empty if there are none to name.
         ends, increments: whether the result is kept at the end of every phase, and of every
             increment.
+        places: names of the places in the element, along the axis before that of components, or the
+            last one without components; empty to number them from 0. A result at a single place has
+            no such axis.
     """
 
     name: str
@@ -53,6 +56,7 @@ class Result:
     components: tuple[str, ...] = ()
     ends: bool = True
     increments: bool = True
+    places: tuple[str, ...] = ()
 
 
 TENSION = Result("tension", "N")

@@ -200,6 +200,13 @@ class _Calls:
                     f"results: {name} has {count} components, and its last axis the shape "
                     f"{values.shape[1:]}"
                 )
+            elif result.places and values.shape[1 : values.ndim - (count > 0)] != (
+                len(result.places),
+            ):
+                yield (
+                    f"results: {name} has {len(result.places)} places, in the axis before its "
+                    f"components if it has any, and the shape {values.shape[1:]}"
+                )
         for name in ("is_slack", "at_kink"):
             try:
                 flags = self.every(lambda one, *at, name=name: getattr(one, name)(*at))

@@ -23,8 +23,9 @@ def save_vtk(
     """Write a result as lines in space, for ParaView.
 
     Points have their ``displacement`` (over all phases), ``reaction`` and ``load``; lines have
-    ``tension``, ``peak_tension``, other results of elements with one number each, ``rest_length``,
-    and the numbers of their ``element`` and ``group``. A cable over several nodes is written as
+    ``tension``, ``peak_tension``, other results of elements with an array for every place and
+    component (``skin_stress_top_xx``), ``rest_length``, and the numbers of their ``element`` and
+    ``group``. A cable over several nodes is written as
     several lines.
 
     Args:

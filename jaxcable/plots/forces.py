@@ -67,7 +67,7 @@ class Forces:
 def results(
     told: Mapping[str, Any], parts: Sequence[Element | Part], structure: Structure | None
 ) -> list[Column]:
-    """Every result with one number per element, utilisation and largest moments among them."""
+    """Results of all elements, see `columns`, with utilisation and the largest moments of beams."""
     found = columns(parts, {name: tree for name, tree in told.items() if name != PRESENT.name})
     if structure is not None:
         try:

@@ -62,8 +62,8 @@ def net(
         colour: values that colour elements: "tension" (of catenaries the mean of both ends; the
             first result of elements if none has a tension); "utilisation", the largest force along
             an element over its breaking strength, which needs `structure`, from 0 to 100 % and red
-            above; or another name in ``solution.told``, followed by the name of a component if the
-            result has components.
+            above; or another name in ``solution.told``, followed by those of a place and of a
+            component if the result has several: ``skin_stress top xx``.
         structure: the `Structure` that was analysed. It says which elements are cables, which
             nodes rotate, and where elements are curved: without it every element with zero tension
             is drawn as slack, and no support as clamped.
