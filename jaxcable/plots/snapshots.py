@@ -269,7 +269,7 @@ class Snapshots:
             title = f"After {number}"
         ended = self.solution.phases[phase]
         unstable = not stopped and int(ended.status) == 0 and not bool(ended.stable)
-        return f"{title}{stopped}" + (", unstable" if unstable else "")
+        return f"{title}{stopped}" + (", not known to be stable" if unstable else "")
 
 
 def evenly(n: int, most: int) -> Int[np.ndarray, " n_frame"]:

@@ -122,7 +122,8 @@ def _note(solution):
         where = f"phase {int(last.phase) + 1}, load factor {float(last.load_factor):.3g}"
         return f"Not to the end: {status.describe(solution.status)}. Shown up to {where}."
     if solution.stable is not None and not bool(solution.stable):
-        return "The equilibrium at the end is unstable."
+        # of an unsymmetric tangent the symmetric part is judged, which proves nothing
+        return "The equilibrium at the end is unstable, or not known to be stable."
     return ""
 
 
