@@ -4,6 +4,7 @@ The solvers of equilibrium bring it to the end of every step as they bring any o
 """
 
 import ast
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -238,6 +239,35 @@ def test_a_pendulum_of_one_cable():
     assert_allclose((4 * places[2] - places[1]) / 3, exact, atol=1e-6)
 
 
+def test_a_stiff_rope_whips():
+    """A slack chain falls; EA is 1e5 times its tensions, and parts of it are slack for long."""
+    n, stiffness, weight, radius, count = 10, 1e7, 10.0, 1.2, 100
+    angle = np.linspace(0.0, np.pi, n + 1)
+    nodes = radius * np.column_stack([1 - np.cos(angle), 0 * angle, -np.sin(angle)])
+    rest = 1.05 * np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    cables = jc.Cables(chain(n), axial_stiffness=stiffness, weight=weight, rest_length=rest)
+    structure = jc.Structure(nodes, cables, jc.pinned([0]))
+    solution = jc.solve(structure, jc.Phase(loads=jc.SelfWeight()))
+    assert solution.status == 0
+    system, _ = at_rest(structure, solution)
+    still = jnp.zeros((n + 1, 3))
+    begun = let_go(system, still, still, distribution="lumped")
+    found = gone(system, begun, 1.0 / count, count, rho=0.0)
+    lumps = 0.5 * weight * (np.r_[rest, 0.0] + np.r_[0.0, rest])  # N
+    places, speeds = (np.stack([getattr(m, k) for m in found]) for k in ("motion", "velocity"))
+    places = places + nodes
+    lengths = np.linalg.norm(np.diff(places, axis=1), axis=2)
+    strains = np.maximum(lengths / rest - 1, 0.0)
+    tensions = stiffness * strains
+    assert (tensions[1:] == 0).any(axis=1).mean() > 0.4
+    assert 1.0 < np.median(tensions[tensions > 0]) < 100.0
+    energies = places[..., 2] @ lumps + 0.5 * (speeds**2).sum(axis=2) @ lumps / GRAVITY
+    energies = energies + 0.5 * (tensions * strains) @ rest
+    fallen = energies[0] - lumps @ places[..., 2].min(axis=0)
+    # the method takes energy, mainly of waves along the rope, and gives none back
+    assert energies.max() < energies[0] + 1e-3 * fallen
+
+
 def test_derivatives_through_steps():
     """By gravity and the velocity at the start, through cables that are slack at first."""
     system, count = hung("straight"), 40
@@ -307,45 +337,88 @@ def test_a_linear_chain(rho, damping):
         assert energies[-1] < 0.9 * energies[0]
 
 
-def test_memory_settles_after_every_step():
-    """A mass on a bar that yields, beside a damper; against one equation per step by bisection."""
-    area, h, count = 1e-6, 0.01, 80
+@pytest.fixture(scope="module")
+def yielding():
+    """A mass on a bar that yields, beside a damper: its system, and its motion."""
     steel = jc.materials.steel(235e6, 210e9, 0.1)
-    section = jc.Section([0.0], [0.0], [area], [steel])
+    section = jc.Section([0.0], [0.0], [1e-6], [steel])
     bar = jc.Bars([[0, 1]], section=section, weight=4000.0)
     elements = {"bar": bar, "damper": Dampers([[0, 1]], 2e4)}
     supports = jc.pinned([0]) + jc.restrained([1], "yz")
     structure = jc.Structure(along_x(1.0, 1), elements, supports)
     solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (1e-3, 0.0, 0.0))))
     assert solution.status == 0
-    system, x = at_rest(structure, solution)
-    pull = 200.0  # reached at once: the bar yields at 235 N
-    system = copy(system, load=jnp.zeros((2, 3)).at[1, 0].set(pull))
-    found = gone(system, let_go(system, x, jnp.zeros((2, 3))), h, count)
+    return at_rest(structure, solution)
 
-    mass, u, v = 5 / 12 * 4000.0 / GRAVITY, float(x[1, 0]), 0.0
+
+PUSH = 200.0  # reached at once: the bar yields at 235 N
+
+
+def pushed(yielding, force):
+    """The system under a force along the bar, and its start."""
+    system, x = yielding
+    system = copy(system, load=jnp.zeros((2, 3)).at[1, 0].set(force))
+    return system, let_go(system, x, jnp.zeros((2, 3)))
+
+
+def yielded(push, u, h, count):
+    """Displacements of the mass, one after each step, by one equation a step and bisection."""
+    mass, area, v, path = 5 / 12 * 4000.0 / GRAVITY, 1e-6, 0.0, []
     # a spring that hardens, beside one that yields and has slipped
     hard, soft, most, slipped = 0.1 * 210e9 * area, 0.9 * 210e9 * area, 0.9 * 235.0, 0.0
-    a, path = float(found[0].acceleration[1, 0]), []
-    assert_allclose(a, pull / mass, rtol=1e-4)  # the bar has 1 mN, the damper begins unstressed
 
     def force(u, slipped):
         return hard * u + np.clip(soft * (u - slipped), -most, most)
 
+    a = (push - force(u, slipped)) / mass
     for _ in range(count):
 
-        def unbalanced(new, u=u, v=v, a=a, slipped=slipped):
-            at_end = 4 * ((new - u) / h - v) / h - a
-            return mass * at_end + force(new, slipped) + 2e4 * (new - u) - pull
+        def ended(new, u=u, v=v, a=a):
+            return 4 * ((new - u) / h - v) / h - a
+
+        def unbalanced(new, u=u, ended=ended, slipped=slipped):
+            return mass * ended(new) + force(new, slipped) + 2e4 * (new - u) - push
 
         new = brentq(unbalanced, u - 0.01, u + 0.01, xtol=1e-16)
-        at_end = 4 * ((new - u) / h - v) / h - a
-        u, v, a = new, v + 0.5 * h * (a + at_end), at_end
+        u, v, a = new, v + 0.5 * h * (a + ended(new)), ended(new)
         slipped = u - np.clip(soft * (u - slipped), -most, most) / soft
         path.append(u)
-    assert slipped > 1e-4  # it has yielded
+    assert slipped > 1e-4
+    return np.array(path)
+
+
+def test_memory_settles_after_every_step(yielding):
+    """A bar that yields, beside a damper."""
+    system, start = pushed(yielding, PUSH)
+    found = gone(system, start, 0.01, 80)
     moved = [ended.motion[1, 0] for ended in found[1:]]
-    assert_allclose(moved, path, rtol=0, atol=1e-11)  # 1e-10 of the forces over the stiffness
+    exact = yielded(PUSH, float(yielding[1][1, 0]), 0.01, 80)
+    assert_allclose(moved, exact, rtol=0, atol=1e-11)  # 1e-10 of the forces over the stiffness
+
+
+def test_derivatives_through_steps_with_memory(yielding):
+    """By the force: every step depends on what the one before has left."""
+
+    @jax.jit
+    @partial(jax.value_and_grad, has_aux=True)
+    def end(force):
+        system, (begun, masses) = pushed(yielding, force)
+
+        def step(carry, _):
+            states, begun = carry
+            now = copy(system, states=states)
+            now, ended, code = step_in_time(now, begun, masses, 0.01, method=taylor.TIGHT)
+            return (now.states, ended), code
+
+        (_, ended), codes = lax.scan(step, (system.states, begun), None, 80)
+        return ended.motion[1, 0], codes
+
+    (_, codes), gradient = end(PUSH)
+    assert not np.any(codes)
+    # the end is linear in the force as long as the bar yields in the same steps
+    begin, change = float(yielding[1][1, 0]), 0.1
+    ends = [yielded(PUSH + by, begin, 0.01, 80)[-1] for by in (change, -change)]
+    assert_allclose(gradient, (ends[0] - ends[1]) / (2 * change), rtol=1e-9)
 
 
 N_BEAM = 4  # of both tests, which share a program
