@@ -150,7 +150,7 @@ def _marked(system, marks):
 
 def _acting(system, motion):
     """All loads on every row, with loads that slide along ropes where they are now."""
-    load = system.all_load(motion)
+    load = system.external_force(motion)
     for group, state in zip(system.groups, system.states, strict=True):
         if group.slides and state.line_load is not None:
             slid = each("slid", group, state, system.nodes, motion)
