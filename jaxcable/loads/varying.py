@@ -10,7 +10,7 @@ import numpy as np
 
 from ..common import checks
 from ..common.rules import Rule, refuse
-from ..common.tree import joined, put, pytree, stacked
+from ..common.tree import computed, joined, put, pytree, stacked
 from ..common.types import Array, ArrayLike, Float
 from ..model.structure import Structure
 from .load import Load
@@ -165,14 +165,15 @@ def apart(load: Load, where: str, increments: int) -> tuple[Load, Amplitude | No
     parameters, factors = (checks.concrete(x) for x in (load.parameters, load.factors))
     if parameters is not None and factors is not None:
         seen = np.interp(np.arange(1, increments + 1) / increments, parameters, factors)
+        seen = np.append(seen, 0.0)  # of the beginning
         low, high, near = seen.min(), seen.max(), 1e-6 * np.abs(factors).max()
         missed = (factors > high + near) | (factors < low - near)
         missed[0] = False  # no increment ends at the beginning
         if missed.any():
             k = int(missed.argmax())
             checks.suspect(
-                f"{where}: factors[{k}] = {factors[k]:.6g} is passed by, increments end at factors "
-                f"from {low:.6g} to {high:.6g}; let one of them end at load factor "
+                f"{where}: factors[{k}] = {factors[k]:.6g} is passed by, increments go through "
+                f"factors from {low:.6g} to {high:.6g}; let one of them end at load factor "
                 f"{parameters[k]:.6g} by another number of increments"
             )
     return load.load, load.amplitude
@@ -182,8 +183,7 @@ def at_peak(load: Load, amplitude: Amplitude | None) -> Load:
     """Return a load times the largest absolute factor of its amplitude."""
     if amplitude is None:
         return load
-    factors = checks.concrete(amplitude.factors)
-    return load.scaled(jnp.max(abs(amplitude.factors)) if factors is None else abs(factors).max())
+    return load.scaled(computed(lambda xp, factors: xp.max(xp.abs(factors)), amplitude.factors))
 
 
 def _first(index, values):
