@@ -15,6 +15,8 @@ from ..common.types import Array, ArrayLike, Float
 from ..model.structure import Structure
 from .load import Load
 
+_SHOWN = 8  # points of an amplitude that are shown
+
 
 @pytree
 class Amplitude:
@@ -145,9 +147,12 @@ class Varying(Load):
         self.load.check(structure)
 
     def __str__(self) -> str:
-        factors = checks.concrete(self.factors)
-        told = "" if factors is None else f" by factors {', '.join(f'{f:.6g}' for f in factors)}"
-        return f"{self.load}, varying{told}"
+        parameters, factors = (checks.concrete(x) for x in (self.parameters, self.factors))
+        told = f"{len(self.parameters)} points"
+        if parameters is not None and factors is not None and len(parameters) <= _SHOWN:
+            pairs = zip(factors, parameters, strict=True)
+            told = ", ".join(f"{factor:.6g} at {parameter:.6g}" for factor, parameter in pairs)
+        return f"{self.load}; amplitude: {told}"
 
 
 def apart(load: Load, where: str, increments: int) -> tuple[Load, Amplitude | None]:
@@ -180,8 +185,8 @@ def apart(load: Load, where: str, increments: int) -> tuple[Load, Amplitude | No
 
 
 def at_peak(load: Load, amplitude: Amplitude | None) -> Load:
-    """Return a load times the largest absolute factor of its amplitude."""
-    if amplitude is None:
+    """Return a load times the largest absolute factor of its amplitude, if it can be scaled."""
+    if amplitude is None or not load.scales:
         return load
     return load.scaled(computed(lambda xp, factors: xp.max(xp.abs(factors)), amplitude.factors))
 

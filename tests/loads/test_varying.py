@@ -1,5 +1,7 @@
 """Loads that follow an amplitude within their phase."""
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,11 +10,15 @@ from oracles.taylor import TIGHT, slope
 
 import jaxcable as jc
 from jaxcable.analysis.preparation import prepare
+from jaxcable.common.tree import pytree
+from jaxcable.common.types import ArrayLike, Float
+from jaxcable.loads.load import OnNodes
 
 SQUARE = np.array([[0.0, 0, 0], [3, 0, 0], [3, 4, 3.0], [0, 4, 3.0], [1.5, 2, 1.5]])
 HUB = np.array([[k, 4] for k in range(4)])
 FACE, DOWN = [[0, 1, 4], [2, 3, 4]], (0.0, 0.0, -50.0)
 LIFT = jc.SupportMovement([0], (0.0, 0.0, 0.02))
+HALF = [0.0, 0.5, 1.0]
 POINTS, FACTORS = [0.0, 0.25, 0.5, 1.0], [0.0, 1.0, -0.5, 0.3]
 
 
@@ -262,3 +268,48 @@ def test_work_of_a_load_that_begins_late_and_ends():
     assert balance.dead[1] == pytest.approx(0, abs=1e-6 * level)
     work = q**2 * 2.0**5 / (40 * bending)  # of the load alone, up to its peak
     assert np.abs(balance.increments[1]).max() < 1e-6 * work
+
+
+def test_other_methods_and_analyses():
+    """The paper's scheme, influence, a path that begins after a load with an amplitude."""
+    stiff, points = bar(axial_stiffness=1e6), ([0.0, 0.5, 1.0], [0.2, 1.0, 0.5])
+    varying = jc.Phase(loads=jc.Varying(PULL.scaled(1e3), *points), increments=4)
+    solution = jc.solve(stiff, varying, jc.Incremental(corrections=1))
+    assert int(solution.status) == jc.status.OK
+    tension = np.asarray(solution.phases[0].path.tension)[:, 0]
+    assert tension == pytest.approx([600.0, 1000.0, 750.0, 500.0], rel=1e-6)
+    rate = jc.influence(stiff, [varying], of="displacement", wrt="load")
+    assert float(rate[1, 0, 1, 0]) == pytest.approx(1e-6)  # m/N: L / EA
+    path = jc.trace_path(stiff, [varying, jc.Phase(loads=PULL.scaled(100.0))])
+    assert int(path.status) == jc.status.OK
+    assert float(path.tension[-1, 0]) == pytest.approx(600.0)
+
+
+def test_what_is_said_of_it():
+    load = jc.Varying(jc.SelfWeight(), [0, 0.4, 1], [0, 1, 0.2])
+    assert str(load) == "SelfWeight; amplitude: 0 at 0, 1 at 0.4, 0.2 at 1"
+    many = np.linspace(0, 1, 20)
+    assert str(jc.Varying(jc.SelfWeight(), many, many)) == "SelfWeight; amplitude: 20 points"
+
+
+def test_a_number_that_is_none():
+    load = jc.Varying(PULL, HALF, [0.0, np.nan, 1.0])
+    solution = jc.solve(bar(axial_stiffness=1e6), jc.Phase(loads=load, increments=2))
+    assert int(solution.status) == jc.status.NONFINITE
+
+
+@pytree
+class Bare(OnNodes):
+    """A load of a user that says nothing of factors: the amplitude has them."""
+
+    force: Float[ArrayLike, " 3"]
+
+    def nodal_forces(self, shape, dtype):
+        return jnp.zeros(shape, dtype).at[1].set(jnp.asarray(self.force, dtype))
+
+
+def test_of_a_users_load():
+    load = jc.Varying(Bare((100.0, 0.0, 0.0)), HALF, [0.0, 3.0, 2.0])
+    solution = jc.solve(bar(axial_stiffness=1e6), jc.Phase(loads=load, increments=2))
+    assert int(solution.status) == jc.status.OK
+    assert float(solution.tension[0]) == pytest.approx(200.0)
