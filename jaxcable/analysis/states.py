@@ -187,7 +187,7 @@ def arranged(structure: Structure, solution: Solution, task: Prepared) -> Soluti
     carry = solution.last.carry
     stacks: Any = carry.loads  # of leaves each
     loads = [
-        copy(stack, load=jax.tree.unflatten(jax.tree.structure(stack.load), leaves))
+        copy(stack, load=jax.tree.unflatten(jax.tree.structure(stack.load), leaves), amplitude=None)
         for stack, leaves in zip(task.loads, stacks, strict=True)
     ]
     return arrange(
