@@ -145,6 +145,12 @@ def _put_geometry(told, arrays, found, shots):
     ends, element = found.links
     arrays.put("pieces", "u", ends)
     arrays.put("element", "u", element)
+    corners, element = found.faces
+    if len(corners):
+        thirds = corners[:, [[0, 1, 2], [0, 2, 3]]]  # of a triangle the second has no area
+        real = thirds[..., 1] != thirds[..., 2]
+        arrays.put("triangles", "u", thirds[real])
+        arrays.put("face", "u", np.stack([element, element], axis=1)[real])
     arrays.put("first", "u", np.concatenate([part.links.array[:, 0] for part in parts]))
     arrays.put("last", "u", np.concatenate([part.links.array[:, -1] for part in parts]))
     arrays.put("start", "f", start - start.mean(axis=0))
