@@ -42,8 +42,9 @@ def view(
     The page needs no other file and no network. It has a slider through the increments of all
     phases and a factor on displacements; a click on an element or a node reads its values. Mouse,
     fingers and keys turn, move and enlarge (arrows, with shift to move, ``+``, ``-``, ``0``, ``x``,
-    ``y``, ``z``, space to play). Slack cables are dashed, elements in compression have a casing,
-    absent elements are not drawn. Browsers need WebGL 2.
+    ``y``, ``z``, space to play). Elements with faces are filled. Slack cables are
+    dashed, elements in compression have a casing, absent elements are not drawn. Browsers need
+    WebGL 2.
 
     With `structure` beams are bent (cubics through the rotations of their ends, in all increments)
     and have their axes and diagrams of section forces; catenaries hang, exactly at the ends of

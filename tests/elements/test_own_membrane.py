@@ -3,6 +3,7 @@
 import functools
 import json
 import re
+from types import SimpleNamespace
 
 import ezdxf
 import jax
@@ -20,6 +21,8 @@ from oracles.taylor import slope
 import jaxcable as jc
 from jaxcable.cli import main
 from jaxcable.common import status
+from jaxcable.common.tree import Indices
+from jaxcable.model.parts import faces
 
 ET, NU = 1e4, 0.3
 
@@ -290,6 +293,18 @@ def test_faces_in_files(tmp_path):
     assert_allclose(corners[:, :3], np.asarray(solution.positions)[cells["triangle"]], rtol=1e-14)
     with pytest.warns(jc.common.checks.InputWarning, match="3DFACE .32., layer 'sheet'"):
         assert len(jc.files.read_dxf(tmp_path / "roof.dxf").links) == 16
+
+
+def test_faces_of_four_ends():
+    """Triangles name their last node twice, and quadrilaterals may be triangles."""
+    groups = [
+        SimpleNamespace(face=None, links=Indices([[0, 1], [1, 2]])),
+        SimpleNamespace(face=(0, 1, 2), links=Indices([[4, 5, 6]])),
+        SimpleNamespace(face=(1, 2, 3, 0), links=Indices([[0, 1, 2, 3], [2, 4, 4, 5]])),
+    ]
+    corners, element, group = faces(groups)
+    assert corners.tolist() == [[4, 5, 6, 6], [1, 2, 3, 0], [4, 4, 5, 2]]
+    assert element.tolist() == [2, 3, 4] and group.tolist() == [1, 2, 2]
 
 
 def test_faces_in_pictures():
