@@ -46,10 +46,10 @@ def _lacks(group):
     if wrong:
         yield f"results: expected `Result`, got {wrong[0]!r}"
         return
-    n_end = group.links.shape[1] - group.n_inner_row
-    face = group.face
-    if face is not None and not len({*range(n_end)} & {*face}) == len(face) in (3, 4):
-        yield f"face: expected 3 or 4 different ends of 0 to {n_end - 1} in order, got {face!r}"
+    face, ends = group.face, range(group.links.shape[1] - group.n_inner_row)
+    known = isinstance(face, tuple) and len({*ends} & {*face}) == len(face) in (3, 4)
+    if face is not None and not known:
+        yield f"face: expected a tuple of 3 or 4 ends of 0 to {len(ends) - 1}, got {face!r}"
     names = [result.name for result in group.results]
     if not group.remembers and not _inherits(kind, "settled"):
         yield "settled: it is only asked where remembers = True"

@@ -289,6 +289,7 @@ def test_what_is_no_face_is_refused(monkeypatch):
     with pytest.raises(ValueError, match=r"faces: missing: elements \(Cables\) has no faces; give"):
         jc.FacePressure(pressure=1.0).check(net)
 
-    monkeypatch.setattr(Membranes, "face", (0, 1, 3))
-    with pytest.raises(ValueError, match="face: expected 3 or 4 different ends of 0 to 2"):
-        jc.elements.check(Membranes(FIRST, ET, NU), NODES)
+    for face in ((0, 1, 3), (0, 1, 1), (0, 1), [0, 1, 2]):
+        monkeypatch.setattr(Membranes, "face", face)
+        with pytest.raises(ValueError, match="face: expected a tuple of 3 or 4 ends of 0 to 2"):
+            square()
