@@ -311,6 +311,13 @@ jc.LineLoads(UP, per="current")  # per = 'current': expected one of
 jc.AreaLoads([[0, 1, 2]], UP, per="x")  # per = 'x'
 jc.AreaLoads([[0, 1, 2]], 1.0)  # forces: expected shape (3,) or (1, 3), got ()
 loaded(jc.AreaLoads([[1, 2, 4]], UP))  # phases[0].loads[0]: faces[0] = [1, 2, 4]: ... subtract 1
+jc.AreaLoads([[0, 1, 2]])  # forces: missing; AreaLoads needs a value of it
+jc.AreaLoads(forces=(1.0, 2.0))  # forces: expected shape (3,) or (2, 3), got (2,)
+jc.AreaLoads([[0, 1, 2]], UP, elements=jc.only([0]))  # faces, elements: give faces, or a group
+jc.AreaLoads(forces=UP, on="net", elements=[0])  # elements: expected a selection such as only
+framed(jc.AreaLoads(forces=UP, on="beam"))  # ...on = 'beam': elements['beam'] (Beams) has no faces
+loaded(jc.FacePressure(pressure=1.0))  # ...faces: missing: elements (Cables) has no faces; give
+jc.FacePressure([[0, 1, 2]], 1.0, on="net")  # faces, on: give faces, or a group
 jc.FacePressure([[0, 1]], 1.0)  # faces: expected node numbers [n, 3]
 jc.FacePressure([[0, 1, 2], [0, 1, 0]], 1.0)  # faces[1] = [0, 1, 0]: a face has at least 3
 loaded(jc.FacePressure([[0, 1, 9]], 1.0))  # ...faces[0] = [0, 1, 9]: the structure has nodes 0 to 3

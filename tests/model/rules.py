@@ -366,6 +366,7 @@ used, 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
 OTHERWISE = {
     "analysis/absent.py:_states_nothing": "a traced increment may be other than zero: it counts",
     "analysis/absent.py:_judge_array": "a warning",
+    "analysis/absent.py:_loaded": "a warning",
     "analysis/preparation.py:_may_warn": "no rule: whether a warning can be given",
     "loads/groups.py:scattered": "no rule: which library computes",
     "loads/nodal.py:__str__": "no rule: what is said of it",
