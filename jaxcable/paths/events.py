@@ -26,7 +26,7 @@ NAMES = {
 """Kinds of events, in words."""
 
 FAILURES = (LIMIT_POINT, BIFURCATION, MATERIAL_FAILURE)
-"""Kinds at which a structure under growing dead load fails."""
+"""Kinds of events at which a structure under growing dead load fails."""
 
 
 @pytree
@@ -85,7 +85,7 @@ class Events:
 
     @property
     def names(self) -> list[str]:
-        """The kinds in words, a list."""
+        """The kinds of the events in words, such as "limit point"."""
         return [NAMES.get(int(kind), "none") for kind in np.atleast_1d(np.asarray(self.kind))]
 
     def __len__(self) -> int:

@@ -301,7 +301,7 @@ of_method(jc.Newton, "max_steps"), 3.0, 0.0  # max_steps: max_steps = 0.0: must 
 of_method(jc.Newton, "max_steps"), 3.0, 2.5  # max_steps: max_steps = 2.5: expected a whole
 ## equilibrium/incremental.py
 of_method(jc.Incremental, "tol"), 0.1, np.nan  # tol: tol = nan
-## paths/run.py
+## paths/path_state.py
 of_path("until"),  # until: until = -1.0
 of_path("down_to"), -1.0, 1.0  # down_to: down_to = 1.0
 of_path("step"), 0.1, -0.1  # step: step = -0.1
