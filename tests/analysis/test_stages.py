@@ -440,7 +440,7 @@ def test_what_is_refused_elsewhere(tmp_path):
     solution = solved(cross(), stages)
     with pytest.raises(ValueError, match="no balance where phases add or remove"):
         jc.energy_balance(cross(), stages, solution)
-    with pytest.raises(ValueError, match="the last phase, whose path is followed, must not add or remove"):
+    with pytest.raises(ValueError, match="path is followed, must not add or remove elements"):
         jc.trace_path(cross(), stages)
 
 
