@@ -179,7 +179,7 @@ FAULTS = (
         "about_z = jnp.hstack([parts[5], -span * parts[1]])",
         "about_z = jnp.hstack([parts[5], span * parts[1]])",
         "Mz between the points of a beam has the slope of -Vy"),
-    Fault("results/works.py",
+    Fault("results/increment_works.py",
         "return 0.5 * jnp.sum((force[:-1] + force[1:]) * moved, axis=(1, 2))",
         "return jnp.sum(force[1:] * moved, axis=(1, 2))",
         "work of the force at the end of an increment, not of its mean"),

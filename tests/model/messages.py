@@ -402,9 +402,9 @@ jc.describe(design.Design(*[0] * 9))  # code: got a Design; give its status
 jc.describe(np.zeros(2, int))  # code: expected one code, got shape (2,); take one
 jc.raise_if_failed(0)  # raise_if_failed: expected a solution, got int; ... describe(code)
 traced(jc.raise_if_failed, solution())  # ...the solution is being traced
-jc.energy_balance(HUNG, PHASES[:1], solution())  # phases: 1 of them, the solution has 2
+jc.energy_balance(HUNG, PHASES[:1], solution())  # phases: got 1, the solution has 2
 jc.energy_balance(HUNG, [PHASES[0], jc.replace(PHASES[1], increments=3)], solution())
-    # phases[1]: 3 increments, in the solution 1
+    # phases[1]: has 3 increments, in the solution 1
 jc.energy_balance(HUNG, PHASES, twice(solution()))  # solution: is a batch
 jc.report(HUNG, solution(), energy=True)  # energy: the balance needs the phases
 
