@@ -360,7 +360,7 @@ OTHERWISE = {
     "sections/outlines.py:corners": "traced outlines are refused",
     "sections/composites.py:_summed": "NaN where it is traced",
     "model/structure.py:__post_init__": "warnings; the rules of places are asked in any case",
-    "design/box.py:check": "bounds that are traced end in the status OUTSIDE (`BoxBounds.contains`)",
+    "design/box.py:check": "bounds that are traced end in the status OUTSIDE",
     "stiffness/vibration.py:_without_massless_modes": "no rule: how many modes have mass",
     "stiffness/vibration.py:natural_frequencies": "NaN where it is traced: an unsymmetric tangent",
     "stiffness/vibration.py:_warn_of_modes_within_spans": "no rule: a warning",
