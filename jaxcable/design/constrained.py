@@ -32,7 +32,7 @@ _SHORTER = 0.1  # first step of a run over that of the run before it
 
 @pytree
 class ConstrainedDesign:
-    """Result of `minimize_subject_to`.
+    """Result of `minimize_subject_to`: parameters, loss, constraints and multipliers.
 
     Attributes:
         params: parameters found, in the shape of the start: those of the lowest loss that meet the
@@ -275,7 +275,7 @@ def _compile_problem(reference):
             return jnp.append(value, constraints).astype(x.dtype), code
 
         count = jax.eval_shape(flattened, x)[0].size
-        return values_and_jacobian(flattened, x, count).with_finiteness_checked()
+        return values_and_jacobian(flattened, x, count).mark_nonfinite()
 
     return evaluate
 

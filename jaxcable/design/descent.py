@@ -198,7 +198,7 @@ class Descent:
 
     def advance(self, s: DescentState, found: Evaluation) -> DescentState:
         """Accept or refuse the trial point, given its evaluation `found`; choose the next one."""
-        value, gradient, code = found.with_finiteness_checked()
+        value, gradient, code = found.mark_nonfinite()
         sound, begun = code == status.OK, s.n_accepted >= 0
         accepted, factor = self._judge_trial(s, value, gradient, sound, begun)
 

@@ -26,7 +26,7 @@ from .trials import Evaluation, values_and_jacobian
 
 @pytree
 class Fit:
-    """Result of `fit`.
+    """Result of `fit`: parameters of least squares, residuals, Jacobian and status.
 
     Attributes:
         params: parameters found, in the shape of the start.

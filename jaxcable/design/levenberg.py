@@ -125,7 +125,7 @@ class LevenbergMarquardt:
 
     def advance(self, s: LevenbergState, found: Evaluation) -> LevenbergState:
         """Accept or refuse the trial point, given its evaluation `found`; choose the next one."""
-        residual, jacobian, code = found.with_finiteness_checked()
+        residual, jacobian, code = found.mark_nonfinite()
         sound, begun = code == status.OK, s.n_trial >= 0
         before, after = (0.5 * jnp.sum(r**2) for r in (s.residual, residual))
         gain = jnp.where(begun, (before - after) / s.promised, 1.0)

@@ -128,11 +128,12 @@ def envelope(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> Envelope:
 def utilisation(
     structure: Structure, tension: ElementResults | PyTree[Float[ArrayLike, "... n_elem"] | None]
 ) -> PyTree[Float[Array, "... n_elem"] | None]:
-    """Compute utilization, force over breaking strength: ``N / strength``, ``|N| / strength``.
+    """Compute the utilization of elements: axial force over breaking strength, -.
 
-    The second is that of elements that bear compression, too. Compression is compared with the
-    strength alone, without buckling: `stiffness.buckling_factor` and `trace_path` show how far a
-    state is from that. Of beams only the axial force counts (`fibre_stress` includes bending).
+    It is ``N / strength`` of cables, and ``|N| / strength`` of other elements. Compression is
+    compared with the strength alone, without buckling: `stiffness.buckling_factor` and `trace_path`
+    show how far a state is from that. Of beams only the axial force counts (`fibre_stress` includes
+    bending).
 
     Args:
         structure: `Structure` whose groups have a `strength`, or a law with a rupture strain.

@@ -29,7 +29,7 @@ _TYPICAL_CHANGE = 0.1
 
 @pytree
 class Design:
-    """Result of `minimize`.
+    """Result of `minimize`: the best parameters, their loss, the status and the history.
 
     Attributes:
         params: parameters of the lowest loss found (if converged, those of the last accepted point,

@@ -36,7 +36,7 @@ class Evaluation(NamedTuple):
     jacobian: Float[Array, "*m n"]
     code: Int[Array, ""]
 
-    def with_finiteness_checked(self) -> Evaluation:
+    def mark_nonfinite(self) -> Evaluation:
         """Return the same, with NONFINITE in place of OK if a number is not finite."""
         finite = jnp.all(jnp.isfinite(self.values)) & jnp.all(jnp.isfinite(self.jacobian))
         code = jnp.where((self.code == status.OK) & ~finite, status.NONFINITE, self.code)

@@ -38,7 +38,7 @@ _INPUTS = (*ABSOLUTE, *INCREMENTS)
 
 @pytree(static=("remarks",))
 class Tuned:
-    """Result of `tune`.
+    """Result of `tune`: phases with the prestress found, their solution, and what is met.
 
     Attributes:
         phases: the phases with the values found.

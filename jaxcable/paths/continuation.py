@@ -26,8 +26,8 @@ from ..common.tree import copy
 from ..common.types import ArrayLike, Int
 from ..equilibrium.newton import Newton
 from ..mechanics.ramp import Ramp
-from .path_state import FarEnd, PathPoint, PathState, Settings
-from .records import allocate_records, point_record, record_events, record_point
+from .path_state import BracketEnd, PathPoint, PathSettings, PathState
+from .records import allocate_records, make_point_record, record_events, record_point
 from .step_decision import StepDecision
 from .trial_step import LOAD, PathProblem
 
@@ -35,7 +35,7 @@ from .trial_step import LOAD, PathProblem
 def follow_path(
     ramp: Ramp,
     method: Newton,
-    settings: Settings,
+    settings: PathSettings,
     code: Int[ArrayLike, ""],
     capacity: tuple[int, int],
 ) -> PathState:
@@ -44,7 +44,7 @@ def follow_path(
     Args:
         ramp: the phase as a function of its load factor; not differentiated.
         method: `Newton`.
-        settings: `Settings`.
+        settings: `PathSettings`.
         code: status of what came before; after a failure nothing is done.
         capacity: largest number of recorded points, and of recorded events.
     """
@@ -76,7 +76,7 @@ def _initial_state(problem, code):
     still = jnp.zeros(begin.freedoms.free.shape[0], dtype)
     tangent = still, zero + 1
     point = PathPoint(x, zero, *tangent, ramp.memory, number, zero, still, still, still, no_element)
-    row = jax.eval_shape(lambda: point_record(ramp, point, ramp.memory))
+    row = jax.eval_shape(lambda: make_point_record(ramp, point, ramp.memory))
     row |= {"iterations": number, "residual": zero, "scale": zero, "rounding": zero}
     event = dict.fromkeys(("kind", "row", "multiplicity"), number)
     event |= dict.fromkeys(("load_factor", "lower", "upper"), zero)
@@ -90,7 +90,7 @@ def _initial_state(problem, code):
         displacement_scale=zero,
         locating=no,
         bracket=zero,
-        far_end=FarEnd(zero, zero, number, no, no),
+        bracket_end=BracketEnd(zero, zero, number, no, no),
         tol=settings.tol,
         n_tried=number,
         point_records=allocate_records(n_point, row),

@@ -31,7 +31,9 @@ FAILURES = (LIMIT_POINT, BIFURCATION, MATERIAL_FAILURE)
 
 @pytree
 class Events:
-    """Events in the order in which the path meets them; ``len(events)``, ``events[k]``.
+    """Events on a path, in its order: every array has one entry for each event.
+
+    ``len(events)`` is their number, ``events[k]`` the event k.
 
     An event lies between the last point before it and the first point after it, whose load factors
     are `lower` and `upper`. Along the path these points are within the tolerance of `trace_path`,

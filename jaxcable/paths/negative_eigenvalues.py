@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from .. import linear
 from ..common.types import Array, Bool, Float, Int
-from .path_state import FarEnd, PathPoint
+from .path_state import BracketEnd, PathPoint
 
 
 def _has_odd_count(p):
@@ -29,7 +29,7 @@ def eigenvalue_crossed(p: PathPoint, a: PathPoint) -> Bool[Array, ""]:
 
 
 def count_crossings(
-    p: FarEnd, a: PathPoint, is_first: Bool[Array, ""]
+    p: BracketEnd, a: PathPoint, is_first: Bool[Array, ""]
 ) -> tuple[Int[Array, ""], Int[Array, ""]]:
     """Count the eigenvalues that cross zero between two points.
 

@@ -8,7 +8,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 
 
 @pytree
-class Settings:
+class PathSettings:
     """Options of `trace_path` that the compiled program takes: range, step lengths, tolerance."""
 
     until: Float[ArrayLike, ""]
@@ -63,8 +63,8 @@ class PathPoint:
 
 
 @pytree
-class FarEnd:
-    """Values at the end of a step that contains an event, by which the event is located.
+class BracketEnd:
+    """Values at the far end of the bracket, the step that contains an event to be located.
 
     Attributes:
         rise, stiffness, n_negative: as of a `PathPoint`.
@@ -93,7 +93,7 @@ class PathState:
             before it is known.
         locating: whether an event is being located.
         bracket: length of the step from the anchor that contains this event.
-        far_end: `FarEnd` of this step.
+        bracket_end: `BracketEnd` of this step: values at its end, beyond the event.
         tol: length of a step within which an event counts as located; enlarged after rounding has
             moved an event out of its bracket.
         n_tried: number of steps tried so far.
@@ -114,7 +114,7 @@ class PathState:
     displacement_scale: Float[Array, ""]
     locating: Bool[Array, ""]
     bracket: Float[Array, ""]
-    far_end: FarEnd
+    bracket_end: BracketEnd
     tol: Float[Array, ""]
     n_tried: Int[Array, ""]
     point_records: dict[str, PyTree[Array]]

@@ -18,20 +18,20 @@ from .step_decision import StepDecision
 
 
 def record_point(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Array, ""]]:
-    """Add the point of a step to the records, if it is to be; return them and their number."""
+    """Add the end of a step to the recorded points, if wanted; return them and their number."""
     current, corrected = step.current, step.corrected
     shown = where(step.ends_in_failure, current.anchor, step.point)
-    row = point_record(step.problem.ramp, shown, current.anchor.memory)
+    row = make_point_record(step.problem.ramp, shown, current.anchor.memory)
     row |= {"iterations": corrected.steps, "residual": corrected.residual}
     row |= {"scale": corrected.scale, "rounding": corrected.rounding}
     records = _write_record(current.point_records, current.n_point, row, step.records_point)
     return records, current.n_point + step.records_point
 
 
-def point_record(
+def make_point_record(
     ramp: Ramp, p: PathPoint, memory: list[PyTree[Array]] | None
 ) -> dict[str, PyTree[Array]]:
-    """Return the record of a point, without the numbers of its correction."""
+    """Return the results at a point as a record; those of its correction are added later."""
     seen = read(ramp.at(p.factor, memory), p.x)
     return {
         "load_factor": p.factor,
@@ -53,7 +53,7 @@ def record_events(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Arr
     current, a, p = step.current, step.current.anchor, step.point
     event_records, count, whole = current.event_records, current.n_event, ~step.has_failure
     fork = (step.has_bifurcation | step.on_other_branch) & ~step.has_limit_point & whole
-    beside = where(step.on_other_branch, current.far_end, step.far_end)
+    beside = where(step.on_other_branch, current.bracket_end, step.bracket_end)
     crossing, at_limit = count_crossings(beside, a, step.is_first)
     zero = jnp.where(step.interpolated, _factor_at_zero_stiffness(a, p), p.factor)
     none, no_element = jnp.int32(0), jnp.zeros_like(p.is_slack)

@@ -58,11 +58,11 @@ class StepDecision(StepEvents):
         """Return the `PathState` after the step; its records and status are not yet updated."""
         current, settings = self.current, self.problem.settings
         a, p = current.anchor, self.point
-        anchor = where(self.accepted, self._end_with_memory(), a)
+        anchor = where(self.accepted, self._commit_end_point(), a)
         # the anchor stays on the path, but counts as behind the bifurcation that was recorded
         passing = self.located & self.on_other_branch
         passed = {
-            of: jnp.where(passing, getattr(current.far_end, of), getattr(anchor, of))
+            of: jnp.where(passing, getattr(current.bracket_end, of), getattr(anchor, of))
             for of in ("n_negative", "stiffness")
         }
         anchor = copy(anchor, **passed)
@@ -71,11 +71,13 @@ class StepDecision(StepEvents):
             self.accepted & current.locating, current.bracket - current.ds, current.bracket
         )
         bracket = jnp.where(self.too_long, current.ds, bracket)
-        far_end = where(self.too_long & ~self.on_other_branch, self.far_end, current.far_end)
-        close = jnp.where(far_end.has_bifurcation, NEAR * settings.step, current.tol)
+        bracket_end = where(
+            self.too_long & ~self.on_other_branch, self.bracket_end, current.bracket_end
+        )
+        close = jnp.where(bracket_end.has_bifurcation, NEAR * settings.step, current.tol)
         over = self.accepted & current.locating & (bracket <= close)
         locating = (current.locating | self.too_long) & ~self.located & ~over & ~self.completes_path
-        ahead = bracketing_step_length(anchor, far_end, bracket, current.n_tried, close)
+        ahead = bracketing_step_length(anchor, bracket_end, bracket, current.n_tried, close)
         ds = jnp.where(self.retry, 0.25 * current.ds, jnp.where(locating, ahead, nominal_ds))
         by_load = (self.accepted & ~self.corrected.regular) | self.retry_by_load
         by_load = by_load | ((self.retry | self.too_long) & self.is_load_step)
@@ -96,14 +98,14 @@ class StepDecision(StepEvents):
             displacement_scale=self.displacement_scale,
             locating=locating & ~self.retry_by_load,
             bracket=bracket,
-            far_end=far_end,
+            bracket_end=bracket_end,
             # rounding has moved the event out of its bracket: enlarge the tolerance
             tol=jnp.where(self.located, settings.tol, current.tol * jnp.where(over, 4.0, 1.0)),
             n_tried=current.n_tried + 1,
         )
 
-    def _end_with_memory(self):
-        """Return the end of the step with the history variables committed there."""
+    def _commit_end_point(self):
+        """Commit the history variables at the end of the step; return this `PathPoint`."""
         if not self.system.remembers:
             return self.point
         return copy(self.point, memory=self.system.settle(self.point.x, self.strains))
@@ -125,7 +127,7 @@ class StepDecision(StepEvents):
         return jnp.minimum(nominal_ds, longest)
 
     def with_status(self, current: PathState) -> PathState:
-        """Return the given `PathState` with its status, and whether the path has ended."""
+        """Return the `PathState` with its status set, and with `done` if the path has ended."""
         n_point, n_event = self.problem.capacity
         code = self.newton_code
         done = self.completes_path | self.stops_at_event | self.ends_in_failure

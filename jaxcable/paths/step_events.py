@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from .negative_eigenvalues import eigenvalue_crossed, is_unstable, load_alignment
-from .path_state import FarEnd, PathState
+from .path_state import BracketEnd, PathState
 from .trial_step import PathProblem, TrialStep
 
 _SHORT = 1e-3  # steps below this part of the first step are accepted around any corner of the path
@@ -38,7 +38,7 @@ class StepEvents(TrialStep):
         interpolated: the event is a bifurcation that is located by linear interpolation.
         has_null_vector: the eigenvector of the smallest eigenvalue is a null vector.
         stiffness: the larger `PathPoint.stiffness` of both ends, in size, N/m.
-        far_end: `FarEnd` at the end of the step.
+        bracket_end: `BracketEnd` at the end of the step.
     """
 
     def __init__(self, problem: PathProblem, current: PathState):
@@ -47,7 +47,7 @@ class StepEvents(TrialStep):
         # close to a bifurcation corrections can end on the other branch; the values there still
         # help to locate the bifurcation
         self.on_other_branch = on_other_branch = (
-            self.sound & self.turns_sharply & current.locating & current.far_end.has_bifurcation
+            self.sound & self.turns_sharply & current.locating & current.bracket_end.has_bifurcation
         )
         turns = self.turns_sharply & ~on_other_branch & (ds > _SHORT * settings.step)
         self.usable = self.sound & ~turns
@@ -83,4 +83,4 @@ class StepEvents(TrialStep):
         self.ends_in_failure = self.located & self.has_failure
         # where the stiffness is not low near the event, it jumps there
         forks = smooth & self.has_bifurcation & ~self.has_limit_point & (low | ~near)
-        self.far_end = FarEnd(p.rise, p.stiffness, p.n_negative, smooth, forks)
+        self.bracket_end = BracketEnd(p.rise, p.stiffness, p.n_negative, smooth, forks)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from ..common.types import Array, Float, Int
 from ..mechanics.assembly import System
 from .corrector import CorrectorState
-from .path_state import FarEnd, PathPoint
+from .path_state import BracketEnd, PathPoint
 
 # Displacement in a step along a straight soft path, in sizes of the structure. Any small part would
 # do: steps are shortened again where the path turns.
@@ -44,7 +44,7 @@ def soft_step_length(
 
 def bracketing_step_length(
     anchor: PathPoint,
-    far_end: FarEnd,
+    bracket_end: BracketEnd,
     bracket: Float[Array, ""],
     n_tried: Int[Array, ""],
     tol: Float[Array, ""],
@@ -53,18 +53,18 @@ def bracketing_step_length(
 
     Args:
         anchor: `PathPoint` before the event.
-        far_end: `FarEnd` of the step that contains the event.
+        bracket_end: `BracketEnd` beyond the event.
         bracket: length of the step between them.
         tries: number of steps tried so far; every third one is a bisection.
         tol: length within which the event counts as located.
     """
-    rise, stiffness = far_end.rise, far_end.stiffness
+    rise, stiffness = bracket_end.rise, bracket_end.stiffness
     reverses = (rise > 0) != (anchor.rise > 0)
     by_rise = anchor.rise / jnp.where(reverses, anchor.rise - rise, 1.0)
     softening = (stiffness > 0) != (anchor.stiffness > 0)
     by_stiffness = anchor.stiffness / jnp.where(softening, anchor.stiffness - stiffness, 1.0)
     part = jnp.where(reverses, by_rise, jnp.where(softening, by_stiffness, 0.5))
-    part = jnp.where(far_end.smooth & jnp.isfinite(part) & (n_tried % 3 != 2), part, 0.5)
+    part = jnp.where(bracket_end.smooth & jnp.isfinite(part) & (n_tried % 3 != 2), part, 0.5)
     # at least half the tolerance from both ends, so that the bracket closes from both sides
     length = jnp.clip(part * bracket, 0.5 * tol, jnp.maximum(bracket - 0.5 * tol, 0.5 * tol))
     return jnp.where(bracket <= tol, bracket, length)

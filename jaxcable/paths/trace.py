@@ -29,7 +29,7 @@ from ..numerics import implicit, scaled
 from .continuation import follow_path
 from .events import BIFURCATION, LIMIT_POINT, Events
 from .negative_eigenvalues import load_alignment
-from .path_state import Settings
+from .path_state import PathSettings
 from .result import TracedPath
 
 
@@ -146,13 +146,13 @@ def _first_entries(tree, count):
 
 
 def _settings(structure, until, down_to, step, largest, tol, through):
-    """Check the options of `trace_path`; return them as `Settings`."""
+    """Check the options of `trace_path`; return them as `PathSettings`."""
     dtype = jnp.asarray(structure.nodes).dtype
     if tol is None:
         tol = 1e-9 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
     numbers = until, down_to, step, largest, tol
-    refuse(Settings(*numbers, through).rules())
-    return Settings(*(jnp.asarray(v, dtype) for v in numbers), jnp.asarray(through, bool))
+    refuse(PathSettings(*numbers, through).rules())
+    return PathSettings(*(jnp.asarray(v, dtype) for v in numbers), jnp.asarray(through, bool))
 
 
 @functools.partial(program, static=("capacity", "bundles"))
@@ -170,7 +170,7 @@ def _trace_compiled(thawed, arrays, method, settings, code, capacity, bundles):
     final = lax.stop_gradient(follow_path(ramp, method, settings, code, capacity))
     happened = jnp.arange(capacity[1]) < final.n_event
     reached = jnp.arange(capacity[0]) < final.n_point
-    rows, event_records = _blank_unreached(final.point_records, reached), dict(final.event_records)
+    rows, event_records = _mask_unreached(final.point_records, reached), dict(final.event_records)
     found = {name: bundles.apart(value, axis=1) for name, value in rows.pop("found").items()}
     point, has_null_vector, factor, elements = (
         event_records.pop(name) for name in ("point", "null", "load_factor", "elements")
@@ -180,7 +180,7 @@ def _trace_compiled(thawed, arrays, method, settings, code, capacity, bundles):
     modes = {"mode": jax.vmap(lambda p: _mode_shape(ramp, p))(point)}
     modes["alignment"] = jax.vmap(load_alignment)(point)
     critical = (event_records["kind"] == LIMIT_POINT) | (event_records["kind"] == BIFURCATION)
-    known = _blank_unreached(between, happened) | _blank_unreached(modes, critical)
+    known = _mask_unreached(between, happened) | _mask_unreached(modes, critical)
     path = TracedPath(
         status=final.code,
         factorizations=None,
@@ -196,7 +196,7 @@ def _trace_compiled(thawed, arrays, method, settings, code, capacity, bundles):
     parts = [elements[:, a:b] for a, b in itertools.pairwise(counts)]
     events = copy(
         path.events,
-        load_factor=_blank_unreached(
+        load_factor=_mask_unreached(
             located(event_records["kind"], factor, point, has_null_vector), happened
         ),
         elements=bundles.apart(parts, axis=1),
@@ -204,7 +204,7 @@ def _trace_compiled(thawed, arrays, method, settings, code, capacity, bundles):
     return copy(path, events=events), final.n_point, final.n_event
 
 
-def _blank_unreached(values, there):
+def _mask_unreached(values, there):
     """Replace entries of arrays where `there` is False: by NaN in floats, by -1 in counts."""
 
     def one(a):

@@ -13,7 +13,7 @@ from ..equilibrium.newton import Newton
 from ..mechanics.elementwise import each
 from ..mechanics.ramp import Ramp
 from .corrector import correct_onto_path, unknowns_without_stiffness
-from .path_state import PathPoint, PathState, Settings
+from .path_state import PathPoint, PathSettings, PathState
 from .step_length import cosine_between_tangents, displacement_per_load
 
 ARC, FINISH, LOAD = 0, 1, 2  # kinds of step: by arc length, to the last load factor, by load
@@ -35,7 +35,7 @@ class PathProblem:
     Args:
         ramp: the phase as a function of its load factor.
         method: `Newton`.
-        settings: `Settings`.
+        settings: `PathSettings`.
         capacity: largest number of recorded points, and of recorded events.
 
     Attributes:
@@ -44,7 +44,9 @@ class PathProblem:
         extent: size of the structure, m.
     """
 
-    def __init__(self, ramp: Ramp, method: Newton, settings: Settings, capacity: tuple[int, int]):
+    def __init__(
+        self, ramp: Ramp, method: Newton, settings: PathSettings, capacity: tuple[int, int]
+    ):
         self.ramp, self.method, self.settings, self.capacity = ramp, method, settings, capacity
         dtype = ramp.begin.motion.dtype
         self.begin = ramp.at(jnp.zeros((), dtype))
@@ -131,7 +133,7 @@ class TrialStep:
         direction, rise = corrected.direction / scale, corrected.rise
         size = jnp.sqrt(direction @ direction + rise**2)
         size = jnp.where((size > 0) & jnp.isfinite(size), size, 1.0)
-        near_bifurcation = self.current.locating & self.current.far_end.has_bifurcation
+        near_bifurcation = self.current.locating & self.current.bracket_end.has_bifurcation
         loose = unknowns_without_stiffness(system, corrected.x)
         inertia = linear.spectrum(
             corrected.matrix, loose, system.may_be_unsymmetric, near_bifurcation
