@@ -202,10 +202,10 @@ def fit_on_host(
     while True:
         state = _advance_compiled(search, state, found, size=start.size)
         if listen is not None:
-            told = {
+            numbers = {
                 name: np.asarray(value).item() for name, value in progress_numbers(state).items()
             }
-            listen(Trial(count=int(steps), **told))
+            listen(Trial(count=int(steps), **numbers))
         if not state.running:
             return make_fit(search, state, params)
         found = evaluate(state.trial)

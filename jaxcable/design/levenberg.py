@@ -133,8 +133,8 @@ class LevenbergMarquardt:
         promised = s.promised
         misfit = jnp.where(sound, jnp.sqrt(2 * after), jnp.nan)
         entries = FitHistory(misfit, accepted.astype(jnp.int32), s.damping, code)
-        less = s.damping * jnp.maximum(_LEAST_FACTOR, 1 - (2 * gain - 1) ** 3)
-        damping = jnp.where(accepted, jnp.where(begun, less, s.damping), s.damping * s.growth)
+        reduced = s.damping * jnp.maximum(_LEAST_FACTOR, 1 - (2 * gain - 1) ** 3)
+        damping = jnp.where(accepted, jnp.where(begun, reduced, s.damping), s.damping * s.growth)
         new, old = (s.trial, residual, jacobian), (s.x, s.residual, s.jacobian)
         x, residual, jacobian = where(accepted, new, old)
         size = jnp.maximum(s.size, jnp.linalg.norm(jacobian, axis=0))

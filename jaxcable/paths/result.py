@@ -37,7 +37,7 @@ class TracedPath(Path):
             part; with more than 400 unknowns these are not counted, -1, and only crossings of an
             odd number are seen.
         stiffness: eigenvalue of the tangent stiffness nearest to zero, [n], N/m (of a unit vector
-            of all freedoms). If the tangent is not symmetric, its smallest singular value, with the
+            of all unknowns). If the tangent is not symmetric, its smallest singular value, with the
             sign of the real part of that eigenvalue, or of the determinant where eigenvalues are
             not counted.
         rise: load factor's part of the unit tangent, -1 to 1; changes its sign at limit points,

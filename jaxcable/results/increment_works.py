@@ -41,7 +41,7 @@ def increment_works(thawed, arrays, paths, bundles):
 
     Returns:
         phase_terms: for each phase the terms of its increments, [6, n_inc], J: work of dead loads,
-            of following loads, of supports, of prestress, change of stored energy, dissipated
+            of follower loads, of supports, of prestress, change of stored energy, dissipated
             energy; and the stored energy at the end of the phase.
         end: `end_fingerprint` of the analysis, by which its end is compared with a solution.
     """
@@ -130,7 +130,7 @@ class _LoadFactorState:
     Attributes:
         motion: of all rows.
         load: dead loads on every row, without reactions that are ramped out, N and N m.
-        following: following loads, or None.
+        following: follower loads, or None.
         supports: forces of supports that move, and reactions that are ramped out, or None.
         states: of the elements, with jacks locked off at this load factor, so that their unstressed
             lengths include what the jacks have pulled in.
