@@ -130,7 +130,7 @@ def test_influence_of_load_is_reciprocal():
             "'temperature': no group",
         ),
         ({"phase": 2}, "phase = 2: there are phases 0 to 1"),
-        ({"phases": []}, "phases: none, and no start"),
+        ({"phases": []}, "phases: there are none, and no start"),
     ],
 )
 def test_influence_refuses(arguments, said):

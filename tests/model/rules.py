@@ -319,7 +319,7 @@ of_method(jc.Newton, "max_steps"), 3.0, 0.0  # max_steps: max_steps = 0.0: must 
 of_method(jc.Newton, "max_steps"), 3.0, 2.5  # max_steps: max_steps = 2.5: expected a whole
 ## equilibrium/incremental.py
 of_method(jc.Incremental, "tol"), 0.1, np.nan  # tol: tol = nan
-## paths/run.py
+## paths/path_state.py
 of_path("until"),  # until: until = -1.0
 of_path("down_to"), -1.0, 1.0  # down_to: down_to = 1.0
 of_path("step"), 0.1, -0.1  # step: step = -0.1
@@ -381,12 +381,12 @@ OTHERWISE = {
     "sections/outlines.py:corners": "traced outlines are refused",
     "sections/composites.py:_summed": "NaN where it is traced",
     "model/structure.py:__post_init__": "warnings; the rules of places are asked in any case",
-    "design/box.py:check": "bounds that are traced end in the status OUTSIDE (`Box.holds`)",
-    "stiffness/vibration.py:_with_mass": "no rule: how many modes have mass",
+    "design/box.py:check": "bounds that are traced end in the status OUTSIDE",
+    "stiffness/vibration.py:_without_massless_modes": "no rule: how many modes have mass",
     "stiffness/vibration.py:natural_frequencies": "NaN where it is traced: an unsymmetric tangent",
-    "stiffness/vibration.py:_suspect_catenaries": "no rule: a warning",
+    "stiffness/vibration.py:_warn_of_modes_within_spans": "no rule: a warning",
     "stiffness/buckling.py:buckling_factor": "NaN where it is traced",
-    "stiffness/buckling.py:_have_unstressed": "NaN where it is traced",
+    "stiffness/buckling.py:_can_be_unstressed": "NaN where it is traced",
     "model/supports.py:_directions": "traced directions are refused",
     "model/spins.py:free_spins": "a warning",
     "model/spins.py:warn": "a warning",
