@@ -175,7 +175,7 @@ FAULTS = (
         "states.append(state if there is None else copy(state, present=there))",
         "states.append(state)",
         "elements that have been removed stiffen the structure before buckling"),
-    Fault("results/between.py",
+    Fault("results/interpolation.py",
         "about_z = jnp.hstack([parts[5], -span * parts[1]])",
         "about_z = jnp.hstack([parts[5], span * parts[1]])",
         "Mz between the points of a beam has the slope of -Vy"),

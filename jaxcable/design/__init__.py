@@ -6,9 +6,9 @@ from typing import Any
 from .confidence import Confidence, confidence
 from .constrained import ConstrainedDesign, minimize_subject_to
 from .fit import Fit, FitHistory, fit
-from .influence import adjustment, flat_matrix, influence, scatter
+from .influence import adjustment, flat_matrix, influence, propagate_tolerances
 from .kinks import nearest_kink, slack_distance, slack_margin
-from .load_cases import Envelope, envelope, solve_cases, utilisation
+from .load_cases import Envelope, envelope, solve_cases, utilization
 from .minimize import Design, History, minimize
 from .objectives import (
     largest_deflection,
@@ -46,7 +46,7 @@ __all__ = [
     "minimize",
     "minimize_subject_to",
     "nearest_kink",
-    "scatter",
+    "propagate_tolerances",
     "shape_distance",
     "slack_distance",
     "slack_margin",
@@ -57,7 +57,7 @@ __all__ = [
     "tension_spread",
     "total_prestress",
     "tune",
-    "utilisation",
+    "utilization",
 ]
 
 _RENAMED = {"scatter": "propagate_tolerances", "utilisation": "utilization"}

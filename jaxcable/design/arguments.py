@@ -14,10 +14,10 @@ from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..model.structure import Structure
 
 
-def tolerance(tol: Float[ArrayLike, ""] | None, default: float) -> Float[ArrayLike, ""]:
+def check_tolerance(tol: Float[ArrayLike, ""] | None, default: float) -> Float[ArrayLike, ""]:
     """Return a tolerance, checked to be at least 0 and below 1, or the default for None.
 
-    Traced values are not checked here: see `is_tolerance`.
+    Traced values are not checked here: see `is_valid_tolerance`.
     """
     if tol is None:
         return default
@@ -26,13 +26,13 @@ def tolerance(tol: Float[ArrayLike, ""] | None, default: float) -> Float[ArrayLi
     return tol
 
 
-def is_tolerance(tol: Float[ArrayLike, ""]) -> Bool[Array, ""]:
+def is_valid_tolerance(tol: Float[ArrayLike, ""]) -> Bool[Array, ""]:
     """Whether a tolerance, which may be traced, is at least 0 and below 1."""
     tol = jnp.asarray(tol)
     return (tol >= 0) & (tol < 1)
 
 
-def width_of(width: Float[ArrayLike, ""]) -> Float[ArrayLike, ""]:
+def check_width(width: Float[ArrayLike, ""]) -> Float[ArrayLike, ""]:
     """Return the width of a smoothing, checked to be positive; NaN if a traced one is not."""
     return or_nan(positive("width", checks.scalar(width, "width")))
 
@@ -65,7 +65,7 @@ def require_phase_index(phase: Any, count: int, least: int = 0) -> None:
         raise ValueError(f"phase = {phase!r}: there are phases 0 to {count - 1}")
 
 
-def like(
+def broadcast_to_elements(
     value: PyTree[Float[ArrayLike, " ..."]], tree: PyTree[Float[Array, " ..."]], name: str
 ) -> PyTree[Float[ArrayLike, " ..."]]:
     """Broadcast `value` to the pytree of results `tree`: a scalar or array [n_elem] for each group.

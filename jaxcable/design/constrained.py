@@ -16,7 +16,7 @@ from ..common import checks, status
 from ..common.progress import Step, compiling, listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from .box import check_call_arguments, prepare_search, spread
+from .bounds import broadcast_to_params, check_call_arguments, prepare_search
 from .nlp_solvers import solver_named
 from .optimality import solve_kkt_conditions
 from .program_cache import ProgramCache
@@ -150,7 +150,9 @@ def minimize_subject_to(
     least = box.typical_sizes(start)
     step = least
     if scale is not None:
-        step = ravel_pytree(spread(scale, params, "scale", absent=1.0, positive=True))[0]
+        step = ravel_pytree(broadcast_to_params(scale, params, "scale", absent=1.0, positive=True))[
+            0
+        ]
 
     def sizes(x):
         return np.asarray(jnp.maximum(least, box.largest_per_array(x)), float)

@@ -20,7 +20,7 @@ from ..common import status
 from ..common.progress import Step, tell
 from ..common.tree import pytree, where
 from ..common.types import Array, Bool, Float, Int, PyTree
-from .box import BoxBounds
+from .bounds import BoxBounds
 from .minimum_criteria import MinimumCriteria
 from .trials import Evaluation, final_status
 

@@ -17,7 +17,7 @@ from ..common.compilation import program
 from ..common.progress import Trial, compiling, listener, tell
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from .box import check_call_arguments, prepare_search, search_status
+from .bounds import check_call_arguments, prepare_search, search_status
 from .levenberg import FitHistory, LevenbergMarquardt, LevenbergState
 from .program_cache import ProgramCache, refuse_derivative
 from .returned_values import split_residuals

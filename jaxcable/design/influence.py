@@ -287,7 +287,7 @@ def adjustment(
     return ravel_pytree(jax.tree.map(lambda x: jnp.zeros(jnp.shape(x), flat.dtype), like))[1](flat)
 
 
-def scatter(
+def propagate_tolerances(
     jacobian: PyTree[Float[ArrayLike, " ..."]], tolerance: PyTree[Float[ArrayLike, " ..."]]
 ) -> tuple[PyTree[Float[Array, " ..."]], PyTree[Float[Array, " ..."]]]:
     """Estimate the effect of tolerances on results, to first order: worst case and random.

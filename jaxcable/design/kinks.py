@@ -21,7 +21,7 @@ from ..mechanics.elementwise import each
 from ..model.structure import Structure
 from ..numerics import implicit
 from .arguments import require_result, require_structure
-from .box import check_params, spread
+from .bounds import broadcast_to_params, check_params
 from .objectives import smooth_min
 
 
@@ -147,7 +147,7 @@ def nearest_kink(
     if not callable(distance):
         raise ValueError(f"distance: expected a function, got {type(distance).__name__}")
     params, direction = check_params(params), check_params(direction, "direction")
-    spread(direction, params, "direction")
+    broadcast_to_params(direction, params, "direction")
     values, rates = jax.jvp(distance, (params,), (direction,))
 
     def to_kink(value, rate):

@@ -16,7 +16,7 @@ from ..common import status
 from ..common.tree import pytree, where
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..linear import unbatched
-from .box import BoxBounds
+from .bounds import BoxBounds
 from .trials import Evaluation, final_status
 
 _FIRST_DAMPING = 1e-3  # columns of the scaled Jacobian have norms of at most 1: nearly a whole step

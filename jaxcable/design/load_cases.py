@@ -125,7 +125,7 @@ def envelope(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> Envelope:
     return Envelope(*(jax.tree.map(lambda v, f=f: f(v, axis=0), values) for f in functions))
 
 
-def utilisation(
+def utilization(
     structure: Structure, tension: ElementResults | PyTree[Float[ArrayLike, "... n_elem"] | None]
 ) -> PyTree[Float[Array, "... n_elem"] | None]:
     """Compute the utilization of elements: axial force over breaking strength, -.

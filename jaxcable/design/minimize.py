@@ -16,7 +16,7 @@ from ..common import status
 from ..common.progress import Step, compiling, listener
 from ..common.tree import pytree, where
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from .box import check_call_arguments, prepare_search, search_status, spread
+from .bounds import broadcast_to_params, check_call_arguments, prepare_search, search_status
 from .descent import Descent, History
 from .minimum_criteria import MinimumCriteria
 from .program_cache import ProgramCache, refuse_derivative
@@ -170,7 +170,7 @@ def minimize(
         )
     params, box, tol = prepare_search(params, bounds, tol)
     if scale is not None or optimizer is not None:
-        scale = spread(scale, params, "scale", absent=1.0, positive=True)
+        scale = broadcast_to_params(scale, params, "scale", absent=1.0, positive=True)
     listen = listener(progress)
     with compiling(listen):  # most of the time before the first report
         program = _programs(loss, optimizer, int(steps), listen)

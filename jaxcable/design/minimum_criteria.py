@@ -13,7 +13,7 @@ import dataclasses
 import jax.numpy as jnp
 
 from ..common.types import Array, Bool, Float
-from .box import BoxBounds
+from .bounds import BoxBounds
 
 # Part of the loss at the start that changes are compared with when the loss falls to zero. A larger
 # one would let `tol` mean less, the worse the start is.

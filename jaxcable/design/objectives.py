@@ -15,7 +15,7 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import or_nan, positive
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from .arguments import like, require_result, result_of_phase, width_of
+from .arguments import broadcast_to_elements, check_width, require_result, result_of_phase
 
 
 def smooth_max(
@@ -44,7 +44,7 @@ def smooth_max(
     values = jax.tree.map(lambda v: checks.floats(v, "values"), values)
     if not any(np.size(v) for v in jax.tree.leaves(values)):
         raise ValueError("values: are empty; expected at least one number")
-    return _smooth_max_compiled(values, width_of(width))
+    return _smooth_max_compiled(values, check_width(width))
 
 
 @jax.jit
@@ -150,7 +150,7 @@ def tension_distance(
         0 1200.000 N2
     """
     require_result(solution, "tension")
-    target = like(tension, solution.tension, "tension")
+    target = broadcast_to_elements(tension, solution.tension, "tension")
     return _sum_of_leaves(jax.tree.map(_sum_of_squared_differences, solution.tension, target))
 
 
@@ -198,7 +198,7 @@ def largest_deflection(
         >>> print(solution.status, f"{1e3 * largest:.2f} mm, at most {1e3 * bound:.2f} mm")
         0 12.84 mm, at most 12.89 mm
     """
-    moved, width = result_of_phase(solution, phase).displacement, width_of(width)
+    moved, width = result_of_phase(solution, phase).displacement, check_width(width)
     return jnp.sqrt(smooth_max(jnp.sum(moved**2, axis=-1), width**2))
 
 
@@ -246,7 +246,7 @@ def material_use(
         0 9580.4 mm3
     """
     require_result(solution, "peak_tension")
-    stress = like(stress, solution.peak_tension, "stress")
+    stress = broadcast_to_elements(stress, solution.peak_tension, "stress")
     stress = jax.tree_util.tree_map_with_path(
         lambda path, value: or_nan(positive("stress" + jax.tree_util.keystr(path), value)), stress
     )

@@ -115,7 +115,7 @@ def trace_path(
     method = Newton() if method is None else method
     if not isinstance(method, Newton):
         raise ValueError(f"method: expected Newton, got {type(method).__name__}")
-    settings = _settings(structure, until, down_to, step, largest, tol, through)
+    settings = check_path_settings(structure, until, down_to, step, largest, tol, through)
     if phases[-1].adds is not None or phases[-1].removes is not None:
         raise ValueError(
             "phases: the last phase, whose path is followed, must not add or remove elements; let "
@@ -152,7 +152,7 @@ def _first_entries(tree, count):
     return jax.tree.map(lambda a: a[:count], tree)
 
 
-def _settings(structure, until, down_to, step, largest, tol, through):
+def check_path_settings(structure, until, down_to, step, largest, tol, through):
     """Check the options of `trace_path`; return them as `PathSettings`."""
     dtype = jnp.asarray(structure.nodes).dtype
     if tol is None:

@@ -15,8 +15,8 @@ from ..elements.prestress import element
 from ..mechanics.carry import make_system
 from ..model.parts import listed
 from ..model.structure import Structure
-from ..stiffness.tangent import filled, prepared
-from .between import stored_forces
+from ..stiffness.tangent import merge_state, split_state
+from .interpolation import interpolate_recorded_forces
 
 
 def section_forces(
@@ -93,15 +93,15 @@ def section_forces(
             raise ValueError("places: cannot be traced for the end of a phase; give known numbers")
         forces = listed(structure, state.section_forces)
         at = state.positions, np.asarray(places)
-        return structure.arrange(stored_forces(structure.groups, forces, *at))
-    thawed, arrays, freedoms = prepared(structure, state)
+        return structure.arrange(interpolate_recorded_forces(structure.groups, forces, *at))
+    thawed, arrays, freedoms = split_state(structure, state)
     return structure.arrange(_section_forces_at(thawed, arrays, freedoms.of_supports, places))
 
 
 @jax.jit
 def _section_forces_at(thawed, arrays, freedoms, places):
     """Compute section forces [n_elem, n_place, 6] of each group of beams; None for others."""
-    nodes, groups, carry = filled(thawed, arrays)
+    nodes, groups, carry = merge_state(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
     places = places.astype(nodes.dtype)
 

@@ -21,10 +21,10 @@ from ..numerics.scaled import unit_shapes
 from .tangent import (
     compiled_tangent,
     displacement_jacobian,
-    filled,
-    prepared,
+    merge_state,
     require_dense_memory,
     require_symmetric_elements,
+    split_state,
 )
 
 _DENSE_MATRICES = 14  # dense matrices in memory at once, measured
@@ -135,7 +135,7 @@ def buckling_factor(
     """
     checks.whole(n, "n")
     require_symmetric_elements(structure, "buckling_factor")
-    thawed, arrays, freedoms = prepared(structure, state, fixed)
+    thawed, arrays, freedoms = split_state(structure, state, fixed)
     require_dense_memory(freedoms, _DENSE_MATRICES, "buckling_factor")
     _refuse_follower_loads(thawed[2], "state")
     catenary = any(isinstance(group, Sagging) for group in structure.groups)
@@ -157,7 +157,9 @@ def buckling_factor(
                 f"phases[:1]), got {type(reference).__name__}"
             )
         held = Indices(freedoms.fixed)
-        reference_frame, reference_arrays, reference_freedoms = prepared(structure, reference, held)
+        reference_frame, reference_arrays, reference_freedoms = split_state(
+            structure, reference, held
+        )
         _refuse_follower_loads(reference_frame[2], "reference")
         before = compiled_tangent(reference_frame, reference_arrays, reference_freedoms)
         pairs = zip(_slack_elements(reference_frame, reference_arrays), slack, strict=True)
@@ -216,7 +218,7 @@ def _can_be_unstressed(structure, slack):
 @jax.jit
 def _nodal_moments_act(thawed, arrays):
     """Whether moments act on nodes in a state; scalar bool, compiled."""
-    nodes, groups, carry = filled(thawed, arrays)
+    nodes, groups, carry = merge_state(thawed, arrays)
     system = make_system(nodes, groups, carry, None, None)
     moments = system.space.moments(system.load)
     return jnp.any(jnp.zeros(()) if moments is None else moments != 0)
@@ -236,7 +238,7 @@ def _same_elements_present(first, second):
 @jax.jit
 def _slack_elements(thawed, arrays):
     """Return which elements are slack in a state, one boolean array [n_elem] per group."""
-    nodes, groups, carry = filled(thawed, arrays)
+    nodes, groups, carry = merge_state(thawed, arrays)
     return make_system(nodes, groups, carry, None, None).slack(carry.motion)
 
 
@@ -253,7 +255,7 @@ def _unstressed_with_zero_loads(thawed, arrays, slack):
 @jax.jit
 def _unstressed_without_loads(thawed, arrays, slack):
     """Return the `Carry` of the unstressed structure without loads; compiled."""
-    nodes, groups, carry = filled(thawed, arrays)
+    nodes, groups, carry = merge_state(thawed, arrays)
     bare = unloaded(nodes, groups)
     states = []
     present = [state.present for state in carry.states]

@@ -63,15 +63,15 @@ def tangent_of(
         >>> print(solution.status, jnp.round(jnp.diagonal(tangent), 3))  # N/m
         0 [25800.   200. 14600.]
     """
-    at = prepared(structure, state, fixed)
+    at = split_state(structure, state, fixed)
     require_dense_memory(at[2], 2, "tangent_of")
     return compiled_tangent(*at)
 
 
 @jax.jit
 def compiled_tangent(thawed, arrays, freedoms):
-    """Compute the tangent stiffness from the results of `prepared`, [n_free, n_free], N/m."""
-    nodes, groups, carry = filled(thawed, arrays)
+    """Compute the tangent stiffness from the results of `split_state`, [n_free, n_free], N/m."""
+    nodes, groups, carry = merge_state(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
     return system.tangent(carry.motion)
 
@@ -81,12 +81,12 @@ def displacement_jacobian(
     thawed: _SplitModel, arrays: _IndexArrays, freedoms: Freedoms
 ) -> Float[Array, "n_row 3 n_free"]:
     """Return the derivative of all displacements by the unknowns, [n_row, 3, n_free]."""
-    nodes, groups, carry = filled(thawed, arrays)
+    nodes, groups, carry = merge_state(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
     return system.displaced_by(carry.motion)
 
 
-def prepared(
+def split_state(
     structure: Structure,
     state: Solution | State,
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
@@ -95,7 +95,7 @@ def prepared(
 
     Returns:
         Nodes, groups and `Carry` of the state without their index arrays; these index arrays, which
-        `filled` puts back; the numbering of the unknowns.
+        `merge_state` puts back; the numbering of the unknowns.
     """
     state = state.last if isinstance(state, Solution) else state
     if not isinstance(state, State):
@@ -147,8 +147,8 @@ def require_dense_memory(freedoms: Freedoms, count: int, what: str) -> None:
     )
 
 
-def filled(thawed: _SplitModel, arrays: _IndexArrays) -> _SplitModel:
-    """Put the index arrays of `prepared` back; cast all floats to the dtype of the nodes."""
+def merge_state(thawed: _SplitModel, arrays: _IndexArrays) -> _SplitModel:
+    """Put the index arrays of `split_state` back; cast all floats to the dtype of the nodes."""
     frame = fill(thawed, arrays)
     return cast(frame, jnp.asarray(frame[0]).dtype)
 

@@ -25,10 +25,10 @@ from ..numerics.scaled import unit_shapes
 from .tangent import (
     compiled_tangent,
     displacement_jacobian,
-    filled,
-    prepared,
+    merge_state,
     require_dense_memory,
     require_symmetric_elements,
+    split_state,
 )
 
 # Smallest w^2, over a mean w^2, for which no shift is needed: a slower mode, such as a mechanism,
@@ -145,7 +145,7 @@ def natural_frequencies(
         masses = jnp.broadcast_to(checks.floats(masses, "masses"), structure.n_node)
         masses = or_nan(not_negative("masses", masses))
     require_symmetric_elements(structure, "natural_frequencies")
-    thawed, arrays, freedoms = prepared(structure, state, fixed)
+    thawed, arrays, freedoms = split_state(structure, state, fixed)
     require_dense_memory(freedoms, _DENSE_MATRICES, "natural_frequencies")
     weights = [group.weight for group in structure.groups]
     known = [checks.concrete(amount) for amount in (*weights, masses) if amount is not None]
@@ -180,7 +180,7 @@ def natural_frequencies(
 @functools.partial(jax.jit, static_argnames=("distribution",))
 def _mass_matrix(thawed, arrays, freedoms, gravity, distribution):
     """Assemble the mass matrix of the elements, [n_free, n_free], kg."""
-    nodes, groups, carry = filled(thawed, arrays)
+    nodes, groups, carry = merge_state(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
     return system.mass(carry.motion, jnp.asarray(gravity, nodes.dtype), distribution)
 
@@ -190,7 +190,7 @@ def _warn_of_modes_within_spans(structure, thawed, arrays, gravity, found):
     highest = checks.concrete(jnp.nanmax(jnp.append(found.frequency, -jnp.inf)))
     if highest is None:
         return
-    nodes, groups, carry = filled(thawed, arrays)
+    nodes, groups, carry = merge_state(thawed, arrays)
     named = structure.named_groups()
     for number, (group, state) in enumerate(zip(groups, carry.states, strict=True)):
         where = named[number][0]

@@ -461,7 +461,7 @@ jc.influence(HUNG, PHASES, wrt="shortenings")  # wrt = 'shortenings': ...did you
 jc.influence(HUNG, PHASES, phase=0.5)  # phase = 0.5: there are phases 0 to 1
 design.adjustment(jnp.eye(2), jnp.ones(3))
     # jacobian: has shape [2, 2], which does not end with 3 inputs
-design.scatter(jnp.eye(2), jnp.ones(3))
+design.propagate_tolerances(jnp.eye(2), jnp.ones(3))
     # tolerance: expected shape (2,), as the inputs have, got (3,)
 design.confidence(3)  # fit: expected the result of fit, got int
 design.confidence(twice(a_fit()))  # fit: a batch of shape (2,)
@@ -476,9 +476,9 @@ design.tension_distance(solution(), {"net": np.ones(3), "mast": 1.0})
 design.tension_distance(solution(), {"nett": 1.0, "mast": 1.0})
     # tension: expected a number, or a pytree like the elements
 design.envelope(3.0)  # values: expected arrays with the cases
-design.utilisation(HUNG, {"net": np.ones(3), "mast": np.ones(1)})  # tension: group 1 has 2 elements
-design.utilisation(HUNG, np.ones(2))  # tension: has 1 arrays, the structure 2 groups
-design.utilisation(3, 1.0)  # structure: expected a Structure, got int
+design.utilization(HUNG, {"net": np.ones(3), "mast": np.ones(1)})  # tension: group 1 has 2 elements
+design.utilization(HUNG, np.ones(2))  # tension: has 1 arrays, the structure 2 groups
+design.utilization(3, 1.0)  # structure: expected a Structure, got int
 design.slack_distance(net(), solution())  # solution: is of another structure
 design.nearest_kink(3, jnp.ones(2), jnp.ones(2))  # distance: expected a function, got int
 design.nearest_kink(lambda x: x, jnp.ones(2), jnp.ones(3))

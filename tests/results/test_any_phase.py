@@ -8,7 +8,7 @@ import scenes
 
 import jaxcable as jc
 from jaxcable.plots.snapshots import Snapshots
-from jaxcable.results.between import interpolate_section_forces
+from jaxcable.results.interpolation import interpolate_section_forces
 
 SECTION = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
 SPAN, LOAD = 6.0, 1e3  # m, N/m

@@ -20,7 +20,7 @@ _MOST_POINTS = 6
 
 
 @functools.cache
-def weights(
+def interpolation_matrices(
     count: int, sloped: bool, places: tuple[float, ...]
 ) -> tuple[Float[np.ndarray, "n_data n_place"], Float[np.ndarray, "n_data n_place"]]:
     """Return matrices that interpolate from `count` Gauss-Lobatto points to places from 0 to 1.
@@ -74,7 +74,10 @@ def interpolate_section_forces(
         ``N, Vy, Vz, T, My, Mz`` at the places, [n_elem, n_place, 6].
     """
     count, at = forces.shape[1], tuple(map(float, places))
-    plain, (value, slope) = weights(count, False, at)[0], weights(count, True, at)
+    plain, (value, slope) = (
+        interpolation_matrices(count, False, at)[0],
+        interpolation_matrices(count, True, at),
+    )
     parts = jnp.moveaxis(forces, 2, 0)
     axial, torque = parts[0] @ plain, parts[3] @ plain
     span = length[:, None]
@@ -84,7 +87,7 @@ def interpolate_section_forces(
     return jnp.stack([axial, shear_y, shear_z, torque, about_y @ value, about_z @ value], axis=2)
 
 
-def stored_forces(
+def interpolate_recorded_forces(
     parts: Sequence[Any],
     forces: Sequence[Float[Array, "n_elem n_point 6"] | None],
     positions: Float[Array, "n_node 3"],

@@ -14,7 +14,7 @@ from ..common import checks, status
 from ..common import rules as _rules
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from .arguments import is_tolerance, tolerance
+from .arguments import check_tolerance, is_valid_tolerance
 
 
 @pytree(static=("counts",))
@@ -96,10 +96,10 @@ def prepare_search(
     """
     params = check_params(params)
     double = jnp.result_type(*jax.tree.leaves(params)) == jnp.float64
-    return params, make_bounds(bounds, params), tolerance(tol, 1e-6 if double else 1e-3)
+    return params, make_bounds(bounds, params), check_tolerance(tol, 1e-6 if double else 1e-3)
 
 
-def spread(
+def broadcast_to_params(
     value: PyTree[Float[ArrayLike, " ..."]] | None,
     params: PyTree[Float[Array, " ..."]],
     name: str,
@@ -162,7 +162,7 @@ def make_bounds(bounds: tuple[Any, Any] | None, params: PyTree[Float[Array, " ..
             "each parameter"
         )
     lower, upper = (
-        spread(bound, params, f"{name} bound", absent)
+        broadcast_to_params(bound, params, f"{name} bound", absent)
         for bound, name, absent in zip(bounds, ("lower", "upper"), (-np.inf, np.inf), strict=True)
     )
 
@@ -194,7 +194,7 @@ def search_status(
 ) -> Int[Array, ""]:
     """Return the status of a search, or that of invalid traced bounds, start or tolerance."""
     code = jnp.where(box.contains(start), code, status.OUTSIDE)
-    return jnp.where(is_tolerance(tol), code, status.INVALID_INPUT).astype(jnp.int32)
+    return jnp.where(is_valid_tolerance(tol), code, status.INVALID_INPUT).astype(jnp.int32)
 
 
 def _refuse_first_bad_entry(bad, name, rule, *values):
