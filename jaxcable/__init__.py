@@ -59,6 +59,7 @@ from .loads import (
     NodalLoads,
     SelfWeight,
     SupportMovement,
+    Varying,
     combine,
     net_faces,
 )
@@ -97,6 +98,7 @@ __all__ = [
     "SupportMovement",
     "Supports",
     "UnstableWarning",
+    "Varying",
     "batched",
     "clamped",
     "combine",

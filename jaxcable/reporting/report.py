@@ -28,6 +28,7 @@ from .own_results import own_results
 from .reactions import equilibrium, reactions
 from .slackness import loose, slack
 from .stresses import stresses
+from .surfaces import surfaces
 from .table import Table, as_text, finite, headed
 
 _LONG = 30  # number of lines of a table up to which its text shows all of them
@@ -50,8 +51,9 @@ class Report:
             - ``stresses``, ``stress_envelope``: lowest and highest stress of fibres, and of bars
               and cables with an area, at the end and over all converged increments;
             - ``cutting_list``, of all elements; ``cables``, of chains of them, if there are any;
+            - ``surfaces``: areas and weights of groups whose elements have faces;
             - ``slack``, ``loose``; ``results``, lowest and highest value of other results that
-              elements tell, and by the name of each its values in all elements, at all places;
+              elements have, and by the name of each its values in all elements, at all places;
             - ``energy`` if it was asked for.
 
     Example:
@@ -240,6 +242,7 @@ def report(
         **stresses(structure, solution, good, called),
         "cutting_list": cutting_list(structure, solution),
         **cables(structure, solution),
+        **surfaces(structure, state),
         "slack": slack(structure, every),
         "loose": loose(structure, every),
         **own_results(structure, state, counted, several),
