@@ -77,11 +77,14 @@ def register(cls: Kind) -> Kind:
         True
     """
     if not dataclasses.is_dataclass(cls):
-        raise ValueError(f"{cls.__name__}: expected a dataclass, such as a pytree of jaxcable")
+        raise ValueError(
+            f"{cls.__name__}: is not a dataclass; decorate it with jaxcable.common.tree.pytree"
+        )
     known = TYPES.get(cls.__name__, cls)
     # a cell of a notebook that runs again defines the same class once more
     if (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
-        raise ValueError(f"{cls.__name__}: files know another class of that name")
+        where = f"{known.__module__}.{known.__qualname__}"
+        raise ValueError(f"{cls.__name__}: another class has this name in files: {where}")
     TYPES[cls.__name__] = cls
     return cls
 
@@ -120,7 +123,7 @@ def encode(value: Any, where: str, implied: type | None = None) -> Any:
     if isinstance(value, dict):
         for key in value:
             if not isinstance(key, str):
-                raise ValueError(f"{where}: the key {key!r} is no text; JSON has no other keys")
+                raise ValueError(f"{where}: the key {key!r} is not a text, as keys of JSON are")
         return {key: encode(v, f"{where}[{key!r}]") for key, v in value.items()}
     if isinstance(value, tuple | list):
         items = [encode(v, f"{where}[{k}]") for k, v in enumerate(value)]
@@ -173,7 +176,7 @@ def _encode_numbers(value, where):
         raise ValueError(f"{where}: an array of {array.dtype} cannot be written to a file")
     if not np.isfinite(array).all():
         index = np.argwhere(~np.isfinite(array))[0].tolist()
-        raise ValueError(f"{where}{index or ''}: not finite; a file holds finite numbers only")
+        raise ValueError(f"{where}{index or ''}: is not finite; files hold finite numbers only")
     if array.dtype == np.float32 and not isinstance(value, float):
         return {"type": "float32", "values": array.astype(float).tolist()}
     return array.tolist()
@@ -192,14 +195,14 @@ def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -
         FileError: names the field and what is wrong with it.
     """
     if depth > DEEPEST:
-        raise FileError(f"{where}: nested too deeply")
+        raise FileError(f"{where}: nested in more than {DEEPEST} levels")
     if data is None or isinstance(data, bool | str):
         return data
     if isinstance(data, float):
         return _decode_numbers(data, where).item()
     if isinstance(data, int):
         if abs(data) > 2**63 - 1:
-            raise FileError(f"{where}: a number of more than 64 bits")
+            raise FileError(f"{where}: the number has more than 64 bits")
         return data
     if isinstance(data, list) and data and all(isinstance(item, str) for item in data):
         return data  # keys of groups
@@ -223,22 +226,31 @@ def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -
 
 def _decode_single(data, where):
     """An array or a number of float32."""
-    if data.keys() != {"type", "values"}:
-        raise FileError(f'{where}: float32 has the fields "type" and "values" and no other')
+    _require_keys(data, "values", where)
     values = _decode_numbers(data["values"], where)
     if np.abs(values).max(initial=0.0) > np.finfo(np.float32).max:
-        raise FileError(f"{where}: a number too large for float32")
+        raise FileError(f"{where}: the number is too large for float32")
     return values.astype(np.float32)[()]
 
 
 def _decode_items(data, where, name, depth):
     """A list or a tuple with "items"."""
-    items = data.get("items")
-    if data.keys() != {"type", "items"} or not isinstance(items, list):
-        raise FileError(f'{where}: a {name} has the fields "type" and "items" and no other')
+    _require_keys(data, "items", where)
+    items = data["items"]
+    if not isinstance(items, list):
+        raise FileError(f"{where}.items: expected a list, got {items!r:.40}")
     return {"list": list, "tuple": tuple}[name](
         decode(item, f"{where}[{k}]", None, depth + 1) for k, item in enumerate(items)
     )
+
+
+def _require_keys(data, key, where):
+    """Refuse an object of a marked type unless it has one key beside its "type"."""
+    if key not in data:
+        raise FileError(f'{where}: "{key}" is missing; {{"type": "{data["type"]}"}} needs it')
+    for other in data.keys() - {"type", key}:
+        name = f'{{"type": "{data["type"]}"}}'
+        raise FileError(f'{where}: {name} has no key {other!r}, only "{key}"')
 
 
 def _decode_object(data, where, implied, depth):
@@ -255,7 +267,7 @@ def _decode_object(data, where, implied, depth):
         if key == "type" or (key == COMMENT and key not in kinds):
             continue
         if key not in kinds:
-            raise FileError(f"{where}: a {name} has no field {key!r}{_meant(key, kinds)}")
+            raise FileError(f"{where}: {name} has no key {key!r}{_meant(key, kinds)}")
         place = f"{where}.{key}"
         values[key] = decode(value, place, IMPLIED.get(key), depth + 1)
         _require_kind(values[key], kinds[key], place)
@@ -271,11 +283,11 @@ def _decode_object(data, where, implied, depth):
         needed = [f.name for f in dataclasses.fields(cls) if has_no_default(f)]
         missing = [name for name in needed if name not in values]
         if missing:
-            raise FileError(f"{where}: {missing[0]}: missing; a {name} needs it") from None
-        raise FileError(f"{where}: not the numbers that a {name} needs: {error}") from None
+            raise FileError(f"{where}: {missing[0]}: missing; {name} needs it") from None
+        raise FileError(f"{where}: these values do not make a {name}: {error}") from None
     except (AttributeError, IndexError, KeyError, OverflowError) as error:
         # errors of constructors when a field holds a value of a wrong kind
-        raise FileError(f"{where}: not the fields that a {name} needs: {error}") from None
+        raise FileError(f"{where}: these values do not make a {name}: {error}") from None
 
 
 def _require_kind(value, kind, where):
@@ -293,9 +305,9 @@ def _require_kind(value, kind, where):
 
 
 TYPED: dict[type, tuple[tuple[str, ...], str]] = {
-    Element: (("PyTree[Element]",), "a group of elements has one, such as Cables"),
-    Load: (("Load", "Sequence[Load]"), "a load has one, such as NodalLoads"),
-    Law: (("Law", "Sequence[Law]"), "a law has one, such as Elastic"),
+    Element: (("PyTree[Element]",), 'a group of elements, such as "type": "Cables"'),
+    Load: (("Load", "Sequence[Load]"), 'a load, such as "type": "NodalLoads"'),
+    Law: (("Law", "Sequence[Law]"), 'a law, such as "type": "Elastic"'),
 }
 """Classes of objects that name theirs: annotations of fields, and words for a message."""
 
@@ -308,7 +320,7 @@ def _require_typed(value, base, example, where):
     if isinstance(value, dict):
         inner = value.values() if base is Element else ()
         if not inner or not all(isinstance(v, Element | dict | list | tuple | None) for v in inner):
-            raise FileError(f'{where}: no "type"; {example}')
+            raise FileError(f'{where}: "type" is missing; it names the class of {example}')
         for key, item in value.items():
             _require_typed(item, base, example, f"{where}[{key!r}]")
 
@@ -337,7 +349,7 @@ def _decode_numbers(data, where):
         raise FileError(f"{where}: expected numbers, got true or false among them")
     if not np.isfinite(array).all():
         index = np.argwhere(~np.isfinite(array))[0].tolist()
-        raise FileError(f"{where}{index or ''}: a number too large to be one")
+        raise FileError(f"{where}{index or ''}: the number is too large")
     return array
 
 

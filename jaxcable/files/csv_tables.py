@@ -75,16 +75,16 @@ def read_table(
     """
     lines, mark = _lines(read_text(path, largest))
     if not lines:
-        raise FileError(f"{path}: is empty")
+        raise FileError(f"{path}: is empty, or has comments only")
     try:
         header, *records = csv.reader([line for _, line in lines], delimiter=mark, strict=True)
     except csv.Error as error:
-        raise FileError(f"{path}: no table: {error}") from None
+        raise FileError(f"{path}: not a CSV table: {error}") from None
     columns = _columns(f"{path}: line {lines[0][0]}", header, known, needed, own, table)
     if not records:
-        raise FileError(f"{path}: has no rows")
+        raise FileError(f"{path}: has no rows below its header")
     if len(records) != len(lines) - 1:
-        raise FileError(f"{path}: a field with a line break; quotes are not closed")
+        raise FileError(f"{path}: a quote is not closed, or a field has a line break")
     words = [word.strip() for record in records for word in record]
     points = any(_DECIMAL_POINT.fullmatch(word) and word != "." for word in words)
     found = []
@@ -126,11 +126,11 @@ def _columns(place, header, known, needed, own, table):
             continue
         if own is None:
             raise FileError(
-                f"{place}: unknown column {word!r}; known are {', '.join(known)}; columns=... "
-                "(--columns) names those of other programs"
+                f"{place}: unknown column {word!r}; known are {', '.join(known)}; for the names of "
+                "another program give columns=... (--columns)"
             )
         columns[number] = None
-        table.add(f"column {word!r}", place, "is named by none of the columns that are read")
+        table.add(f"column {word!r}", place, "is not one of the columns that are read")
     for word, name in named.items():
         if name in known and name not in columns:
             raise FileError(f"{place}: {name}: there is no column {word!r}")

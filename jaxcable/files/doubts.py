@@ -98,26 +98,26 @@ def doubts(
     if len(pairs):
         i, j = pairs[0].tolist()
         told.append(
-            f"{counted(len(pairs), 'pair')} of nodes nearer than {NEAR:.0%} of the shortest link "
+            f"{counted(len(pairs), 'pair')} of nodes closer than {NEAR:.0%} of the shortest link "
             f"there: nodes {i} and {j} at {place(nodes[i])}, {_millimetres(distance[0])} apart; "
-            "read with a larger tolerance (--tol) to join them"
+            "to join them, read the file with a larger tolerance (--tol)"
         )
     found = crossings(nodes, links, held, _ON)
     if len(found.pairs) or len(found.joints.link):
         some = nodes[found.joints.node[:1]] if len(found.joints.link) else _at(nodes, links, found)
         told.append(
             f"{counted(len(found.pairs), 'crossing')} of links in plan without a node, and "
-            f"{counted(len(found.joints.link), 'node')} on the inside of a link, as at "
-            f"{place(some[0])}; Net.split (--split) makes nodes there"
+            f"{counted(len(found.joints.link), 'node')} on a link that it is no end of, such as at "
+            f"{place(some[0])}; to join them there, use Net.split (--split)"
         )
     on_nodes = {k for pair in pairs.tolist() for k in pair} | set(found.joints.node.tolist())
     gaps = [gap for gap in loose_ends(nodes, links) if not (held[gap.node] or gap.node in on_nodes)]
     if gaps:
         gap = min(gaps, key=lambda gap: gap.distance)
         told.append(
-            f"{counted(len(gaps), 'end')} nearer to a link than {NEAR:.0%} of its length: node "
-            f"{gap.node} at {place(nodes[gap.node])}, {_millimetres(gap.distance)} off {gap.other}"
-            "; Net.split (--split) with a larger tolerance (--tol) joins them"
+            f"{counted(len(gaps), 'end')} closer to a link than {NEAR:.0%} of its length: node "
+            f"{gap.node} at {place(nodes[gap.node])}, {_millimetres(gap.distance)} from {gap.other}"
+            "; to join them, use Net.split (--split) with a larger tolerance (--tol)"
         )
     return told
 

@@ -26,12 +26,12 @@ BARS, SUPPORTS = "jaxcable bars", "jaxcable supports"
 """Properties of a drawing that `save_dxf` has written: names of layers."""
 
 _SPLINE_FIT = 4  # bit in the flags of a POLYLINE, whose vertices then are not all on its curve
-_ARCS = "give sagitta=..., m (--sagitta), for chords of arcs"
+_ARCS = "to replace arcs by chords, give sagitta=..., m (--sagitta)"
 _CURVED = "convert it to a polyline first, in the drawing"
 _WHY = {
     **dict.fromkeys(("ARC", "LWPOLYLINE with arcs", "POLYLINE with arcs"), _ARCS),
     **dict.fromkeys(("SPLINE", "ELLIPSE", "CIRCLE", "POLYLINE fitted by a spline"), _CURVED),
-    "3DFACE": "faces carry no link",
+    "3DFACE": "faces are not read: draw their edges as lines",
     "INSERT": "blocks are not read: explode blocks first, in the drawing",
 }
 """Why kinds of entities are left out, or what to do."""
@@ -111,10 +111,11 @@ def read_dxf(
                 own = [(str(key), str(layer)) for key, layer in document.header.custom_vars]
         except Exception as error:  # whatever a foreign parser makes of a damaged file
             told = " ".join(str(error).split())[:120]
-            raise FileError(f"no DXF drawing, or a damaged one: {told}") from error
+            raise FileError(f"not a DXF drawing, or a damaged one: {told}") from error
         if not metres:
             raise FileError(
-                f"$INSUNITS = {unit}: no unit that is known; give scale=..., m (--scale)"
+                f"the drawing does not say its unit ($INSUNITS = {unit}); give metres per drawing "
+                "unit: scale=0.001 for mm (--scale 0.001)"
             )
         if supports is None:
             marked = {entity.layer for entity in entities if entity.kind == "POINT"}
@@ -132,10 +133,10 @@ def _shown(document, sagitta, hidden, table):
         content = _content(entity, sagitta, layers)
         name = str(entity.dxf.get("name", "")).lower() if content.kind == "INSERT" else ""
         if content.unseen and not hidden:
-            why = f"{content.unseen} in the drawing; hidden=True (--hidden) reads it"
+            why = f"{content.unseen} in the drawing; to read it, give hidden=True (--hidden)"
             table.add(content.kind, f"layer {content.layer!r}", why)
         elif name in files:
-            why = "drawings that this one refers to are not read: bind them first"
+            why = "drawings that this one refers to (xrefs) are not read: bind them first"
             table.add("external reference", repr(files[name]), why)
         else:
             found.append(content)
@@ -215,7 +216,7 @@ def _count_paper(document, table):
     for layout in document.layouts:
         if layout.is_any_paperspace:
             count = sum(entity.dxftype() != "VIEWPORT" for entity in layout)
-            why = "model space alone is read"
+            why = "only model space is read"
             table.add("entity in paper space", f"layout {layout.name!r}", why, count)
 
 
@@ -238,7 +239,7 @@ def _net(entities, metres, tol, supports, table):
     places, lines, marks = [], [], []
     for kind, where, layer, points, _ in entities:
         if not np.isfinite(np.array(points, float)).all():
-            raise FileError(f"{where}: a coordinate that is not finite")
+            raise FileError(f"{where}: a coordinate is not finite")
         if kind == "POINT":
             marks.append((where, layer, points[0]))
         elif len(points) < 2:
@@ -259,15 +260,15 @@ def _net(entities, metres, tol, supports, table):
     for (where, layer, _), off, number, support in zip(marks, distance, node, held, strict=True):
         on.setdefault(layer, set()).update([int(number)] if off <= tol else [])
         if support and off > tol:
-            raise FileError(f"{where}: a support that is {off:.3g} m off the nearest node")
+            raise FileError(f"{where}: a support, but {off:.3g} m from the nearest node")
         if support:
             fixed[number] = True
         elif off > tol:
-            table.add("POINT", f"layer {layer!r}", "off the nodes")
+            table.add("POINT", f"layer {layer!r}", "is not at a node")
     if supports is not None and not any(held):
         layers = ", ".join(map(repr, on)) or "none"
         raise FileError(
-            f"supports = {supports!r}: there is no POINT on this layer; there are on: {layers}"
+            f"supports = {supports!r}: there is no POINT on this layer, only on: {layers}"
         )
     by_layer = {layer: np.array(sorted(nodes), np.int32) for layer, nodes in on.items()}
     return dataclasses.replace(net, fixed=fixed, marks=by_layer)

@@ -64,7 +64,7 @@ def save_dxf(
     units = {metres: unit for unit, metres in METRES.items()}
     if scale not in units:
         known = ", ".join(map(str, sorted(units)))
-        raise ValueError(f"scale = {scale}: expected the metres of a unit, one of {known}")
+        raise ValueError(f"scale = {scale}: expected metres per drawing unit, one of {known}")
     last = None if solution is None else end_state(structure, solution)
     places = np.asarray(structure.nodes if last is None else last.positions, float)
     document = library().new("R2010")
@@ -74,7 +74,9 @@ def save_dxf(
     for number, (name, group) in enumerate(groups_by_name(structure)):
         layer = (name or type(group).__name__).translate(_FORBIDDEN)[:255]
         if layer.lower() in layers:  # the format does not tell small letters from capitals
-            raise ValueError(f"elements: a group {name!r} needs the layer {layer!r}; rename it")
+            raise ValueError(
+                f"elements: the layer of group {name!r}, {layer!r}, is used; rename it"
+            )
         layers.add(layer.lower())
         document.layers.add(layer, color=_COLOURS[number % len(_COLOURS)])
         if isinstance(group, Bars):

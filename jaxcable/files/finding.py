@@ -49,7 +49,9 @@ def find_net(data: dict[str, Any], table: Omissions) -> Found:
     if not nets:
         kind = data.get("dtype") or data.get("datatype")
         what = f"an object {kind!r}" if isinstance(kind, str) else f"the fields {', '.join(data)}"
-        raise FileError(f"node: missing; no network or mesh of compas in it, but {what:.200}")
+        raise FileError(
+            f"node: missing; the file has no network or mesh of compas, but {what:.200}"
+        )
     way, net = next((pair for pair in nets if pair[1].get("edge") or pair[1].get("face")), nets[0])
     for other, _ in nets:
         if other != way:
@@ -65,7 +67,7 @@ def _count_foreign(data, table):
         return
     package = kind.split("/")[0].split(".")[0]
     if package.partition("_")[0] not in _PACKAGES and package not in _PACKAGES:
-        why = "is of another program; what has the names of compas is read as it is there"
+        why = "of another program; fields with the names of compas are read as those of compas"
         table.add(f"type {kind:.80}", "dtype", why)
 
 

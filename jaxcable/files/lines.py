@@ -64,7 +64,7 @@ def net_of(
     for line in polylines:
         for first, second in itertools.pairwise(node[line.points].tolist()):
             if first == second:
-                raise FileError(f"{line.where}: a line without length")
+                raise FileError(f"{line.where}: the line has no length")
             pair = min(first, second), max(first, second)
             if pair in found and not line.shares:
                 table.add(f"{word} that occurs again", line.where)
@@ -90,7 +90,7 @@ def _joined(places, tolerance):
     distinct, which = np.unique(places, axis=0, return_inverse=True)
     tree = cKDTree(distinct)
     if tree.count_neighbors(tree, tolerance) > _CROWD * len(distinct):
-        raise FileError(f"too many points within {tolerance} m of each other; is the scale right?")
+        raise FileError(f"too many points closer than {tolerance} m; is the scale right?")
     pairs = tree.query_pairs(tolerance, output_type="ndarray")
     size = (len(distinct),) * 2
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=size)

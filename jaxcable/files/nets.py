@@ -217,8 +217,8 @@ class Net:
         found = crossings.crossings(self.nodes, self.links[chosen], held, tolerance, gap)
         if found.apart:
             checks.suspect(
-                f"split: {found.apart} places where links cross or touch in plan are left: their "
-                f"heights differ by more than {gap:g} of the shorter link"
+                f"split: {found.apart} places where links cross or touch in plan are not joined: "
+                f"their heights differ by more than {gap:g} of the shorter link"
             )
         made = crossings.split(self.nodes, self.links[chosen], found, tolerance)
         origin = np.concatenate([chosen[made.origin], rest])
@@ -272,7 +272,9 @@ class Net:
         kinds = {self.kinds[k] for k in np.flatnonzero(mask)} if self.kinds else {"cable"}
         kinds = {"bar"} if bars else kinds
         if len(kinds) > 1:
-            raise ValueError(f"groups: {label!r} has cables and bars; give them different groups")
+            raise ValueError(
+                f"groups: {label!r} has cables and bars; put them into different groups"
+            )
         properties = {name: values[name][label] for name in PROPERTIES if label in values[name]}
         return KINDS[kinds.pop()](self.links[mask], **properties)
 
@@ -306,10 +308,11 @@ class Net:
         if gaps:
             gap = min(gaps, key=lambda gap: gap.distance)
             raise ValueError(
-                f"anchors: {len(gaps)} of the ends meet another node or link, or nearly, and are "
-                f"no anchors then: node {gap.node} at {doubts.place(self.nodes[gap.node])} is "
-                f"{1e3 * gap.distance:.3g} mm off {gap.other}; join them (larger tolerance, --tol; "
-                'Net.split, --split), or name them by their numbers, beside "ends"'
+                f"anchors: {len(gaps)} of the ends touch, or nearly touch, another node or link, "
+                "which looks like a gap in the drawing: node "
+                f"{gap.node} at {doubts.place(self.nodes[gap.node])} is {1e3 * gap.distance:.3g} mm "
+                f"from {gap.other}; join them (larger tolerance, --tol; Net.split, --split), or list "
+                'the numbers of anchors beside "ends"'
             )
 
     def _require_joined(self, held):
@@ -324,7 +327,7 @@ class Net:
             hint = "; ".join(told) or "support it, or join it to the rest"
             raise ValueError(
                 f"anchors: {int((part == part[node]).sum())} nodes, with node {node} at "
-                f"{doubts.place(self.nodes[node])}, reach no support by links: {hint}"
+                f"{doubts.place(self.nodes[node])}, are not connected to a support: {hint}"
             )
         for text in told:
             checks.suspect(text)

@@ -73,7 +73,9 @@ def save_network(
     count = structure.supports.fixed(structure.n_node)[:, :3].sum(axis=1)
     table = Omissions(path)
     for k in np.flatnonzero((count > 0) & (count < 3)).tolist():
-        table.add("support in some directions", f"node {k}", "nodes are held wholly, or free")
+        table.add(
+            "support in some directions", f"node {k}", "in compas a node is fully fixed or free"
+        )
     nodes: dict[str, Any] = {}
     for k, place in enumerate(places.tolist()):
         nodes[str(k)] = {**dict(zip("xyz", place, strict=True)), "is_support": bool(count[k] == 3)}
@@ -106,7 +108,7 @@ def _edges(structure, last, places):
     found: dict[tuple[int, int], dict[str, Any]] = {}
     for k, (i, j) in enumerate(ends.tolist()):
         if (i, j) in found or (j, i) in found:
-            raise ValueError(f"elements: two between the nodes {i} and {j}; compas knows one edge")
+            raise ValueError(f"elements: two join nodes {i} and {j}; compas allows one edge there")
         about: dict[str, Any] = {"group": names[owner[k]], "l": float(lengths[k])}
         if force is not None and np.isfinite(force[element[k]]) and lengths[k] > 0:
             pull = float(force[element[k]])
@@ -143,8 +145,8 @@ def _mesh(nodes, edges, faces):
     sides = {tuple(sorted(pair)) for pair in pairs}
     about = {tuple(sorted(pair)): value for pair, value in edges.items()}
     for pair in sorted(sides ^ set(about)):
-        told = "is no side of a face" if pair in about else "of a face has no element"
-        raise ValueError(f"faces: the link {list(pair)} {told}; leave out faces for a Graph")
+        told = "is no side of a face" if pair in about else "is the side of a face, but no element"
+        raise ValueError(f"faces: the link {list(pair)} {told}; without faces a Graph is written")
     return {
         "default_vertex_attributes": {"x": 0.0, "y": 0.0, "z": 0.0, "is_support": False},
         "default_edge_attributes": {},

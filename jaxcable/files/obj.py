@@ -23,7 +23,7 @@ _CURVES = (
 _FREE_FORM = {
     **dict.fromkeys(_CURVES.split(), "free-form curves are not read: convert them to polylines"),
     **dict.fromkeys(("call", "csh"), "nothing in a file is executed"),
-    "p": "points carry no link",
+    "p": "single points are not read",
 }
 """Why other statements are left out."""
 
@@ -140,7 +140,7 @@ def _point(word, count):
     try:
         number = reading.whole(word.split("/")[0])
     except ValueError:
-        raise ValueError(f"{word!r} is no point; points are numbered from 1") from None
+        raise ValueError(f"{word!r} is not the number of a point; they begin at 1") from None
     index = number - 1 if number > 0 else count + number
     if number == 0 or not 0 <= index < count:
         raise ValueError(f"point {number} is not among the {count} before this line")

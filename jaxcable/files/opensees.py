@@ -65,12 +65,12 @@ def save_opensees(
     path = file_path(path, ".py")
     one_case(solution)
     if int(solution.status) != 0:
-        raise ValueError("solution: has failed; there is no state to compute again")
+        raise ValueError("solution: the analysis has failed; there is no end state to export")
     checks.whole(steps, "steps")
     require_exportable(structure)
     require_same(structure, solution.last.topology, "solution")
     if solution.last.fixed[-1].axes is not None:
-        raise ValueError("supports: the script holds displacements along x, y, z only")
+        raise ValueError("supports: directions other than x, y, z cannot be exported")
     elements = []
     for group, state in zip(structure.groups, solution.last.carry.states, strict=True):
         elements += _members(structure, group, state)
@@ -114,11 +114,13 @@ def require_exportable(structure: Structure) -> None:
         name = name or "elements"
         if not isinstance(group, Straight) or group.links.shape[1] != 2 or group.shaped_by_load:
             raise ValueError(
-                f"structure: {name} are {type(group).__name__}; only Cables and Bars have the same "
-                "law in OpenSees"
+                f"structure: {name} are {type(group).__name__}; only Cables and Bars can be "
+                "exported to OpenSees"
             )
         if group.remembers:
-            raise ValueError(f"structure: the law of {name} has plastic strains, not exported")
+            raise ValueError(
+                f"structure: the law of {name} has plastic strains, which are not exported"
+            )
 
 
 def _members(structure, group, state):

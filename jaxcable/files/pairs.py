@@ -131,7 +131,7 @@ def _held(line):
     if line.text("support"):
         raise FileError(f"{line.place}: has both support and free; give one")
     if not line.text("free"):
-        raise FileError(f"{line.place}: free: expected 0, 1 or some of xyz, got nothing")
+        raise FileError(f"{line.place}: free: is empty; expected 0, 1 or some of xyz")
     return [not free for free in _directions(line, "free")]
 
 

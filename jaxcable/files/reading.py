@@ -27,7 +27,7 @@ class FileError(ValueError):
         ...     jc.load_scene(path)
         ... except jc.files.FileError as error:
         ...     print(str(error).removeprefix(str(path)))
-        : version: 9 is newer than 1, the last that is known
+        : version: 9 is newer than 1, the newest that this jaxcable reads; update jaxcable
     """
 
 
@@ -38,17 +38,17 @@ def number(word: str) -> float:
         ValueError: the word is no number.
     """
     if not word.isascii() or "_" in word:  # float("1_0") is 10
-        raise ValueError(f"{word!r} is no number")
+        raise ValueError(f"{word!r} is not a number")
     try:
         return float(word)
     except ValueError:
-        raise ValueError(f"{word!r} is no number") from None
+        raise ValueError(f"{word!r} is not a number") from None
 
 
 def whole(word: str) -> int:
     """The whole number in a word, as by `int`, with the strictness of `number`."""
     if not word.isascii() or "_" in word:
-        raise ValueError(f"{word!r} is no whole number")
+        raise ValueError(f"{word!r} is not a whole number")
     return int(word)
 
 
@@ -64,10 +64,11 @@ def read_bytes(path: str | PathLike[str], largest: int = LARGEST) -> bytes:
         data = stream.read(int(largest) + 1)  # devices and pipes have no size to check beforehand
     if len(data) > largest:
         raise FileError(
-            f"{path}: larger than {largest / 1e6:.0f} MB; if it is meant, allow more (largest=...)"
+            f"{path}: larger than {largest / 1e6:.0f} MB; to read it all the same, give "
+            "largest=..., bytes"
         )
     if b"\0" in data[:4096]:
-        raise FileError(f"{path}: holds binary data, not text")
+        raise FileError(f"{path}: is a binary file, not text")
     return data
 
 
@@ -83,7 +84,7 @@ def read_text(path: str | PathLike[str], largest: int = LARGEST) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise FileError(f"{path}: line {line}: no UTF-8 text") from None
+        raise FileError(f"{path}: line {line}: not UTF-8; save the file in this encoding") from None
 
 
 def read_json(path: str | PathLike[str], largest: int = LARGEST) -> dict[str, Any]:
@@ -95,16 +96,44 @@ def read_json(path: str | PathLike[str], largest: int = LARGEST) -> dict[str, An
     """
     text = read_text(path, largest)
     if not text.lstrip()[:1] == "{":
-        raise FileError(f"{path}: line 1: no JSON object; such a file starts with {{")
+        raise FileError(f"{path}: line 1: not a JSON object, which starts with {{")
     try:
         return json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse, parse_int=_whole)
     except json.JSONDecodeError as error:
-        where = f"line {error.lineno}, column {error.colno}"
-        raise FileError(f"{path}: {where}: no JSON: {error.msg}") from None
+        raise FileError(f"{path}: {_describe_json_error(text, error)}") from None
     except RecursionError:
-        raise FileError(f"{path}: lists or objects nested too deeply") from None
+        raise FileError(f"{path}: lists or objects are nested too deeply") from None
     except ValueError as error:
         raise FileError(f"{path}: {error}") from None
+
+
+_JSON_FAULTS = {
+    "Expecting ':' delimiter": "a colon is missing after the name of a field",
+    "Expecting property name": "expected the name of a field in double quotes",
+    "Expecting value": "expected a number, a text in double quotes, true, false, null, [ or {",
+    "Extra data": "there is text after the end of the object",
+    "Invalid control character": "a line break or a tab inside of a text",
+    "Unterminated string": "the closing quote of a text is missing",
+}
+"""What the messages of Python's parser, which begin so, mean."""
+
+
+def _describe_json_error(text, error):
+    """Return where a text is not valid JSON, and what is wrong there, in words."""
+    before, after = text[: error.pos].rstrip(), text[error.pos :].lstrip()[:1]
+    where = f"line {error.lineno}, column {error.colno}: not valid JSON: "
+    if before.endswith(",") and after and after in "}]":
+        return f"{where}remove the comma before {after}"
+    if not after and not error.msg.startswith("Unterminated"):
+        return f"{where}the file ends before all brackets are closed"
+    if error.msg.startswith("Expecting ',' delimiter"):
+        # Python points at what follows, mostly on the next line
+        line = before.count("\n") + 1
+        if line < error.lineno:
+            return f"line {line}: not valid JSON: a comma is missing at the end of this line"
+        return f"{where}a comma is missing before this place"
+    faults = (words for begin, words in _JSON_FAULTS.items() if error.msg.startswith(begin))
+    return where + next(faults, error.msg)
 
 
 def _unique(pairs):
@@ -120,10 +149,10 @@ def _unique(pairs):
 def _whole(digits):
     """A whole number in JSON; ValueError for more than 20 digits."""
     if len(digits) > 20:
-        raise ValueError(f"a whole number of {len(digits)} digits")
+        raise ValueError(f"a whole number of {len(digits)} digits is too long")
     return int(digits)
 
 
 def _refuse(name):
     """Raise ValueError for NaN and infinities."""
-    raise ValueError(f"{name} is no number; a file holds finite numbers only")
+    raise ValueError(f"{name} is not allowed; files hold finite numbers only")

@@ -111,7 +111,7 @@ def load_result(path: str | PathLike[str], largest: int = 8 * LARGEST) -> dict[s
     if path.suffix.lower() == ".json":
         data = read_json(path, largest)
         if data.get("format") != FORMAT:
-            raise FileError(f'{path}: format: expected "{FORMAT}"')
+            raise FileError(f'{path}: format: expected "{FORMAT}", got {data.get("format")!r:.40}')
         words = ("format", "version", "description")
         try:
             return {k: np.array(v, _kind(k)) for k, v in data.items() if k not in words}
@@ -128,14 +128,17 @@ def _read_npz(path, stream, largest):
             size = sum(item.file_size for item in archive.infolist())
             size = max(size, sum(_stated_size(archive, name) for name in archive.namelist()))
         if size > largest:
-            raise FileError(f"{path}: unpacks to {size / 1e6:.0f} MB; allow more (largest=...)")
+            raise FileError(
+                f"{path}: unpacks to {size / 1e6:.0f} MB; to read it all the same, give "
+                "largest=..., bytes"
+            )
         stream.seek(0)
         with np.load(stream, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except FileError:
         raise
     except Exception as error:  # zlib, zipfile and NumPy raise many types for broken archives
-        raise FileError(f"{path}: no result in NPZ: {error}") from None
+        raise FileError(f"{path}: not an NPZ file of a result: {error}") from None
 
 
 def _stated_size(archive, name):
@@ -157,7 +160,7 @@ def flat(structure: Structure, solution: Solution) -> dict[str, np.ndarray]:
     """
     names = [name for name, _ in groups_by_name(structure)]
     if len(set(names)) < len(names):
-        raise ValueError(f"elements: two groups would be called alike in a file: {names}")
+        raise ValueError(f"elements: two groups would have the same name in a file: {names}")
     found = {name: np.asarray(getattr(solution, name)) for name in ("status", "stable")}
     for prefix, part in (("", solution), ("last.", solution.last)):
         for name in _PER_NODE:

@@ -101,8 +101,8 @@ def load_scene(path: str | PathLike[str], largest: int = LARGEST) -> Scene:
         `Scene`; analyse it by ``jc.solve(*scene)``.
 
     Raises:
-        FileError: a `ValueError` that names the file and the line (no JSON) or the field (the class
-            does not accept its value, or the structure lacks a node or element).
+        FileError: a `ValueError` that names the file and the line (if it is not JSON) or the field
+            (the class does not accept its value, or the structure lacks a node or element).
         OSError: there is no such file, or it cannot be read.
 
     Example:
@@ -117,7 +117,7 @@ def load_scene(path: str | PathLike[str], largest: int = LARGEST) -> Scene:
         scene = _scene(data)
         schema = data.get("$schema", "")
         if ":" in schema and "jaxcable" not in schema and not schema.endswith(_SCHEMA):
-            why = "is not that of scenes, and was not looked at; `jaxcable schema` writes it"
+            why = "is not the schema of scene files, and was ignored; `jaxcable schema` writes it"
             table.add(f"schema {schema:.80}", "$schema", why)
     return scene
 
@@ -125,20 +125,21 @@ def load_scene(path: str | PathLike[str], largest: int = LARGEST) -> Scene:
 def _scene(data):
     """The `Scene` in the data of a file, checked."""
     if data.get("format") != FORMAT:
-        raise FileError(f'format: expected "{FORMAT}", got {_short(data.get("format"))}')
+        raise FileError(_unexpected(data, "format", f'"{FORMAT}"'))
     version = data.get("version")
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
-        raise FileError(f"version: expected a whole number, got {_short(version)}")
+        raise FileError(_unexpected(data, "version", f"a whole number such as {VERSION}"))
     if version > VERSION:
-        raise FileError(f"version: {version} is newer than {VERSION}, the last that is known")
+        newest = f"{VERSION}, the newest that this jaxcable reads; update jaxcable"
+        raise FileError(f"version: {version} is newer than {newest}")
     if not isinstance(data.get("$schema", ""), str):  # of editors: where the schema is
         raise FileError(f"$schema: expected a text, got {_short(data['$schema'])}")
     unknown = data.keys() - {"format", "version", "structure", "phases", COMMENT, "$schema"}
     if unknown:
         raise FileError(f"unknown field {min(unknown)!r}; known are structure, phases, comment")
-    for name, kind, words in (("structure", dict, "an object"), ("phases", list, "a list")):
+    for name, kind, words in _PARTS:
         if not isinstance(data.get(name), kind):
-            raise FileError(f"{name}: expected {words}, got {_short(data.get(name))}")
+            raise FileError(_unexpected(data, name, words))
     structure = decode(data["structure"], "structure", Structure)
     phases = []
     for k, phase in enumerate(data["phases"]):
@@ -146,7 +147,8 @@ def _scene(data):
             raise FileError(f"phases[{k}]: expected an object, got {_short(phase)}")
         phases.append(decode(phase, f"phases[{k}]", Phase))
         if phases[-1].increments > MOST_INCREMENTS:
-            raise FileError(f"phases[{k}].increments: more than {MOST_INCREMENTS}")
+            count = phases[-1].increments
+            raise FileError(f"phases[{k}].increments = {count}: at most {MOST_INCREMENTS} are read")
     try:
         with without_warnings():  # the analysis gives warnings, reading does not
             prepare(structure, phases, None, None)
@@ -156,7 +158,23 @@ def _scene(data):
     return Scene(structure, phases)
 
 
+_PARTS = (
+    ("structure", dict, "an object with nodes, elements and supports"),
+    ("phases", list, 'a list such as [{"pretension": 200.0}]'),
+)
+"""Parts of a scene, with their JSON types and what is expected there."""
+
+
+def _unexpected(data, name, expected):
+    """Return the message on a field that is missing, null or of a wrong kind."""
+    if name not in data:
+        return f"{name}: missing; expected {expected}"
+    if data[name] is None:
+        return f"{name}: is null; expected {expected}"
+    return f"{name}: expected {expected}, got {_short(data[name])}"
+
+
 def _short(value):
-    """A value as a text of at most 60 characters, for messages."""
-    text = "nothing" if value is None else repr(value)
+    """Return a value as a text of at most 60 characters, for messages."""
+    text = repr(value)
     return text if len(text) < 60 else text[:57] + "..."

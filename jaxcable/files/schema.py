@@ -48,9 +48,9 @@ _BY_GROUP = {
     "PyTree[Float": (
         ' One number for all groups that can take it, or by group, {"guys": 1.0}, or for some '
         'elements of a group, {"guys": {"type": "Only", "elements": [0], "values": 1.0}}; groups '
-        "that are left out have none. One number for all passes by beams where there are cables or "
-        "bars (if it is a temperature, by groups without `expansion`); name the group to state it "
-        "of beams."
+        "that are left out have none. One number for all does not apply to beams where there are "
+        "cables or bars (a temperature: to groups without `expansion`); name the group to set it "
+        "for beams."
     ),
     "PyTree[Bool": (
         ' Keys of groups are a text or a list of texts, elements of groups {"deck": {"type": '
@@ -62,7 +62,7 @@ _BY_GROUP = {
 _COMMENT: Schema = {"description": "anything, such as a text or a list of lines; it is not read"}
 _BEYOND = (
     "Reading also refuses what a schema cannot say: numbers of nodes or elements, and keys of "
-    "groups, that the structure does not have; arrays that shall have one length and do not; "
+    "groups, that the structure does not have; arrays whose lengths do not agree; "
     "links without length, equal or repeated; parts without supports; loads and prestress that "
     "elements cannot take; laws whose points are no curve; whole numbers with a decimal point, "
     "numbers of more than 64 bits, the same field twice in one object. Of a list of numbers it "

@@ -199,13 +199,15 @@ def test_a_loose_end_beside_a_mast_head_is_no_anchor(tmp_path):
     """0.5 mm off, in a drawing in metres."""
     path = write(tmp_path / "gap.dxf", [*MAST, ("TIE", [(3e-4, 4e-4, 8), (5, 0, 0)])])
     net = read_dxf(path)
-    told = r"node 3 at \(0.0003, 0.0004, 8\) m is 0.5 mm off node 1; .*--tol.*--split"
-    with pytest.raises(ValueError, match=f"anchors: 1 of the ends meet .*{told}"):
+    told = r"node 3 at \(0.0003, 0.0004, 8\) m is 0.5 mm from node 1; .*--tol.*--split"
+    with pytest.raises(ValueError, match=f"anchors: 1 of the ends touch .*{told}"):
         net.scene("ends", axial_stiffness=1e6)
-    with pytest.raises(ValueError, match=r"2 nodes, with node 3 .* reach no support .* 1 pair of"):
+    with pytest.raises(
+        ValueError, match=r"2 nodes, with node 3 .* are not connected to a support .* 1 pair of"
+    ):
         net.scene([0, 2], axial_stiffness=1e6)
     words = (
-        r"1 pair of nodes nearer than 1% .* nodes 1 and 3 at \(0, 0, 8\) m, 0.5 mm apart; .*--tol"
+        r"1 pair of nodes closer than 1% .* nodes 1 and 3 at \(0, 0, 8\) m, 0.5 mm apart; .*--tol"
     )
     with pytest.warns(jc.InputWarning, match=words):  # named by its number: as asked for
         structure, _ = net.scene(["ends", 3], axial_stiffness=1e6)
@@ -229,11 +231,11 @@ def test_an_end_just_short_of_an_edge_cable(tmp_path):
     """It is 0.4 mm off: no anchor, told, and joined by a split with a larger tolerance."""
     chains = [("EDGE", [(0, 0, 0), (10, 0, 1)]), ("NET", [(5, 4e-4, 0.5), (5, 6, 0)])]
     net = read_dxf(write(tmp_path / "short.dxf", chains))
-    with pytest.raises(ValueError, match=r"node 2 at .* 0.4 mm off the link from node 0 to 1"):
+    with pytest.raises(ValueError, match=r"node 2 at .* 0.4 mm from the link from node 0 to 1"):
         net.scene("ends", axial_stiffness=1e6)
     held = np.array([True, True, False, True])
     (text,) = doubts(net.nodes, net.links, held)
-    assert "1 end nearer to a link than 1% of its length: node 2" in text
+    assert "1 end closer to a link than 1% of its length: node 2" in text
     assert net.split(tolerance=1e-3).links.tolist() == [[0, 2], [2, 1], [2, 3]]
 
 
@@ -254,7 +256,10 @@ def test_arcs_are_chords(degrees, clockwise, tmp_path):
     turn = sorted([math.degrees(first), math.degrees(last)])
     space.add_arc((0, 0, 700), 100 * radius, *turn, dxfattribs={"layer": "c"})
     document.saveas(tmp_path / "arcs.dxf")
-    with pytest.raises(jc.files.FileError, match=r"ARC \(1\), layer 'c': give sagitta.*; LWPOLY"):
+    with pytest.raises(
+        jc.files.FileError,
+        match=r"ARC \(1\), layer 'c': to replace arcs by chords, give sagitta.*; LWPOLY",
+    ):
         read_dxf(tmp_path / "arcs.dxf")
     net = read_dxf(tmp_path / "arcs.dxf", sagitta=sagitta)
     # rounding of the bulge and of the tangent of the quarter angle
@@ -333,11 +338,11 @@ def test_the_command_line_splits_and_takes_layers(tmp_path, monkeypatch, capsys)
     assert "groups: NET 10, EDGE 4" in out and "nodes with points, by layer: SUPPORT 4" in out
     assert "nodes with one link: 20\n  node 0 at (2, 0, 0) m" in out and "  and 8 more" in out
     assert "corners of groups in plan: 4\n" in out and "at (12, 12, 4) m" in out
-    assert "doubtful: 25 crossings of links in plan without a node, and 20 nodes on the" in out
+    assert "doubtful: 25 crossings of links in plan without a node, and 20 nodes on a link" in out
     stiff = ["--axial-stiffness", "NET=2e7", "EDGE=1e8", "--strength", "NET=2e5"]
     words = ["convert", "roof.dxf", "--supports", "SUPPORT", *stiff, "--save", "roof.json"]
     assert main(words) == 2
-    assert "reach no support by links: 25 crossings of links" in capsys.readouterr().err
+    assert "are not connected to a support: 25 crossings of links" in capsys.readouterr().err
     assert main([*words, "--split"]) == 0
     assert "split: 25 nodes made, 84 links of 14" in capsys.readouterr().out
     structure, _ = jc.load_scene("roof.json")

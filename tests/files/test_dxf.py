@@ -76,7 +76,10 @@ def test_lines_and_polylines_become_groups_by_layer(tmp_path):
 def test_units_of_the_header(unit, metres, tmp_path):
     path = drawing(tmp_path / "net.dxf", unit)
     if metres is None:
-        with pytest.raises(FileError, match=rf"net.dxf: \$INSUNITS = {unit}: .* give scale"):
+        with pytest.raises(
+            FileError,
+            match=rf"net.dxf: .* unit \(\$INSUNITS = {unit}\); give .* scale=0.001 for mm",
+        ):
             read_dxf(path)
     else:
         assert read_dxf(path).nodes[5].tolist() == [4 * metres, metres, 5 * metres]
@@ -196,7 +199,7 @@ def test_drawings_in_other_units(tmp_path):
         places = np.asarray(structure.nodes)[links]
         np.testing.assert_allclose(ends, places, rtol=1e-15, atol=1e-15)
         assert len(read_dxf(path).links) == len(links)
-    with pytest.raises(ValueError, match=r"scale = 0.5: expected the metres of a unit, one of"):
+    with pytest.raises(ValueError, match=r"scale = 0.5: expected metres per drawing unit, one of"):
         save_dxf(path, structure, scale=0.5)
 
 
@@ -241,7 +244,7 @@ def test_ropes_are_polylines(tmp_path):
     save_dxf(path, jc.replace(structure, elements={"net/1": ropes}))
     assert set(read_dxf(path).groups) == {"net_1"}  # what a layer may be called
     both = {"a": ropes, "A": jc.Cables([[1, 3]], axial_stiffness=1.0)}
-    with pytest.raises(ValueError, match=r"a group 'a' needs the layer 'a'"):
+    with pytest.raises(ValueError, match=r"the layer of group 'a', 'a', is used"):
         save_dxf(path, jc.replace(structure, elements=both))
     with pytest.raises(ValueError, match=r"ends with \.dxf"):
         save_dxf(tmp_path / "rope.dwg", structure)
@@ -254,19 +257,19 @@ def hostile(text):
     """Damaged files, from the text of a good one: bytes, and what the message says."""
     third = str(1 / 3)
     return {
-        "empty": (b"", "no DXF drawing"),
-        "words": (b"hello\nworld\n", "no DXF drawing"),
-        "binary": (b"AutoCAD Binary DXF\r\n\x1a\0" + bytes(range(256)), "binary data"),
-        "garbage": (np.random.default_rng(0).bytes(100_000), "binary data|no DXF"),
-        "high bytes": (b"\xff\xfe" * 50_000, "no DXF drawing"),
-        "cut": (text[: len(text) // 2].encode(), "no DXF drawing"),
-        "cut late": (text[: text.rfind(third)].encode(), "no DXF drawing"),
-        "nan": (text.replace(third, "nan").encode(), "LINE .* a coordinate that is not finite"),
+        "empty": (b"", "not a DXF drawing"),
+        "words": (b"hello\nworld\n", "not a DXF drawing"),
+        "binary": (b"AutoCAD Binary DXF\r\n\x1a\0" + bytes(range(256)), "a binary file"),
+        "garbage": (np.random.default_rng(0).bytes(100_000), "a binary file|not a DXF"),
+        "high bytes": (b"\xff\xfe" * 50_000, "not a DXF drawing"),
+        "cut": (text[: len(text) // 2].encode(), "not a DXF drawing"),
+        "cut late": (text[: text.rfind(third)].encode(), "not a DXF drawing"),
+        "nan": (text.replace(third, "nan").encode(), "LINE .* a coordinate is not finite"),
         "infinite": (text.replace(third, "1e999").encode(), "not finite"),
         "far": (text.replace(third, "1e200").encode(), "coordinates beyond"),
-        "word": (text.replace(third, "far").encode(), "no DXF drawing"),
-        "code": (text.replace("AcDbLine\n 10\n", "AcDbLine\nten\n").encode(), "no DXF drawing"),
-        "deep": (b"  0\nSECTION\n" * 100_000, "no DXF drawing"),
+        "word": (text.replace(third, "far").encode(), "not a DXF drawing"),
+        "code": (text.replace("AcDbLine\n 10\n", "AcDbLine\nten\n").encode(), "not a DXF drawing"),
+        "deep": (b"  0\nSECTION\n" * 100_000, "not a DXF drawing"),
     }
 
 
@@ -307,11 +310,11 @@ NO_LINES = "has no lines or polylines in model space: "
     [
         (only_a_circle, {}, rf"{NO_LINES}0 POINT; CIRCLE \(1\), layer '0'"),
         (only_unseen, {}, rf"{NO_LINES}2 POINT; LINE \(1\), layer 'edge': off in the"),
-        (a_point, {}, r"net.dxf: LINE \w+ on layer '0': a line without length"),
+        (a_point, {}, r"net.dxf: LINE \w+ on layer '0': the line has no length"),
         (
             held_aside,
             {"supports": "held"},
-            r"POINT \w+ on layer 'held': a support that is .* m off",
+            r"POINT \w+ on layer 'held': a support, but .* m from the nearest",
         ),
         (None, {"supports": "feet"}, r"supports = 'feet': there is no POINT on this layer"),
         (None, {"largest": 1000}, "larger than 0 MB"),
@@ -340,4 +343,4 @@ def test_the_command_line_converts(tmp_path, monkeypatch, capsys):
     assert "net of 6 nodes, 6 links" in capsys.readouterr().out
     drawing(tmp_path / "bare.dxf", 0)
     assert main(["convert", "bare.dxf", *words, "--save", "x.json"]) == 2
-    assert "bare.dxf: $INSUNITS = 0" in capsys.readouterr().err
+    assert "($INSUNITS = 0); give metres per drawing unit" in capsys.readouterr().err

@@ -171,7 +171,7 @@ def test_what_opensees_cannot_do_is_refused(solved, tmp_path):
     assert int(failed.status) == 1
     hanging = jc.Catenaries(structure.elements.links, axial_stiffness=97.97e3)
     for name, of, result, options, message in (
-        (path, structure, failed, {}, "solution: has failed"),
+        (path, structure, failed, {}, "solution: the analysis has failed"),
         (tmp_path / "net.tcl", structure, solution, {}, r"ends with .py"),
         (path, structure, solution, {"steps": 0}, "steps = 0"),
         (path, jc.replace(structure, elements=hanging), solution, {}, "only Cables and Bars"),

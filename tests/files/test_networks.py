@@ -127,7 +127,7 @@ REFUSED = [  # data, and the message
     (of_net((X, "1.0")), f"{FINITE}, got '1.0'"),
     (of_net((X, None)), f"{FINITE}, got null"),
     (of_net((X, 1e308)), FINITE),
-    (of_net((X, float("nan"))), "NaN is no number"),
+    (of_net((X, float("nan"))), "NaN is not allowed"),
     (of_net(((*NODE, "0", "is_support"), "yes")), "is_support: expected true or false, got 'yes'"),
     (network(f="much"), "edge 0-1.f: expected a finite number"),
     (network(f=True), "edge 0-1.f: expected a finite number"),
@@ -140,10 +140,10 @@ REFUSED = [  # data, and the message
     (of_net((NODE, [1])), "node: expected an object"),
     (of_mesh(((*PAIRS, "(0, 1)"), [3.0])), "edgedata['(0, 1)']: expected an object of attributes"),
     (session(of_mesh((("data", "face"), {}))), "scene.data.items[0].data.face: the mesh has no fa"),
-    (POLYLINE, "no network or mesh of compas in it, but an object 'compas.geometry/Polyline'"),
+    (POLYLINE, "has no network or mesh of compas, but an object 'compas.geometry/Polyline'"),
     (
         {"type": "A", "features": []},
-        "no network or mesh of compas in it, but the fields type, feat",
+        "has no network or mesh of compas, but the fields type, feat",
     ),
 ]
 
@@ -335,12 +335,12 @@ def test_a_structure_alone_and_a_rope(tmp_path):
     assert "force_density" not in net.values and net.loads is None
     assert json.loads(path.read_text())["data"]["edge"]["1"]["3"]["group"] == "tie"
     twice = {**elements, "more": jc.Cables([[1, 0]], axial_stiffness=1.0)}
-    with pytest.raises(ValueError, match="two between the nodes 0 and 1"):
+    with pytest.raises(ValueError, match="two join nodes 0 and 1"):
         save_network(path, jc.replace(structure, elements=twice))
     with pytest.raises(ValueError, match=r"ends with \.json"):
         save_network(tmp_path / "net.obj", structure)
     held = jc.replace(structure, supports=jc.pinned([0, 2]) + jc.restrained([3], "y"))
-    words = r"support in some directions \(1\), node 3: nodes are"
+    words = r"support in some directions \(1\), node 3: in compas"
     with pytest.warns(jc.InputWarning, match=words):
         save_network(path, held)
     assert read_network(path).fixed[:, 0].tolist() == [True, False, True, False]
@@ -361,7 +361,10 @@ def test_a_mesh_comes_back(tmp_path):
     np.testing.assert_allclose(known, solution.tension[np.array(order)] / lengths, rtol=1e-15)
     for bad, message in (
         ([[0, 1, 2]], r"the link \[0, 3\] is no side of a face"),
-        ([[0, 1, 2], [1, 2, 3], [0, 2, 3]], r"the link \[1, 3\] of a face has no element"),
+        (
+            [[0, 1, 2], [1, 2, 3], [0, 2, 3]],
+            r"the link \[1, 3\] is the side of a face, but no element",
+        ),
         ([[0, 1, 9], [0, 2, 3]], r"faces\[0\] = \[0, 1, 9\]: the structure has nodes 0 to 3"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -416,5 +419,7 @@ def test_foreign_schemas_of_scenes_are_told(tmp_path, capsys):
         path.write_text(json.dumps({"$schema": schema, **data}))
         assert main(["info", str(path)]) == 0
         told = capsys.readouterr().err
-        assert (f"left out:\n  schema {schema} (1), $schema: is not that" in told) is is_told
+        assert (
+            f"left out:\n  schema {schema} (1), $schema: is not the schema of scene files" in told
+        ) is is_told
         assert bool(told) is is_told
