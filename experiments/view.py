@@ -103,7 +103,7 @@ PICTURES = [  # name, scene, its options, controls, what else is done, options o
     ("hypar", "hypar_net", {}, {"loads": True}, "", {}),
     ("mode", "hypar_net", {}, {"magnify": 50, "nodes": True}, "", {}),
     ("mast", "guyed_mast", {}, {"axes": True, "loads": True, "reactions": True}, "", {}),
-    ("dome", "geiger_dome", {}, {"colour": "tension"}, "", {}),
+    ("dome", "geiger_dome", {}, {"color": "tension"}, "", {}),
     ("bridge", "cable_stayed_bridge", {}, {"diagram": "My"}, "", {}),
     ("bridge_dark", "cable_stayed_bridge", {}, {"diagram": "N"}, "", {"color_scheme": "dark"}),
     ("catenary", "suspended_cable", {}, {"reactions": True}, "view.look('y')", {}),

@@ -11,6 +11,7 @@ from ..analysis.solution import Solution
 from ..common import status
 from ..elements.element import SECTION_FORCES
 from ..model.structure import Structure
+from ..plots.style import RENAMED_COLORS
 from . import derived, outputs
 from .analysed import shown
 from .guard import Refused, say
@@ -21,7 +22,7 @@ def run(options: Namespace) -> int | None:
     diagram = options.of in SECTION_FORCES.components
     for name in ("sequence", "magnify", "reactions"):
         if diagram and getattr(options, name):
-            raise Refused(f"--{name}: not of a diagram; give --of tension, or another colour")
+            raise Refused(f"--{name}: not of a diagram; give --of tension, or another color")
     if options.sequence and options.reactions:
         raise Refused("--reactions: not in a sequence")
     usual = derived.beside(options.scene, ".png")
@@ -33,11 +34,12 @@ def run(options: Namespace) -> int | None:
         same = {"structure": structure, "view": options.view}
         if diagram:
             return plots.diagram(solution, options.of, **same)
+        color = RENAMED_COLORS.get(options.of, options.of)
         magnify = 1.0 if options.magnify is None else options.magnify
         if options.sequence:
-            return plots.sequence(solution, None, magnify, colour=options.of, **same)
+            return plots.sequence(solution, None, magnify, color=color, **same)
         reactions = options.reactions
-        return plots.net(solution, None, magnify, colour=options.of, reactions=reactions, **same)
+        return plots.net(solution, None, magnify, color=color, reactions=reactions, **same)
 
     solution, figure = shown(options, draw)
     if figure is None:

@@ -307,12 +307,12 @@ class Net:
         gaps = [gap for gap in gaps if not fixed[gap.node].any()]
         if gaps:
             gap = min(gaps, key=lambda gap: gap.distance)
+            where = doubts.place(self.nodes[gap.node])
             raise ValueError(
                 f"anchors: {len(gaps)} of the ends touch, or nearly touch, another node or link, "
-                "which looks like a gap in the drawing: node "
-                f"{gap.node} at {doubts.place(self.nodes[gap.node])} is {1e3 * gap.distance:.3g} mm "
-                f"from {gap.other}; join them (larger tolerance, --tol; Net.split, --split), or list "
-                'the numbers of anchors beside "ends"'
+                f"which looks like a gap in the drawing: node {gap.node} at {where} is "
+                f"{1e3 * gap.distance:.3g} mm from {gap.other}; join them (larger tolerance, "
+                '--tol; Net.split, --split), or list the numbers of anchors beside "ends"'
             )
 
     def _require_joined(self, held):

@@ -5,8 +5,8 @@ and save it if they get a `path`. Notebooks show the figure if it is the last va
 not registered with pyplot: no figure stays open, no setting changes, no display is needed. For a
 window: ``pyplot.figure(figure); pyplot.show()`` (matplotlib 3.11).
 
-Pictures are legible at a width of 10 cm. Axes of geometry have equal scales. Colours can be
-distinguished by the colour-blind, and slack and compressed elements also differ by their lines.
+Pictures are legible at a width of 10 cm. Axes of geometry have equal scales. Colors can be
+distinguished by the color-blind, and slack and compressed elements also differ by their lines.
 """
 
 from .animation import animation

@@ -20,18 +20,19 @@ from .layout import arrange, settle
 from .members import Members, Scale, ghost, keys
 from .page import filled
 from .snapshots import Snapshots
-from .style import OVER, SLACK, colour_map
+from .style import OVER, SLACK, accepts_old_spelling, color_map
 from .views import choose
 
 _HOLD = 10  # how many times longer the last frame is shown
 
 
+@accepts_old_spelling
 def animation(
     solution: Solution,
     path: str | os.PathLike[str],
     *,
     magnify: float = 1.0,
-    colour: str = "tension",
+    color: str = "tension",
     structure: Structure | None = None,
     view: str | None = None,
     names: Sequence[str] | None = None,
@@ -41,7 +42,7 @@ def animation(
 ) -> Path:
     """Save the increments of all phases as moving pictures, in space or in their plane.
 
-    Limits of the axes and the colour scale are the same in all frames. With a `structure`, beams
+    Limits of the axes and the color scale are the same in all frames. With a `structure`, beams
     are bent and catenaries hang, as in `net`; catenaries are exact at the ends of phases, between
     them their distances from their chords are interpolated (in the first phase they are those of
     its end).
@@ -54,7 +55,7 @@ def animation(
     Options:
         magnify: factor on the displacement after the first phase (of a single phase, on its
             displacement).
-        colour, structure: as for `net`.
+        color, structure: as for `net`.
         view: "plan", "elevation" or "space"; default: elevation for a structure in a vertical
             plane, else space.
         names: names of the phases for the titles, one for each.
@@ -83,7 +84,7 @@ def animation(
         raise ValueError(f'path = {str(path)!r}: expected the suffix ".gif" or ".html"')
     if not rate > 0:
         raise ValueError(f"rate = {rate}: must be positive")
-    found = Snapshots(solution, structure, colour, names)
+    found = Snapshots(solution, structure, color, names)
     shots = found.increments(frames)
     start, single = shots[0].before(), len(solution.phases) == 1
     origin = start if single else found.after(0)
@@ -96,7 +97,7 @@ def animation(
 
 
 def _draw(found, start, shots, seen, everything, dpi):
-    """The frames as images with one palette, so that colours do not flicker."""
+    """The frames as images with one palette, so that colors do not flicker."""
     palette = Image.new("P", (1, 1))
     palette.putpalette(_palette())
     forces = [shot.forces for shot in shots]
@@ -136,9 +137,9 @@ def _gif(images, path, rate):
 
 
 def _palette():
-    """A palette of 256 colours, flat: greys, and colours of lines in four shades up to white."""
+    """A palette of 256 colors, flat: greys, and colors of lines in four shades up to white."""
     lines = np.concatenate(
-        [colour_map()(np.linspace(0, 1, 53))[:, :3], *([to_rgb(c)] for c in (SLACK, OVER))]
+        [color_map()(np.linspace(0, 1, 53))[:, :3], *([to_rgb(c)] for c in (SLACK, OVER))]
     )
     grey = np.linspace(0.0, 1.0, 36)[:, None] * np.ones(3)
     faded = [1.0 - part * (1.0 - lines) for part in (1.0, 0.75, 0.5, 0.25)]

@@ -195,7 +195,7 @@ def _edges(axes, series):
         if failed.any():
             keys["failed"] = grey | cross
         if exact.any():
-            keys["no error at all"] = {"marker": "o"} | grey | _OPEN
+            keys["zero error"] = {"marker": "o"} | grey | _OPEN
     return [Line2D([], [], label=name, **keys[name]) for name in sorted(keys)]
 
 

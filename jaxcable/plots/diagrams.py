@@ -35,7 +35,7 @@ _APART = 0.12  # distance of written values over the extent
 _NOTHING = 1e-9  # value over the largest force, or moment, up to which it is rounding
 _LEAST = 0.05  # of the largest value: less is not written
 _MOMENTS = "T", "My", "Mz"
-_COLOURS = {"positive": SERIES[0], "negative": SERIES[1]}
+_COLORS = {"positive": SERIES[0], "negative": SERIES[1]}
 
 
 def diagram(
@@ -178,13 +178,13 @@ class Diagrams:
         """Legend entries of the signs that occur."""
         signed = (("positive", 1.0), ("negative", -1.0))
         return [
-            Patch(color=_COLOURS[name], alpha=0.6, label=f"{self.of} {name}")
+            Patch(color=_COLORS[name], alpha=0.6, label=f"{self.of} {name}")
             for name, sign in signed
             if any((sign * each.values > each.least).any() for each in self._along)
         ]
 
     def bar(self) -> tuple[None, str]:
-        """No colour bar, and no label."""
+        """No color bar, and no label."""
         return None, ""
 
 
@@ -248,7 +248,7 @@ class _Along:
         mean = 0.5 * (self.values[:, :-1] + self.values[:, 1:])
         for sign, alike in (("positive", mean > self.least), ("negative", mean < -self.least)):
             if alike.any():
-                look: Any = {"facecolors": _COLOURS[sign], "edgecolors": "none", "alpha": 0.6}
+                look: Any = {"facecolors": _COLORS[sign], "edgecolors": "none", "alpha": 0.6}
                 axes.add_collection(area(quads[alike], zorder=2, **look), autolim=False)
 
 

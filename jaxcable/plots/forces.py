@@ -1,4 +1,4 @@
-"""Forces of all elements at one instant, and the values that colour them."""
+"""Forces of all elements at one instant, and the values that color them."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ _NOTHING = 1e-9  # compression over the largest force up to which it is rounding
 
 
 class Forces:
-    """Forces of all elements at one instant, group after group, and the values that colour them.
+    """Forces of all elements at one instant, group after group, and the values that color them.
 
     Args:
         told: what elements tell, by name, each in the shape of the elements, as of `Results.told`.
         parts: element groups, or the parts of a `Topology`.
         structure: `Structure`, or None; it says which elements are cables.
-        colour: "tension", "utilisation", or the label of another `parts.Column`.
+        color: "tension", "utilization", or the label of another `parts.Column`.
 
     Attributes:
         tension: axial forces of all elements, [n_elem], N; NaN for groups without them.
         present: which elements are there, [n_elem] bool.
         slack, compressed: which elements are slack, and which in compression, [n_elem] bool.
-        value: values that colour the elements, [n_elem]; NaN where they are not known.
-        colour, unit: name and unit of these values.
+        value: values that color the elements, [n_elem]; NaN where they are not known.
+        color, unit: name and unit of these values.
 
     Raises:
-        ValueError: the colour is "utilisation", and there is no structure, or no strength.
+        ValueError: the color is "utilization", and there is no structure, or no strength.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class Forces:
         told: Mapping[str, Any],
         parts: Sequence[Element | Part],
         structure: Structure | None = None,
-        colour: str = "tension",
+        color: str = "tension",
     ):
         self.tension = joined(told.get("tension"), parts)
         self.present = joined(told.get(PRESENT.name), parts, 1.0) > 0
@@ -55,23 +55,23 @@ class Forces:
             self.slack = np.concatenate([slack_cables(*each) for each in found])
         largest = np.nanmax(np.abs(self.tension), initial=0.0)
         self.compressed = ~self.slack & (self.tension < -_NOTHING * largest)
-        if colour == "utilisation":
-            column = _utilisation(structure, told)
+        if color == "utilization":
+            column = _utilization(structure, told)
         else:
             labelled = {each.label: each for each in columns(parts, told)}
-            column = labelled.get(colour, Column(colour, "N", [None] * len(parts)))
+            column = labelled.get(color, Column(color, "N", [None] * len(parts)))
         self.value = np.where(self.present, joined(column.values, parts), np.nan)
-        self.colour, self.unit = colour, column.unit
+        self.color, self.unit = color, column.unit
 
 
 def results(
     told: Mapping[str, Any], parts: Sequence[Element | Part], structure: Structure | None
 ) -> list[Column]:
-    """Results of all elements, see `columns`, with utilisation and the largest moments of beams."""
+    """Results of all elements, see `columns`, with utilization and the largest moments of beams."""
     found = columns(parts, {name: tree for name, tree in told.items() if name != PRESENT.name})
     if structure is not None:
         try:
-            found.append(_utilisation(structure, told))
+            found.append(_utilization(structure, told))
         except ValueError:  # no group has a strength
             pass
     forces = leaves(told.get("section_forces"), len(parts))
@@ -106,12 +106,12 @@ def joined(
     )
 
 
-def _utilisation(structure, told):
-    """Utilisation as a `Column`; ValueError without a structure, or if no group has a strength."""
+def _utilization(structure, told):
+    """Utilization as a `Column`; ValueError without a structure, or if no group has a strength."""
     if structure is None:
-        raise ValueError('structure: needed for colour = "utilisation"; the strengths are in it')
+        raise ValueError('structure: needed for color = "utilization"; the strengths are in it')
     used = design.utilization(structure, told.get("peak_tension", told.get("tension")))
-    return Column("utilisation", "-", leaves(used, len(structure.groups)))
+    return Column("utilization", "-", leaves(used, len(structure.groups)))
 
 
 def _extreme(values):

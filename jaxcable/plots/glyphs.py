@@ -20,7 +20,7 @@ _ON = 0.9  # cosine between an arrow and an element from which on one lies on th
 _AXIS = 0.05  # length of the axes of a section over the extent of the structure, at most
 _AXIS_SHARE = 0.4  # and over the length of the beam
 _SMALL = 1e-9  # force over the largest one up to which it is not drawn
-HELD = (("s", INK, "clamped"), ("^", INK, "pinned"), ("^", "white", "held in part"))
+HELD = (("s", INK, "clamped"), ("^", INK, "pinned"), ("^", "white", "partially supported"))
 """Mark, filling and name of the kinds of supports."""
 
 
@@ -84,7 +84,7 @@ class Arrows:
     most `_SHARE` of its size in every direction of the picture.
 
     Args:
-        name: name in the legend.
+        name: what a force is, for the legend: "load" or "reaction".
         forces: forces on all nodes, [n_node, 3], N.
         positions: positions of all nodes, [n_node, 3], m.
         view: `View` of the picture.
@@ -114,7 +114,7 @@ class Arrows:
     ):
         forces = np.asarray(forces)
         size = np.linalg.norm(forces, axis=1)
-        self.name, self.colour = name, LOAD if push else REACTION
+        self.name, self.color = name, LOAD if push else REACTION
         self.largest = float(size.max(initial=0.0))
         node = np.flatnonzero(size > _SMALL * self.largest)
         self.count = len(node)
@@ -140,16 +140,16 @@ class Arrows:
         for which, order in ((self.under, 1.5), (~self.under, 6)):
             if which.any():
                 parts = *tails[which].T, *vectors[which].T
-                axes.quiver(*parts, color=self.colour, zorder=order, **look)
+                axes.quiver(*parts, color=self.color, zorder=order, **look)
 
     def keys(self) -> list[Line2D]:
         """The legend entry, with the force of the longest arrow; an empty list without arrows."""
         if not len(self.tails):
             return []
-        label = f"{self.name}, longest {force_text(self.largest)}"
+        label = f"largest {self.name} {force_text(self.largest)}"
         if len(self.tails) < self.count:
             label += f", {len(self.tails)} of {self.count} drawn"
-        look: dict[str, Any] = {"color": self.colour, "marker": "$\\rightarrow$", "markersize": 14}
+        look: dict[str, Any] = {"color": self.color, "marker": "$\\rightarrow$", "markersize": 14}
         return [Line2D([], [], linestyle="", label=label, **look)]
 
 
@@ -226,20 +226,20 @@ def draw_section_axes(
 ) -> None:
     """Draw the axes x, y and z of sections, see `axis_tips`; a dot for those seen end on."""
     feet = view.project(middles)
-    for k, colour in enumerate(AXES):
+    for k, color in enumerate(AXES):
         lines = np.stack([feet, view.project(tips[:, k])], axis=1)
         seen = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1)
         on_end = seen < 0.1 * np.linalg.norm(tips[:, k] - middles, axis=1)
-        view.add_lines(axes, lines[~on_end], colors=colour, linewidths=1.2, zorder=7)
+        view.add_lines(axes, lines[~on_end], colors=color, linewidths=1.2, zorder=7)
         if on_end.any():
-            axes.plot(*feet[on_end].T, ".", color=colour, markersize=3, zorder=8)
+            axes.plot(*feet[on_end].T, ".", color=color, markersize=3, zorder=8)
 
 
 def section_axis_keys() -> list[Line2D]:
     """Legend entries of the axes of sections."""
     return [
-        Line2D([], [], color=colour, linewidth=1.6, label=f"section's {name}")
-        for name, colour in zip("xyz", AXES, strict=True)
+        Line2D([], [], color=color, linewidth=1.6, label=f"section's {name}")
+        for name, color in zip("xyz", AXES, strict=True)
     ]
 
 

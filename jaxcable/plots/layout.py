@@ -1,4 +1,4 @@
-"""Layout of pictures of a structure: axes, colour bar and legend, measured so that they fit."""
+"""Layout of pictures of a structure: axes, color bar and legend, measured so that they fit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .views import View
 Slots: TypeAlias = "Sequence[tuple[float, float, float, float]]"
 
 _GAP = 0.1  # inches, around everything
-_BAR = 0.68  # inches, height of the colour bar with its numbers and label
+_BAR = 0.68  # inches, height of the color bar with its numbers and label
 _TITLE = 0.25  # inches, height of a title
 _ROUNDS = 3
 """Rounds of measuring and placing: labels keep their size when axes change theirs."""
@@ -81,12 +81,12 @@ def settle(
     handles: Sequence[Any],
     columns: int | None = None,
 ) -> None:
-    """Put the axes of a figure into their slots, and colour bar and legend below them.
+    """Put the axes of a figure into their slots, and color bar and legend below them.
 
     Args:
         figure, slots: results of `arrange`; the figure has one axes per slot.
-        mappable: lines whose colours the colour bar explains; None for no colour bar.
-        label: label of the colour bar.
+        mappable: lines whose colors the color bar explains; None for no color bar.
+        label: label of the color bar.
         handles: legend entries.
         columns: in a row of flat axes, which get one size; None to fill every slot alone.
     """

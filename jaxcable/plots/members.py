@@ -16,33 +16,33 @@ from ..common.types import Bool
 from .forces import Forces
 from .shapes import Links, chosen, lines
 from .snapshots import Snapshot, Snapshots
-from .style import GHOST, INK, SLACK, colour_map, force_unit
+from .style import GHOST, INK, SLACK, color_map, force_unit
 from .views import View
 
 DASHES = (0, (3, 1.5))
 _NOTHING = 1e-9  # compression over the largest force up to which it is rounding
-_REACHED = 1e-6  # utilisation above 1 up to which the strength is reached, and not exceeded
+_REACHED = 1e-6  # utilization above 1 up to which the strength is reached, and not exceeded
 
 
 class Scale:
-    """The colour scale that several states share.
+    """The color scale that several states share.
 
     Attributes:
-        factor: factor from the values to the numbers on the colour bar.
-        label: label of the colour bar, with unit.
-        look: colour map and norm, for collections.
+        factor: factor from the values to the numbers on the color bar.
+        label: label of the color bar, with unit.
+        look: color map and norm, for collections.
     """
 
     def __init__(self, forces: Sequence[Forces]):
-        colour = forces[0].colour
+        color = forces[0].color
         values = np.concatenate([f.value for f in forces])
         values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
         low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
-        cmap: Any = colour_map()
-        if colour == "utilisation":
-            # the bar is from 0 to 100 % whatever occurs; what is more has another colour, said
+        cmap: Any = color_map()
+        if color == "utilization":
+            # the bar is from 0 to 100 % whatever occurs; what is more has another color, named
             # with a margin for rounding: a force that has been brought to the strength is not over
-            self.factor, self.label = 100.0, "force over strength (%)"
+            self.factor, self.label = 100.0, "utilization: force / breaking force (%)"
             if high > 1.0 + _REACHED:
                 cmap.colorbar_extend = "max"
                 self.label += f", largest {100 * high:.{4 if high > 1.01 else 6}g} %"
@@ -53,8 +53,8 @@ class Scale:
                 self.factor, kilo = force_unit(max(abs(low), abs(high)))
                 unit = kilo + unit[1:]
             signed = ", tension positive" if low < -_NOTHING * max(abs(low), abs(high)) else ""
-            name = colour.replace("_", " ")
-            if colour == "tension":
+            name = color.replace("_", " ")
+            if color == "tension":
                 name = "axial force" if signed else "tension"
             else:
                 signed = ""
@@ -73,7 +73,7 @@ class Members:
         axes: axes to draw in.
         view: `View` of these axes.
         found: `Snapshots`, which know the pieces and the faces of elements.
-        scale: `Scale` of the colours.
+        scale: `Scale` of the colors.
     """
 
     def __init__(
@@ -154,10 +154,12 @@ def keys(forces: Sequence[Forces], before: bool = False, counted: bool = True) -
         found.append(Line2D([], [], color=SLACK, linewidth=1.6, linestyle=DASHES, label=label))
     if any(f.compressed.any() for f in forces):
         cased = [Stroke(linewidth=4.4, foreground="black"), Normal()]
-        middle = colour_map()(0.5)
+        middle = color_map()(0.5)
         label = "compression"
         found.append(Line2D([], [], color=middle, linewidth=2.0, path_effects=cased, label=label))
     if any((np.isnan(f.value) & np.isfinite(f.tension) & f.present).any() for f in forces):
-        what = "strength not stated" if forces[0].colour == "utilisation" else "without this result"
+        what = (
+            "no breaking force given" if forces[0].color == "utilization" else "without this result"
+        )
         found.append(Line2D([], [], color="0.6", linewidth=2.0, label=what))
     return found

@@ -16,18 +16,19 @@ from .glyphs import Arrows, draw_section_axes, draw_supports, section_axis_keys,
 from .layout import arrange, settle
 from .members import Members, Scale, ghost, keys
 from .snapshots import Snapshot, Snapshots
-from .style import finish
+from .style import accepts_old_spelling, finish
 from .views import choose
 
 _ROUND = (5.0, 2.0, 1.0)  # round factors are powers of ten times these
 
 
+@accepts_old_spelling
 def net(
     solution: Solution,
     path: str | os.PathLike[str] | None = None,
     magnify: float | None = 1.0,
     *,
-    colour: str = "tension",
+    color: str = "tension",
     structure: Structure | None = None,
     state: State | None = None,
     phase: int | None = None,
@@ -38,7 +39,7 @@ def net(
     reactions: bool = False,
     axes: bool = False,
 ) -> Figure:
-    """Draw a structure in plan before and in space after loading, coloured by tension.
+    """Draw a structure in plan before and in space after loading, colored by tension.
 
     A structure that lies in a vertical plane, or is higher than half its width, is drawn in an
     elevation instead of plan; a plane structure also after loading. Slack cables are dashed,
@@ -59,8 +60,8 @@ def net(
             differ from their chords by as much as at its end, not magnified.
 
     Options:
-        colour: values that colour elements: "tension" (of catenaries the mean of both ends; the
-            first result of elements if none has a tension); "utilisation", the largest force along
+        color: values that color elements: "tension" (of catenaries the mean of both ends; the
+            first result of elements if none has a tension); "utilization", the largest force along
             an element over its breaking strength, which needs `structure`, from 0 to 100 % and red
             above; or another name in ``solution.told``, followed by those of a place and of a
             component if the result has several: ``skin_stress top xx``.
@@ -100,7 +101,7 @@ def net(
     """
     if axes and structure is None:
         raise ValueError("structure: needed for axes; the beams are in it")
-    found = Snapshots(solution, structure, colour, names)
+    found = Snapshots(solution, structure, color, names)
     shown = found.state(state, phase)
     stages = _stages(found, shown, magnify)
     views = _views(stages, view)
@@ -163,7 +164,7 @@ def _stages(found, state, magnify):
     factor = magnify
     if factor is None:
         factor = round_factor(end.change(origin), np.concatenate([end.positions, end.start]))
-    title += "" if factor == 1 else f", deflection x {factor:g}"
+    title += "" if factor == 1 else f", displacements x {factor:g}"
     return [before, Stage(title, end.magnified(origin, factor), origin)]
 
 
@@ -187,7 +188,7 @@ def _views(stages, view):
 def _arrows(snapshot, shown, view, links, loads, reactions):
     """`Arrows` of the kinds that are asked for."""
     pairs = links[0][snapshot.forces.present[links[1]]]
-    asked = ("loads", shown.load, loads, True), ("reactions", shown.reactions, reactions, False)
+    asked = ("load", shown.load, loads, True), ("reaction", shown.reactions, reactions, False)
     return [
         Arrows(name, forces, snapshot.positions, view, snapshot.points(), pairs, push)
         for name, forces, wanted, push in asked

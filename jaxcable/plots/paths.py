@@ -82,11 +82,11 @@ def path(
             axes.plot(*line, style, color=SERIES[0], linewidth=1.6, label=known)
     events = getattr(traced, "events", None)
     for number in () if events is None else np.unique(np.asarray(events.kind)):
-        mark, colour = _MARKS[int(number)]
+        mark, color = _MARKS[int(number)]
         alike = np.asarray(events.kind) == number
         at = sign * np.asarray(events.displacement)[alike, node, "xyz".index(name)]
         heights = scale * np.asarray(events.load_factor)[alike]
-        axes.plot(at, heights, mark, color=colour, markersize=6, label=NAMES[int(number)])
+        axes.plot(at, heights, mark, color=color, markersize=6, label=NAMES[int(number)])
     axes.axhline(0.0, color="0.6", linewidth=0.7)
     axes.grid(color=GRID)
     axes.set(

@@ -24,7 +24,7 @@ def section(
     scale: float = 1e-6,
     unit: str = "N/mm2",
 ) -> Figure:
-    """Draw the fibres of a cross-section, coloured by stress, or by law if no stress is given.
+    """Draw the fibres of a cross-section, colored by stress, or by law if no stress is given.
 
     Args:
         section: `Section` with a mesh.
@@ -63,12 +63,12 @@ def section(
         figure.colorbar(cells, ax=axes, label=f"stress ({unit}), tension positive")
     else:
         number = np.repeat(np.arange(len(section.counts)), section.counts)
-        colours = matplotlib.colormaps["viridis"](
+        colors = matplotlib.colormaps["viridis"](
             np.linspace(0.15, 0.85, max(len(section.counts), 2))
         )
-        axes.add_collection(PolyCollection(corners, facecolors=colours[number], **edges))
+        axes.add_collection(PolyCollection(corners, facecolors=colors[number], **edges))
         names = [f"{k + 1}: {type(law).__name__}" for k, law in enumerate(section.laws)]
-        handles = [Patch(color=c, label=n) for c, n in zip(colours, names, strict=False)]
+        handles = [Patch(color=c, label=n) for c, n in zip(colors, names, strict=False)]
         below(axes, columns=3, handles=handles)
     axes.axhline(0.0, color="0.3", linewidth=0.7, linestyle=":")
     axes.axvline(0.0, color="0.3", linewidth=0.7, linestyle=":")

@@ -18,7 +18,7 @@ from .layout import arrange, settle
 from .members import Members, Scale, ghost, keys
 from .nets import Stage
 from .snapshots import Snapshots
-from .style import SIZE, finish
+from .style import SIZE, accepts_old_spelling, finish
 from .views import choose
 
 _HIGH = 0.15  # length of the largest value of a diagram over the extent of the structure
@@ -28,12 +28,13 @@ _LEAST = 0.1  # of the largest value of all: less is not written
 _WIDE = 0.7  # height over width up to which pictures stand in two columns; in three if higher
 
 
+@accepts_old_spelling
 def sequence(
     solution: Solution,
     path: str | os.PathLike[str] | None = None,
     magnify: float = 1.0,
     *,
-    colour: str = "tension",
+    color: str = "tension",
     diagram: str | None = None,
     high: float = _HIGH,
     structure: Structure | None = None,
@@ -42,7 +43,7 @@ def sequence(
     columns: int | None = None,
     supports: bool = True,
 ) -> Figure:
-    """Draw the end of every phase: one small picture each, in the same scales and colours.
+    """Draw the end of every phase: one small picture each, in the same scales and colors.
 
     Only elements that are there are drawn. Behind them, thin and dashed, is the end of the phase
     before, with the elements that are in both. With a `structure`, catenaries hang and beams are
@@ -57,9 +58,9 @@ def sequence(
             their chords by as much as they do, not magnified.
 
     Options:
-        colour, structure: as of `net`.
+        color, structure: as of `net`.
         diagram: "N", "Vy", "Vz", "T", "My" or "Mz": draw this section force on the beams instead of
-            colours, as `diagram` does, in one scale for all phases.
+            colors, as `diagram` does, in one scale for all phases.
         high: length of the largest value of a `diagram` over the extent of the structure.
         view: "plan", "elevation" or "space"; default elevation of a structure that lies in a
             vertical plane or is higher than half its width, else plan.
@@ -81,7 +82,7 @@ def sequence(
     >>> [axes.get_title() for axes in figure.axes[:2]]
     ['prestress', 'loads']
     """
-    found = Snapshots(solution, structure, colour, names)
+    found = Snapshots(solution, structure, color, names)
     stages = _stages(found, magnify)
     everything = np.concatenate([stage.points() for stage in stages])
     seen = choose(everything, view)
@@ -113,7 +114,7 @@ def sequence(
     if supports:
         handles += support_keys(np.any(held, axis=0))
     if magnify != 1.0:
-        handles.append(Line2D([], [], linestyle="", label=f"deflection x {magnify:g}"))
+        handles.append(Line2D([], [], linestyle="", label=f"displacements x {magnify:g}"))
     bar, label = content.bar()
     settle(figure, slots, bar, label, handles, columns if seen.flat else None)
     for text in (text for axes in figure.axes for text in axes.texts):  # the numbers of diagrams
@@ -137,7 +138,7 @@ def _stages(found, magnify):
 
 
 class _Members:
-    """The pictures of a sequence with elements in colours, as `Diagrams` are those of a force."""
+    """The pictures of a sequence with elements in colors, as `Diagrams` are those of a force."""
 
     def __init__(self, stages, found, view):
         self.stages, self.found, self.view = stages, found, view
@@ -156,5 +157,5 @@ class _Members:
         return keys([stage.now.forces for stage in self.stages], moved, False)
 
     def bar(self):
-        """What the colour bar explains, and its label."""
+        """What the color bar explains, and its label."""
         return self.lines.taut, self.scale.label

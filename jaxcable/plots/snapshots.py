@@ -121,18 +121,18 @@ class Snapshots:
     Args:
         solution: `Solution` of one case.
         structure: `Structure` that was analysed, or None.
-        colour: values that colour elements, as of `net`.
+        color: values that color elements, as of `net`.
         names: of the phases, or None.
         places: places along every curve.
 
     Attributes:
-        colour: `colour`, or the first result of elements if it is "tension" and none has a tension.
+        color: `color`, or the first result of elements if it is "tension" and none has a tension.
         parts: of the elements.
         links: node numbers of all pieces, [n_piece, 2], and the element of each piece.
         faces: node numbers around all faces, [n_face, 4], and the element of each face.
 
     Raises:
-        ValueError: a batch, an unknown colour, the links of another structure, or another number of
+        ValueError: a batch, an unknown color, the links of another structure, or another number of
             names than of phases.
     """
 
@@ -140,14 +140,14 @@ class Snapshots:
         self,
         solution: Solution,
         structure: Structure | None = None,
-        colour: str = "tension",
+        color: str = "tension",
         names: Sequence[str] | None = None,
         places: int = PLACES,
     ):
         self.solution, self.structure, self.names = solution, structure, names
         refuse_batch(solution)
         self.parts = solution.last.topology.parts
-        self.colour = _colour(self.parts, solution, colour)
+        self.color = _color(self.parts, solution, color)
         _require_links(solution, structure)
         if names is not None and len(names) != len(solution.phases):
             raise ValueError(f"names: {len(names)} of them, but {len(solution.phases)} phases")
@@ -206,7 +206,7 @@ class Snapshots:
 
     def _snapshot(self, place, moved, told, curves, end):
         """A `Snapshot` at a place: phase, increment, load factor."""
-        forces = Forces(told, self.parts, self.structure, self.colour)
+        forces = Forces(told, self.parts, self.structure, self.color)
         fixed = self.solution.last.fixed[place[0] + 1].array[: len(moved)]
         within = self._shapes.start, moved, told, forces, fixed, self._rotates, curves, end
         return Snapshot(*place, *within)
@@ -216,18 +216,18 @@ class Snapshots:
         solution = self.solution
         if phase is not None:
             if state is not None:
-                raise ValueError("state, phase: give one of them")
+                raise ValueError("state, phase: give only one of them")
             return self._state_after(phase)
         if state is None:
             if int(solution.status) != 0:
                 raise ValueError(
-                    "solution: has failed; draw its last converged state, "
-                    "state=solution.last, or call raise_if_failed"
+                    "solution: the analysis failed (raise_if_failed says why); draw its last "
+                    "converged state with state=solution.last"
                 )
             return solution.last
         if not hasattr(state, "load_factor") or not np.isfinite(np.asarray(state.positions)).all():
             path = hasattr(state, "path")
-            hint = "; of one of its phases give the number, phase=..." if path else ""
+            hint = "; for the end of one of its phases give phase=..." if path else ""
             raise ValueError(
                 f"state: expected a State with finite positions, such as solution.last{hint}"
             )
@@ -242,7 +242,9 @@ class Snapshots:
             raise ValueError(f"phase = {phase}: the solution has phases 0 to {count - 1}")
         number = range(count)[phase]
         if int(self.solution.phases[number].status) != 0:
-            raise ValueError(f"phase = {phase}: has not converged; draw state=solution.last")
+            raise ValueError(
+                f"phase = {phase}: has not converged; draw the last state with state=solution.last"
+            )
         return self._shapes.state_after(number)
 
     def title(self, phase: int, state: State | None = None) -> str:
@@ -282,20 +284,20 @@ def refuse_batch(solution: Solution) -> None:
     """Raise ValueError for a batch: a picture shows one analysis."""
     if np.ndim(solution.status) != 0:
         raise ValueError(
-            "solution: is a batch; draw one of it, jax.tree.map(lambda a: a[k], solution)"
+            "solution: is a batch; draw one analysis of it, jax.tree.map(lambda a: a[k], solution)"
         )
 
 
-def _colour(parts, solution, colour):
-    """The name of the values that colour elements, checked; see `Snapshots`."""
+def _color(parts, solution, color):
+    """The name of the values that color elements, checked; see `Snapshots`."""
     told = columns(parts, solution.last.told)
     names = [column.label for column in told if any(x is not None for x in column.values)]
-    if colour == "tension" and names and "tension" not in names:
-        colour = names[0]
-    if colour not in ("tension", "utilisation", *names):
-        expected = ", ".join(f'"{name}"' for name in dict.fromkeys((*names, "utilisation")))
-        raise ValueError(f"colour = {colour!r}: expected one of {expected}")
-    return colour
+    if color == "tension" and names and "tension" not in names:
+        color = names[0]
+    if color not in ("tension", "utilization", *names):
+        expected = ", ".join(f'"{name}"' for name in dict.fromkeys((*names, "utilization")))
+        raise ValueError(f"color = {color!r}: expected one of {expected}")
+    return color
 
 
 def _require_links(solution, structure):
@@ -304,4 +306,4 @@ def _require_links(solution, structure):
         return
     given, solved = ([g.links.array for g in structure.groups], [l.array for l in solution.links])
     if len(given) != len(solved) or not all(map(np.array_equal, given, solved)):
-        raise ValueError("structure: its links are not those of the solution")
+        raise ValueError("structure: has other links than the one that was analysed")

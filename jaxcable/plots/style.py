@@ -1,12 +1,14 @@
-"""What all pictures share: the figure, sizes of text, colours, units of force."""
+"""What all pictures share: the figure, sizes of text, colors, units of force."""
 
 from __future__ import annotations
 
+import functools
 import io
 import os
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import matplotlib
 import numpy as np
@@ -27,7 +29,7 @@ SIZE = 9.5
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKS = ("o", "s", "^", "D", "v", "P", "X")
 STYLES = ("-", "--", "-.", ":")
-"""Line styles; several series differ in colour (Okabe and Ito), mark and line style."""
+"""Line styles; several series differ in color (Okabe and Ito), mark and line style."""
 
 SLACK = "#D55E00"
 GHOST = "0.72"
@@ -35,13 +37,40 @@ INK = "0.1"
 LOAD = "#000000"
 REACTION = "#CC79A7"
 OVER = "#E8002A"
-"""Colour of values above a scale: bright, and in no part of the colour map."""
+"""Color of values above a scale: bright, and in no part of the color map."""
 AXES = ("#E69F00", "#56B4E9", "#0072B2")
-"""Colours of the axes x, y and z of sections."""
+"""Colors of the axes x, y and z of sections."""
 GRID = "0.9"
 FAILED = {"linestyle": "", "marker": "X", "color": "#D55E00", "markersize": 7, "zorder": 5}
 """Marks of failed increments, steps and trials."""
 LEGEND = {"frameon": False, "columnspacing": 1.4, "handletextpad": 0.6}
+
+
+RENAMED_COLORS = {"utilisation": "utilization"}
+"""Values of `color` by what they were called before; both are taken until the next release."""
+
+Draw = TypeVar("Draw", bound=Callable[..., Any])
+
+
+def accepts_old_spelling(draw: Draw) -> Draw:
+    """Let a function with an argument `color` take its old spellings, with a DeprecationWarning.
+
+    They are the keyword ``colour``, and the values in `RENAMED_COLORS`.
+    """
+
+    @functools.wraps(draw)
+    def translated(*args, **options):
+        if "colour" in options and "color" not in options:
+            warnings.warn("colour is called color now", DeprecationWarning, stacklevel=2)
+            options["color"] = options.pop("colour")
+        old = options.get("color")
+        if isinstance(old, str) and old in RENAMED_COLORS:
+            options["color"] = RENAMED_COLORS[old]
+            text = f"color = {old!r} is called {options['color']!r} now"
+            warnings.warn(text, DeprecationWarning, stacklevel=2)
+        return draw(*args, **options)
+
+    return translated  # type: ignore[return-value]  # of the same signature
 
 
 class Picture(Figure):
@@ -106,13 +135,13 @@ def save(figure: Figure, path: str | os.PathLike[str], dpi: float) -> None:
         figure.savefig(stream, format=kind, dpi=dpi, metadata=metadata)
 
 
-def colour_map() -> Colormap:
+def color_map() -> Colormap:
     """Viridis without its brightest end, invisible on white; grey where there is no value.
 
-    What is above the scale has the colour `OVER`.
+    What is above the scale has the color `OVER`.
     """
-    colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.92, 256))
-    return ListedColormap(colours).with_extremes(bad="0.6", over=OVER)
+    colors = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.92, 256))
+    return ListedColormap(colors).with_extremes(bad="0.6", over=OVER)
 
 
 def force_unit(largest: float) -> tuple[float, str]:
@@ -147,7 +176,7 @@ def below(
 
 
 def series_style(k: int) -> dict[str, Any]:
-    """Colour, mark and line style of series number `k`."""
+    """Color, mark and line style of series number `k`."""
     return {
         "color": SERIES[k % len(SERIES)],
         "marker": MARKS[k % len(MARKS)],

@@ -20,19 +20,20 @@ from .diagrams import along_beams
 from .forces import joined, results
 from .page import Arrays, Page, write
 from .snapshots import Snapshots
-from .style import LOAD, REACTION, SLACK, colour_map
+from .style import LOAD, REACTION, SLACK, accepts_old_spelling, color_map
 from .views import choose
 
 _PLACES = 17  # along hanging cables, ends included
 _DIAGRAM = 13  # along beams, of their section forces
 
 
+@accepts_old_spelling
 def view(
     solution: Solution,
     path: str | os.PathLike[str] | None = "net.html",
     *,
     structure: Structure | None = None,
-    colour: str = "tension",
+    color: str = "tension",
     title: str = "jaxcable",
     names: Sequence[str] | None = None,
     frames: int = 40,
@@ -58,8 +59,8 @@ def view(
 
     Options:
         structure: the `Structure` that was analysed. Without it every element is straight, there
-            is no utilisation, and elements with zero tension are drawn as slack.
-        colour: values that colour elements at first, as for `net`; the page offers the others.
+            is no utilization, and elements with zero tension are drawn as slack.
+        color: values that color elements at first, as for `net`; the page offers the others.
         title: title of the page.
         names: names of the phases, one for each, as of `net`.
         frames: largest number of increments in the page, taken evenly from all of them; the ends
@@ -87,7 +88,7 @@ def view(
     if path is not None and Path(path).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f'path = {str(path)!r}: expected the suffix ".html"')
     _require_solution(solution)
-    found = Snapshots(solution, structure, colour, names, _PLACES)
+    found = Snapshots(solution, structure, color, names, _PLACES)
     shots = found.increments(frames, ends=True)
     arrays = Arrays()
     told: dict[str, Any] = {"title": title, "note": _note(solution)}
@@ -97,7 +98,7 @@ def view(
     _put_curves(arrays, found, shots)
     _put_results(told, arrays, found, shots)
     _put_nodes(arrays, shots)
-    told["colours"] = _colours()
+    told["colors"] = _colors()
     return write(title, told, arrays, path)
 
 
@@ -107,11 +108,11 @@ def _require_solution(solution):
         return
     more = ""
     if isinstance(solution, State):
-        more = "; pass the solution whose state it is, its slider ends at solution.last"
+        more = "; pass the solution that the state belongs to: its slider ends at solution.last"
     elif isinstance(solution, Increments):
         more = (
-            "; of a traced path pass solve(structure, phases) up to a load factor on it, failed or"
-            " not, and draw the path itself by plots.path"
+            "; draw a traced path by plots.path, or pass the solution of the phases up to a load "
+            "factor on it, failed or not"
         )
     raise ValueError(f"solution: expected a Solution, got {type(solution).__name__}{more}")
 
@@ -121,7 +122,9 @@ def _note(solution):
     if int(solution.status) != status.OK:
         last = solution.last
         where = f"phase {int(last.phase) + 1}, load factor {float(last.load_factor):.3g}"
-        return f"Not to the end: {status.describe(solution.status)}. Shown up to {where}."
+        return (
+            f"The analysis did not finish: {status.describe(solution.status)}. Shown up to {where}."
+        )
     if solution.stable is not None and not bool(solution.stable):
         # of an unsymmetric tangent the symmetric part is judged, which proves nothing
         return "The equilibrium at the end is unstable, or not known to be stable."
@@ -195,7 +198,7 @@ def _put_results(told, arrays, found, shots):
         {"label": label, "unit": unit, "array": f"column {k}"}
         for k, (label, (unit, _)) in enumerate(columns.items())
     ]
-    told["colour"] = found.colour if found.colour in columns else next(iter(columns), "")
+    told["color"] = found.color if found.color in columns else next(iter(columns), "")
     for k, (_, values) in enumerate(columns.values()):
         arrays.put(f"column {k}", "f", values)
     looks = [1 * f.slack + 2 * f.compressed + 4 * ~f.present for f in (s.forces for s in shots)]
@@ -224,11 +227,11 @@ def _put_nodes(arrays, shots):
         arrays.put("reaction_moments", "f", np.stack(moments)[:, held])
 
 
-def _colours():
-    """Colours of the page, those of all pictures; brighter ones on a dark ground."""
+def _colors():
+    """Colors of the page, those of all pictures; brighter ones on a dark ground."""
     bright = matplotlib.colormaps["viridis"](np.linspace(0.25, 1.0, 17))
     return {
-        "scale": [to_hex(c) for c in colour_map()(np.linspace(0.0, 1.0, 17))],
+        "scale": [to_hex(c) for c in color_map()(np.linspace(0.0, 1.0, 17))],
         "darkScale": [to_hex(c) for c in bright],
         "slack": SLACK,
         "load": LOAD,

@@ -291,11 +291,11 @@ def test_plot_draws_what_its_options_ask_for(scenes, solved, capsys, monkeypatch
         "jaxcable.cli.analysed.solver.solve",
         lambda structure, *_, **__: by_nodes[len(structure.nodes)],
     )
-    plain = {"magnify": 1.0, "colour": "tension", "view": None}
-    colour = {"colour": "utilisation"}
+    plain = {"magnify": 1.0, "color": "tension", "view": None}
+    color = {"color": "utilization"}
     for words, name, expected in (
         ("net.json", "net", plain | {"reactions": False}),
-        ("net.json --of utilisation", "net", plain | colour),
+        ("net.json --of utilization", "net", plain | color),
         ("net.json --view elevation", "net", plain | {"view": "elevation"}),
         ("net.json --magnify 20", "net", plain | {"magnify": 20.0}),
         ("net.json --reactions", "net", plain | {"reactions": True}),
@@ -303,7 +303,7 @@ def test_plot_draws_what_its_options_ask_for(scenes, solved, capsys, monkeypatch
         (
             "net.json --sequence --magnify 20 --of utilisation",
             "sequence",
-            plain | colour | {"magnify": 20.0},
+            plain | color | {"magnify": 20.0},
         ),
         ("mast.json --of My", "diagram", {"of": "My", "view": None}),
         ("mast.json --of Vz --view elevation", "diagram", {"of": "Vz", "view": "elevation"}),
@@ -323,7 +323,7 @@ def test_plot_writes_pictures_of_every_kind(scenes, capsys):
     assert main(["plot", *"net.json --sequence --magnify 20 --save s.svg".split()]) == 0
     assert Path("m.pdf").read_bytes().startswith(b"%PDF")
     text = Path("s.svg").read_text()
-    assert "</svg>" in text and "deflection x 20" in text
+    assert "</svg>" in text and "displacements x 20" in text
     assert capsys.readouterr() == ("wrote m.pdf\nwrote s.svg\n", "")
 
 
@@ -337,7 +337,7 @@ def test_plot_lies_beside_its_scene(scenes, capsys):
 def test_plot_names_what_it_cannot_draw(scenes, capsys):
     for words, message in (
         ("net.json --of My", "net.json: solution: has no beams"),
-        ("net.json --of beauty", "colour = 'beauty': expected one of"),
+        ("net.json --of beauty", "color = 'beauty': expected one of"),
         ("mast.json --of My --sequence", "--sequence: not of a diagram"),
         ("mast.json --of My --magnify 2", "--magnify: not of a diagram"),
         ("mast.json --of My --reactions", "--reactions: not of a diagram"),

@@ -269,13 +269,13 @@ def test_files_pictures_and_reports(tmp_path):
     assert {"xx", "yy", "xy", "lowest xx"} < {*table.columns} and len(table.rows) == 32
     row = dict(zip(table.columns, table.rows[5], strict=True))
     assert [row[name] for name in ("xx", "yy", "xy")] == told[5].tolist()
-    figure = jc.plots.net(solution, structure=structure, colour="membrane_forces yy")
+    figure = jc.plots.net(solution, structure=structure, color="membrane_forces yy")
     texts = [axes.get_xlabel() for axes in figure.axes]
     assert "membrane forces yy (N/m)" in texts
     figure = jc.plots.net(moved_rim(NODES, np.diag([0.1, 0.0, 0.0])))  # of a sheet alone
     assert "membrane forces xx (N/m)" in [axes.get_xlabel() for axes in figure.axes]
     with pytest.raises(ValueError, match='expected one of "tension", "peak_tension", "membrane'):
-        jc.plots.net(solution, colour="membrane_forces zz")
+        jc.plots.net(solution, color="membrane_forces zz")
 
 
 def test_faces_in_files(tmp_path):
@@ -311,8 +311,8 @@ def test_faces_of_four_ends():
 def test_faces_in_pictures():
     """Filled with their result; what is absent is not drawn; edge cables stay above the faces."""
     structure, phases, solution = once()
-    colour = "membrane_forces xx"
-    plan = jc.plots.net(solution, structure=structure, colour=colour, view="plan").axes[0]
+    color = "membrane_forces xx"
+    plan = jc.plots.net(solution, structure=structure, color=color, view="plan").axes[0]
     (drawn,) = (kind for kind in plan.collections if isinstance(kind, PolyCollection))
     triangles = structure.elements["sheet"].links.array
     places = np.asarray(solution.phases[0].positions)[triangles][..., :2]
@@ -325,7 +325,7 @@ def test_faces_in_pictures():
     gone = jc.Phase(removes={"sheet": jc.only([2, 5]), "edges": None})
     fewer = jc.solve(structure, [*phases, gone])
     assert fewer.status == status.OK
-    space = jc.plots.net(fewer, structure=structure, colour=colour).axes[1]
+    space = jc.plots.net(fewer, structure=structure, color=color).axes[1]
     (drawn,) = (kind for kind in space.collections if isinstance(kind, Poly3DCollection))
     assert len(drawn.get_array()) == 30
     page = jc.plots.view(solution, None, structure=structure)

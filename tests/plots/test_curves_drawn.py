@@ -53,8 +53,8 @@ def rope():
     return structure, solution
 
 
-def coloured(axes):
-    """Vertices of the lines that have a colour by value, a list of [n_place, 2]."""
+def colored(axes):
+    """Vertices of the lines that have a color by value, a list of [n_place, 2]."""
     lines = next(c for c in axes.collections if c.get_array() is not None)
     return [np.asarray(segment) for segment in lines.get_segments()]
 
@@ -76,7 +76,7 @@ def test_a_catenary_is_drawn_as_one(rope):
     """Between nodes where the closed form has them, the line is the closed form."""
     structure, solution = rope
     axes = jc.plots.net(solution, structure=structure).axes
-    left, right = coloured(axes[0])
+    left, right = colored(axes[0])
     s = np.linspace(0.0, HALF, len(right))
     depth = hanging(HALF)[1] - 9.0  # the supports are at 9 m, so the lowest point is below 0
     expected = hanging(s) - [0.0, depth]
@@ -87,7 +87,7 @@ def test_a_catenary_is_drawn_as_one(rope):
     assert len(right) > 10
     chord = right[0] + np.linspace(0, 1, len(s))[:, None] * (right[-1] - right[0])
     assert np.abs(right - chord).max() > 1e-2 * span  # the control: it is no chord
-    assert all(len(line) == 2 for line in coloured(jc.plots.net(solution).axes[0]))
+    assert all(len(line) == 2 for line in colored(jc.plots.net(solution).axes[0]))
 
 
 @pytest.mark.parametrize("magnify", [1.0, 3.0])
@@ -95,7 +95,7 @@ def test_curves_end_in_the_nodes(rope, magnify):
     """Every point of a cable moves by the factor, as the nodes do."""
     structure, solution = rope
     figure = jc.plots.net(solution, structure=structure, magnify=magnify)
-    before, after = (np.array(coloured(axes)) for axes in figure.axes[:2])
+    before, after = (np.array(colored(axes)) for axes in figure.axes[:2])
     start, end = (np.asarray(phase.positions)[:, [0, 2]] for phase in solution.phases)
     nodes = start + magnify * (end - start)
     np.testing.assert_allclose(after[:, 0], nodes[:2], atol=1e-9)
@@ -110,13 +110,13 @@ def test_a_cantilever_is_bent(cantilever, magnify):
     structure, solution = cantilever
     figure = jc.plots.net(solution, structure=structure, magnify=magnify)
     for axes, factor in zip(figure.axes[:2], (1.0, 1.0 + magnify), strict=True):
-        (line,) = coloured(axes)
+        (line,) = colored(axes)
         x = np.linspace(0.0, LENGTH, len(line))
         expected = factor * deflection(x)
         # the cubic is of small rotations, here 6e-4: the load at the end shortens by their square
         np.testing.assert_allclose(line[:, 1], expected, rtol=1e-4, atol=1e-6 * LENGTH)
         np.testing.assert_allclose(line[:, 0], x, atol=1e-5 * LENGTH * factor)
-    assert all(len(line) == 2 for line in coloured(jc.plots.net(solution).axes[0]))
+    assert all(len(line) == 2 for line in colored(jc.plots.net(solution).axes[0]))
 
 
 def test_sequences_and_diagrams_have_the_same_curves(cantilever, rope):
@@ -124,18 +124,18 @@ def test_sequences_and_diagrams_have_the_same_curves(cantilever, rope):
         stages = jc.plots.sequence(solution, structure=structure).axes
         net = jc.plots.net(solution, structure=structure).axes
         for one, other in zip(stages[:2], net[:2], strict=True):
-            np.testing.assert_allclose(coloured(one), coloured(other), atol=1e-12)
+            np.testing.assert_allclose(colored(one), colored(other), atol=1e-12)
     # before the first phase catenaries are not known: no ghosts; then they are where they were
     ghosts = [part.collections[0].get_segments() for part in stages[:2]]
     assert len(ghosts[0]) == 0
-    np.testing.assert_allclose(ghosts[1], coloured(stages[0]), atol=1e-12)
+    np.testing.assert_allclose(ghosts[1], colored(stages[0]), atol=1e-12)
     structure, solution = cantilever
     figure = jc.plots.diagram(solution, structure=structure, names=["a", "both loads"])
     assert figure.axes[0].get_title() == "My (N m), both loads"
     lines = (part for part in figure.axes[0].collections if isinstance(part, LineCollection))
     (axis,) = (part.get_segments()[0] for part in lines if part.get_linewidth()[0] == 1.4)
     net = jc.plots.net(solution, structure=structure).axes
-    np.testing.assert_allclose(axis, coloured(net[1])[0], atol=1e-12)
+    np.testing.assert_allclose(axis, colored(net[1])[0], atol=1e-12)
 
 
 def test_increments_have_curves(cantilever, rope, tmp_path):
@@ -206,7 +206,7 @@ def test_axes_of_sections(cantilever):
     lines = [part.get_segments() for part in drawn[-3:]]
     assert [len(part) for part in lines] == [1, 0, 1]
     (x,), _, (z,) = lines
-    middle = coloured(space)[0][12]
+    middle = colored(space)[0][12]
     np.testing.assert_allclose([x[0], z[0]], [middle] * 2)
     np.testing.assert_allclose(x[1] - x[0], [0.05 * LENGTH, 0.0], atol=1e-3)  # it has turned
     np.testing.assert_allclose(z[1] - z[0], [0.0, 0.05 * LENGTH], atol=1e-3)
@@ -233,7 +233,7 @@ def test_arrows_are_a_modest_part_of_every_scene(name):
         size = np.ptp(view.project(nodes), axis=0)
         room = 0.3 * np.maximum(size, (0.15 if view.flat else 0.4) * extent)
         for forces in fields.values():
-            arrows = glyphs.Arrows("loads", forces, nodes, view, nodes, links, push=True)
+            arrows = glyphs.Arrows("load", forces, nodes, view, nodes, links, push=True)
             longest = np.linalg.norm(arrows.vectors, axis=1).max()
             assert longest <= 0.14 * extent * (1 + 1e-9)
             parts = np.abs(view.project(arrows.vectors)).max(axis=0)
@@ -256,13 +256,13 @@ def test_many_arrows_are_thinned():
     forces[4321, 2] = -5.0
     links = np.array([[0, 1]])
     view = views.choose(nodes, "space")
-    arrows = glyphs.Arrows("loads", forces, nodes, view, nodes, links, push=True)
+    arrows = glyphs.Arrows("load", forces, nodes, view, nodes, links, push=True)
     assert 100 <= len(arrows.tails) <= 250
     tips = arrows.tails + arrows.vectors
     assert (tips == nodes[4321]).all(axis=1).any()
     (key,) = arrows.keys()
-    assert key.get_label() == f"loads, longest 5 N, {len(arrows.tails)} of 10000 drawn"
-    few = glyphs.Arrows("loads", forces[:200], nodes[:200], view, nodes, links, push=True)
+    assert key.get_label() == f"largest load 5 N, {len(arrows.tails)} of 10000 drawn"
+    few = glyphs.Arrows("load", forces[:200], nodes[:200], view, nodes, links, push=True)
     assert len(few.tails) == 200 and few.keys()[0].get_label().endswith(" N")
 
 
@@ -277,7 +277,7 @@ def test_arrows_keep_off_the_elements():
     np.testing.assert_allclose(tips[0], nodes[0], atol=1e-12)  # ends at the foot
     np.testing.assert_allclose(reactions.tails[1:], nodes[1:])  # begin at the others
     assert reactions.under.tolist() == [False, True, False, False]
-    loads = glyphs.Arrows("loads", -force, nodes, view, nodes, links, push=True)
+    loads = glyphs.Arrows("load", -force, nodes, view, nodes, links, push=True)
     np.testing.assert_allclose((loads.tails + loads.vectors)[2], nodes[2], atol=1e-12)
     assert loads.tails[2, 2] > 10.0  # stands on the top
     figure = jc.plots.style.start(3, 3, None)
@@ -355,7 +355,7 @@ def test_what_is_refused(cantilever):
     assert int(failed.status) != 0
     batch = jax.tree.map(lambda x: x[None], solution)
     for draw in (jc.plots.net, jc.plots.diagram):
-        with pytest.raises(ValueError, match="has failed"):
+        with pytest.raises(ValueError, match="the analysis failed"):
             draw(failed, structure=structure)
         with pytest.raises(ValueError, match="batch"):
             draw(batch, structure=structure)

@@ -70,7 +70,7 @@ PICTURES = {
     "net, slack": lambda r: jc.plots.net(r.slack),
     "net, plane": lambda r: jc.plots.net(r.plane, reactions=True),
     "net, space": lambda r: jc.plots.net(r.taut, view="space", loads=False, supports=False),
-    "net, utilisation": lambda r: jc.plots.net(r.taut, colour="utilisation", structure=r.strong),
+    "net, utilization": lambda r: jc.plots.net(r.taut, color="utilization", structure=r.strong),
     "net, failed": lambda r: jc.plots.net(r.failed, state=r.failed.last),
     "path": lambda r: jc.plots.path(r.taut.phases[1].path, 3, axis="-z"),
     "section": lambda r: jc.plots.section(jc.Section.disc(0.05, jc.Elastic(1e9), (3, 8))),
@@ -148,18 +148,18 @@ def test_axes_of_geometry_are_equal(pictures):
                 assert axes.get_aspect() == 1
 
 
-def test_legend_and_colour_bar_of_a_net(pictures, runs):
+def test_legend_and_color_bar_of_a_net(pictures, runs):
     figure = pictures["net"]
     plan, space, bar = figure.axes
     assert plan.get_title() == "Before loading: plan"
-    assert space.get_title() == "After loading, deflection x 3"
+    assert space.get_title() == "After loading, displacements x 3"
     assert bar.get_xlabel() == "tension (N)"
     largest = np.linalg.norm(runs.taut.reactions, axis=1).max()
     assert legend_texts(figure) == [
         "before",
         "pinned",
-        "loads, longest 150 N",
-        f"reactions, longest {largest:.3g} N",
+        "largest load 150 N",
+        f"largest reaction {largest:.3g} N",
     ]
     tension = np.concatenate([runs.taut.phases[0].tension, runs.taut.tension])
     assert np.allclose(bar.get_xlim(), [tension.min(), tension.max()])
@@ -204,13 +204,15 @@ def test_bars_without_force_are_not_slack():
     assert forces.Forces(told, parts).slack.tolist() == [True, False, True]  # not known
 
 
-def test_utilisation(pictures, runs):
-    """The strength is 600 N: what holds more has a colour that is in no part of the scale."""
+def test_utilization(pictures, runs):
+    """The strength is 600 N: what holds more has a color that is in no part of the scale."""
     used = 100 * np.concatenate([runs.taut.phases[0].tension, runs.taut.tension]) / 600
     assert used.min() < 100 < used.max()
-    figure = pictures["net, utilisation"]
+    figure = pictures["net, utilization"]
     bar = figure.axes[-1]
-    assert bar.get_xlabel() == f"force over strength (%), largest {used.max():.4g} %"
+    assert (
+        bar.get_xlabel() == f"utilization: force / breaking force (%), largest {used.max():.4g} %"
+    )
     assert np.allclose(bar.get_xlim(), [0.0, 100.0], atol=1e-3)  # 1e-6 are rounding
     assert {0, 100} <= set(bar.get_xticks())
     for axes, values in zip(figure.axes, np.split(used, 2), strict=False):
@@ -222,15 +224,15 @@ def test_utilisation(pictures, runs):
     below = jc.Structure(
         runs.structure.nodes, jc.replace(runs.strong.elements, strength=2e3), runs.strong.supports
     )
-    figure = jc.plots.net(runs.taut, colour="utilisation", structure=below)
-    assert figure.axes[-1].get_xlabel() == "force over strength (%)"
+    figure = jc.plots.net(runs.taut, color="utilization", structure=below)
+    assert figure.axes[-1].get_xlabel() == "utilization: force / breaking force (%)"
 
 
 def test_a_strength_that_is_reached_is_not_exceeded(runs):
     told = {"tension": np.full(12, 600.0 * (1 + 1e-8))}
-    shown = forces.Forces(told, runs.strong.groups, runs.strong, "utilisation")
+    shown = forces.Forces(told, runs.strong.groups, runs.strong, "utilization")
     scale = members.Scale([shown])
-    assert scale.label == "force over strength (%)"
+    assert scale.label == "utilization: force / breaking force (%)"
     look = matplotlib.cm.ScalarMappable(**scale.look)
     over, there = (look.to_rgba(scale.factor * u)[:3] for u in (1.01, 1 + 1e-8))
     assert over == matplotlib.colors.to_rgb(style.OVER) != there
@@ -244,7 +246,7 @@ def test_titles_say_the_phase(runs):
     assert titles(runs.taut) == ["Before loading: plan", "After loading"]
     assert titles(runs.taut, names=["prestress", "snow"], magnify=2.0) == [
         "prestress: plan",
-        "snow, deflection x 2",
+        "snow, displacements x 2",
     ]
     three = jc.solve(runs.structure, [*runs.phases, jc.Phase()])
     assert int(three.status) == 0
@@ -309,16 +311,16 @@ def test_failed_solutions_and_what_is_refused(pictures, runs):
     net, animation = jc.plots.net, functools.partial(jc.plots.animation, path="net.gif")
     other = jc.scenes.saddle(1, 1).structure
     for draw, solution, options, message in (
-        (net, runs.failed, {}, r"solution: has failed.*state=solution.last"),
+        (net, runs.failed, {}, r"solution: the analysis failed.*state=solution.last"),
         (net, runs.failed, {"state": runs.failed.phases[0]}, "state: expected a State"),
         (net, batch, {}, "solution: is a batch"),
         (jc.plots.increments, batch, {}, "solution: is a batch"),
         (jc.plots.increments, runs.taut, {"tol": 0}, "tol = 0: must be positive"),
-        (net, runs.taut, {"colour": "stress"}, "colour = 'stress'"),
-        (net, runs.taut, {"structure": other}, "structure: its links"),
-        (net, runs.taut, {"colour": "utilisation"}, "structure: needed for colour"),
+        (net, runs.taut, {"color": "stress"}, "color = 'stress'"),
+        (net, runs.taut, {"structure": other}, "structure: has other links"),
+        (net, runs.taut, {"color": "utilization"}, "structure: needed for color"),
         (
-            *(net, runs.taut, {"colour": "utilisation", "structure": runs.structure}),
+            *(net, runs.taut, {"color": "utilization", "structure": runs.structure}),
             "strength: no group has one",
         ),
         (net, runs.taut, {"names": ["snow"]}, "names: 1 of them, but 2 phases"),
@@ -328,6 +330,16 @@ def test_failed_solutions_and_what_is_refused(pictures, runs):
     ):
         with pytest.raises(ValueError, match=message):
             draw(solution, **options)
+
+
+def test_old_spellings_are_taken_and_warn(runs):
+    told = {}
+    for old in ({"colour": "tension"}, {"color": "utilisation", "structure": runs.strong}):
+        (key, value), *_ = old.items()
+        with pytest.warns(DeprecationWarning, match=value if key == "color" else key):
+            told[key] = jc.plots.net(runs.taut, **old).axes[-1].get_xlabel()
+    assert told["colour"].startswith("tension (")
+    assert told["color"].startswith("utilization: force / breaking force (%)")
 
 
 def test_increments(pictures, runs):
@@ -357,7 +369,7 @@ def test_orders(pictures):
     slope = np.log(1e-2 / 1e-4) / np.log(0.4 / 0.1)
     # two of the first series are rounding or none: no order
     order = f"secant: order {slope:.2f}"
-    assert texts == ["Newton", order, "failed", "no error at all", "rounding"]
+    assert texts == ["Newton", order, "failed", "zero error", "rounding"]
 
 
 def test_failures_are_at_the_edge(pictures):
@@ -417,7 +429,7 @@ def test_moving_pictures(runs, tmp_path):
     for one, two in itertools.pairwise(shots):
         changed = np.abs(one - two).max(axis=2) > 0
         assert changed.any() and changed.mean() < 0.2  # axes and scale stay where they are
-    low = int(0.75 * len(shots[0]))  # colour bar and legend
+    low = int(0.75 * len(shots[0]))  # color bar and legend
     assert all((shot[low:] == shots[0][low:]).all() for shot in shots)
     assert all((shot[[0, -1]] == 255).all() and (shot[:, [0, -1]] == 255).all() for shot in shots)
 

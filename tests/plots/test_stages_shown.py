@@ -133,7 +133,7 @@ def test_the_view_tells_them_apart(hung):
     [
         ({"names": ["one"]}, "names: 1 of them, but 3 phases"),
         ({"columns": 0}, "columns = 0: must be a positive integer"),
-        ({"colour": "mood"}, "colour = 'mood'"),
+        ({"color": "mood"}, "color = 'mood'"),
     ],
 )
 def test_sequences_that_are_refused(hung, options, said):

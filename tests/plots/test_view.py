@@ -172,7 +172,7 @@ def test_a_failed_analysis_shows_what_converged(flat):
     with pytest.raises(ValueError, match="solution: has no converged increment"):
         jc.plots.view(jc.solve(structure, phases[1:], few), None)
     told, arrays = shown(failed, structure)
-    assert [shot["phase"] for shot in told["shots"]] == [1] and "Not to the end" in told["note"]
+    assert [shot["phase"] for shot in told["shots"]] == [1] and "did not finish" in told["note"]
     np.testing.assert_allclose(arrays["tension"][0], failed.last.tension, rtol=SINGLE)
 
 
@@ -198,8 +198,8 @@ def test_what_is_refused(flat, tmp_path):
     for shown, path, options, message in (
         (solution, tmp_path / "net.png", {}, r"path = .*\.html"),
         *((solution, None, {"frames": n}, "frames = ") for n in (0, 2.5, True)),
-        (solution, None, {"colour": "stress"}, "colour = 'stress'"),
-        (solution, None, {"structure": other}, "structure: its links"),
+        (solution, None, {"color": "stress"}, "color = 'stress'"),
+        (solution, None, {"structure": other}, "structure: has other links"),
         (solution.last, None, {}, r"got State; pass the solution .* solution\.last"),
         (solution.phases[1].path, None, {}, r"got Path; .* plots\.path"),
         (3, None, {}, "expected a Solution, got int"),

@@ -211,9 +211,9 @@ def test_beams_and_all_that_can_be_shown(chromium, tmp_path):
             assert brightness(own)[1] != before, name
         for name in ("N", "Vy", "Vz", "T", "My", "Mz"):
             choose(own, "diagram", name)
-            assert f"{name}, largest" in own.locator("#keys").inner_text()
+            assert f"largest {name}" in own.locator("#keys").inner_text()
         for label in own.evaluate("view.model.columns.map(c => c.label)"):
-            choose(own, "colour", label)
+            choose(own, "color", label)
             assert own.locator("#bar-name").inner_text()
         assert own.faults == []
 
@@ -230,7 +230,7 @@ def test_faces_are_filled_and_picked(chromium, tmp_path):
         filled = brightness(own)[1]
         click(own, "element", 7)
         name, found = values(own)
-        assert name == "Element 7" and found["state"] == "present"
+        assert name == "Element 7" and found["state"] == "active"
         assert found["membrane forces xx"] == "100 N/m"  # E t times the prestrain
         own.locator("#picked-close").click()
         own.evaluate("view.model.get('looks').fill(4)")
@@ -247,7 +247,7 @@ def test_absent_elements_are_not_drawn_and_not_picked(page):
     page.locator("#ghost").uncheck()
     page.locator("#supports").uncheck()
     assert 20 < brightness(page)[1] < 0.3 * before
-    assert "30 absent, not drawn" in page.locator("#keys").inner_text()
+    assert "30 inactive, not drawn" in page.locator("#keys").inner_text()
     click(page, "element", 3)
     assert values(page)[0] == "Element 3"
     click(page, "element", 17)
@@ -289,7 +289,7 @@ def test_a_menu_one_finger_turns_and_a_tap_picks(chromium, net):
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
         assert page.locator("#side").is_hidden()
         page.locator("#menu").tap()
-        assert page.locator("#side").is_visible() and page.locator("#colour").is_visible()
+        assert page.locator("#side").is_visible() and page.locator("#color").is_visible()
         page.locator("#menu").tap()
         before = page.evaluate(CAMERA)
         touch("touchStart", (x, y))

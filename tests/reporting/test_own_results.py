@@ -157,7 +157,7 @@ def test_pictures_have_them():
     page = jc.plots.view(solution, structure=structure, path=None)
     labels = [f"skin_stress {place} {k}" for place in SHARE for k in ("xx", "yy", "xy")]
     assert all(f'"label": "{label}"' in str(page.html) for label in [*labels, "principal 0"])
-    jc.plots.net(solution, colour="skin_stress bottom xx")
+    jc.plots.net(solution, color="skin_stress bottom xx")
 
 
 def test_the_contract_asks_for_the_places_that_it_names():

@@ -193,12 +193,12 @@ def test_reports_pictures_and_files_use_it(hung, tmp_path):
     cases = jc.report(structure, solution, cases=batch).tables["members"]
     assert [row[7] for row in cases.rows] == [row[7] for row in table.rows]
 
-    by_use = Snapshots(solution, structure, "utilisation").of(solution.last).forces
+    by_use = Snapshots(solution, structure, "utilization").of(solution.last).forces
     by_tension = Snapshots(solution, structure).of(solution.last).forces
     assert by_use.value[0] == peak / STRENGTH
-    assert by_tension.value[0] == mean  # coloured by tension it is the mean
+    assert by_tension.value[0] == mean  # colored by tension it is the mean
     told = {"tension": solution.tension}
-    used = Forces(told, structure.groups, structure, "utilisation").value[0]
+    used = Forces(told, structure.groups, structure, "utilization").value[0]
     assert used == mean / STRENGTH  # forces as they are
 
     assert highlights(solution)[1] == f"forces: -100000 to {peak:.6g} N"
@@ -220,7 +220,7 @@ def test_reports_pictures_and_files_use_it(hung, tmp_path):
 
 def test_moving_pictures_use_it(hung):
     structure, solution = hung
-    shots = Snapshots(solution, structure, "utilisation").increments(60)
+    shots = Snapshots(solution, structure, "utilization").increments(60)
     path = solution.phases[0].path.peak_tension["guy"]
     shown = [shot.forces.value[0] for shot in shots]
     # a quotient of NumPy and one of XLA may differ by a rounding

@@ -5,7 +5,7 @@
 const LINES = `#version 300 es
 layout(location=0) in vec3 a;
 layout(location=1) in vec3 b;
-layout(location=2) in vec4 colour;
+layout(location=2) in vec4 color;
 layout(location=3) in vec4 style;    // width in px / 25.5, dashed, -, -
 uniform mat4 matrix;
 uniform vec2 size;                   // of the canvas, device px
@@ -31,7 +31,7 @@ void main() {
   gl_Position = here;
   gl_Position.xy += 2.0 * off / size * here.w;
   gl_Position.z -= lift * here.w;
-  tint = colour;
+  tint = color;
   place = vec3(wide * corner.y, corner.x * (len + 2.0 * wide) - wide, len);
   look = vec2(wide, style.y);
 }`;
@@ -54,20 +54,20 @@ void main() {
 // The same lines a pixel wide, of two vertices each: a quarter of the time in software renderers.
 const THIN = `#version 300 es
 layout(location=0) in vec3 at;
-layout(location=1) in vec4 colour;
+layout(location=1) in vec4 color;
 uniform mat4 matrix;
 uniform float lift;
 out vec4 tint;
 void main() {
   gl_Position = matrix * vec4(at, 1.0);
   gl_Position.z -= lift * gl_Position.w;
-  tint = colour;
+  tint = color;
 }`;
 
 const HEADS = `#version 300 es
 layout(location=0) in vec3 a;
 layout(location=1) in vec3 b;
-layout(location=2) in vec4 colour;
+layout(location=2) in vec4 color;
 uniform mat4 matrix;
 uniform vec2 size;
 uniform float ratio;
@@ -84,7 +84,7 @@ void main() {
   gl_Position = q;
   gl_Position.xy += 2.0 * off / size * q.w;
   gl_Position.z -= lift * q.w;
-  tint = colour;
+  tint = color;
 }`;
 
 const PLAIN_INSIDE = `#version 300 es
@@ -200,7 +200,7 @@ class Drawing {
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, list, gl.STATIC_DRAW);
   }
 
-  // Put lines (ends [n * 6], colours and styles [n * 4], bytes), triangles (corners [n * 9], colours
+  // Put lines (ends [n * 6], colors and styles [n * 4], bytes), triangles (corners [n * 9], colors
   // [n * 4]) or marks (places [n * 3], kinds [n]) under a name; layers are drawn in the order in which their names came first.
   set(name, kind, arrays, options = {}) {
     const gl = this.gl;

@@ -5,12 +5,12 @@ byId("bytes").textContent = "";  // the text is not needed any more
 const shape = new Shape(model), camera = new Camera(), canvas = byId("canvas");
 const lastShot = model.shots.length - 1;
 const shown = {
-  shot: lastShot, reference: -1, magnify: 1, colour: model.colour, picked: null, playing: null,
+  shot: lastShot, reference: -1, magnify: 1, color: model.color, picked: null, playing: null,
   nodes: [], segments: [], ranges: new Map(),
 };
 let drawing = null, dirty = false, scene = null;
 
-// --- colours
+// --- colors
 
 const rgb = text => {  // of "#rrggbb", bytes
   const n = parseInt(text.slice(1), 16);
@@ -23,12 +23,12 @@ function theme() {
   const ground = read(style.backgroundColor), ink = read(style.color);
   const dark = ground[0] + ground[1] + ground[2] < 1.5;
   return { dark, ground, ink, accent: dark ? [1, 0.82, 0.25] : [0.9, 0.62, 0],
-    scale: dark ? model.colours.darkScale : model.colours.scale,
-    load: dark ? "#f0f2f5" : model.colours.load, reaction: model.colours.reaction, slack: model.colours.slack,
+    scale: dark ? model.colors.darkScale : model.colors.scale,
+    load: dark ? "#f0f2f5" : model.colors.load, reaction: model.colors.reaction, slack: model.colors.slack,
     ghost: dark ? "#5a626e" : "#b9bec6", y: dark ? "#2fc79a" : "#009e73", z: dark ? "#56b4e9" : "#0072b2" };
 }
 
-// 256 colours between the given ones.
+// 256 colors between the given ones.
 function table(scale) {
   const stops = scale.map(rgb), out = new Uint8Array(256 * 3);
   for (let i = 0; i < 256; i++) {
@@ -38,7 +38,7 @@ function table(scale) {
   return out;
 }
 
-// --- the scene: what changes with the shot, the factor, the colours
+// --- the scene: what changes with the shot, the factor, the colors
 
 const weights = () => Shape.weights(shown.shot, shown.reference, shown.magnify);
 const present = element => !(model.row("looks", shown.shot)[element] & 4);
@@ -52,7 +52,7 @@ function fill(count, bytes) {
 function lineWidth() { return Math.min(3, Math.max(1.1, 3 * Math.sqrt(120 / Math.max(shape.count, 1)))); }
 
 function currentRange() {
-  const column = model.columns.find(c => c.label === shown.colour);
+  const column = model.columns.find(c => c.label === shown.color);
   if (!column) return null;
   if (byId("own-range").checked) return new Range(column, model.row(column.array, shown.shot), false);
   if (!shown.ranges.has(column.label)) shown.ranges.set(column.label, new Range(column, model.get(column.array), true));
@@ -88,9 +88,9 @@ function ghostLayer(look, keys) {
 
 function memberLayer(look, keys) {
   const looks = model.row("looks", shown.shot), owner = shape.owner, width = lineWidth();
-  const range = currentRange(), column = model.columns.find(c => c.label === shown.colour);
-  const values = column && model.row(column.array, shown.shot), colours = table(look.scale), slack = rgb(look.slack);
-  // colours by element: pieces of one element look alike
+  const range = currentRange(), column = model.columns.find(c => c.label === shown.color);
+  const values = column && model.row(column.array, shown.shot), colors = table(look.scale), slack = rgb(look.slack);
+  // colors by element: pieces of one element look alike
   const tint = new Uint8Array(3 * model.nElem);
   let unknown = 0;
   for (let e = 0; e < model.nElem; e++) {
@@ -98,49 +98,49 @@ function memberLayer(look, keys) {
     if (looks[e] & 1) tint.set(slack, 3 * e);
     else if (t === t) {
       const i = 3 * Math.round(255 * Math.min(1, Math.max(0, t)));
-      tint.set(colours.subarray(i, i + 3), 3 * e);
+      tint.set(colors.subarray(i, i + 3), 3 * e);
     } else {
       tint.fill(150, 3 * e, 3 * e + 3);
       if (!(looks[e] & 4)) unknown++;
     }
   }
-  const colour = new Uint8Array(4 * shape.count), style = new Uint8Array(4 * shape.count);
+  const color = new Uint8Array(4 * shape.count), style = new Uint8Array(4 * shape.count);
   for (let s = 0; s < shape.count; s++) {
     const e = owner[s], kind = looks[e];
-    for (let c = 0; c < 3; c++) colour[4 * s + c] = tint[3 * e + c];
-    colour[4 * s + 3] = 255;
+    for (let c = 0; c < 3; c++) color[4 * s + c] = tint[3 * e + c];
+    color[4 * s + 3] = 255;
     style[4 * s] = kind & 4 || model.faceOf[e] >= 0 ? 0 : 10 * (kind & 1 ? Math.max(0.75 * width, 1) : width);
     style[4 * s + 1] = kind & 1 ? 255 : 0;
   }
-  drawing.set("members", "lines", [drawable(shown.segments, looks), colour, style]);
+  drawing.set("members", "lines", [drawable(shown.segments, looks), color, style]);
   faceLayers(look, looks, tint);
   casingLayer(look, looks, width);
   const count = bit => looks.reduce((n, l) => n + ((l & bit) && !(l & 4 && bit !== 4) ? 1 : 0), 0);
   const loose = count(1), pressed = count(2), absent = count(4);
   if (loose) keys.push([`slack (${loose} of ${model.nElem})`, { stroke: look.slack, dash: "6 4" }]);
   if (pressed) keys.push([`compression (${pressed})`, { casing: true, stroke: look.scale[8] }]);
-  if (absent) keys.push([`${absent} absent, not drawn`, {}]);
+  if (absent) keys.push([`${absent} inactive, not drawn`, {}]);
   const known = range && values.some(Number.isFinite);
-  if (unknown && known) keys.push([`not known (${unknown})`, { stroke: "#969696" }]);
-  showLegend(range, look.scale, !range || known ? "" : "known at the ends of phases only");
+  if (unknown && known) keys.push([`no value (${unknown})`, { stroke: "#969696" }]);
+  showLegend(range, look.scale, !range || known ? "" : "only available at the end of a phase");
 }
 
-// Faces, in paler colours, and their edges: both behind the lines of other elements.
+// Faces, in paler colors, and their edges: both behind the lines of other elements.
 function faceLayers(look, looks, tint) {
   const corners = model.get("triangles"), face = model.get("face");
   if (!corners) return;
-  const places = new Float32Array(3 * corners.length), colour = new Uint8Array(4 * face.length), edges = [];
+  const places = new Float32Array(3 * corners.length), color = new Uint8Array(4 * face.length), edges = [];
   face.forEach((e, t) => {
     for (let j = 0; j < 3; j++) {
       const at = 3 * corners[3 * t + j];
       places.set(looks[e] & 4 ? [NaN, NaN, NaN] : shown.nodes.subarray(at, at + 3), 9 * t + 3 * j);
-      colour[4 * t + j] = 0.7 * tint[3 * e + j] + 0.3 * 255 * look.ground[j];
+      color[4 * t + j] = 0.7 * tint[3 * e + j] + 0.3 * 255 * look.ground[j];
     }
-    colour[4 * t + 3] = 255;
+    color[4 * t + 3] = 255;
   });
   shape.owner.forEach((e, s) => { if (model.faceOf[e] >= 0 && !(looks[e] & 4)) edges.push(...shown.segments.subarray(6 * s, 6 * s + 6)); });
   const count = edges.length / 6, ink = look.ink.map(x => 255 * x);
-  drawing.set("faces", "faces", [places, colour], { lift: -4e-4 });
+  drawing.set("faces", "faces", [places, color], { lift: -4e-4 });
   drawing.set("edges", "lines", [new Float32Array(edges), fill(count, [...ink, 255]), fill(count, [8, 0, 0, 0])], { lift: -2e-4 });
 }
 
@@ -165,18 +165,18 @@ function bent(own) { return model.get("bend") ? shape.summed("bend", own) : null
 function axesLayer(look, own, keys) {
   if (!byId("axes").checked || !model.get("beam")) { drawing.hide("axes"); return; }
   const beams = model.get("beam"), bend = bent(own), axes = model.row("axes", shown.shot);
-  const lines = [], colours = [];
+  const lines = [], colors = [];
   for (let k = 0; k < beams.length; k++) {
     if (!present(beams[k])) continue;
     const middle = shape.along(k, 0.5, shown.nodes, bend);
     const ends = [0, 1].map(x => shape.along(k, x, shown.nodes, bend));
     const size = Math.min(0.045 * shown.extent, 0.4 * Math.hypot(...ends[1].map((x, i) => x - ends[0][i])));
-    for (const [j, colour] of [[0, look.y], [1, look.z]]) {
+    for (const [j, color] of [[0, look.y], [1, look.z]]) {
       lines.push(...middle, ...middle.map((x, i) => x + size * axes[6 * k + 3 * j + i]));
-      colours.push(...rgb(colour), 255);
+      colors.push(...rgb(color), 255);
     }
   }
-  drawing.set("axes", "lines", [new Float32Array(lines), new Uint8Array(colours), fill(lines.length / 6, [16, 0, 0, 0])], { lift: 1e-4 });
+  drawing.set("axes", "lines", [new Float32Array(lines), new Uint8Array(colors), fill(lines.length / 6, [16, 0, 0, 0])], { lift: 1e-4 });
   keys.push(["section's y", { stroke: look.y }], ["section's z", { stroke: look.z }]);
 }
 
@@ -189,7 +189,7 @@ function diagramLayer(look, own, keys) {
   const places = model.get("diagrams") ? model.shape("diagrams")[2] : 0, end = model.shots[shown.shot].endNumber;
   if (at < 0 || !places || end < 0) {
     drawing.hide("diagram");
-    if (at >= 0) keys.push([`${name}: known at the ends of phases only`, {}]);
+    if (at >= 0) keys.push([`${name}: only available at the end of a phase`, {}]);
     return;
   }
   const [axis, sign] = DIAGRAMS[name], beams = model.get("beam"), bend = bent(own), axes = model.row("axes", shown.shot);
@@ -197,7 +197,7 @@ function diagramLayer(look, own, keys) {
   let largest = 0;
   for (let k = 0; k < beams.length; k++) for (let j = 0; j < places; j++)
     if (present(beams[k])) largest = Math.max(largest, Math.abs(value(k, j)));
-  const unit = at < 3 ? "N" : "N m", colours = [look.dark ? "#56b4e9" : "#0072b2", "#d55e00"], lines = [], tints = [];
+  const unit = at < 3 ? "N" : "N m", colors = [look.dark ? "#56b4e9" : "#0072b2", "#d55e00"], lines = [], tints = [];
   const scale = largest > 0 ? sign * 0.1 * shown.extent / largest : 0;
   for (let k = 0; k < beams.length; k++) {
     if (!present(beams[k])) continue;
@@ -205,7 +205,7 @@ function diagramLayer(look, own, keys) {
     for (let j = 0; j < places; j++) {
       const foot = shape.along(k, j / (places - 1), shown.nodes, bend), v = value(k, j);
       const tip = foot.map((x, i) => x + scale * v * axes[6 * k + 3 * axis + i]);
-      const tint = [...rgb(colours[v < 0 ? 1 : 0]), 255];
+      const tint = [...rgb(colors[v < 0 ? 1 : 0]), 255];
       lines.push(...foot, ...tip);
       tints.push(...tint);
       if (before) { lines.push(...before, ...tip); tints.push(...tint); }
@@ -213,7 +213,7 @@ function diagramLayer(look, own, keys) {
     }
   }
   drawing.set("diagram", "lines", [new Float32Array(lines), new Uint8Array(tints), fill(lines.length / 6, [11, 0, 0, 0])]);
-  keys.push([`${name}, largest ${withUnit(largest, unit, 3)}`, {}], ["positive", { stroke: colours[0] }], ["negative", { stroke: colours[1] }]);
+  keys.push([`largest ${name} ${withUnit(largest, unit, 3)}`, {}], ["positive", { stroke: colors[0] }], ["negative", { stroke: colors[1] }]);
 }
 
 // Arrows of loads end at their nodes, those of reactions begin there; the longest ones are a tenth
@@ -224,10 +224,10 @@ function arrowLayers(look, keys) {
   arrows("loads", known("loads", "load"), model.get("loaded"), true, look.load, keys);
   arrows("reactions", known("reactions", "reactions"), model.get("held"), false, look.reaction, keys);
   const wanted = ["loads", "reactions"].filter(id => byId(id).checked);
-  if (end < 0 && wanted.length) keys.push([`${wanted.join(", ")}: known at the ends of phases only`, {}]);
+  if (end < 0 && wanted.length) keys.push([`${wanted.join(", ")}: only available at the end of a phase`, {}]);
 }
 
-function arrows(name, forces, nodes, push, colour, keys) {
+function arrows(name, forces, nodes, push, color, keys) {
   const sizes = forces ? Array.from(nodes, (_, k) => Math.hypot(forces[3 * k], forces[3 * k + 1], forces[3 * k + 2])) : [];
   const largest = sizes.reduce((a, b) => Math.max(a, b), 0);
   if (!(largest > 0)) { drawing.hide(name); drawing.hide(`${name} heads`); return; }
@@ -239,10 +239,10 @@ function arrows(name, forces, nodes, push, colour, keys) {
     const [tail, tip] = push ? [at.map((x, i) => x - by[i]), at] : [at, at.map((x, i) => x + by[i])];
     ends.push(...tail, ...tip);
   }
-  const count = ends.length / 6, both = new Float32Array(ends), tint = fill(count, [...rgb(colour), 255]);
+  const count = ends.length / 6, both = new Float32Array(ends), tint = fill(count, [...rgb(color), 255]);
   drawing.set(name, "lines", [both, tint, fill(count, [10 * Math.min(1.8, Math.max(0.8, 1.8 * Math.sqrt(60 / count))), 0, 0, 0])], { lift: 2e-3 });
   drawing.set(`${name} heads`, "heads", [both, tint], { lift: 2e-3 });
-  keys.push([`${name}, largest ${withUnit(largest, "N", 3)}`, { arrow: colour }]);
+  keys.push([`largest ${name.slice(0, -1)} ${withUnit(largest, "N", 3)}`, { arrow: color }]);
 }
 
 function markLayers(keys) {
@@ -256,7 +256,7 @@ function markLayers(keys) {
     const at = new Float32Array(3 * held.length);
     held.forEach((k, i) => at.set(shown.nodes.subarray(3 * k, 3 * k + 3), 3 * i));
     drawing.set("supports", "marks", [at, Float32Array.from(held, k => kinds[k])], { points, lift: 2e-4 });
-    ["clamped", "pinned", "held in part"].forEach((name, k) => { if (kinds.includes(k + 1)) keys.push([name, { mark: k + 1 }]); });
+    ["clamped", "pinned", "partially supported"].forEach((name, k) => { if (kinds.includes(k + 1)) keys.push([name, { mark: k + 1 }]); });
   } else drawing.hide("supports");
   if (byId("nodes").checked) drawing.set("nodes", "marks", [shown.nodes, new Float32Array(model.nNode).fill(4)], { points: 2.5 * lineWidth(), lift: 1e-4 });
   else drawing.hide("nodes");
@@ -429,10 +429,10 @@ function controls() {
   document.title = byId("title").textContent = model.title;
   byId("note").textContent = model.note ?? "";
   byId("note").hidden = !model.note;
-  byId("colour").append(...model.columns.map(c => option(c.label, c.label.replace(/_/g, " "))));
-  byId("colour").value = model.colour;
+  byId("color").append(...model.columns.map(c => option(c.label, c.label.replace(/_/g, " "))));
+  byId("color").value = model.color;
   const ends = model.shots.flatMap((s, k) => (s.end ? [[k, s]] : [])).slice(0, -1);
-  byId("reference").append(option(-1, "start"), ...ends.map(([k, s]) => option(k, `end of ${named(s.phase)}`)));
+  byId("reference").append(option(-1, "initial geometry"), ...ends.map(([k, s]) => option(k, `end of ${named(s.phase)}`)));
   shown.reference = ends.length ? ends[0][0] : -1;
   byId("reference").value = shown.reference;
   byId("phase").append(...model.shots.filter(s => s.end).map(s => option(s.phase, model.phases[s.phase - 1])));
@@ -443,7 +443,7 @@ function controls() {
   byId("ghost").checked = shape.count <= 3000;
 
   const on = (id, event, action) => byId(id).addEventListener(event, action);
-  on("colour", "change", () => { shown.colour = byId("colour").value; rebuild(); });
+  on("color", "change", () => { shown.color = byId("color").value; rebuild(); });
   on("reference", "change", () => { shown.reference = Number(byId("reference").value); rebuild(); });
   on("magnify", "input", () => {
     shown.magnify = Number((10 ** (byId("magnify").value / 50)).toPrecision(2));

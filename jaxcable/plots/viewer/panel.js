@@ -11,7 +11,7 @@ function made(tag, text, attributes = {}) {
 
 function option(value, text) { return made("option", text, { value }); }
 
-// "axial force (kN), tension positive" and the range of the colours.
+// "axial force (kN), tension positive" and the range of the colors.
 class Range {
   constructor(column, values, whole) {
     let low = Infinity, high = -Infinity;
@@ -24,10 +24,10 @@ class Range {
     const name = column.label, signed = low < -1e-9 * Math.max(-low, high);
     this.factor = 1;
     let unit = column.unit;
-    if (name === "utilisation") {
-      // begins at 0 and has 1 on it: colours show how far 1 is
+    if (name === "utilization") {
+      // begins at 0 and has 1 on it: colors show how far 1 is
       if (whole || high > 1) [low, high] = [0, Math.max(high, 1)];
-      this.label = "force over strength (-)";
+      this.label = "utilization: force / breaking force (-)";
     } else {
       if (unit.startsWith("N")) {
         const [factor, force] = forceUnit(Math.max(-low, high));
@@ -53,7 +53,7 @@ function showLegend(range, scale, note) {
   byId("legend").hidden = !range;
   if (!range) return;
   byId("bar-name").textContent = range.label;
-  byId("bar-colours").style.background = `linear-gradient(to right, ${scale.join(",")})`;
+  byId("bar-colors").style.background = `linear-gradient(to right, ${scale.join(",")})`;
   byId("bar-ticks").replaceChildren(...[0, 0.5, 1].map(t => {
     const value = range.factor * (range.low + t * (range.high - range.low));
     const width = range.factor * (range.high - range.low);
@@ -72,12 +72,12 @@ function drawn(tag, attributes) {
   return node;
 }
 
-// Symbols: lines [text, { stroke, dash, casing }], arrows { arrow: colour }, marks { mark: kind }.
+// Symbols: lines [text, { stroke, dash, casing }], arrows { arrow: color }, marks { mark: kind }.
 function showKeys(entries) {
   byId("keys").replaceChildren(...entries.map(([text, look]) => {
     const item = made("li"), svg = drawn("svg", { viewBox: "0 0 26 12", "aria-hidden": "true" });
-    const line = (colour, width, dash) => svg.append(drawn("line", {
-      x1: 1, x2: 25, y1: 6, y2: 6, stroke: colour, "stroke-width": width, "stroke-dasharray": dash ?? "" }));
+    const line = (color, width, dash) => svg.append(drawn("line", {
+      x1: 1, x2: 25, y1: 6, y2: 6, stroke: color, "stroke-width": width, "stroke-dasharray": dash ?? "" }));
     if (look.casing) line("var(--ink)", 6);
     if (look.stroke) line(look.stroke, look.width ?? 2.4, look.dash);
     if (look.arrow) {
@@ -111,9 +111,9 @@ const vector = (values, unit) => Array.from(values, v => withUnit(v, unit)).join
 function elementRows(model, number, shot) {
   const group = model.groups.findLast(g => g.first <= number);
   const looks = model.row("looks", shot)[number], end = model.shots[shot].endNumber;
-  const rows = [["group", group.name || "(one group)"], ["number in group", String(number - group.first)], ["kind", group.kind],
+  const rows = [["group", group.name || "(only group)"], ["number in its group", String(number - group.first)], ["kind", group.kind],
     ["nodes", `${model.get("first")[number]}, ${model.get("last")[number]}`]];
-  rows.push(["state", looks & 4 ? "absent" : looks & 1 ? "slack" : looks & 2 ? "compression" : model.faceOf[number] >= 0 ? "present" : "taut"]);
+  rows.push(["state", looks & 4 ? "inactive" : looks & 1 ? "slack" : looks & 2 ? "compression" : model.faceOf[number] >= 0 ? "active" : "taut"]);
   let tension = NaN;  // the largest force is told where it differs
   for (const column of model.columns) {
     const value = model.row(column.array, shot)[number];
