@@ -238,7 +238,7 @@ def draw_section_axes(
 def section_axis_keys() -> list[Line2D]:
     """Legend entries of the axes of sections."""
     return [
-        Line2D([], [], color=color, linewidth=1.6, label=f"section's {name}")
+        Line2D([], [], color=color, linewidth=1.6, label=f"section axis {name}")
         for name, color in zip("xyz", AXES, strict=True)
     ]
 

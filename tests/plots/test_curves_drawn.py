@@ -200,7 +200,7 @@ def test_axes_of_sections(cantilever):
     plain = jc.plots.net(solution, structure=structure)
     figure = jc.plots.net(solution, structure=structure, axes=True)
     texts = [[t.get_text() for t in f.legends[0].get_texts()] for f in (plain, figure)]
-    assert texts[1] == [*texts[0], "section's x", "section's y", "section's z"]
+    assert texts[1] == [*texts[0], "section axis x", "section axis y", "section axis z"]
     space = figure.axes[1]
     drawn = [part for part in space.collections if isinstance(part, LineCollection)]
     lines = [part.get_segments() for part in drawn[-3:]]

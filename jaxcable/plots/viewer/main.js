@@ -177,7 +177,7 @@ function axesLayer(look, own, keys) {
     }
   }
   drawing.set("axes", "lines", [new Float32Array(lines), new Uint8Array(colors), fill(lines.length / 6, [16, 0, 0, 0])], { lift: 1e-4 });
-  keys.push(["section's y", { stroke: look.y }], ["section's z", { stroke: look.z }]);
+  keys.push(["section axis y", { stroke: look.y }], ["section axis z", { stroke: look.z }]);
 }
 
 // Diagrams of section forces at the ends of phases: strips beside the beams. Moments are on the side in
@@ -189,7 +189,7 @@ function diagramLayer(look, own, keys) {
   const places = model.get("diagrams") ? model.shape("diagrams")[2] : 0, end = model.shots[shown.shot].endNumber;
   if (at < 0 || !places || end < 0) {
     drawing.hide("diagram");
-    if (at >= 0) keys.push([`${name}: only available at the end of a phase`, {}]);
+    if (at >= 0) keys.push([`${name}: only at the end of a phase`, {}]);
     return;
   }
   const [axis, sign] = DIAGRAMS[name], beams = model.get("beam"), bend = bent(own), axes = model.row("axes", shown.shot);
@@ -224,7 +224,7 @@ function arrowLayers(look, keys) {
   arrows("loads", known("loads", "load"), model.get("loaded"), true, look.load, keys);
   arrows("reactions", known("reactions", "reactions"), model.get("held"), false, look.reaction, keys);
   const wanted = ["loads", "reactions"].filter(id => byId(id).checked);
-  if (end < 0 && wanted.length) keys.push([`${wanted.join(", ")}: only available at the end of a phase`, {}]);
+  if (end < 0 && wanted.length) keys.push([`${wanted.join(", ")}: only at the end of a phase`, {}]);
 }
 
 function arrows(name, forces, nodes, push, color, keys) {
