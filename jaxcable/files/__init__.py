@@ -27,6 +27,7 @@ names the file and the line or field. `scene_schema` describes scene files to ed
 """
 
 from .codec import register
+from .csv_nets import read_csv
 from .dxf import read_dxf
 from .dxf_writing import save_dxf
 from .nets import Net
@@ -35,7 +36,6 @@ from .networks import read_network
 from .obj import read_obj
 from .omissions import Omission
 from .opensees import save_opensees
-from .pairs import read_csv
 from .reading import LARGEST, FileError
 from .results import load_result, save_result
 from .scene import load_scene, save_scene

@@ -1,4 +1,4 @@
-"""Arcs of drawings as chords."""
+"""Arcs of drawings, replaced by chords."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-_MOST = 1000  # chords of an arc
+_MOST_CHORDS = 1000  # of an arc, so that a tiny sagitta does not exhaust the memory
 
 
-def chords(
+def arcs_to_chords(
     points: Sequence[tuple[float, float, float]], closed: bool, sagitta: float
 ) -> list[tuple[float, float]]:
-    """Points in a plane along a polyline, a list of (x, y), with arcs as equal chords.
+    """Return the points (x, y) along a plane polyline, with each arc replaced by equal chords.
 
     Args:
         points: x, y and bulge of its points: the tangent of a quarter of the angle of the arc to
@@ -31,7 +31,7 @@ def chords(
         angle = 4.0 * float(np.arctan(bulge))
         radius = length / (2.0 * abs(float(np.sin(0.5 * angle))))
         step = 2.0 * float(np.arccos(max(1.0 - sagitta / radius, -1.0)))
-        count = int(min(np.ceil(abs(angle) / step), _MOST)) if step > 0 else _MOST
+        count = int(min(np.ceil(abs(angle) / step), _MOST_CHORDS)) if step > 0 else _MOST_CHORDS
         # the centre lies to the left of the middle of the chord, for a positive bulge below 1
         half = 0.5 * complex(x_next - x, y_next - y)
         centre = complex(x, y) + half * (1.0 + 1j / float(np.tan(0.5 * angle)))
@@ -42,8 +42,8 @@ def chords(
     return [*way, (last[0], last[1])]
 
 
-def curve(entity: Any, sagitta: float) -> list[tuple[float, float, float]]:
-    """Points in space along an ARC, or a POLYLINE or LWPOLYLINE in a plane, a list of (x, y, z).
+def points_along_entity(entity: Any, sagitta: float) -> list[tuple[float, float, float]]:
+    """Return the points (x, y, z) along an ARC, or a plane POLYLINE or LWPOLYLINE, as a list.
 
     Args:
         entity: of ezdxf.
@@ -63,5 +63,5 @@ def curve(entity: Any, sagitta: float) -> list[tuple[float, float, float]]:
         places = [(vertex.dxf.location, vertex.dxf.bulge) for vertex in entity.vertices]
         points, closed = [(at.x, at.y, bulge) for at, bulge in places], entity.is_closed
         height = entity.dxf.elevation.z
-    plane = [(x, y, height) for x, y in chords(points, closed, sagitta)]
+    plane = [(x, y, height) for x, y in arcs_to_chords(points, closed, sagitta)]
     return [tuple(point) for point in entity.ocs().points_to_wcs(plane)]

@@ -45,7 +45,7 @@ from ..model.supports import Supports
 from ..sections import Section
 from .reading import FileError
 
-Kind = TypeVar("Kind", bound=type)
+UserClass = TypeVar("UserClass", bound=type)
 
 TYPES: dict[str, type] = {
     cls.__name__: cls
@@ -59,8 +59,8 @@ TYPES: dict[str, type] = {
 """Classes whose objects a file can hold, by name."""
 
 
-def register(cls: Kind) -> Kind:
-    """Let files hold objects of a user's class: a group, a load, a law.
+def register(cls: UserClass) -> UserClass:
+    """Allow objects of a user's class in files: a group, a load or a law.
 
     Args:
         cls: the class, a dataclass whose fields are the arguments of its constructor.
@@ -89,18 +89,18 @@ def register(cls: Kind) -> Kind:
     return cls
 
 
-IMPLIED = {"structure": Structure, "supports": Supports, "section": Section}
+IMPLIED_CLASSES = {"structure": Structure, "supports": Supports, "section": Section}
 """Classes of objects that need not name theirs, by the field that they stand in."""
 
 COMMENT = "comment"
 """Field of every object of a class that is not read: for people."""
 
-DEEPEST = 32
+MOST_LEVELS = 32
 """Levels of nested objects that are read: more than any structure needs."""
 
 
 def encode(value: Any, where: str, implied: type | None = None) -> Any:
-    """Plain data of an object, a container, an array or a number.
+    """Turn an object, a container, an array or a number into plain data for JSON.
 
     Args:
         value: object, container, array or number.
@@ -137,10 +137,10 @@ def encode(value: Any, where: str, implied: type | None = None) -> Any:
 
 
 def _encode_object(value, where, implied):
-    """Plain data of an object of a class in `TYPES`, a dict; fields with defaults are left out."""
+    """Return the fields of an object as a dict; fields that equal their defaults are left out."""
     cls = type(value)
     fields = {} if cls is implied else {"type": cls.__name__}
-    for field in stated(cls):
+    for field in user_fields(cls):
         content = getattr(value, field.name)
         if content is None:
             continue
@@ -148,29 +148,29 @@ def _encode_object(value, where, implied):
             continue
         own = cls.__module__.partition(".")[0] == __package__.partition(".")[0]
         if own and is_group(value) and isinstance(content, np.ndarray | jax.Array):
-            content = _once(np.asarray(content))
+            content = _collapse_equal_values(np.asarray(content))
         if cls is Section and field.name == "laws":
             content = list(content)  # its constructor makes a tuple of it again
         place = f"{where}.{field.name}"
-        fields[field.name] = encode(content, place, IMPLIED.get(field.name))
+        fields[field.name] = encode(content, place, IMPLIED_CLASSES.get(field.name))
     return fields
 
 
-def stated(cls: type) -> list[dataclasses.Field]:
-    """Fields of a class that users state, a list; the constructor or the analysis fills others."""
+def user_fields(cls: type) -> list[dataclasses.Field]:
+    """Return the fields of a class that users give; the program fills the others."""
     others = cls.worked_out if issubclass(cls, Load | Law) else ()
     return [field for field in dataclasses.fields(cls) if field.name not in others]
 
 
-def _once(values):
-    """The value of all elements if they have the same, as constructors accept it; else [n, ...]."""
+def _collapse_equal_values(values):
+    """Return the value of one element if all have the same, which constructors take; else all."""
     if len(values) > 1 and values.tobytes() == values[:1].tobytes() * len(values):
         return values[0]
     return values
 
 
 def _encode_numbers(value, where):
-    """A number, or an array as nested lists; float32 is marked."""
+    """Turn a number or an array into numbers in nested lists; arrays of float32 are marked."""
     array = np.asarray(value)
     if not np.issubdtype(array.dtype, np.number) and array.dtype != bool:
         raise ValueError(f"{where}: an array of {array.dtype} cannot be written to a file")
@@ -183,7 +183,7 @@ def _encode_numbers(value, where):
 
 
 def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -> Any:
-    """The object that `encode` has turned into plain data.
+    """Turn plain data back into the object that `encode` has written.
 
     Args:
         data: plain data, as from JSON.
@@ -194,8 +194,8 @@ def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -
     Raises:
         FileError: names the field and what is wrong with it.
     """
-    if depth > DEEPEST:
-        raise FileError(f"{where}: nested in more than {DEEPEST} levels")
+    if depth > MOST_LEVELS:
+        raise FileError(f"{where}: nested in more than {MOST_LEVELS} levels")
     if data is None or isinstance(data, bool | str):
         return data
     if isinstance(data, float):
@@ -216,16 +216,16 @@ def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -
             raise FileError(f"{where}: expected a {implied.__name__}, got {data!r:.60}")
         return _decode_object(data, where, implied, depth)
     if name == "float32":
-        return _decode_single(data, where)
+        return _decode_float32(data, where)
     if name in ("list", "tuple"):
-        return _decode_items(data, where, name, depth)
+        return _decode_sequence(data, where, name, depth)
     if isinstance(name, str):
         return _decode_object(data, where, None, depth)
     return {key: decode(v, f"{where}[{key!r}]", None, depth + 1) for key, v in data.items()}
 
 
-def _decode_single(data, where):
-    """An array or a number of float32."""
+def _decode_float32(data, where):
+    """Turn an object marked as float32 into an array or a number of this type."""
     _require_keys(data, "values", where)
     values = _decode_numbers(data["values"], where)
     if np.abs(values).max(initial=0.0) > np.finfo(np.float32).max:
@@ -233,8 +233,8 @@ def _decode_single(data, where):
     return values.astype(np.float32)[()]
 
 
-def _decode_items(data, where, name, depth):
-    """A list or a tuple with "items"."""
+def _decode_sequence(data, where, name, depth):
+    """Turn an object marked as list or tuple into one."""
     _require_keys(data, "items", where)
     items = data["items"]
     if not isinstance(items, list):
@@ -254,23 +254,23 @@ def _require_keys(data, key, where):
 
 
 def _decode_object(data, where, implied, depth):
-    """An object of a class in `TYPES`; FileError for unknown types and fields, or wrong values."""
+    """Make an object of a class in `TYPES`; raise FileError for unknown keys and refused values."""
     name = data.get("type", implied.__name__ if implied else None)
     if not isinstance(name, str) or name not in TYPES:
-        raise FileError(f"{where}: unknown type {name!r}{_meant(name, TYPES)}")
+        raise FileError(f"{where}: unknown type {name!r}{_suggest_name(name, TYPES)}")
     cls = TYPES[name]
     if implied is not None and cls is not implied:
         raise FileError(f"{where}: expected a {implied.__name__}, got a {name}")
-    kinds = {field.name: str(field.type) for field in stated(cls)}
+    kinds = {field.name: str(field.type) for field in user_fields(cls)}
     values = {}
     for key, value in data.items():
         if key == "type" or (key == COMMENT and key not in kinds):
             continue
         if key not in kinds:
-            raise FileError(f"{where}: {name} has no key {key!r}{_meant(key, kinds)}")
+            raise FileError(f"{where}: {name} has no key {key!r}{_suggest_name(key, kinds)}")
         place = f"{where}.{key}"
-        values[key] = decode(value, place, IMPLIED.get(key), depth + 1)
-        _require_kind(values[key], kinds[key], place)
+        values[key] = decode(value, place, IMPLIED_CLASSES.get(key), depth + 1)
+        _require_field_type(values[key], kinds[key], place)
     if cls is Section and isinstance(values.get("counts"), np.ndarray):
         values["counts"] = tuple(values["counts"].tolist())
     try:
@@ -290,21 +290,21 @@ def _decode_object(data, where, implied, depth):
         raise FileError(f"{where}: these values do not make a {name}: {error}") from None
 
 
-def _require_kind(value, kind, where):
-    """FileError for what constructors do not look at, or Python would take for something else."""
+def _require_field_type(value, kind, where):
+    """Raise FileError for values of a wrong type that the constructor would not notice."""
     numbers = isinstance(value, np.ndarray | np.generic | list | tuple | str | int | float | None)
     if kind.startswith(("Float[", "Int[", "Bool[")) and not numbers:
         raise FileError(f"{where}: expected numbers, got {type(value).__name__}")
-    for base, (words, example) in TYPED.items():
+    for base, (words, example) in EXPLICIT_CLASSES.items():
         if kind.startswith(words):
-            _require_typed(value, base, example, where)
+            _refuse_untyped(value, base, example, where)
     if kind == "bool" and not isinstance(value, bool):
         raise FileError(f"{where}: expected true or false, got {value!r:.40}")
     if kind == "Key" and (isinstance(value, bool) or not isinstance(value, str | int | None)):
         raise FileError(f"{where}: expected the key of a group, got {value!r:.40}")
 
 
-TYPED: dict[type, tuple[tuple[str, ...], str]] = {
+EXPLICIT_CLASSES: dict[type, tuple[tuple[str, ...], str]] = {
     Element: (("PyTree[Element]",), 'a group of elements, such as "type": "Cables"'),
     Load: (("Load", "Sequence[Load]"), 'a load, such as "type": "NodalLoads"'),
     Law: (("Law", "Sequence[Law]"), 'a law, such as "type": "Elastic"'),
@@ -312,38 +312,41 @@ TYPED: dict[type, tuple[tuple[str, ...], str]] = {
 """Classes of objects that name theirs: annotations of fields, and words for a message."""
 
 
-def _require_typed(value, base, example, where):
-    """FileError for an object without a "type" where one of a class is expected."""
+def _refuse_untyped(value, base, example, where):
+    """Raise FileError for an object without a "type" where the class must be named."""
     if isinstance(value, list | tuple):
         for k, item in enumerate(value):
-            _require_typed(item, base, example, f"{where}[{k}]")
+            _refuse_untyped(item, base, example, f"{where}[{k}]")
     if isinstance(value, dict):
         inner = value.values() if base is Element else ()
         if not inner or not all(isinstance(v, Element | dict | list | tuple | None) for v in inner):
             raise FileError(f'{where}: "type" is missing; it names the class of {example}')
         for key, item in value.items():
-            _require_typed(item, base, example, f"{where}[{key!r}]")
+            _refuse_untyped(item, base, example, f"{where}[{key!r}]")
 
 
 def has_no_default(field: dataclasses.Field) -> bool:
-    """Whether a field must be given to the constructor."""
+    """Return whether the constructor needs a field."""
     return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
-def _meant(name, known):
-    """The end of a message on an unknown name: the known name most like it, or all of them."""
+def _suggest_name(name, known):
+    """Return the end of a message on an unknown name: the most similar known one, or all."""
     near = difflib.get_close_matches(str(name), list(known), n=1)
     return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known)}"
 
 
 def _decode_numbers(data, where):
-    """An array from nested lists of finite numbers."""
+    """Turn nested lists into an array of finite numbers; raise FileError for anything else."""
     try:
         array = np.array(data)
     except (ValueError, OverflowError):
         array = None
     if array is None or (array.size and array.dtype.kind not in "bif"):
-        place, why = _odd(data) or ("", "expected numbers in lists of equal lengths")
+        place, why = _find_irregular_item(data) or (
+            "",
+            "expected numbers in lists of equal lengths",
+        )
         raise FileError(f"{where}{place}: {why}")
     if array.dtype != bool and holds_boolean(data):  # NumPy would count it as 0 or 1
         raise FileError(f"{where}: expected numbers, got true or false among them")
@@ -353,8 +356,8 @@ def _decode_numbers(data, where):
     return array
 
 
-def _odd(data, place=""):
-    """The first place in nested lists that is no number or has another length, and what it is."""
+def _find_irregular_item(data, place=""):
+    """Find the first item that is no number or a list of another length; say where and what."""
     if not isinstance(data, list):
         number = isinstance(data, int | float)
         return None if number else (place, f"expected a number, got {json.dumps(data):.40}")
@@ -364,4 +367,7 @@ def _odd(data, place=""):
         if length != usual and not isinstance(data[k], str | None):
             text = f"expected numbers in lists of equal lengths, got {length or 'no list'} "
             return f"{place}[{k}]", f"{text}where others have {usual or 'no list'}"
-    return next(filter(None, (_odd(item, f"{place}[{k}]") for k, item in enumerate(data))), None)
+    return next(
+        filter(None, (_find_irregular_item(item, f"{place}[{k}]") for k, item in enumerate(data))),
+        None,
+    )

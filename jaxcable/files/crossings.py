@@ -1,4 +1,4 @@
-"""Where links of a drawing cross or touch in plan without a node, and how they are split there."""
+"""Find where links cross or touch in plan without a node, and split them there."""
 
 from __future__ import annotations
 
@@ -11,93 +11,95 @@ from scipy.spatial import cKDTree
 
 from ..common.types import Bool, Float, Int
 
-GAP = 0.25
+LARGEST_GAP = 0.25
 """Height between two links, over the length of the shorter one, up to which they are one net."""
 
-_PARALLEL = 1e-9  # sine of the angle between lines that do not cross
-_FINEST = 0.1  # least length of a piece in the search, over the mean length of the links
+_PARALLEL = 1e-9  # sine of the angle between links below which rounding places their crossing
+_FINEST = 0.1  # shortest piece over the mean link: some ten pieces for each link at most
 
 
-class Touching(NamedTuple):
-    """Links with a node of another link on their inside, in plan.
+class NodesOnLinks(NamedTuple):
+    """Nodes that lie on a link between its ends, in plan.
 
     Attributes:
         link, node: numbers of both, [n].
-        at: place of the node along the link, from 0 to 1, [n].
-        off: distance of the node from the link, in plan, [n], m.
-        above: height of the node above the link, [n], m.
-        near: length of the link, or of the shortest link at the node if that is shorter, [n], m.
+        fraction: position of the node along the link, from 0 to 1, [n].
+        distance: of the node from the link, in plan, [n], m.
+        height: of the node above the link, [n], m.
+        length_scale: length of the link, or of the shortest link at the node if that is shorter,
+            [n], m.
     """
 
     link: Int[np.ndarray, " n"]
     node: Int[np.ndarray, " n"]
-    at: Float[np.ndarray, " n"]
-    off: Float[np.ndarray, " n"]
-    above: Float[np.ndarray, " n"]
-    near: Float[np.ndarray, " n"]
+    fraction: Float[np.ndarray, " n"]
+    distance: Float[np.ndarray, " n"]
+    height: Float[np.ndarray, " n"]
+    length_scale: Float[np.ndarray, " n"]
 
 
 class Crossings(NamedTuple):
-    """What `split` makes nodes of.
+    """Places at which `split_links` makes nodes.
 
     Attributes:
         pairs: links that cross in plan without a node, [n_crossing, 2].
-        at: place of the crossing along both links, from 0 to 1, [n_crossing, 2].
-        joints: `Touching` within the tolerance: T-joints.
-        apart: number of crossings and joints that are none because their heights differ too much.
+        fractions: position of the crossing along both links, from 0 to 1, [n_crossing, 2].
+        joints: `NodesOnLinks` within the tolerance: T-joints.
+        n_apart: number of further places that are not joined, because the heights differ too much.
     """
 
     pairs: Int[np.ndarray, "n_crossing 2"]
-    at: Float[np.ndarray, "n_crossing 2"]
-    joints: Touching
-    apart: int
+    fractions: Float[np.ndarray, "n_crossing 2"]
+    joints: NodesOnLinks
+    n_apart: int
 
 
-class Pieces(NamedTuple):
-    """A net that is split where its links cross and touch.
+class SplitNet(NamedTuple):
+    """A net whose links are split where they cross or touch.
 
     Attributes:
-        nodes: those before, and new ones behind them, [n_all, 3], m.
-        links: [n_piece, 2].
-        origin: link that a piece belonged to, [n_piece].
-        share: length of the piece over that of the link, [n_piece].
+        nodes: the nodes of the net, followed by new ones, [n_all, 3], m.
+        links: node numbers of the pieces, [n_piece, 2].
+        original_link: link that a piece belonged to, [n_piece].
+        length_fraction: length of the piece over that of the link, [n_piece].
     """
 
     nodes: Float[np.ndarray, "n_all 3"]
     links: Int[np.ndarray, "n_piece 2"]
-    origin: Int[np.ndarray, " n_piece"]
-    share: Float[np.ndarray, " n_piece"]
+    original_link: Int[np.ndarray, " n_piece"]
+    length_fraction: Float[np.ndarray, " n_piece"]
 
 
-def shortest_links(
+def link_lengths(
     nodes: Float[np.ndarray, "n_node 3"], links: Int[np.ndarray, "n_elem 2"]
 ) -> tuple[Float[np.ndarray, " n_elem"], Float[np.ndarray, " n_node"]]:
-    """Length of every link, [n_elem], and of the shortest link at every node, [n_node], m."""
+    """Return the length of each link, and that of the shortest link at each node, m."""
     length = np.linalg.norm(nodes[links[:, 1]] - nodes[links[:, 0]], axis=1)
     shortest = np.full(len(nodes), np.inf)
     np.minimum.at(shortest, links.ravel(), np.repeat(length, 2))
     return length, shortest
 
 
-def touching(
+def find_nodes_on_links(
     nodes: Float[np.ndarray, "n_node 3"],
     links: Int[np.ndarray, "n_elem 2"],
     tolerance: float,
     share: float = 0.0,
-) -> Touching:
-    """The `Touching` with `off` of at most a limit, and more than that from the link's ends.
+) -> NodesOnLinks:
+    """Find the nodes within a distance of a link in plan, and not at its ends.
 
-    The limit is `tolerance`, m, and `share` of `near` beyond it. Along a link that is vertical the
-    place of a node is its height.
+    The largest distance is `tolerance`, m, plus `share` of `length_scale`; the same distance is
+    kept from the ends of the link. On a vertical link the position of a node is measured by its
+    height.
     """
-    length, shortest = shortest_links(nodes, links)
-    tree, owner, step = _pieces(nodes[:, :2], links)
+    length, shortest = link_lengths(nodes, links)
+    tree, owner, step = _search_tree(nodes[:, :2], links)
     used = np.unique(links)
     reach = tolerance + share * float(length.max())
     found = cKDTree(nodes[used, :2]).sparse_distance_matrix(
         tree, 0.5 * step + reach, output_type="ndarray"
     )
-    pairs = _distinct(owner[found["j"]], used[found["i"]], len(nodes))
+    pairs = _unique_pairs(owner[found["j"]], used[found["i"]], len(nodes))
     link, node = pairs[(links[pairs[:, 0]] != pairs[:, 1:]).all(axis=1)].T
     near = np.minimum(length[link], shortest[node])
     limit = tolerance + share * near
@@ -111,20 +113,20 @@ def touching(
     off = np.linalg.norm(to[:, :2] - at[:, None] * way[:, :2], axis=1)
     above = np.where(upright, 0.0, to[:, 2] - at * way[:, 2])
     good = (off <= limit) & (np.sqrt(square) * np.minimum(at, 1 - at) > limit)
-    return Touching(*(value[good] for value in (link, node, at, off, above, near)))
+    return NodesOnLinks(*(value[good] for value in (link, node, at, off, above, near)))
 
 
-def crossings(
+def find_crossings(
     nodes: Float[np.ndarray, "n_node 3"],
     links: Int[np.ndarray, "n_elem 2"],
     held: Bool[np.ndarray, " n_node"],
     tolerance: float,
-    gap: float = GAP,
+    gap: float = LARGEST_GAP,
 ) -> Crossings:
-    """The `Crossings` of links.
+    """Find where links cross in plan, and which nodes lie on links, if their heights are close.
 
-    Nodes join a link above or below them only if they are ends that nothing holds: others, as the
-    anchors and the lower cables of a plane truss, have their height for a reason.
+    A node is joined to a link above or below it only if it is the free end of a single link. Other
+    nodes, such as anchors and the lower chord of a plane truss, have their height for a reason.
 
     Args:
         nodes, links: of the net, m.
@@ -132,54 +134,60 @@ def crossings(
         tolerance: distance in plan within which a node lies on a link, m.
         gap: largest height between what is joined, over the length of the shorter link.
     """
-    joints = touching(nodes, links, tolerance)
+    joints = find_nodes_on_links(nodes, links, tolerance)
     single = np.bincount(links.ravel(), minlength=len(nodes)) == 1
-    limit = np.where((single & ~held)[joints.node], gap * joints.near, tolerance)
-    close = np.abs(joints.above) <= limit
+    limit = np.where((single & ~held)[joints.node], gap * joints.length_scale, tolerance)
+    close = np.abs(joints.height) <= limit
     apart = int((~close).sum())
-    joints = Touching(*(value[close] for value in joints))
-    tree, owner, step = _pieces(nodes[:, :2], links)
+    joints = NodesOnLinks(*(value[close] for value in joints))
+    tree, owner, step = _search_tree(nodes[:, :2], links)
     pairs = np.sort(owner[tree.query_pairs(step * (1 + 1e-9), output_type="ndarray")], axis=1)
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-    pairs = _distinct(pairs[:, 0], pairs[:, 1], len(links))
+    pairs = _unique_pairs(pairs[:, 0], pairs[:, 1], len(links))
     pairs = pairs[(links[pairs[:, 0], :, None] != links[pairs[:, 1], None]).all(axis=(1, 2))]
     first, way = nodes[links[:, 0]], nodes[links[:, 1]] - nodes[links[:, 0]]
     p, q = pairs.T
     flat = np.linalg.norm(way[:, :2], axis=1)
-    turn = _cross(way[p], way[q])
+    turn = _cross_product_in_plan(way[p], way[q])
     skew = np.abs(turn) > _PARALLEL * flat[p] * flat[q]
     turn, between = np.where(skew, turn, 1.0), first[q] - first[p]
-    at = np.stack([_cross(between, way[q]) / turn, _cross(between, way[p]) / turn], axis=1)
+    at = np.stack(
+        [
+            _cross_product_in_plan(between, way[q]) / turn,
+            _cross_product_in_plan(between, way[p]) / turn,
+        ],
+        axis=1,
+    )
     inside = np.minimum(at, 1 - at) * flat[pairs] > tolerance
     good = skew & inside.all(axis=1)
     pairs, at = pairs[good], at[good]
-    good = _without_node(pairs, links, joints)
+    good = _have_no_common_node(pairs, links, joints)
     pairs, at = pairs[good], at[good]
     height = first[pairs, 2] + at * way[pairs, 2]
-    length, _ = shortest_links(nodes, links)
+    length, _ = link_lengths(nodes, links)
     close = np.abs(height[:, 1] - height[:, 0]) <= gap * length[pairs].min(axis=1)
     return Crossings(pairs[close], at[close], joints, apart + int((~close).sum()))
 
 
-def split(
+def split_links(
     nodes: Float[np.ndarray, "n_node 3"],
     links: Int[np.ndarray, "n_elem 2"],
     found: Crossings,
     tolerance: float,
-) -> Pieces:
-    """The `Pieces` of links; a node of a crossing has the mean height of the links there.
+) -> SplitNet:
+    """Split links at their crossings; a new node has the mean height of the links there.
 
-    A node of a T-joint stays where it is. Pieces that lie on each other are one, of the first link.
+    A node on a link stays where it is. Of pieces that coincide, the one of the first link stays.
 
     Args:
         nodes, links: of the net, m.
         found: its `Crossings`.
         tolerance: distance in plan of crossings that become one node, m.
     """
-    pairs, at = found.pairs, found.at
+    pairs, at = found.pairs, found.fractions
     first, way = nodes[links[:, 0]], nodes[links[:, 1]] - nodes[links[:, 0]]
     places = first[pairs] + at[..., None] * way[pairs]  # on both links, [n_crossing, 2, 3]
-    label = _merged(places[:, 0, :2], pairs, tolerance)
+    label = _merge_crossings(places[:, 0, :2], pairs, tolerance)
     count = int(label.max(initial=-1)) + 1
     new = np.zeros((count, 3))
     at_label = np.stack([np.repeat(label, 2), pairs.ravel()], axis=1)
@@ -190,21 +198,23 @@ def split(
     every = np.arange(len(links))
     link = np.concatenate([every, every, at_label[once, 1], found.joints.link])
     node = np.concatenate([*links.T, len(nodes) + owner, found.joints.node])
-    place = np.concatenate([0.0 * every, 1.0 + 0.0 * every, at.ravel()[once], found.joints.at])
+    place = np.concatenate(
+        [0.0 * every, 1.0 + 0.0 * every, at.ravel()[once], found.joints.fraction]
+    )
     order = np.lexsort((place, link))
     link, node, place = link[order], node[order], place[order]
     real = (link[1:] == link[:-1]) & (node[1:] != node[:-1])
     cut = np.stack([node[:-1], node[1:]], axis=1)[real].astype(np.int32)
     single = np.sort(np.unique(np.sort(cut, axis=1), axis=0, return_index=True)[1])
     share = np.diff(place)[real][single]
-    return Pieces(np.concatenate([nodes, new]), cut[single], link[:-1][real][single], share)
+    return SplitNet(np.concatenate([nodes, new]), cut[single], link[:-1][real][single], share)
 
 
-def _pieces(plan, links):
-    """Middles of short pieces of links in plan, as a tree; their links; and their largest length.
+def _search_tree(plan, links):
+    """Cut links in plan into short pieces; return a tree of their middles, their links, a length.
 
-    Pieces of two links that cross have middles within that length, so that long links do not make
-    the search for crossings one among all pairs.
+    The middles of two pieces that cross are no farther apart than this length, the largest. So the
+    search for crossings compares neighbors only, even if some links are long.
     """
     first, way = plan[links[:, 0]], plan[links[:, 1]] - plan[links[:, 0]]
     length = np.linalg.norm(way, axis=1)
@@ -216,18 +226,18 @@ def _pieces(plan, links):
     return cKDTree(middles), owner, step
 
 
-def _distinct(first, second, count):
-    """Pairs of numbers, each once, [n, 2]; the second ones are below `count`."""
+def _unique_pairs(first, second, count):
+    """Return each pair of numbers once, [n, 2]; the second numbers are below `count`."""
     return np.stack(np.divmod(np.unique(first.astype(np.int64) * count + second), count), axis=1)
 
 
-def _cross(a, b):
-    """Third component of the cross product of vectors in plan, [n]."""
+def _cross_product_in_plan(a, b):
+    """Return the third component of the cross product of vectors in plan, [n]."""
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-def _without_node(pairs, links, joints) -> Bool[np.ndarray, " n"]:
-    """Whether no node is on both links of a pair, at an end or a joint, [n] bool."""
+def _have_no_common_node(pairs, links, joints) -> Bool[np.ndarray, " n"]:
+    """Return whether no node lies on both links of a pair, as an end or on the inside, [n] bool."""
     on: dict[int, set[int]] = {}
     for link, node in zip(joints.link.tolist(), joints.node.tolist(), strict=True):
         on.setdefault(link, set(links[link].tolist())).add(node)
@@ -239,8 +249,8 @@ def _without_node(pairs, links, joints) -> Bool[np.ndarray, " n"]:
     return free
 
 
-def _merged(places, pairs, tolerance):
-    """Number of the node of every crossing: near crossings that share a link have the same one."""
+def _merge_crossings(places, pairs, tolerance):
+    """Number the new nodes: crossings that are close and share a link get the same node."""
     if not len(places):
         return np.zeros(0, int)
     near = cKDTree(places).query_pairs(tolerance, output_type="ndarray")

@@ -1,4 +1,4 @@
-"""Lines of CSV tables, whose first line names the columns."""
+"""Read CSV tables whose first line names the columns."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ _EMPTY = ' ;,\t\r\n"'  # of which lines consist that have no contents
 _DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d*([eE][+-]?\d+)?")
 
 
-class Line(NamedTuple):
-    """A line of a table.
+class TableRow(NamedTuple):
+    """A row of a table: its fields by column.
 
     Attributes:
         place: the file and the line, in words.
         fields: dict from column to text.
-        commas: whether numbers have decimal commas.
+        decimal_commas: whether numbers have decimal commas.
     """
 
     place: str
     fields: dict[str, str]
-    commas: bool
+    decimal_commas: bool
 
     def text(self, column: str) -> str:
-        """The text in a column; empty if the table has no such column."""
+        """Return the text in a column; empty if the table has no such column."""
         return self.fields.get(column, "")
 
     def number(self, column: str, absent: float | None = None) -> float:
-        """The number in a column; `absent`, unless it is None, for an empty field."""
+        """Return the number in a column; `absent`, unless it is None, for an empty field."""
         word = self.text(column)
         if not word and absent is not None:
             return absent
-        if self.commas and _DECIMAL_COMMA.fullmatch(word):
+        if self.decimal_commas and _DECIMAL_COMMA.fullmatch(word):
             word = word.replace(",", ".")
         try:
             value = reading.number(word)
@@ -61,8 +61,8 @@ def read_table(
     own: Mapping[str, str] | None,
     table: Omissions,
     largest: int,
-) -> list[Line]:
-    """The lines of a table after its header.
+) -> list[TableRow]:
+    """Return the rows of a table below its header; refuse unknown and missing columns.
 
     Args:
         path: path of the file.
@@ -73,14 +73,14 @@ def read_table(
         table: what is left out.
         largest: largest size that is read, bytes.
     """
-    lines, mark = _lines(read_text(path, largest))
+    lines, mark = _split_lines(read_text(path, largest))
     if not lines:
         raise FileError(f"{path}: is empty, or has comments only")
     try:
         header, *records = csv.reader([line for _, line in lines], delimiter=mark, strict=True)
     except csv.Error as error:
         raise FileError(f"{path}: not a CSV table: {error}") from None
-    columns = _columns(f"{path}: line {lines[0][0]}", header, known, needed, own, table)
+    columns = _column_names(f"{path}: line {lines[0][0]}", header, known, needed, own, table)
     if not records:
         raise FileError(f"{path}: has no rows below its header")
     if len(records) != len(lines) - 1:
@@ -94,12 +94,12 @@ def read_table(
             raise FileError(f"{place}: {len(record)} fields, the header has {len(header)}")
         pairs = zip(columns, map(str.strip, record), strict=True)
         fields = {name: word for name, word in pairs if name is not None}
-        found.append(Line(place, fields, mark != "," and not points))
+        found.append(TableRow(place, fields, mark != "," and not points))
     return found
 
 
-def _lines(text):
-    """The lines of a table that say something, with their numbers, and what separates fields.
+def _split_lines(text):
+    """Return the lines of a table that are not empty, with their numbers; and the separator.
 
     Spreadsheets write rows of empty fields, ``;;;``, and name the separator in a line of its own
     before the header, ``sep=;``.
@@ -116,8 +116,8 @@ def _lines(text):
     return lines, stated[2] if stated else usual
 
 
-def _columns(place, header, known, needed, own, table):
-    """The name of every column of a header, None for those that are left out."""
+def _column_names(place, header, known, needed, own, table):
+    """Return the names of the columns in a header, None for ignored ones; refuse wrong ones."""
     words = [word.strip().lower() for word in header]
     named = own or {}
     columns = [named.get(word, word if word not in named.values() else None) for word in words]

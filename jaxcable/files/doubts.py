@@ -1,4 +1,4 @@
-"""What in a drawn net was most likely not intended: gaps, and crossings without a node."""
+"""Find what in a drawn net was most likely not intended: gaps, and crossings without a node."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..common.types import Bool, Float, Int
-from .crossings import crossings, shortest_links, touching
+from .crossings import find_crossings, find_nodes_on_links, link_lengths
 
-NEAR = 0.01
+NEAR_FRACTION = 0.01
 """Distance, over the length of the shortest link there, below which a gap was not intended.
 
 Gaps of drawings are tenths to some millimetres, and links are decimetres to metres: one per cent
@@ -18,11 +18,11 @@ lies between them. The lengths are those at the place itself, so that a short li
 not hide a gap.
 """
 
-_ON = 1e-6  # distance in plan within which a node lies on a link, m
+_ON_LINK = 1e-6  # distance in plan within which a node lies on a link, m
 
 
 class Gap(NamedTuple):
-    """A node that nearly, or exactly, meets what it is not joined to.
+    """A node that touches, or nearly touches, something that it is not joined to.
 
     Attributes:
         node: its number.
@@ -35,14 +35,15 @@ class Gap(NamedTuple):
     distance: float
 
 
-def near_pairs(
+def near_node_pairs(
     nodes: Float[np.ndarray, "n_node 3"], links: Int[np.ndarray, "n_elem 2"]
 ) -> tuple[Int[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
-    """Pairs of nodes nearer than `NEAR` of the shortest link at both, and their distances, m.
+    """Find pairs of nodes that are much closer than the links at them are long; and distances, m.
 
-    For every node the nearest other one is looked at; the nearest pair is first.
+    The limit is `NEAR_FRACTION` of the shortest link at both nodes. Only the nearest neighbor of
+    each node is compared; the closest pair comes first.
     """
-    _, shortest = shortest_links(nodes, links)
+    _, shortest = link_lengths(nodes, links)
     if len(nodes) < 2:
         return np.zeros((0, 2), int), np.zeros(0)
     distances, others = map(np.asarray, cKDTree(nodes).query(nodes, k=2))
@@ -50,7 +51,7 @@ def near_pairs(
     second = others[:, 1] == every  # of nodes at one place either may come first
     other = np.where(second, others[:, 0], others[:, 1])
     distance = distances.max(axis=1)
-    limit = NEAR * np.minimum(shortest, shortest[other])
+    limit = NEAR_FRACTION * np.minimum(shortest, shortest[other])
     close = np.isfinite(limit) & (distance < limit)
     pairs = np.sort(np.stack([every, other], axis=1)[close], axis=1)
     pairs, first = np.unique(pairs, axis=0, return_index=True)
@@ -59,23 +60,23 @@ def near_pairs(
     return pairs[order], distance[order]
 
 
-def loose_ends(
+def unjoined_ends(
     nodes: Float[np.ndarray, "n_node 3"], links: Int[np.ndarray, "n_elem 2"]
 ) -> list[Gap]:
-    """Ends (nodes with one link) that lie so near to another node or link that they belong to it.
+    """Find ends (nodes of a single link) that almost touch another node or link.
 
-    That is: nearer than `NEAR` of the shortest link there, in space; sorted by their numbers.
+    The distance in space is below `NEAR_FRACTION` of the shortest link there. Sorted by node.
     """
     single = np.bincount(links.ravel(), minlength=len(nodes)) == 1
     found = {}
-    near = touching(nodes, links, 0.0, NEAR)
-    space = np.hypot(near.off, near.above)
-    for k in np.flatnonzero(single[near.node] & (space < NEAR * near.near)):
+    near = find_nodes_on_links(nodes, links, 0.0, NEAR_FRACTION)
+    space = np.hypot(near.distance, near.height)
+    for k in np.flatnonzero(single[near.node] & (space < NEAR_FRACTION * near.length_scale)):
         node, far = int(near.node[k]), float(space[k])
         if node not in found or far < found[node].distance:
             between = " to ".join(map(str, links[near.link[k]]))
             found[node] = Gap(node, f"the link from node {between}", far)
-    for pair, far in zip(*near_pairs(nodes, links), strict=True):
+    for pair, far in zip(*near_node_pairs(nodes, links), strict=True):
         for node, other in (pair.tolist(), pair[::-1].tolist()):
             if single[node]:
                 found[node] = Gap(node, f"node {other}", float(far))
@@ -87,57 +88,65 @@ def doubts(
     links: Int[np.ndarray, "n_elem 2"],
     held: Bool[np.ndarray, " n_node"],
 ) -> list[str]:
-    """What in a net was most likely not intended, a list of texts with what to do.
+    """Describe what in a net was most likely not intended, and what to do: a list of texts.
 
     Args:
         nodes, links: of the net, m.
-        held: whether a support holds a node, [n_node] bool.
+        held: whether a node is supported, [n_node] bool.
     """
     told = []
-    pairs, distance = near_pairs(nodes, links)
+    pairs, distance = near_node_pairs(nodes, links)
     if len(pairs):
         i, j = pairs[0].tolist()
         told.append(
-            f"{counted(len(pairs), 'pair')} of nodes closer than {NEAR:.0%} of the shortest link "
-            f"there: nodes {i} and {j} at {place(nodes[i])}, {_millimetres(distance[0])} apart; "
-            "to join them, read the file with a larger tolerance (--tol)"
+            f"{counted(len(pairs), 'pair')} of nodes closer than {NEAR_FRACTION:.0%} of the "
+            f"shortest link there: nodes {i} and {j} at {place(nodes[i])}, "
+            f"{_format_millimetres(distance[0])} apart; to join them, read the file with a larger "
+            "tolerance (--tol)"
         )
-    found = crossings(nodes, links, held, _ON)
+    found = find_crossings(nodes, links, held, _ON_LINK)
     if len(found.pairs) or len(found.joints.link):
-        some = nodes[found.joints.node[:1]] if len(found.joints.link) else _at(nodes, links, found)
+        some = (
+            nodes[found.joints.node[:1]]
+            if len(found.joints.link)
+            else _first_crossing(nodes, links, found)
+        )
         told.append(
             f"{counted(len(found.pairs), 'crossing')} of links in plan without a node, and "
             f"{counted(len(found.joints.link), 'node')} on a link that it is no end of, such as at "
             f"{place(some[0])}; to join them there, use Net.split (--split)"
         )
     on_nodes = {k for pair in pairs.tolist() for k in pair} | set(found.joints.node.tolist())
-    gaps = [gap for gap in loose_ends(nodes, links) if not (held[gap.node] or gap.node in on_nodes)]
+    gaps = [
+        gap for gap in unjoined_ends(nodes, links) if not (held[gap.node] or gap.node in on_nodes)
+    ]
     if gaps:
         gap = min(gaps, key=lambda gap: gap.distance)
         told.append(
-            f"{counted(len(gaps), 'end')} closer to a link than {NEAR:.0%} of its length: node "
-            f"{gap.node} at {place(nodes[gap.node])}, {_millimetres(gap.distance)} from {gap.other}"
-            "; to join them, use Net.split (--split) with a larger tolerance (--tol)"
+            f"{counted(len(gaps), 'end')} closer to a link than {NEAR_FRACTION:.0%} of its length: "
+            f"node {gap.node} at {place(nodes[gap.node])}, "
+            f"{_format_millimetres(gap.distance)} from {gap.other}; to join them, "
+            "use Net.split (--split) with a larger tolerance (--tol)"
         )
     return told
 
 
-def _at(nodes, links, found):
-    """The place of the first crossing, on the first of both links, [1, 3]."""
+def _first_crossing(nodes, links, found):
+    """Return the position of the first crossing on the first of its two links, [1, 3], m."""
     first, last = nodes[links[found.pairs[0, 0]]]
-    return (first + found.at[0, 0] * (last - first))[None]
+    return (first + found.fractions[0, 0] * (last - first))[None]
 
 
 def place(node: Float[np.ndarray, " 3"]) -> str:
-    """A place as text: (x, y, z) m."""
+    """Format the position of a node: (x, y, z) m."""
     return f"({', '.join(f'{x:.6g}' for x in node + 0.0)}) m"
 
 
-def _millimetres(distance):
-    """A distance as text."""
+def _format_millimetres(distance):
+    """Format a distance, m, in millimetres."""
     return f"{1e3 * distance:.3g} mm"
 
 
 def counted(number: int, word: str) -> str:
-    """A number with its noun as text: 1 increment, 2 increments."""
+    """Format a number with its noun: 1 increment, 2 increments."""
     return f"{number} {word}" + ("" if number == 1 else "s")

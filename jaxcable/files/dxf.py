@@ -13,16 +13,16 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..common.compilation import without_collection
-from .arcs import curve
-from .lines import Polyline, net_of
+from .arcs import points_along_entity
 from .nets import Net
 from .omissions import Omissions
+from .polylines import Polyline, net_from_polylines
 from .reading import LARGEST, FileError, read_bytes
 
-METRES = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0}
+METRES_PER_UNIT = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0}
 """Metres per unit, by the code in the header: inch, foot, mm, cm, m."""
 
-BARS, SUPPORTS = "jaxcable bars", "jaxcable supports"
+BARS_PROPERTY, SUPPORTS_PROPERTY = "jaxcable bars", "jaxcable supports"
 """Properties of a drawing that `save_dxf` has written: names of layers."""
 
 _SPLINE_FIT = 4  # bit in the flags of a POLYLINE, whose vertices then are not all on its curve
@@ -93,7 +93,7 @@ def read_dxf(
         raise ValueError(f"scale = {scale}, tol = {tol}: expected positive numbers")
     if sagitta is not None and not 0 < sagitta < np.inf:
         raise ValueError(f"sagitta = {sagitta}: expected a positive number")
-    ezdxf = library()
+    ezdxf = import_ezdxf()
     data = read_bytes(path, largest)
     try:
         text = data.decode("utf-8-sig")
@@ -105,9 +105,9 @@ def read_dxf(
                 # lines may end as Windows ends them, which the parser leaves to its stream
                 document = ezdxf.read(io.StringIO(text, newline=None))
                 unit = document.header.get("$INSUNITS", 0)
-                metres = float(METRES.get(unit, 0.0) if scale is None else scale)
+                metres = float(METRES_PER_UNIT.get(unit, 0.0) if scale is None else scale)
                 sag = sagitta / metres if sagitta is not None and metres else None
-                entities = _shown(document, sag, hidden, table)
+                entities = _read_visible_entities(document, sag, hidden, table)
                 own = [(str(key), str(layer)) for key, layer in document.header.custom_vars]
         except Exception as error:  # whatever a foreign parser makes of a damaged file
             told = " ".join(str(error).split())[:120]
@@ -119,33 +119,35 @@ def read_dxf(
             )
         if supports is None:
             marked = {entity.layer for entity in entities if entity.kind == "POINT"}
-            supports = next((name for key, name in own if key == SUPPORTS and name in marked), None)
-        net = _net(entities, metres, tol, supports, table)
-        bars = [("bar" if (BARS, group) in own else "cable") for group in net.groups or ()]
+            supports = next(
+                (name for key, name in own if key == SUPPORTS_PROPERTY and name in marked), None
+            )
+        net = _net_of_entities(entities, metres, tol, supports, table)
+        bars = [("bar" if (BARS_PROPERTY, group) in own else "cable") for group in net.groups or ()]
         return dataclasses.replace(net, kinds=tuple(bars), omissions=table.table())
 
 
-def _shown(document, sagitta, hidden, table):
-    """Entities of model space that are shown, a list; counts what is not shown in the drawing."""
-    layers, files = _unseen_layers(document), _references(document)
+def _read_visible_entities(document, sagitta, hidden, table):
+    """Return the entities of model space that are visible; count those that are not."""
+    layers, files = _hidden_layers(document), _external_references(document)
     found = []
     for entity in document.modelspace():
-        content = _content(entity, sagitta, layers)
+        content = _read_entity(entity, sagitta, layers)
         name = str(entity.dxf.get("name", "")).lower() if content.kind == "INSERT" else ""
-        if content.unseen and not hidden:
-            why = f"{content.unseen} in the drawing; to read it, give hidden=True (--hidden)"
+        if content.why_hidden and not hidden:
+            why = f"{content.why_hidden} in the drawing; to read it, give hidden=True (--hidden)"
             table.add(content.kind, f"layer {content.layer!r}", why)
         elif name in files:
             why = "drawings that this one refers to (xrefs) are not read: bind them first"
             table.add("external reference", repr(files[name]), why)
         else:
             found.append(content)
-    _count_paper(document, table)
+    _count_paper_space(document, table)
     return found
 
 
-def library() -> ModuleType:
-    """The module `ezdxf`."""
+def import_ezdxf() -> ModuleType:
+    """Import the library `ezdxf`; raise ValueError if it is not installed."""
     try:
         import ezdxf
     except ImportError:
@@ -155,25 +157,25 @@ def library() -> ModuleType:
 
 
 class _Entity(NamedTuple):
-    """What of an entity is read.
+    """What is read of an entity of a drawing.
 
     Attributes:
         kind: its kind, in the words of the format.
         where: its place in words.
         layer: its layer.
         points: those along it, in units of the drawing; none if it is left out.
-        unseen: why it is not shown in the drawing, in words; empty if it is.
+        why_hidden: why it is not shown in the drawing, in words; empty if it is.
     """
 
     kind: str
     where: str
     layer: str
     points: list[tuple[float, float, float]]
-    unseen: str
+    why_hidden: str
 
 
-def _content(entity, sagitta, layers):
-    """The `_Entity` of an entity of ezdxf.
+def _read_entity(entity, sagitta, layers):
+    """Read an entity of ezdxf as an `_Entity`.
 
     Args:
         sagitta: of chords in place of arcs, in units of the drawing; None leaves out arcs.
@@ -190,7 +192,7 @@ def _content(entity, sagitta, layers):
         kind = "POLYLINE fitted by a spline"
     elif kind == "ARC" or (kind in ("LWPOLYLINE", "POLYLINE") and entity.has_arc):
         kind = "ARC" if kind == "ARC" else f"{kind} with arcs"
-        points = [] if sagitta is None else curve(entity, sagitta)
+        points = [] if sagitta is None else points_along_entity(entity, sagitta)
     elif kind in ("LWPOLYLINE", "POLYLINE"):
         points = [*(entity.points_in_wcs() if kind == "POLYLINE" else entity.vertices_in_wcs())]
         points += points[:1] if entity.is_closed else []
@@ -202,8 +204,8 @@ def _content(entity, sagitta, layers):
     return _Entity(kind, where, layer, [tuple(point) for point in points], unseen)
 
 
-def _unseen_layers(document):
-    """Why layers are not shown: dict from their names, in small letters, to "frozen" or "off"."""
+def _hidden_layers(document):
+    """Return why layers are hidden, "frozen" or "off", by their names in small letters."""
     why = {}
     for layer in document.layers:
         if layer.is_frozen() or layer.is_off():
@@ -211,8 +213,8 @@ def _unseen_layers(document):
     return why
 
 
-def _count_paper(document, table):
-    """Count what is drawn on layouts of paper, but for the windows on the model."""
+def _count_paper_space(document, table):
+    """Count the entities in paper space, other than viewports."""
     for layout in document.layouts:
         if layout.is_any_paperspace:
             count = sum(entity.dxftype() != "VIEWPORT" for entity in layout)
@@ -220,8 +222,8 @@ def _count_paper(document, table):
             table.add("entity in paper space", f"layout {layout.name!r}", why, count)
 
 
-def _references(document):
-    """Names of files that blocks refer to, by the name of the block in small letters."""
+def _external_references(document):
+    """Return the files of external references by the names of their blocks in small letters."""
     return {
         block.name.lower(): str(block.block.dxf.get("xref_path", "?"))
         for block in document.blocks
@@ -229,8 +231,8 @@ def _references(document):
     }
 
 
-def _net(entities, metres, tol, supports, table):
-    """The `Net` of the entities of a drawing that are shown.
+def _net_of_entities(entities, metres, tol, supports, table):
+    """Make the `Net` of the entities that have been read.
 
     Args:
         entities: `_Entity` of what is read, a list.
@@ -250,7 +252,7 @@ def _net(entities, metres, tol, supports, table):
     if not lines:
         told = "".join(f"; {row}" for row in table.table())
         raise FileError(f"has no lines or polylines in model space: {len(marks)} POINT{told:.500}")
-    net = net_of(metres * np.array(places, float), lines, tol, table, "link")
+    net = net_from_polylines(metres * np.array(places, float), lines, tol, table, "link")
     distance, node = np.array([]), np.array([], int)
     if marks:
         distance, node = cKDTree(net.nodes).query(metres * np.array([p for *_, p in marks]))

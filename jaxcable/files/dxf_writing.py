@@ -13,8 +13,8 @@ from ..common.writing import written
 from ..elements import Bars
 from ..model.parts import faces, groups_by_name
 from ..model.structure import Structure
-from .at_end import end_state, file_path
-from .dxf import BARS, METRES, SUPPORTS, library
+from .dxf import BARS_PROPERTY, METRES_PER_UNIT, SUPPORTS_PROPERTY, import_ezdxf
+from .end_of_analysis import end_state, require_suffix
 
 _COLOURS = (5, 1, 3, 6, 4, 2)  # of groups, by the format's numbers: blue, red, green, ...
 _GREY = 8  # of points
@@ -27,7 +27,7 @@ def save_dxf(
     solution: Solution | None = None,
     scale: float = 1.0,
 ) -> list[Path]:
-    """Write a structure as a drawing, with a layer and a colour for each group.
+    """Write a structure as a drawing, with a layer and a color for each group.
 
     Elements are lines, cables over several nodes polylines, and elements with faces 3DFACEs, which
     `read_dxf` leaves out. Nodes are points: those that are
@@ -60,14 +60,14 @@ def save_dxf(
         >>> print(f"{net.nodes[:, 2].min():.6f} m")
         -0.012838 m
     """
-    path = file_path(path, ".dxf")
-    units = {metres: unit for unit, metres in METRES.items()}
+    path = require_suffix(path, ".dxf")
+    units = {metres: unit for unit, metres in METRES_PER_UNIT.items()}
     if scale not in units:
         known = ", ".join(map(str, sorted(units)))
         raise ValueError(f"scale = {scale}: expected metres per drawing unit, one of {known}")
     last = None if solution is None else end_state(structure, solution)
     places = np.asarray(structure.nodes if last is None else last.positions, float)
-    document = library().new("R2010")
+    document = import_ezdxf().new("R2010")
     document.header["$INSUNITS"], document.header["$MEASUREMENT"] = units[scale], 1
     space, points = document.modelspace(), (places / scale).tolist()
     layers = {"0", "defpoints"}
@@ -80,7 +80,7 @@ def save_dxf(
         layers.add(layer.lower())
         document.layers.add(layer, color=_COLOURS[number % len(_COLOURS)])
         if isinstance(group, Bars):
-            document.header.custom_vars.append(BARS, layer)
+            document.header.custom_vars.append(BARS_PROPERTY, layer)
         for corners in faces([group])[0].tolist():
             space.add_3dface([points[k] for k in corners], dxfattribs={"layer": layer})
         for chain in group.links.array.tolist() if group.face is None else ():
@@ -96,7 +96,7 @@ def save_dxf(
             layer += "_"
         document.layers.add(layer, color=_GREY)
         if mask is held and (held == pinned).all():
-            document.header.custom_vars.append(SUPPORTS, layer)
+            document.header.custom_vars.append(SUPPORTS_PROPERTY, layer)
         for k in np.flatnonzero(mask):
             space.add_point(points[k], dxfattribs={"layer": layer})
     with written(path) as stream:

@@ -14,15 +14,15 @@ from typing import Any
 
 
 @functools.cache
-def examples() -> dict[str, Any]:
-    """The examples, under "scene", "classes" and "fields"."""
+def load_examples() -> dict[str, Any]:
+    """Load the examples: a dict with the keys "scene", "classes" and "fields"."""
     return json.loads((resources.files(__package__) / "examples.json").read_text("utf-8"))
 
 
-def snippets(names: list[str]) -> list[dict[str, Any]]:
-    """Snippets for editors, the examples of some classes, a list."""
+def editor_snippets(names: list[str]) -> list[dict[str, Any]]:
+    """Return the examples of some classes in the form in which editors offer them, a list."""
     return [
         {"label": label, "body": example}
         for name in names
-        for label, example in examples()["classes"].get(name, {}).items()
+        for label, example in load_examples()["classes"].get(name, {}).items()
     ]

@@ -7,7 +7,7 @@ from typing import Any
 
 
 def laid_out(data: Any, indent: int = 0) -> str:
-    """Plain data as JSON text, with all digits of numbers."""
+    """Format plain data as JSON, with objects indented and all digits of numbers."""
     inner = "\n" + " " * (indent + 1)
     if isinstance(data, dict) and data:
         items = (f"{json.dumps(key)}: {laid_out(v, indent + 1)}" for key, v in data.items())

@@ -22,9 +22,9 @@ from ..scenes import Scene
 from . import crossings, doubts
 from .omissions import Omission
 
-PROPERTIES = ("axial_stiffness", "rest_length", "weight", "strength", "expansion")
-STATEMENTS = ("pretension", "force_density", "prestrain")
-KINDS = {"cable": Cables, "bar": Bars}
+GROUP_PROPERTIES = ("axial_stiffness", "rest_length", "weight", "strength", "expansion")
+PRESTRESS_INPUTS = ("pretension", "force_density", "prestrain")
+ELEMENT_CLASSES = {"cable": Cables, "bar": Bars}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Net:
         bars: Sequence[str] = (),
         **given: float | Mapping[str, float],
     ) -> Scene:
-        """The `Scene` of the net: prestress in a first phase, the loads in a second.
+        """Complete the net to a `Scene`: prestress in a first phase, the loads in a second.
 
         What is doubtful in a drawing is told by an `InputWarning` each: pairs of nodes nearer than
         1 % of the shortest link at them; links that cross in plan or meet without a node (`split`).
@@ -119,28 +119,30 @@ class Net:
             >>> type(structure.elements["TIE"]).__name__, phases[0].pretension["TIE"]
             ('Bars', None)
         """
-        unknown = given.keys() - {*PROPERTIES, *STATEMENTS}
+        unknown = given.keys() - {*GROUP_PROPERTIES, *PRESTRESS_INPUTS}
         if unknown:
-            known = ", ".join((*PROPERTIES, *STATEMENTS))
+            known = ", ".join((*GROUP_PROPERTIES, *PRESTRESS_INPUTS))
             raise ValueError(f"{min(unknown)}: not a property of a net; known are {known}")
         labels = self.groups
         if labels is None:
             labels = self.kinds if len(set(self.kinds)) > 1 else ("",) * len(self.links)
         chosen = {label: np.array([g == label for g in labels]) for label in dict.fromkeys(labels)}
-        _known(bars, chosen, "bars")
+        _require_known_groups(bars, chosen, "bars")
         values = {
-            name: self._filled(name, given.get(name), chosen) for name in (*PROPERTIES, *STATEMENTS)
+            name: self._values_by_group(name, given.get(name), chosen)
+            for name in (*GROUP_PROPERTIES, *PRESTRESS_INPUTS)
         }
         missing = [label for label in chosen if label not in values["axial_stiffness"]]
         if missing:
             whose = f"group {missing[0]!r}" if values["axial_stiffness"] else "the file"
             raise ValueError(f"axial_stiffness: {whose} has none; give axial_stiffness=..., N")
         elements: Any = {
-            label: self._group(label, mask, values, label in bars) for label, mask in chosen.items()
+            label: self._make_group(label, mask, values, label in bars)
+            for label, mask in chosen.items()
         }
         stated: dict[str, Any] = {
             name: {label: values[name].get(label) for label in chosen}
-            for name in STATEMENTS
+            for name in PRESTRESS_INPUTS
             if values[name]
         }
         if list(elements) == [""]:
@@ -152,7 +154,7 @@ class Net:
             if len(loaded):
                 loads = NodalLoads(loaded, self.loads[loaded])
                 phases.append(Phase(loads=loads, increments=increments[1]))
-        structure = Structure(self.nodes, elements, self._supports(anchors))
+        structure = Structure(self.nodes, elements, self._supports_with_anchors(anchors))
         return Scene(structure, phases or [Phase()])
 
     def split(
@@ -160,9 +162,9 @@ class Net:
         groups: Sequence[str] | None = None,
         *,
         tolerance: float = 1e-6,
-        gap: float = crossings.GAP,
+        gap: float = crossings.LARGEST_GAP,
     ) -> Net:
-        """The net with nodes where its links cross in plan, and where a node lies on a link.
+        """Return the net with nodes where its links cross in plan, and where a node lies on a link.
 
         The node of a crossing has the mean of the heights of all links there, each taken straight
         from end to end. At a T-joint the node that is there stays where it is, and the link goes
@@ -206,7 +208,7 @@ class Net:
         part = np.ones(len(self.links), bool)
         if groups is not None:
             names = self.groups or ()
-            _known(groups, dict.fromkeys(names), "groups")
+            _require_known_groups(groups, dict.fromkeys(names), "groups")
             part = np.array([name in groups for name in names])
         if not part.any():
             return self
@@ -214,17 +216,20 @@ class Net:
         # a node that others hold, too, has its height for a reason
         held: np.ndarray = np.array(np.any(self.fixed, axis=1))
         held[self.links[rest].ravel()] = True
-        found = crossings.crossings(self.nodes, self.links[chosen], held, tolerance, gap)
-        if found.apart:
+        found = crossings.find_crossings(self.nodes, self.links[chosen], held, tolerance, gap)
+        if found.n_apart:
             checks.suspect(
-                f"split: {found.apart} places where links cross or touch in plan are not joined: "
+                f"split: {found.n_apart} places where links cross or touch in plan are not joined: "
                 f"their heights differ by more than {gap:g} of the shorter link"
             )
-        made = crossings.split(self.nodes, self.links[chosen], found, tolerance)
-        origin = np.concatenate([chosen[made.origin], rest])
+        made = crossings.split_links(self.nodes, self.links[chosen], found, tolerance)
+        origin = np.concatenate([chosen[made.original_link], rest])
         order = np.argsort(origin, kind="stable")
         links = np.concatenate([made.links, self.links[rest]])[order]
-        share, origin = np.concatenate([made.share, np.ones(len(rest))])[order], origin[order]
+        share, origin = (
+            np.concatenate([made.length_fraction, np.ones(len(rest))])[order],
+            origin[order],
+        )
         values = {name: value[origin] for name, value in self.values.items()}
         for name, power in (("rest_length", 1.0), ("force_density", -1.0)):
             if name in values:
@@ -243,8 +248,10 @@ class Net:
             names=(*self.names, *[""] * more) if self.names else (),
         )
 
-    def _filled(self, name, given, chosen):
-        """Values of a property by group: from the file, else `given`; groups without are missing.
+    def _values_by_group(self, name, given, chosen):
+        """Return the values of a property by group, from the file or else from `given`.
+
+        Groups without a value are missing in the dict.
 
         Args:
             chosen: dict from names of groups to their elements, [n_elem] bool.
@@ -252,7 +259,7 @@ class Net:
         values = self.values.get(name)
         values = np.full(len(self.links), np.nan) if values is None else np.asarray(values, float)
         if isinstance(given, Mapping):
-            _known(given, chosen, name)
+            _require_known_groups(given, chosen, name)
         by_group = given if isinstance(given, Mapping) else dict.fromkeys(chosen, given)
         found = {}
         for label, mask in chosen.items():
@@ -267,19 +274,21 @@ class Net:
                 found[label] = own
         return found
 
-    def _group(self, label, mask, values, bars):
-        """The element group of a label: `Cables` or `Bars` of the elements in a mask, [n_elem]."""
+    def _make_group(self, label, mask, values, bars):
+        """Make the `Cables` or `Bars` of a label, from the elements in a mask, [n_elem]."""
         kinds = {self.kinds[k] for k in np.flatnonzero(mask)} if self.kinds else {"cable"}
         kinds = {"bar"} if bars else kinds
         if len(kinds) > 1:
             raise ValueError(
                 f"groups: {label!r} has cables and bars; put them into different groups"
             )
-        properties = {name: values[name][label] for name in PROPERTIES if label in values[name]}
-        return KINDS[kinds.pop()](self.links[mask], **properties)
+        properties = {
+            name: values[name][label] for name in GROUP_PROPERTIES if label in values[name]
+        }
+        return ELEMENT_CLASSES[kinds.pop()](self.links[mask], **properties)
 
-    def _supports(self, anchors):
-        """`Supports`: those of the file, and anchors; tells what is doubtful in the net."""
+    def _supports_with_anchors(self, anchors):
+        """Return the supports of the file with the anchors; warn of what is doubtful in the net."""
         fixed = self.fixed.copy()
         words = [anchors] if isinstance(anchors, str) else anchors
         ends = False
@@ -296,14 +305,14 @@ class Net:
             fixed[np.bincount(self.links.ravel(), minlength=len(self.nodes)) == 1] = True
         if not fixed.any():
             raise ValueError('anchors: the file names no supports; give node numbers or "ends"')
-        self._require_joined(fixed.any(axis=1))
+        self._require_connection_to_supports(fixed.any(axis=1))
         if (fixed.all(axis=1) == fixed.any(axis=1)).all():
             return pinned(np.flatnonzero(fixed.any(axis=1)))
         return Supports(mask=fixed)
 
     def _refuse_gaps(self, fixed):
-        """Raise ValueError for an end that is no anchor but lies at another node or link."""
-        gaps = doubts.loose_ends(self.nodes, self.links)
+        """Raise ValueError for an end that is no anchor but touches another node or link."""
+        gaps = doubts.unjoined_ends(self.nodes, self.links)
         gaps = [gap for gap in gaps if not fixed[gap.node].any()]
         if gaps:
             gap = min(gaps, key=lambda gap: gap.distance)
@@ -315,8 +324,8 @@ class Net:
                 '--tol; Net.split, --split), or list the numbers of anchors beside "ends"'
             )
 
-    def _require_joined(self, held):
-        """Raise ValueError unless links join every node to one of those held; tell of doubts."""
+    def _require_connection_to_supports(self, held):
+        """Raise ValueError if nodes are not linked to a support; warn of what is doubtful."""
         told = doubts.doubts(self.nodes, self.links, held)
         graph = coo_matrix((np.ones(len(self.links)), self.links.T), shape=(len(self.nodes),) * 2)
         part = connected_components(graph, directed=False)[1]
@@ -333,8 +342,8 @@ class Net:
             checks.suspect(text)
 
 
-def _known(names, groups, what):
-    """Raise ValueError if one of the names is no group."""
+def _require_known_groups(names, groups, what):
+    """Raise ValueError if a name is not that of a group."""
     for name in names:
         if name not in groups:
             raise ValueError(f"{what}: no group {name!r}; there are {', '.join(groups) or 'none'}")

@@ -1,4 +1,4 @@
-"""Structures and results as JSON of compas: a graph, or a mesh if its faces are given."""
+"""Write structures and results as JSON of compas: a graph, or a mesh if its faces are given."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..common.types import ArrayLike, Int
 from ..common.writing import written
 from ..model.parts import groups_by_name, per_group, pieces
 from ..model.structure import Structure
-from .at_end import end_state, file_path, of_all_elements
+from .end_of_analysis import concatenate_groups, end_state, require_suffix
 from .omissions import Omissions
 
 
@@ -64,7 +64,7 @@ def save_network(
         >>> bool((net.nodes == solution.positions).all()), len(net.links)
         (True, 12)
     """
-    path = file_path(path, ".json")
+    path = require_suffix(path, ".json")
     last = None if solution is None else end_state(structure, solution)
     places = np.asarray(structure.nodes if last is None else last.positions, float)
     loads = None if last is None else np.asarray(last.load, float)[:, :3]
@@ -81,10 +81,10 @@ def save_network(
         nodes[str(k)] = {**dict(zip("xyz", place, strict=True)), "is_support": bool(count[k] == 3)}
         if loads is not None:
             nodes[str(k)] |= dict(zip(("px", "py", "pz"), loads[k].tolist(), strict=True))
-    edges = _edges(structure, last, places)
-    kind, data = "Graph", _graph(nodes, edges)
+    edges = _edge_attributes(structure, last, places)
+    kind, data = "Graph", _graph_data(nodes, edges)
     if faces is not None:
-        kind, data = "Mesh", _mesh(nodes, edges, faces)
+        kind, data = "Mesh", _mesh_data(nodes, edges, faces)
     whole = {"dtype": f"compas.datastructures/{kind}", "data": {"attributes": {}, **data}}
     text = json.dumps(whole, allow_nan=False)
     with written(path) as stream:
@@ -93,15 +93,15 @@ def save_network(
     return [path]
 
 
-def _edges(structure, last, places):
-    """Attributes of all straight pieces: dict from pairs of node numbers."""
+def _edge_attributes(structure, last, places):
+    """Return the attributes of each straight piece of an element, by its pair of nodes."""
     ends, element, owner = pieces(structure.groups)
     count = np.bincount(element)
     names = [name or type(group).__name__ for name, group in groups_by_name(structure)]
     force = rest = None
     if last is not None:
         force, rest = (
-            of_all_elements(structure.groups, per_group(structure, values))
+            concatenate_groups(structure.groups, per_group(structure, values))
             for values in (last.tension, last.rest_length)
         )
     lengths = np.linalg.norm(places[ends[:, 1]] - places[ends[:, 0]], axis=1)
@@ -119,8 +119,8 @@ def _edges(structure, last, places):
     return found
 
 
-def _graph(nodes, edges):
-    """Data of a Graph."""
+def _graph_data(nodes, edges):
+    """Return the data of a Graph."""
     table: dict[str, Any] = {name: {} for name in nodes}
     for (i, j), about in edges.items():
         table[str(i)][str(j)] = about
@@ -133,8 +133,8 @@ def _graph(nodes, edges):
     }
 
 
-def _mesh(nodes, edges, faces):
-    """Data of a Mesh, whose edges are the sides of its faces."""
+def _mesh_data(nodes, edges, faces):
+    """Return the data of a Mesh; refuse faces whose sides are not just the edges."""
     array = np.asarray(faces)
     if array.ndim != 2 or array.shape[1] not in (3, 4):
         raise ValueError(f"faces: expected node numbers [n, 3] or [n, 4], got {array.shape}")

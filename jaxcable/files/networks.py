@@ -1,4 +1,4 @@
-"""Nets from JSON files of compas and jax_fdm: networks (graphs) and meshes."""
+"""Read nets from JSON files of compas and jax_fdm: networks (graphs) and meshes."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from . import attributes as about
-from .finding import Found, find_net
+from .distributed_loads import DistributedLoads, add_distributed_loads
+from .net_search import FoundNet, find_net
 from .nets import Net
 from .omissions import Omissions
 from .reading import LARGEST, FileError, read_json
-from .spreading import Spread, nodal_loads
 
 _LISTED = frozenset(
     "node edge vertex face edgedata facedata dna dea dva dfa default_node_attributes "
@@ -65,98 +65,107 @@ def read_network(path: str | PathLike[str], largest: int = LARGEST) -> Net:
     """
     data = read_json(path, largest)
     with Omissions(path) as table:
-        return _net(find_net(data, table), table)
+        return _net_from_data(find_net(data, table), table)
 
 
-def _net(found: Found, table: Omissions) -> Net:
-    """The `Net` in the data of a file."""
+def _net_from_data(found: FoundNet, table: Omissions) -> Net:
+    """Make the `Net` of the data that were found in a file."""
     data, inside = found
     mesh = "vertex" in data
     kind = "vertex" if mesh else "node"
-    nodes = _table(data, kind, inside)
+    nodes = _require_object(data, kind, inside)
     if not nodes:
         raise FileError(f"{inside}{kind}: missing; no network or mesh of compas")
-    defaults = _defaults(data, kind, "dva" if mesh else "dna")
+    defaults = _default_attributes(data, kind, "dva" if mesh else "dna")
     positions, fixed, own = [], [], []
     for name, given in nodes.items():
         where = f"{kind}[{name!r}]"
-        node = about.merged(given, defaults, inside + where)
-        about.count_unread(node, about.NODE, f"a {kind}", where, table)
+        node = about.with_defaults(given, defaults, inside + where)
+        about.count_unread(node, about.NODE_KEYS, f"a {kind}", where, table)
         where = inside + where
-        positions.append(about.coordinates(node, where))
-        own.append(about.load(node, where))
+        positions.append(about.node_coordinates(node, where))
+        own.append(about.load_vector(node, where))
         # every flag is looked at, so that none is wrong
-        fixed.append([max([about.flag(node, word, where) for word in about.SUPPORTS])] * 3)
+        fixed.append([max([about.read_flag(node, word, where) for word in about.SUPPORT_KEYS])] * 3)
     names = {name: k for k, name in enumerate(nodes)}
-    faces = _faces(data, names, inside) if mesh else {}
-    found = _sides(data, faces, names, table) if mesh else _edges(data, names, inside, table)
+    faces = _mesh_faces(data, names, inside) if mesh else {}
+    found = (
+        _mesh_edges(data, faces, names, table)
+        if mesh
+        else _network_edges(data, names, inside, table)
+    )
     if not found:
         what = "face: the mesh has no faces, hence" if mesh else "edge: the network has"
         raise FileError(f"{inside}{what} no edges")
-    links, edges = _included(found, _defaults(data, "edge", "dea"), list(names))
+    links, edges = _edges_of_net(found, _default_attributes(data, "edge", "dea"), list(names))
     if not edges:
         raise FileError(f"{inside}edge: no edge of the mesh is one of the net")
     places = np.array(positions)
     lengths = np.linalg.norm(places[links[:, 1]] - places[links[:, 0]], axis=1)
-    densities, on_edges = _numbers_of_edges(edges, lengths, table)
-    on_faces = _loads_of_faces(data, faces, table)
-    _count_whole(data, table)
+    densities, on_edges = _densities_and_loads(edges, lengths, table)
+    on_faces = _face_loads(data, faces, table)
+    _count_other_attributes(data, table)
     held = np.array(fixed)
-    spread = Spread(places, links, on_edges, list(faces.values()), on_faces)
-    loads = nodal_loads(np.array(own), spread, densities, held[:, 0], table)
+    spread = DistributedLoads(places, links, on_edges, list(faces.values()), on_faces)
+    loads = add_distributed_loads(np.array(own), spread, densities, held[:, 0], table)
     return Net(
         nodes=places,
         links=links,
         fixed=held,
         loads=loads if loads.any() else None,
-        values=_values(edges, densities, table),
-        **_kinds(edges, densities, table),
+        values=_edge_properties(edges, densities, table),
+        **_kinds_and_groups(edges, densities, table),
         names=tuple(names),
         omissions=table.table(),
     )
 
 
-def _included(found, of_all, names):
-    """The edges that belong to the net: nodes [n_edge, 2], and pairs (place, attributes)."""
+def _edges_of_net(found, of_all, names):
+    """Return the edges that belong to the net: nodes [n_edge, 2], and pairs (place, attributes)."""
     pairs, edges = [], []
     for pair, given in found.items():
         where, edge = f"edge {names[pair[0]]}-{names[pair[1]]}", {**of_all, **given}
-        flags = [about.flag(edge, word, where, absent=True) for word in ("_is_edge", "is_edge")]
+        flags = [
+            about.read_flag(edge, word, where, absent=True) for word in ("_is_edge", "is_edge")
+        ]
         if all(flags):
             pairs.append(pair)
             edges.append((where, edge))
     return np.array(pairs, np.int32), edges
 
 
-def _numbers_of_edges(edges, lengths, table):
-    """Force densities [n_edge] and loads per length [n_edge, 3]; counts what is not read."""
+def _densities_and_loads(edges, lengths, table):
+    """Return force densities and line loads of edges; count what is not read."""
     densities, loads = [], []
     for (where, edge), length in zip(edges, lengths, strict=True):
-        densities.append(about.force_density(edge, length, where))
-        loads.append(about.load(edge, where))
-        about.count_unread(edge, about.EDGE, "an edge", where, table)
-        about.count_results(edge, densities[-1], float(length), where, table)
+        densities.append(about.edge_force_density(edge, length, where))
+        loads.append(about.load_vector(edge, where))
+        about.count_unread(edge, about.EDGE_KEYS, "an edge", where, table)
+        about.count_conflicting_results(edge, densities[-1], float(length), where, table)
     return np.array(densities), np.array(loads)
 
 
-def _values(edges, densities, table):
-    """Force densities, or else unstressed lengths, by name of the property."""
+def _edge_properties(edges, densities, table):
+    """Return the force densities of the edges, or if none has one, the unstressed lengths."""
     known = densities != 0
     if known.any():
         for (where, edge), stated in zip(edges, known, strict=True):
-            if not stated and not about.empty(edge.get("l0")):
+            if not stated and not about.is_empty(edge.get("l0")):
                 why = "other edges have force densities"
                 table.add("attribute 'l0' of an edge", where, why)
         return {"force_density": np.where(known, densities, np.nan)}
-    rest = np.array([about.number(edge, "l0", where) for where, edge in edges])
+    rest = np.array([about.finite_number(edge, "l0", where) for where, edge in edges])
     if (rest < 0).any():
         where, _ = edges[int((rest < 0).argmax())]
         raise FileError(f"{where}.l0: expected a length, got {rest.min()}")
     return {"rest_length": np.where(rest > 0, rest, np.nan)} if rest.any() else {}
 
 
-def _kinds(edges, densities, table):
-    """Kinds and groups of the edges; a group with a negative force density is one of bars."""
+def _kinds_and_groups(edges, densities, table):
+    """Return whether each edge is a cable or a bar, and its group.
+
+    A negative force density makes its whole group bars.
+    """
     labels = []
     for where, edge in edges:
         label = edge.get("group")
@@ -175,34 +184,36 @@ def _kinds(edges, densities, table):
     return {"kinds": kinds, "groups": groups if several else None}
 
 
-def _loads_of_faces(data, faces, table):
-    """Loads of faces per area, [n_face, 3]; counts attributes that are not read."""
-    defaults = _defaults(data, "face", "dfa")
-    given = _table(data, "facedata", "")
+def _face_loads(data, faces, table):
+    """Return the loads of faces per area, [n_face, 3]; count attributes that are not read."""
+    defaults = _default_attributes(data, "face", "dfa")
+    given = _require_object(data, "facedata", "")
     for name in given.keys() - faces.keys():
         table.add("attributes of a face that is not there", f"facedata[{name!r}]")
     loads = []
     for name in faces:
         where = f"facedata[{name!r}]"
-        face = about.merged(given.get(name), defaults, where)
-        about.count_unread(face, about.FACE, "a face", where, table)
-        loads.append(about.load(face, where))
+        face = about.with_defaults(given.get(name), defaults, where)
+        about.count_unread(face, about.FACE_KEYS, "a face", where, table)
+        loads.append(about.load_vector(face, where))
     return np.array(loads).reshape(-1, 3)
 
 
-def _count_whole(data, table):
+def _count_other_attributes(data, table):
     """Count what a net has beside nodes, edges and faces."""
     whole = data.get("attributes")
     if isinstance(whole, dict):
         # the density of surfaces; without a thickness, which is counted, it has no weight
         about.count_unread(whole, frozenset(("density",)), "the whole", "attributes", table)
     for key, value in data.items():
-        if key not in _LISTED | _ORDER | {"attributes"} | about.LOOKS and not about.empty(value):
-            table.add(f"field {key!r}", "", about.WHY.get(key, ""))
+        if key not in _LISTED | _ORDER | {
+            "attributes"
+        } | about.APPEARANCE_KEYS and not about.is_empty(value):
+            table.add(f"field {key!r}", "", about.REASONS.get(key, ""))
 
 
-def _table(data, key, inside):
-    """The object under a key, a dict; empty if there is none."""
+def _require_object(data, key, inside):
+    """Return the object under a key, a dict; empty if there is none; refuse other data."""
     found = data.get(key)
     found = {} if found is None else found
     if not isinstance(found, dict):
@@ -210,30 +221,32 @@ def _table(data, key, inside):
     return found
 
 
-def _defaults(data, kind, short):
-    """Attributes that a file states for all nodes, edges or faces, a dict."""
+def _default_attributes(data, kind, short):
+    """Return the attributes that a file gives for all nodes, edges or faces, a dict."""
     for key in (f"default_{kind}_attributes", short):
         if data.get(key) is not None:
-            return _table(data, key, "")
+            return _require_object(data, key, "")
     return {}
 
 
-def _edges(data, names, inside, table):
-    """Edges of a network, each once: dict from pairs of node numbers to attributes."""
+def _network_edges(data, names, inside, table):
+    """Return the attributes of the edges of a network by pairs of nodes, each edge once."""
     found: dict[tuple[int, int], Any] = {}
-    for i, others in _table(data, "edge", inside).items():
+    for i, others in _require_object(data, "edge", inside).items():
         if not isinstance(others, dict):
             raise FileError(f"{inside}edge[{i!r}]: expected an object")
         for j, given in others.items():
             where = f"edge[{i!r}][{j!r}]"
-            _put(found, names, (i, j), about.merged(given, {}, inside + where), where, table)
+            _add_edge(
+                found, names, (i, j), about.with_defaults(given, {}, inside + where), where, table
+            )
     return found
 
 
-def _faces(data, names, inside):
-    """Faces of a mesh: dict from their names to node numbers around them."""
+def _mesh_faces(data, names, inside):
+    """Return the nodes around each face of a mesh, by its name."""
     found = {}
-    for name, face in _table(data, "face", inside).items():
+    for name, face in _require_object(data, "face", inside).items():
         where = f"{inside}face[{name!r}]"
         if not isinstance(face, list) or len(face) < 2:
             raise FileError(f"{where}: expected a list of vertices")
@@ -244,15 +257,15 @@ def _faces(data, names, inside):
     return found
 
 
-def _sides(data, faces, names, table):
-    """Edges of the faces of a mesh, each once: dict from pairs of node numbers to attributes."""
+def _mesh_edges(data, faces, names, table):
+    """Return the attributes of the sides of the faces by pairs of nodes, each side once."""
     of_pair = {}
-    for key, given in _table(data, "edgedata", "").items():
+    for key, given in _require_object(data, "edgedata", "").items():
         words = key.replace("(", "").replace(")", "").replace(",", "-").split("-")
         where = f"edgedata[{key!r}]"
         of_pair[frozenset(word.strip(" '\"") for word in words)] = (
             where,
-            about.merged(given, {}, where),
+            about.with_defaults(given, {}, where),
         )
     found: dict[tuple[int, int], Any] = {}
     shown, used = list(names), set()
@@ -262,16 +275,16 @@ def _sides(data, faces, names, table):
             used.add(pair)
             if (j, i) not in found:
                 given = of_pair.get(pair, ("", {}))[1]
-                _put(found, names, (shown[i], shown[j]), given, f"face[{name!r}]", table)
+                _add_edge(found, names, (shown[i], shown[j]), given, f"face[{name!r}]", table)
     for pair in of_pair.keys() - used:
         where, given = of_pair[pair]
-        if not all(map(about.empty, given.values())):
+        if not all(map(about.is_empty, given.values())):
             table.add("edge that is no side of a face", where)
     return found
 
 
-def _put(found, names, ends, given, where, table):
-    """Add an edge between two named nodes to a dict, unless it is in it already."""
+def _add_edge(found, names, ends, given, where, table):
+    """Add an edge between two named nodes, unless there is one; refuse unknown nodes."""
     for name in ends:
         if name not in names:
             raise FileError(f"{where}: there is no node {name!r}")

@@ -1,4 +1,4 @@
-"""Nets from the lines of an OBJ file, as modelling programs write them."""
+"""Read nets from the lines of an OBJ file, as modelling programs write them."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from os import PathLike
 import numpy as np
 
 from . import reading
-from .lines import Polyline, net_of
 from .nets import Net
 from .omissions import Omissions
+from .polylines import Polyline, net_from_polylines
 from .reading import LARGEST, FileError, read_text
 
 _APPEARANCE = frozenset("vt vn s usemtl mtllib lod bevel c_interp d_interp usemap maplib".split())
@@ -71,7 +71,7 @@ def read_obj(
         raise ValueError(f"scale = {scale}, tolerance = {tolerance}: expected positive numbers")
     text = read_text(path, largest)
     with Omissions(path) as table:
-        points, lines = _contents(text, table)
+        points, lines = _parse_points_and_lines(text, table)
         if not points or not lines:
             rows = "".join(f"; {row}" for row in table.table())
             count = sum(len(line.points) - 1 for line in lines)
@@ -80,26 +80,26 @@ def read_obj(
             )
         with np.errstate(over="ignore"):
             places = scale * np.array(points)
-        net = net_of(places, lines, tolerance, table, "line")
+        net = net_from_polylines(places, lines, tolerance, table, "line")
         groups = net.groups if len(set(net.groups or ())) > 1 else None
         return dataclasses.replace(net, groups=groups, omissions=table.table())
 
 
-def _contents(text, table):
-    """Coordinates of the points, and the `Polyline`s, of the text of a file: two lists."""
+def _parse_points_and_lines(text, table):
+    """Return the coordinates of the points and the `Polyline`s in the text of a file: two lists."""
     points, lines, group = [], [], ""
-    for number, statement in _statements(text):
+    for number, statement in _read_statements(text):
         words, place = statement.split("#")[0].split(), f"line {number}"
         kind, words = (words[0], words[1:]) if words else ("", [])
         try:
             if kind == "v":
-                points.append(_position(words, table, place))
+                points.append(_parse_point(words, table, place))
             elif kind in ("l", "f"):
-                chain = [_point(word, len(points)) for word in words]
+                chain = [_point_index(word, len(points)) for word in words]
                 if len(chain) < 2:
                     raise ValueError("a line has at least two points")
                 ring = chain[:1] if kind == "f" else []
-                lines.append(Polyline(place, group, chain + ring, shares=kind == "f"))
+                lines.append(Polyline(place, group, chain + ring, may_repeat=kind == "f"))
             elif kind in ("g", "o"):
                 group = " ".join(words)
             elif kind and kind not in _APPEARANCE:
@@ -109,7 +109,7 @@ def _contents(text, table):
     return points, lines
 
 
-def _statements(text):
+def _read_statements(text):
     """Generate pairs (number of the first line, statement); a backslash continues a line."""
     first, begun = 0, ""
     for number, line in enumerate(text.splitlines(), 1):
@@ -123,8 +123,8 @@ def _statements(text):
         yield first, begun
 
 
-def _position(words, table, place):
-    """The three coordinates of a point; colours may follow them, and a weight is left out."""
+def _parse_point(words, table, place):
+    """Return the three coordinates of a point; colors may follow them, and a weight is left out."""
     numbers = [reading.number(word) for word in words]
     if len(numbers) < 3 or not np.isfinite(numbers).all():
         raise ValueError("a point has three finite coordinates")
@@ -135,8 +135,8 @@ def _position(words, table, place):
     return numbers[:3]
 
 
-def _point(word, count):
-    """Index of a point, from 0, of a word like "7", "7/1" or "-1" (the last point so far)."""
+def _point_index(word, count):
+    """Return the index of a point, from 0, for "7", "7/1" or "-1" (the last point so far)."""
     try:
         number = reading.whole(word.split("/")[0])
     except ValueError:

@@ -1,4 +1,4 @@
-"""What a reader leaves out of a file: one table for all kinds of files."""
+"""Count what a reader leaves out of a file: one table for all kinds of files."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Self
 from ..common import checks
 from .reading import FileError
 
-_PLACES = 3  # places that are named in a row
-_ROWS = 12  # rows that a warning shows
+_PLACES = 3  # places that are named in a row, so that it stays one line
+_ROWS = 12  # rows that a warning shows, so that it fits a screen
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,10 +42,10 @@ class Omission:
 
 
 class Omissions:
-    """The table of one file while it is read; rows of one kind and reason are counted together.
+    """Table of what is left out of a file; things of one kind and reason are counted together.
 
-    ``with Omissions(path) as table`` puts the path before a `FileError` of the block, and warns at
-    its end.
+    ``with Omissions(path) as table`` puts the path before the message of a `FileError` in the
+    block, and warns at its end.
     """
 
     def __init__(self, path: str | PathLike[str]) -> None:

@@ -22,7 +22,7 @@ from ..elements.straight import Straight
 from ..model.parts import groups_by_name, one_case
 from ..model.structure import Structure
 from ..model.topology import require_same
-from .at_end import file_path
+from .end_of_analysis import require_suffix
 
 _INPUT = "# the input of the analysis\n"
 """Line of `opensees_script.py.txt`, beside this module, in whose place the numbers are written."""
@@ -62,7 +62,7 @@ def save_opensees(
         >>> "corotTruss" in path.read_text()
         True
     """
-    path = file_path(path, ".py")
+    path = require_suffix(path, ".py")
     one_case(solution)
     if int(solution.status) != 0:
         raise ValueError("solution: the analysis has failed; there is no end state to export")
@@ -73,7 +73,7 @@ def save_opensees(
         raise ValueError("supports: directions other than x, y, z cannot be exported")
     elements = []
     for group, state in zip(structure.groups, solution.last.carry.states, strict=True):
-        elements += _members(structure, group, state)
+        elements += _element_curves(structure, group, state)
     fixed = solution.last.fixed[-1].array
     idle = idle_of(structure, solution.last.carry.states)
     if idle is not None:  # nodes that wait for elements
@@ -109,7 +109,7 @@ def save_opensees(
 
 
 def require_exportable(structure: Structure) -> None:
-    """Raise ValueError where elements of a structure have no counterpart in OpenSees."""
+    """Raise ValueError if elements of a structure have no counterpart in OpenSees."""
     for name, group in groups_by_name(structure):
         name = name or "elements"
         if not isinstance(group, Straight) or group.links.shape[1] != 2 or group.shaped_by_load:
@@ -123,8 +123,8 @@ def require_exportable(structure: Structure) -> None:
             )
 
 
-def _members(structure, group, state):
-    """Nodes, strains and forces of every element of a group, a list of lists."""
+def _element_curves(structure, group, state):
+    """Return nodes, and the strains and forces of a curve, for each element of a group."""
     links = group.links.array
     ends = np.asarray(structure.nodes, float)[links]
     chord = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
@@ -133,14 +133,14 @@ def _members(structure, group, state):
     there = np.ones(len(links), bool) if state.present is None else np.asarray(state.present)
     for k in np.flatnonzero(there).tolist():
         i, j = links[k].tolist()
-        strain, force = _curve(group, k)
+        strain, force = _force_strain_curve(group, k)
         chord_strain = (strain * rest[k] - elongation[k]) / chord[k]
         elements.append([i, j, chord_strain.tolist(), force.tolist()])
     return elements
 
 
-def _curve(group, k):
-    """Strains and forces at the points of the law of element `k`, with its slack side."""
+def _force_strain_curve(group, k):
+    """Return strains and forces at the corners of the law of element `k`, with its slack part."""
     softness = 0.0 if group.compliance is None else float(group.compliance[k])
     if group.axial_stiffness is not None:
         stiffness = float(group.axial_stiffness[k])

@@ -32,7 +32,7 @@ class FileError(ValueError):
 
 
 def number(word: str) -> float:
-    """The number in a word, as by `float`, but from ASCII characters and without underscores.
+    """Parse a number as `float` does, but refuse underscores and characters that are not ASCII.
 
     Raises:
         ValueError: the word is no number.
@@ -46,14 +46,14 @@ def number(word: str) -> float:
 
 
 def whole(word: str) -> int:
-    """The whole number in a word, as by `int`, with the strictness of `number`."""
+    """Parse a whole number as `int` does, with the strictness of `number`."""
     if not word.isascii() or "_" in word:
         raise ValueError(f"{word!r} is not a whole number")
     return int(word)
 
 
 def read_bytes(path: str | PathLike[str], largest: int = LARGEST) -> bytes:
-    """The bytes of a file of text, at most `largest`.
+    """Read a text file of at most `largest` bytes; refuse binary files.
 
     Raises:
         OSError: there is no such file, or it cannot be read.
@@ -73,7 +73,7 @@ def read_bytes(path: str | PathLike[str], largest: int = LARGEST) -> bytes:
 
 
 def read_text(path: str | PathLike[str], largest: int = LARGEST) -> str:
-    """The text of a UTF-8 file of at most `largest` bytes.
+    """Read the text of a UTF-8 file of at most `largest` bytes.
 
     Raises:
         OSError: there is no such file, or it cannot be read.
@@ -88,7 +88,7 @@ def read_text(path: str | PathLike[str], largest: int = LARGEST) -> str:
 
 
 def read_json(path: str | PathLike[str], largest: int = LARGEST) -> dict[str, Any]:
-    """The JSON object in a file, a dict; repeated keys and NaN are refused.
+    """Read the JSON object in a file, a dict; refuse repeated keys and NaN.
 
     Raises:
         OSError, FileError: as `read_text`; also FileError, with line and column, for text that is
@@ -98,7 +98,12 @@ def read_json(path: str | PathLike[str], largest: int = LARGEST) -> dict[str, An
     if not text.lstrip()[:1] == "{":
         raise FileError(f"{path}: line 1: not a JSON object, which starts with {{")
     try:
-        return json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse, parse_int=_whole)
+        return json.loads(
+            text,
+            object_pairs_hook=_refuse_repeated_keys,
+            parse_constant=_refuse_constant,
+            parse_int=_parse_json_integer,
+        )
     except json.JSONDecodeError as error:
         raise FileError(f"{path}: {_describe_json_error(text, error)}") from None
     except RecursionError:
@@ -136,8 +141,8 @@ def _describe_json_error(text, error):
     return where + next(faults, error.msg)
 
 
-def _unique(pairs):
-    """A JSON object as a dict; ValueError for a repeated key."""
+def _refuse_repeated_keys(pairs):
+    """Return the pairs of a JSON object as a dict; raise ValueError for a repeated key."""
     found = {}
     for key, value in pairs:
         if key in found:
@@ -146,13 +151,13 @@ def _unique(pairs):
     return found
 
 
-def _whole(digits):
-    """A whole number in JSON; ValueError for more than 20 digits."""
+def _parse_json_integer(digits):
+    """Parse a whole number in JSON; raise ValueError for more than 20 digits."""
     if len(digits) > 20:
         raise ValueError(f"a whole number of {len(digits)} digits is too long")
     return int(digits)
 
 
-def _refuse(name):
-    """Raise ValueError for NaN and infinities."""
+def _refuse_constant(name):
+    """Raise ValueError for NaN and infinities, which are no JSON."""
     raise ValueError(f"{name} is not allowed; files hold finite numbers only")

@@ -1,4 +1,4 @@
-"""Results in files: NPZ and JSON with every number, CSV tables for a spreadsheet."""
+"""Write and read results: NPZ and JSON with every number, CSV tables for a spreadsheet."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..common import status
 from ..common.writing import put_arrays, written, written_together
 from ..model.parts import Column, columns, first_and_last, groups_by_name, per_group
 from ..model.structure import Structure
-from .at_end import end_state
+from .end_of_analysis import end_state
 from .reading import LARGEST, FileError, read_json
 
 FORMAT = "jaxcable result"
@@ -36,7 +36,7 @@ def save_result(path: str | PathLike[str], structure: Structure, solution: Solut
     - ``.npz``: all arrays of `flat`, binary (NumPy).
     - ``.json``: the same arrays as text; numbers that are not finite become null, and floats are
       read back in double precision.
-    - ``.csv``: three tables, ``name-nodes.csv``, ``name-elements.csv`` and
+    - ``.csv``: three result_tables, ``name-nodes.csv``, ``name-elements.csv`` and
       ``name-increments.csv``, with units in their first line.
 
     Args:
@@ -64,17 +64,20 @@ def save_result(path: str | PathLike[str], structure: Structure, solution: Solut
     suffix = path.suffix.lower()
     if suffix == ".npz":
         with written(path, "wb") as stream:
-            put_arrays(stream, flat(structure, solution), compressed=True)
+            put_arrays(stream, flatten_result(structure, solution), compressed=True)
         return [path]
     if suffix == ".json":
-        numbers = {name: _plain(value) for name, value in flat(structure, solution).items()}
-        data = {"format": FORMAT, "version": 1, **_described(solution), **numbers}
+        numbers = {
+            name: _as_json_lists(value)
+            for name, value in flatten_result(structure, solution).items()
+        }
+        data = {"format": FORMAT, "version": 1, **_status_description(solution), **numbers}
         with written(path) as stream:
             json.dump(data, stream, allow_nan=False)
             stream.write("\n")
         return [path]
     if suffix == ".csv":
-        texts = {name: as_csv(rows) for name, rows in tables(structure, solution).items()}
+        texts = {name: as_csv(rows) for name, rows in result_tables(structure, solution).items()}
         done = [path.with_name(f"{path.stem}-{name}.csv") for name in texts]
         with written_together() as begin:
             for name, text in zip(done, texts.values(), strict=True):
@@ -114,7 +117,7 @@ def load_result(path: str | PathLike[str], largest: int = 8 * LARGEST) -> dict[s
             raise FileError(f'{path}: format: expected "{FORMAT}", got {data.get("format")!r:.40}')
         words = ("format", "version", "description")
         try:
-            return {k: np.array(v, _kind(k)) for k, v in data.items() if k not in words}
+            return {k: np.array(v, _array_type(k)) for k, v in data.items() if k not in words}
         except (ValueError, TypeError, OverflowError) as error:
             raise FileError(f"{path}: {error}") from None
     with path.open("rb") as stream:
@@ -122,11 +125,11 @@ def load_result(path: str | PathLike[str], largest: int = 8 * LARGEST) -> dict[s
 
 
 def _read_npz(path, stream, largest):
-    """The arrays of an NPZ file, a dict; FileError if it unpacks to more than `largest` bytes."""
+    """Read the arrays of an NPZ file, a dict; refuse it if it unpacks to more than `largest`."""
     try:
         with zipfile.ZipFile(stream) as archive:
             size = sum(item.file_size for item in archive.infolist())
-            size = max(size, sum(_stated_size(archive, name) for name in archive.namelist()))
+            size = max(size, sum(_declared_size(archive, name) for name in archive.namelist()))
         if size > largest:
             raise FileError(
                 f"{path}: unpacks to {size / 1e6:.0f} MB; to read it all the same, give "
@@ -141,8 +144,8 @@ def _read_npz(path, stream, largest):
         raise FileError(f"{path}: not an NPZ file of a result: {error}") from None
 
 
-def _stated_size(archive, name):
-    """Size of an array in an archive by its header, bytes."""
+def _declared_size(archive, name):
+    """Return the size of an array in an archive as its header declares it, bytes."""
     with archive.open(name) as stream:
         version = np.lib.format.read_magic(stream)
         headers = {(1, 0): np.lib.format.read_array_header_1_0}
@@ -151,8 +154,10 @@ def _stated_size(archive, name):
     return math.prod(shape) * dtype.itemsize
 
 
-def flat(structure: Structure, solution: Solution) -> dict[str, np.ndarray]:
-    """All arrays of a result by name: ``tension``, ``tension.net`` of a group, ``phase1.residual``.
+def flatten_result(structure: Structure, solution: Solution) -> dict[str, np.ndarray]:
+    """Collect all arrays of a result by name: ``tension``, ``tension.net``, ``phase1.residual``.
+
+    A name ends with that of the group, where groups have names.
 
     Returns:
         Dict from name to NumPy array. ``links`` has the first and last node of every element.
@@ -167,7 +172,7 @@ def flat(structure: Structure, solution: Solution) -> dict[str, np.ndarray]:
             if getattr(part, name) is not None:
                 found[prefix + name] = np.asarray(getattr(part, name))
         for name, value in (part.told | {"rest_length": part.rest_length}).items():
-            _put(found, prefix + name, structure, value)
+            _add_per_group(found, prefix + name, structure, value)
     for name in ("phase", "load_factor"):
         found["last." + name] = np.asarray(getattr(solution.last, name))
     for name, group in groups_by_name(structure):
@@ -177,43 +182,43 @@ def flat(structure: Structure, solution: Solution) -> dict[str, np.ndarray]:
         for name in _PER_INCREMENT:
             found[f"phase{number}.{name}"] = np.asarray(getattr(phase.path, name))
         for name, value in phase.path.told.items():
-            _put(found, f"phase{number}.{name}", structure, value)
+            _add_per_group(found, f"phase{number}.{name}", structure, value)
     return found
 
 
-def _put(found, name, structure, values):
-    """Add the values of all groups to a dict, as ``name`` or ``name.group``."""
+def _add_per_group(found, name, structure, values):
+    """Add the values of all groups to a dict, under ``name`` or ``name.group``."""
     groups = [group for group, _ in groups_by_name(structure)]
     for group, value in zip(groups, per_group(structure, values), strict=True):
         if value is not None:
             found[f"{name}.{group}".rstrip(".")] = value
 
 
-def _described(solution):
-    """A dict with the text of the status; empty for a batch."""
+def _status_description(solution):
+    """Return the status in words, as a dict; an empty one for a batch."""
     if np.ndim(solution.status) != 0:
         return {}
     return {"description": status.describe(solution.status)}
 
 
-def _plain(array):
-    """An array as nested lists, with None for numbers that are not finite."""
+def _as_json_lists(array):
+    """Turn an array into nested lists, with None for numbers that are not finite."""
     if np.issubdtype(array.dtype, np.floating):
         array = array.astype(object)
         array = np.where(np.isfinite(array.astype(float)), array, None)
     return array.tolist()
 
 
-def _kind(name):
-    """Type of the numbers of an array, by its name; arrays of floats may hold null for NaN."""
+def _array_type(name):
+    """Return the type of the numbers in an array by its name; null in a file means NaN."""
     words = name.split(".")
     last = words[1] if len(words) > 1 and words[0].startswith(("phase", "last")) else words[0]
     counts = ("status", "iterations", "factorizations", "n_slack", "n_loose", "links", "phase")
     return bool if last == "stable" else int if last in counts else float
 
 
-def tables(structure: Structure, solution: Solution) -> dict[str, list[list[Any]]]:
-    """Tables of a result: nodes, elements and increments, each a list of lines, the header first.
+def result_tables(structure: Structure, solution: Solution) -> dict[str, list[list[Any]]]:
+    """Return tables of nodes, elements and increments, each a list of lines, the header first.
 
     Raises:
         ValueError: the solution is a batch, or belongs to another structure.
@@ -251,7 +256,7 @@ def tables(structure: Structure, solution: Solution) -> dict[str, list[list[Any]
 
 
 def as_csv(rows: Iterable[Iterable[Any]]) -> str:
-    """Lines of a table as the text of a CSV file, with all digits of floats."""
+    """Format the lines of a table as CSV, with all digits of floats."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()

@@ -114,7 +114,7 @@ def load_scene(path: str | PathLike[str], largest: int = LARGEST) -> Scene:
     """
     data = read_json(path, largest)
     with Omissions(path) as table:
-        scene = _scene(data)
+        scene = _decode_scene(data)
         schema = data.get("$schema", "")
         if ":" in schema and "jaxcable" not in schema and not schema.endswith(_SCHEMA):
             why = "is not the schema of scene files, and was ignored; `jaxcable schema` writes it"
@@ -122,8 +122,8 @@ def load_scene(path: str | PathLike[str], largest: int = LARGEST) -> Scene:
     return scene
 
 
-def _scene(data):
-    """The `Scene` in the data of a file, checked."""
+def _decode_scene(data):
+    """Make the `Scene` of the data in a file, and check that it can be analysed."""
     if data.get("format") != FORMAT:
         raise FileError(_unexpected(data, "format", f'"{FORMAT}"'))
     version = data.get("version")
@@ -133,7 +133,7 @@ def _scene(data):
         newest = f"{VERSION}, the newest that this jaxcable reads; update jaxcable"
         raise FileError(f"version: {version} is newer than {newest}")
     if not isinstance(data.get("$schema", ""), str):  # of editors: where the schema is
-        raise FileError(f"$schema: expected a text, got {_short(data['$schema'])}")
+        raise FileError(f"$schema: expected a text, got {_abbreviate(data['$schema'])}")
     unknown = data.keys() - {"format", "version", "structure", "phases", COMMENT, "$schema"}
     if unknown:
         raise FileError(f"unknown field {min(unknown)!r}; known are structure, phases, comment")
@@ -144,7 +144,7 @@ def _scene(data):
     phases = []
     for k, phase in enumerate(data["phases"]):
         if not isinstance(phase, dict):
-            raise FileError(f"phases[{k}]: expected an object, got {_short(phase)}")
+            raise FileError(f"phases[{k}]: expected an object, got {_abbreviate(phase)}")
         phases.append(decode(phase, f"phases[{k}]", Phase))
         if phases[-1].increments > MOST_INCREMENTS:
             count = phases[-1].increments
@@ -171,10 +171,10 @@ def _unexpected(data, name, expected):
         return f"{name}: missing; expected {expected}"
     if data[name] is None:
         return f"{name}: is null; expected {expected}"
-    return f"{name}: expected {expected}, got {_short(data[name])}"
+    return f"{name}: expected {expected}, got {_abbreviate(data[name])}"
 
 
-def _short(value):
+def _abbreviate(value):
     """Return a value as a text of at most 60 characters, for messages."""
     text = repr(value)
     return text if len(text) < 60 else text[:57] + "..."

@@ -1,10 +1,10 @@
 """The JSON Schema of scene files, made from the classes whose objects files can hold.
 
-Names and kinds of fields are those of the classes: their annotations say which values they take
-(`kinds`), their docstrings what they are (`explained`), the rules of their numbers where these end,
-and a field "set by" something is not offered to persons. What holds for every field of a kind, and
-how containers are written, stands here. `scene.schema.json` beside this module is the schema as
-text: ``python -m jaxcable schema --save jaxcable/files/scene.schema.json`` writes it.
+The fields are those of the classes. Their annotations say which values they take (`value_schemas`),
+their docstrings what they mean (`field_docs`), and the rules of their numbers where these end; a
+field whose description has "set by" is not offered to persons. What holds for every field of a
+kind, and how containers are written, is defined here. `scene.schema.json` beside this module is
+the schema as text: ``python -m jaxcable schema --save jaxcable/files/scene.schema.json`` writes it.
 """
 
 from __future__ import annotations
@@ -23,12 +23,22 @@ from ..loads.load import Load
 from ..materials.law import Law
 from ..model.supports import Supports
 from ..sections import Section
-from .codec import COMMENT, IMPLIED, TYPED, TYPES, has_no_default, stated
-from .examples import examples, snippets
-from .explained import explained, summary
-from .kinds import TAGS, Schema, closed, if_named, if_type, ref, tagged, tags, value
+from .codec import COMMENT, EXPLICIT_CLASSES, IMPLIED_CLASSES, TYPES, has_no_default, user_fields
+from .examples import editor_snippets, load_examples
+from .field_docs import class_summary, field_descriptions
+from .field_rules import joint_field_rules
 from .scene import FORMAT, MOST_INCREMENTS, VERSION
-from .together import together
+from .value_schemas import (
+    SEQUENCE_TAGS,
+    Schema,
+    closed_object,
+    if_class_not_in,
+    if_json_type,
+    reference,
+    tagged_object,
+    tagged_sequence,
+    value_schema,
+)
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -72,14 +82,14 @@ _BEYOND = (
 
 
 _OFFERED: dict[tuple[str, ...], type] = {
-    **{words: base for base, (words, _) in TYPED.items()},
+    **{words: base for base, (words, _) in EXPLICIT_CLASSES.items()},
     **{(cls.__name__,): cls for cls in (Section, Supports, Selection)},
 }
 """What editors offer examples of, by how annotations begin."""
 
 
 def scene_schema() -> dict[str, Any]:
-    """The JSON Schema (draft 2020-12) of scene files, which `load_scene` reads.
+    """Return the JSON Schema (draft 2020-12) of scene files, which `load_scene` reads.
 
     Editors that know it explain, complete and check what is typed: names and units of all fields,
     what is needed, which texts are known. It refuses nothing that `load_scene` takes; `load_scene`
@@ -96,15 +106,15 @@ def scene_schema() -> dict[str, Any]:
         node numbers, [n_elem, 2].
     """
     defs: dict[str, Schema] = {}
-    objects = {name: _object(cls, defs) for name, cls in TYPES.items()}
+    objects = {name: _class_schema(cls, defs) for name, cls in TYPES.items()}
     return {
         "$schema": _DIALECT,
         "$id": f"urn:jaxcable:scene:{VERSION}",
         "title": "jaxcable scene",
         "description": "A structure of cables, bars and beams, and the phases in which it is "
         f"prestressed and loaded; SI units; nodes and elements are numbered from 0. {_BEYOND}",
-        "examples": [examples()["scene"]],
-        **closed(
+        "examples": [load_examples()["scene"]],
+        **closed_object(
             {
                 "$schema": {"type": "string", "description": "place of this schema, for editors"},
                 "format": {"const": FORMAT, "description": "says what the file is"},
@@ -115,31 +125,33 @@ def scene_schema() -> dict[str, Any]:
                 COMMENT: _COMMENT,
                 "structure": {
                     "description": "nodes, elements and supports",
-                    **value("Structure", TYPES, defs),
+                    **value_schema("Structure", TYPES, defs),
                 },
                 "phases": {
                     "description": "stages of the analysis, one after the other",
                     "type": "array",
-                    "items": {"defaultSnippets": snippets(["Phase"]), **ref("Phase")},
+                    "items": {"defaultSnippets": editor_snippets(["Phase"]), **reference("Phase")},
                     "minItems": 1,
                 },
             },
             ["format", "version", "structure", "phases"],
         ),
-        "$defs": {**objects, **_values(), **dict(sorted(defs.items()))},
+        "$defs": {**objects, **_shared_definitions(), **dict(sorted(defs.items()))},
     }
 
 
-def _object(cls, defs):
-    """The schema of the objects of a class; what the class is stands at its `type`."""
-    name, told, bounds = cls.__name__, explained(cls, TYPES), _bounds(cls)
-    fields = {field.name: _field(cls, field, told, bounds, defs) for field in stated(cls)}
-    needs = [f.name for f in stated(cls) if has_no_default(f) or (name, f.name) in _NEEDED]
-    named = cls not in (*IMPLIED.values(), Phase)
-    kind: Schema = {"const": name, "description": f"{name}: {summary(cls)}"}
-    shown = list(examples()["classes"].get(name, {}).values())
+def _class_schema(cls, defs):
+    """Return the schema of the objects of a class; the class is described at its `type`."""
+    name, told, bounds = cls.__name__, field_descriptions(cls, TYPES), _number_bounds(cls)
+    fields = {
+        field.name: _field_schema(cls, field, told, bounds, defs) for field in user_fields(cls)
+    }
+    needs = [f.name for f in user_fields(cls) if has_no_default(f) or (name, f.name) in _NEEDED]
+    named = cls not in (*IMPLIED_CLASSES.values(), Phase)
+    kind: Schema = {"const": name, "description": f"{name}: {class_summary(cls)}"}
+    shown = list(load_examples()["classes"].get(name, {}).values())
     return {
-        **closed(
+        **closed_object(
             {
                 "type": kind if named else {**kind, "doNotSuggest": True},
                 COMMENT: _COMMENT,
@@ -147,21 +159,21 @@ def _object(cls, defs):
             },
             (["type"] if named else []) + needs,
         ),
-        **together(cls),
+        **joint_field_rules(cls),
         **({"examples": shown} if shown else {}),
     }
 
 
-def _annotation(cls, field):
-    """The annotation of a field as text; metadata without a value are set by the constructor."""
+def _field_annotation(cls, field):
+    """Return the annotation of a field as text; static fields that may be absent accept null."""
     kind = field.type  # text, but for a class without postponed annotations
     text = kind if isinstance(kind, str) else getattr(kind, "__name__", "Any")
     absent = field.default is None and field.name in getattr(cls, "_static_fields", ())
     return f"{text} | None" if absent and "None" not in text else text
 
 
-def _bounds(cls):
-    """Bounds of numbers by field, from the rules of a class: above zero, or not below it."""
+def _number_bounds(cls):
+    """Return bounds of numbers by field, positive or not negative, from the rules of a class."""
     limits = {(True, True): {"exclusiveMinimum": 0}, (True, False): {"minimum": 0}}
     found: dict[str, Schema] = {}
     # rules of a user's class may need its numbers
@@ -175,56 +187,56 @@ def _bounds(cls):
     return found
 
 
-def _field(cls, field, told, bounds, defs):
-    """The schema of a field of a class, with its description."""
-    annotation = _annotation(cls, field)
+def _field_schema(cls, field, told, bounds, defs):
+    """Return the schema of a field of a class, with its description."""
+    annotation = _field_annotation(cls, field)
     text = told.get(field.name) or f"of the {cls.__name__}"
     text += "".join(more for words, more in _BY_GROUP.items() if words in annotation)
     about: Schema = {"description": text}
     if isinstance(field.default, bool | int | str):
         about["default"] = field.default
-    if shown := examples()["fields"].get(cls.__name__, {}).get(field.name):
+    if shown := load_examples()["fields"].get(cls.__name__, {}).get(field.name):
         about["examples"] = shown
     if annotation == "None" or "set by " in text:
         about["doNotSuggest"] = True
     for words, base in _OFFERED.items():
         if annotation.startswith(words):
-            about["defaultSnippets"] = snippets(_names(base))
+            about["defaultSnippets"] = editor_snippets(_subclass_names(base))
     bound = _COUNTS.get((cls.__name__, field.name), bounds.get(field.name))
-    return {**about, **value(annotation, TYPES, defs, bound, issubclass(cls, Element))}
+    return {**about, **value_schema(annotation, TYPES, defs, bound, issubclass(cls, Element))}
 
 
-def _names(base):
-    """Names of the classes that derive from one, a list."""
+def _subclass_names(base):
+    """Return the names of the classes in `TYPES` that derive from one, a list."""
     return [name for name, cls in TYPES.items() if issubclass(cls, base)]
 
 
-def _values():
-    """Definitions of values that are not objects of one class."""
+def _shared_definitions():
+    """Return the definitions of values that are not objects of one class."""
     flag, number, text = ({"type": kind} for kind in ("boolean", "number", "string"))
     numbers = {"type": ["number", "array"], "items": number, "minItems": 1}
-    single = tagged("float32", "values", numbers)
+    single = tagged_object("float32", "values", numbers)
     choices = ["object", "boolean", "array", "null"]
     return {
-        "group": _any_of(Element),
-        "load": _any_of(Load),
-        "law": _any_of(Law),
-        "laws": _listed(ref("law")),
-        "loads": _listed(ref("load")),
-        "counts": {**_listed({"type": "integer"}), "minItems": 1},
-        "elements": _by_group(
+        "group": _any_subclass(Element),
+        "load": _any_subclass(Load),
+        "law": _any_subclass(Law),
+        "laws": _one_or_list(reference("law")),
+        "loads": _one_or_list(reference("load")),
+        "counts": {**_one_or_list({"type": "integer"}), "minItems": 1},
+        "elements": _by_group_schema(
             ["object", "array"],
             "a group of elements, or an object or a list of groups",
-            _names(Element),
+            _subclass_names(Element),
             "part",
             {"items": {"type": "object"}},
         ),
         "part": {
             "if": {"not": {"type": "null"}},
-            "then": ref("elements"),
-            "defaultSnippets": snippets(_names(Element)),
+            "then": reference("elements"),
+            "defaultSnippets": editor_snippets(_subclass_names(Element)),
         },
-        "statement": _by_group(
+        "statement": _by_group_schema(
             ["object", "number", "array", "null"],
             "a number, a list of numbers, or these by group",
             ["Only"],
@@ -232,14 +244,14 @@ def _values():
             {"items": {"type": ["number", "array"], "items": number}},  # components, in rows
             {"float32": single},
         ),
-        "choice": _by_group(
+        "choice": _by_group_schema(
             choices,
             "Selection, true or false, or a list of true and false",
             ["Selection"],
             "choice",
             {"items": flag},
         ),
-        "change": _by_group(
+        "change": _by_group_schema(
             ["string", *choices],
             "the key of a group, a list of keys, or choices by group",
             ["Selection"],
@@ -249,9 +261,9 @@ def _values():
     }
 
 
-def _any_of(base):
-    """The schema of objects of all classes that derive from a class, told by their `type`."""
-    names = _names(base)
+def _any_subclass(base):
+    """Return the schema of objects of any class that derives from `base`, told by their `type`."""
+    names = _subclass_names(base)
     return {
         "type": "object",
         "required": ["type"],
@@ -259,7 +271,7 @@ def _any_of(base):
             "type": {
                 "description": "which kind it is",
                 "enum": names,
-                "enumDescriptions": [summary(TYPES[name]) for name in names],
+                "enumDescriptions": [class_summary(TYPES[name]) for name in names],
             }
         },
         "allOf": [
@@ -268,21 +280,21 @@ def _any_of(base):
                     "required": ["type"],
                     "properties": {"type": {"const": name, "doNotSuggest": True}},
                 },
-                "then": ref(name),
+                "then": reference(name),
             }
             for name in names
         ],
-        "defaultSnippets": snippets(names),
+        "defaultSnippets": editor_snippets(names),
     }
 
 
-def _listed(item):
-    """The schema of one item or a list of them."""
-    marked = if_type("object", if_named(TAGS, item, tags(item)))
+def _one_or_list(item):
+    """Return the schema of one item or a list of items."""
+    marked = if_json_type("object", if_class_not_in(SEQUENCE_TAGS, item, tagged_sequence(item)))
     return {"type": ["array", "object"], "items": item, **marked}
 
 
-def _by_group(
+def _by_group_schema(
     types: Sequence[str],
     expected: str,
     names: Sequence[str],
@@ -290,7 +302,7 @@ def _by_group(
     values: Schema,
     marked: Mapping[str, Schema] = MappingProxyType({}),
 ) -> Schema:
-    """The schema of values for a structure: plain ones, objects of some classes, or by group.
+    """Return the schema of values for a structure: plain ones, certain objects, or by group.
 
     Args:
         types: JSON types that it can have.
@@ -303,17 +315,17 @@ def _by_group(
     text = {"type": "string", "description": "the class of this object", "examples": names}
     content = {
         "if": {"required": ["type"], "properties": {"type": text}},
-        "then": ref(names[0] if len(names) == 1 else "group"),
-        "else": {"additionalProperties": ref(each)},
+        "then": reference(names[0] if len(names) == 1 else "group"),
+        "else": {"additionalProperties": reference(each)},
     }
     for tag, schema in marked.items():
-        content = if_named([tag], content, schema)
-    content = if_named(TAGS, content, tags(ref(each)))
+        content = if_class_not_in([tag], content, schema)
+    content = if_class_not_in(SEQUENCE_TAGS, content, tagged_sequence(reference(each)))
     return {
         "type": list(types),
         "errorMessage": f"Expected {expected}.",
         "if": {"type": "array", "contains": {"type": "object"}},
-        "then": {"items": ref(each)},
+        "then": {"items": reference(each)},
         "else": values,
-        "allOf": [if_type("object", content)],
+        "allOf": [if_json_type("object", content)],
     }

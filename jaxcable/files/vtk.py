@@ -1,4 +1,4 @@
-"""VTK files (legacy, ASCII) for ParaView and other programs."""
+"""Write VTK files (legacy, ASCII) for ParaView and other programs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..analysis.solution import Solution
 from ..common.writing import written, written_together
 from ..model.parts import columns, faces, groups_by_name, per_group, pieces
 from ..model.structure import Structure
-from .at_end import end_state, file_path, of_all_elements
+from .end_of_analysis import concatenate_groups, end_state, require_suffix
 
 _TYPES = {2: 3, 3: 5, 4: 9}  # cell types of VTK by number of points: line, triangle, quadrilateral
 
@@ -50,21 +50,21 @@ def save_vtk(
         >>> path.read_text().splitlines()[4]
         'POINTS 12 double'
     """
-    path, last = file_path(path, ".vtk"), end_state(structure, solution)
+    path, last = require_suffix(path, ".vtk"), end_state(structure, solution)
     if not increments:
         names = {"displacement": "displacement", "reaction": "reactions", "load": "load"}
         vectors = {name: np.asarray(getattr(last, field)) for name, field in names.items()}
         scalars = {column.label: column.values for column in columns(structure.groups, last.told)}
         scalars["rest_length"] = per_group(structure, last.rest_length)
         with written(path) as stream:
-            _write(stream, structure, np.asarray(last.positions), vectors, scalars)
+            _write_grid(stream, structure, np.asarray(last.positions), vectors, scalars)
         return [path]
     with written_together() as begin:
-        return _increments(path, structure, solution, begin)
+        return _write_increments(path, structure, solution, begin)
 
 
-def _increments(path, structure, solution, open_file):
-    """Write one file for every converged increment; returns their paths."""
+def _write_increments(path, structure, solution, open_file):
+    """Write one file for each converged increment; return their paths."""
     done = []
     for phase in solution.phases:
         good = np.flatnonzero(np.asarray(phase.path.status) == 0)
@@ -82,19 +82,19 @@ def _increments(path, structure, solution, open_file):
             }
             scalars = {column.label: column.values for column in columns(structure.groups, told)}
             moves = {"displacement": moved}
-            _write(open_file(done[-1]), structure, begin + moved, moves, scalars)
+            _write_grid(open_file(done[-1]), structure, begin + moved, moves, scalars)
     return done
 
 
-def _write(stream, structure, points, vectors, scalars):
-    """Write the text of a file: points [n_node, 3], vectors at points, scalars of elements."""
-    cells, element, group = _cells(structure.groups)
+def _write_grid(stream, structure, points, vectors, scalars):
+    """Write an unstructured grid: points [n_node, 3], vectors of points, scalars of elements."""
+    cells, element, group = _collect_cells(structure.groups)
     names = ", ".join(
         f"{k} {name}".strip() for k, (name, _) in enumerate(groups_by_name(structure))
     )
-    lines = ["# vtk DataFile Version 3.0", _title(f"jaxcable, SI units; groups: {names}")]
+    lines = ["# vtk DataFile Version 3.0", _ascii_title(f"jaxcable, SI units; groups: {names}")]
     lines += ["ASCII", "DATASET UNSTRUCTURED_GRID", f"POINTS {len(points)} double"]
-    lines += _rows(points)
+    lines += _format_vectors(points)
     lines += [f"CELLS {len(cells)} {len(cells) + sum(map(len, cells))}"]
     lines += [" ".join(map(str, (len(cell), *cell))) for cell in cells]
     lines += [f"CELL_TYPES {len(cells)}", *(str(_TYPES[len(cell)]) for cell in cells)]
@@ -102,16 +102,19 @@ def _write(stream, structure, points, vectors, scalars):
     for name, number in (("element", element), ("group", group)):
         lines += [f"SCALARS {name} int 1", "LOOKUP_TABLE default", *map(str, number.tolist())]
     for label, values in scalars.items():
-        name, of_piece = label.replace(" ", "_"), of_all_elements(structure.groups, values)[element]
+        name, of_piece = (
+            label.replace(" ", "_"),
+            concatenate_groups(structure.groups, values)[element],
+        )
         lines += [f"SCALARS {name} double 1", "LOOKUP_TABLE default", *map(repr, of_piece.tolist())]
     lines += [f"POINT_DATA {len(points)}"]
     for name, values in vectors.items():
-        lines += [f"VECTORS {name} double", *_rows(values)]
+        lines += [f"VECTORS {name} double", *_format_vectors(values)]
     stream.write("\n".join(lines) + "\n")
 
 
-def _cells(groups):
-    """Points of every line and face, lists, and its element and group; faces come last."""
+def _collect_cells(groups):
+    """Return the points of every line and face, its element and its group; faces come last."""
     ends, element, owner = pieces(groups)
     corners, of_face, group = faces(groups)
     lines = ~np.isin(element, of_face)  # elements with faces are these
@@ -120,11 +123,11 @@ def _cells(groups):
     return ends[lines].tolist() + rings, *numbers
 
 
-def _title(text):
-    """A title that the format allows: one line of at most 256 characters of ASCII."""
+def _ascii_title(text):
+    """Return a title as the format allows it: one line of at most 256 ASCII characters."""
     return text.encode("ascii", "replace").decode().replace("\n", " ")[:255]
 
 
-def _rows(vectors):
-    """Vectors as lines of text."""
+def _format_vectors(vectors):
+    """Format vectors, a line of text for each."""
     return [" ".join(map(repr, row)) for row in vectors.tolist()]

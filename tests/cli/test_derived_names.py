@@ -7,7 +7,7 @@ import scenes
 
 import jaxcable as jc
 from jaxcable.cli import derived, main
-from jaxcable.files.results import tables
+from jaxcable.files.results import result_tables
 
 
 @pytest.fixture
@@ -134,7 +134,7 @@ def test_tables_of_this_program_are_known_and_replaced(tmp_path, monkeypatch, ca
     assert written() == first
     solution = jc.solve(*scene)
     assert int(solution.status) == 0
-    assert set(derived.RESULT) == set(tables(scene.structure, solution))
+    assert set(derived.RESULT) == set(result_tables(scene.structure, solution))
     assert capsys.readouterr().err == ""
 
 

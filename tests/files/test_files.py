@@ -17,7 +17,7 @@ import jaxcable as jc
 from jaxcable.common.tree import pytree
 from jaxcable.common.writing import written
 from jaxcable.files import FileError, codec
-from jaxcable.files.results import flat
+from jaxcable.files.results import flatten_result
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -191,7 +191,7 @@ def test_results_come_back_exactly(suffix, solved, failed, tmp_path):
     structure, _, solution = solved
     for result in (solution, failed):
         (path,) = jc.files.save_result(tmp_path / f"r{suffix}", structure, result)
-        read, meant = jc.files.load_result(path), flat(structure, result)
+        read, meant = jc.files.load_result(path), flatten_result(structure, result)
         assert read.keys() == meant.keys()
         for name, value in meant.items():
             assert read[name].shape == value.shape

@@ -1,4 +1,4 @@
-"""Lines between points, as drawings have them, as a net: near points become one node."""
+"""Make a net of the polylines of a drawing: points that are close become one node."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from .nets import Net
 from .omissions import Omissions
 from .reading import FileError
 
-_FARTHEST = 1e12  # largest coordinate, m; squares of distances are useless beyond it
-_CROWD = 50  # largest average number of points within the tolerance of a point
+_LARGEST_COORDINATE = 1e12  # largest coordinate, m; squares of distances are useless beyond it
+_MOST_NEIGHBORS = 50  # points within the tolerance of one, on average; more is a wrong scale
 
 
 class Polyline(NamedTuple):
@@ -27,25 +27,25 @@ class Polyline(NamedTuple):
         where: its place in the file, in words.
         group: its name.
         points: numbers of its points, from 0.
-        shares: whether its lines may be those of others, too, as faces share their edges.
+        may_repeat: whether its lines may be those of others, too, as faces share their edges.
     """
 
     where: str
     group: str
     points: Sequence[int]
-    shares: bool = False
+    may_repeat: bool = False
 
 
-def net_of(
+def net_from_polylines(
     places: Float[np.ndarray, "n_point 3"],
     polylines: Sequence[Polyline],
     tolerance: float,
     table: Omissions,
     word: str,
 ) -> Net:
-    """The net of lines between points, with groups, and the numbers of points from 1 as names.
+    """Make the net of lines between points; its nodes are named by the numbers of points from 1.
 
-    Points that no line touches, and lines between nodes that a line joins already, are left out.
+    Points that no line touches, and lines between nodes that are joined already, are left out.
 
     Args:
         places: the points, m.
@@ -57,16 +57,16 @@ def net_of(
     Raises:
         FileError: a line without length, coordinates too large, too many points too near.
     """
-    if not np.abs(places).max() < _FARTHEST:
-        raise FileError(f"coordinates beyond {_FARTHEST:.0e} m; is the scale right?")
-    node = _joined(places, tolerance)
+    if not np.abs(places).max() < _LARGEST_COORDINATE:
+        raise FileError(f"coordinates beyond {_LARGEST_COORDINATE:.0e} m; is the scale right?")
+    node = _merge_points(places, tolerance)
     found: dict[tuple[int, int], tuple[int, int, str]] = {}
     for line in polylines:
         for first, second in itertools.pairwise(node[line.points].tolist()):
             if first == second:
                 raise FileError(f"{line.where}: the line has no length")
             pair = min(first, second), max(first, second)
-            if pair in found and not line.shares:
+            if pair in found and not line.may_repeat:
                 table.add(f"{word} that occurs again", line.where)
             found.setdefault(pair, (first, second, line.group))
     links: np.ndarray = np.array([(i, j) for i, j, _ in found.values()], np.int32)
@@ -85,11 +85,11 @@ def net_of(
     )
 
 
-def _joined(places, tolerance):
-    """Node number of each point; nodes are numbered in the order of their first points."""
+def _merge_points(places, tolerance):
+    """Return the node of each point; points that are close become one node."""
     distinct, which = np.unique(places, axis=0, return_inverse=True)
     tree = cKDTree(distinct)
-    if tree.count_neighbors(tree, tolerance) > _CROWD * len(distinct):
+    if tree.count_neighbors(tree, tolerance) > _MOST_NEIGHBORS * len(distinct):
         raise FileError(f"too many points closer than {tolerance} m; is the scale right?")
     pairs = tree.query_pairs(tolerance, output_type="ndarray")
     size = (len(distinct),) * 2

@@ -1,4 +1,4 @@
-"""What files of a structure at the end of an analysis share: a path, its state, its numbers."""
+"""What writers of the end of an analysis share: the path, the end state, values of all groups."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from ..model.structure import Structure
 from ..model.topology import require_same
 
 
-def file_path(path: str | PathLike[str], suffix: str) -> Path:
-    """The path of a file; ValueError unless it ends with `suffix`."""
+def require_suffix(path: str | PathLike[str], suffix: str) -> Path:
+    """Return a path; raise ValueError unless it ends with `suffix`."""
     path = Path(path)
     if path.suffix.lower() != suffix:
         raise ValueError(f"path = {str(path)!r}: expected a name that ends with {suffix}")
@@ -25,15 +25,15 @@ def file_path(path: str | PathLike[str], suffix: str) -> Path:
 
 
 def end_state(structure: Structure, solution: Solution) -> State:
-    """The last state of one analysis of a structure; ValueError for a batch, or another one's."""
+    """Return the last state of an analysis; refuse a batch, or another structure."""
     one_case(solution)
     require_same(structure, solution.last.topology, "solution")
     return solution.last
 
 
-def of_all_elements(
+def concatenate_groups(
     groups: Sequence[Element], values: Sequence[Float[np.ndarray, " n_elem"] | None]
 ) -> Float[np.ndarray, " n_all"]:
-    """Values of all elements, [n_elem] through all groups; NaN where a group has none."""
+    """Concatenate values of all groups, [n_all]; NaN for the elements of groups without values."""
     parts = zip(groups, values, strict=True)
     return np.concatenate([np.full(len(g.links), np.nan) if v is None else v for g, v in parts])

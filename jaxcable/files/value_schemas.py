@@ -46,37 +46,37 @@ _MIXED = {  # alternatives that have one definition together
     "Load | Sequence[Load]": "Sequence[Load]",
     "str | Sequence[str] | PyTree[Bool": "PyTree[Bool",
 }
-TAGS = ["list", "tuple"]
+SEQUENCE_TAGS = ["list", "tuple"]
 """Names under "type" that belong to containers, not to classes."""
 
 
-def ref(name: str) -> Schema:
-    """The schema that is defined under a name."""
+def reference(name: str) -> Schema:
+    """Return a reference to the definition of this name."""
     return {"$ref": f"#/$defs/{name}"}
 
 
-def if_type(kind: str, then: Schema) -> Schema:
-    """`then`, for values of a JSON type."""
+def if_json_type(kind: str, then: Schema) -> Schema:
+    """Return a schema that applies only to values of a JSON type."""
     return {"if": {"type": kind}, "then": then}
 
 
-def if_named(names: Collection[str], then: Schema, otherwise: Schema) -> Schema:
-    """`otherwise` for objects with one of some texts under "type", else `then`.
+def if_class_not_in(names: Collection[str], then: Schema, otherwise: Schema) -> Schema:
+    """Return a schema that depends on "type": `otherwise` if it is one of `names`, else `then`.
 
-    The condition is negative: an editor asks for what fits while the text is not there yet.
+    The condition is negative so that editors offer what fits before the type has been typed.
     """
     other = {"type": {"not": {"enum": list(names)}, "doNotSuggest": True}}
     return {"if": {"properties": other}, "then": then, "else": otherwise}
 
 
-def value(
+def value_schema(
     annotation: str,
     classes: Collection[str],
     defs: dict[str, Schema],
     bound: Schema | None = None,
     each: bool = False,
 ) -> Schema:
-    """The schema of the values that a field with an annotation can have.
+    """Return the schema of the values that a field with this annotation can have.
 
     Args:
         annotation: of the field; what it does not tell may be anything.
@@ -87,18 +87,20 @@ def value(
     """
     for several, one in _MIXED.items():
         annotation = annotation.replace(several, one)
-    words = _alternatives(ast.parse(annotation, mode="eval").body)
+    words = _union_members(ast.parse(annotation, mode="eval").body)
     null, nothing = (["null"], [None]) if "None" in words else ([], [])
     arrays: dict[str, list[tuple[str, ...]]] = {}
     for word in words:
         if (array := _ARRAY.match(word)) is not None:
-            arrays.setdefault(array[1], []).extend(_shapes(array[1], array[3], each))
+            arrays.setdefault(array[1], []).extend(_array_shapes(array[1], array[3], each))
     ways: list[Schema] = []
     if len(arrays) == 1:
         ((kind, shapes),) = arrays.items()
-        ways = [_numbers(kind, shapes, bound, defs, null)]
+        ways = [_define_array(kind, shapes, bound, defs, null)]
     elif arrays:
-        ways = [{"anyOf": [_numbers(kind, shapes, bound, defs) for kind, shapes in arrays.items()]}]
+        ways = [
+            {"anyOf": [_define_array(kind, shapes, bound, defs) for kind, shapes in arrays.items()]}
+        ]
     for word in words:
         if word in _PLAIN:
             plain = {**_PLAIN[word], **((bound if word == "int" else None) or {})}
@@ -109,9 +111,9 @@ def value(
             ways.append({"enum": [*ast.literal_eval(word.removeprefix("Literal")), *nothing]})
         elif word in _NAMED or word in classes:
             types, name = _NAMED.get(word, (["object"], word))
-            ways.append({"type": [*types, *null], "if": {"type": types}, "then": ref(name)})
+            ways.append({"type": [*types, *null], "if": {"type": types}, "then": reference(name)})
         elif word.startswith(("PyTree[Float", "PyTree[Bool")):
-            ways.append(ref("statement" if word.startswith("PyTree[Float") else "change"))
+            ways.append(reference("statement" if word.startswith("PyTree[Float") else "change"))
         elif word != "None" and _ARRAY.match(word) is None:
             return {}
     if not ways:
@@ -119,15 +121,15 @@ def value(
     return ways[0] if len(ways) == 1 else {"anyOf": ways}
 
 
-def _alternatives(annotation):
-    """The parts of a parsed annotation that ``|`` joins, as texts."""
+def _union_members(annotation):
+    """Return the alternatives of a parsed annotation, which ``|`` joins, as texts."""
     if isinstance(annotation, ast.BinOp):
-        return [*_alternatives(annotation.left), *_alternatives(annotation.right)]
+        return [*_union_members(annotation.left), *_union_members(annotation.right)]
     return [ast.unparse(annotation)]
 
 
-def _shapes(kind, axes, each):
-    """The shapes that an array can have, a list of tuples of axes."""
+def _array_shapes(kind, axes, each):
+    """Return the shapes that an array can have, a list of tuples of axes."""
     shapes = [()]
     for axis in axes.split():
         ways = {"...": ((), ("n",)), "3or4": (("3",), ("4",)), "*shape": ((), ("n",))}
@@ -138,11 +140,11 @@ def _shapes(kind, axes, each):
     return shapes
 
 
-def _numbers(kind, shapes, bound, defs, null=()):
-    """A reference to the schema of numbers of some shapes, which is added to the definitions."""
+def _define_array(kind, shapes, bound, defs, null=()):
+    """Add the schema of arrays of some shapes to the definitions; return a reference to it."""
     word, item = _ITEMS[kind]
     item = {**item, **(bound or {})}
-    lengths = [tuple(map(_length, shape)) for shape in dict.fromkeys(shapes)]
+    lengths = [tuple(map(_axis_length, shape)) for shape in dict.fromkeys(shapes)]
     limits = [{"exclusiveMinimum": "above", "minimum": "from"}[key] for key in bound or {}]
     limits += [str(limit) for limit in (bound or {}).values()]
     shown = ["_".join(shape) or "one" for shape in lengths]
@@ -151,20 +153,23 @@ def _numbers(kind, shapes, bound, defs, null=()):
         types = [item["type"]] if () in lengths else []
         lists = [shape for shape in lengths if shape]
         types += ["array"] if lists else []
-        plain = {**(item if () in lengths else {}), **(_lists(lists, item) if lists else {})}
+        plain = {
+            **(item if () in lengths else {}),
+            **(_nested_list_schema(lists, item) if lists else {}),
+        }
         if kind == "Float":  # in single precision numbers are marked
-            single = tagged("float32", "values", {**plain, "type": types})
+            single = tagged_object("float32", "values", {**plain, "type": types})
             marked = [*types, "object", *null]
-            defs[name] = {"allOf": [if_type("object", single)], **plain, "type": marked}
+            defs[name] = {"allOf": [if_json_type("object", single)], **plain, "type": marked}
         else:
             defs[name] = {**plain, "type": [*types, *null]}
-        wanted = " or ".join(_shown(word, shape) for shape in lengths)
+        wanted = " or ".join(_describe_shape(word, shape) for shape in lengths)
         defs[name]["errorMessage"] = f"Expected {wanted}{', or null' if null else ''}."
-    return ref(name)
+    return reference(name)
 
 
-def _shown(word, lengths):
-    """A shape in words, for messages of editors."""
+def _describe_shape(word, lengths):
+    """Return a shape in words, for messages of editors."""
     if not lengths:
         return {"number": "a number", "whole": "a whole number"}.get(word, "true or false")
     of = {"number": "numbers", "whole": "whole numbers"}.get(word, "true or false")
@@ -172,20 +177,20 @@ def _shown(word, lengths):
     return f"a list [{', '.join(axes)}] of {of}"
 
 
-def _length(axis):
-    """The length of an axis: a number, "n1" for any but zero, or "n"."""
+def _axis_length(axis):
+    """Return the length of an axis: a number, "n1" for any but zero, or "n" for any."""
     return axis if axis[0].isdigit() else "n1" if axis[:2] == "n_" else "n"
 
 
-def _lists(shapes, item):
-    """What lists of some shapes keep: the deepest are told by their depth, others by their width.
+def _nested_list_schema(shapes, item):
+    """Return the schema of lists of some shapes: the depth tells the deepest, the width the others.
 
-    It holds for lists only; other values pass.
+    It concerns lists only; other values pass.
     """
     first = max(shapes, key=lambda shape: (len(shape), [-int(n) for n in shape if n.isdigit()]))
     nested = item
     for axis in reversed(first):
-        nested = {"type": "array", "items": nested, **_limits(axis)}
+        nested = {"type": "array", "items": nested, **_length_limits(axis)}
     del nested["type"]
     others = [shape for shape in shapes if shape != first]
     if not others:
@@ -195,11 +200,11 @@ def _lists(shapes, item):
     test: Schema = {"type": "array"} if deeper else {"maxItems": int(first[-1])}
     for _ in range(depth - 1):
         test = {"items": test}
-    return {"if": test, "then": nested, "else": _lists(others, item)}
+    return {"if": test, "then": nested, "else": _nested_list_schema(others, item)}
 
 
-def _limits(axis):
-    """Limits of the length of a list."""
+def _length_limits(axis):
+    """Return the limits of the length of a list along an axis."""
     if axis == "n":
         return {}
     if axis == "n1":
@@ -208,19 +213,21 @@ def _limits(axis):
     return {"minItems": least} if axis.endswith("+") else {"minItems": least, "maxItems": least}
 
 
-def tagged(name: str, field: str, content: Schema) -> Schema:
-    """The schema of an object with its name under "type", and one field."""
-    return closed({"type": {"const": name, "doNotSuggest": True}, field: content}, ["type", field])
+def tagged_object(name: str, field: str, content: Schema) -> Schema:
+    """Return the schema of an object with a fixed "type" and one other field."""
+    return closed_object(
+        {"type": {"const": name, "doNotSuggest": True}, field: content}, ["type", field]
+    )
 
 
-def tags(content: Schema) -> Schema:
-    """The schema of the marked lists and tuples with some content."""
-    kinds: Schema = {"type": {"enum": TAGS, "doNotSuggest": True}}
-    return closed({**kinds, "items": {"type": "array", "items": content}}, ["type", "items"])
+def tagged_sequence(content: Schema) -> Schema:
+    """Return the schema of lists and tuples that are marked as {"type": ..., "items": [...]}."""
+    kinds: Schema = {"type": {"enum": SEQUENCE_TAGS, "doNotSuggest": True}}
+    return closed_object({**kinds, "items": {"type": "array", "items": content}}, ["type", "items"])
 
 
-def closed(properties: Mapping[str, Schema], required: list[str]) -> Schema:
-    """The schema of an object with these fields and no other."""
+def closed_object(properties: Mapping[str, Schema], required: list[str]) -> Schema:
+    """Return the schema of an object with these fields and no other."""
     return {
         "type": "object",
         "properties": dict(properties),

@@ -1,4 +1,4 @@
-"""Loads of edges and faces as loads of nodes, as force density programs spread them."""
+"""Distribute loads of edges and faces to nodes, as force density programs do."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Programs that work in single precision leave less; loads that are missing leave 
 """
 
 
-class Spread(NamedTuple):
+class DistributedLoads(NamedTuple):
     """Loads of edges and faces.
 
     Attributes:
@@ -33,8 +33,8 @@ class Spread(NamedTuple):
     faces: list[list[int]]
     on_faces: Float[np.ndarray, "n_face 3"]
 
-    def total(self) -> Float[np.ndarray, "n_node 3"]:
-        """Their share of every node, [n_node, 3], N."""
+    def to_nodes(self) -> Float[np.ndarray, "n_node 3"]:
+        """Return the nodal loads that they amount to, [n_node, 3], N."""
         found = np.zeros_like(self.nodes)
         ends = self.nodes[self.links]
         lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
@@ -51,17 +51,18 @@ class Spread(NamedTuple):
         return found
 
 
-def nodal_loads(
+def add_distributed_loads(
     own: Float[np.ndarray, "n_node 3"],
-    spread: Spread,
+    spread: DistributedLoads,
     densities: Float[np.ndarray, " n_edge"],
     held: Bool[np.ndarray, " n_node"],
     table: Omissions,
 ) -> Float[np.ndarray, "n_node 3"]:
-    """Loads of nodes with those of edges and faces, [n_node, 3], N.
+    """Return the loads of nodes with those of edges and faces, [n_node, 3], N.
 
-    Programs write results with the loads of edges and faces both as such and in the loads of nodes.
-    In such a file the loads of nodes alone are in balance with the force densities.
+    Files of results may hold the loads of edges and faces twice: as such, and in the loads of
+    nodes. This is so if the loads of nodes alone are in balance with the force densities; then none
+    is added.
 
     Args:
         own: loads of nodes in the file, N.
@@ -70,7 +71,7 @@ def nodal_loads(
         held: whether a support holds a node.
         table: what is left out.
     """
-    more = spread.total()
+    more = spread.to_nodes()
     free = ~held
     size = np.abs(more[free]).max(initial=0.0)
     if own[free].any() and densities.any() and size > 0:

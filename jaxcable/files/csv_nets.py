@@ -1,4 +1,4 @@
-"""Nets from a pair of CSV tables: nodes and links."""
+"""Read nets from a pair of CSV tables: nodes and links."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from os import PathLike
 import numpy as np
 
 from .csv_tables import read_table
-from .nets import KINDS, PROPERTIES, STATEMENTS, Net
+from .nets import ELEMENT_CLASSES, GROUP_PROPERTIES, PRESTRESS_INPUTS, Net
 from .omissions import Omissions
 from .reading import LARGEST, FileError
 
 _NODE_COLUMNS = ("node", "x", "y", "z", "support", "free", "fx", "fy", "fz")
-_LINK_COLUMNS = ("first", "last", "kind", "group", *PROPERTIES, *STATEMENTS)
+_LINK_COLUMNS = ("first", "last", "kind", "group", *GROUP_PROPERTIES, *PRESTRESS_INPUTS)
 _WORDS = {"1": True, "1.0": True, "true": True, "yes": True, "": False}
 _WORDS |= {"0": False, "0.0": False, "false": False, "no": False}
 """What a flag may be, beside the letters of directions."""
@@ -68,7 +68,7 @@ def read_csv(
         >>> net.links.tolist(), net.fixed.all(axis=1).tolist()
         ([[0, 1]], [True, True])
     """
-    own = _own_names(columns)
+    own = _column_aliases(columns)
     table = Omissions(f"{nodes}, {links}")
     lines = read_table(nodes, _NODE_COLUMNS, ("x", "y", "z"), own, table, largest)
     names, places, fixed, loads = {}, [], [], []
@@ -78,17 +78,17 @@ def read_csv(
             raise FileError(f"{line.place}: node {name!r} occurs twice")
         names[name] = len(names)
         places.append([line.number(axis) for axis in "xyz"])
-        fixed.append(_held(line))
+        fixed.append(_held_directions(line))
         loads.append([line.number("f" + axis, 0.0) for axis in "xyz"])
     pairs, kinds, groups, values = [], [], [], {}
-    known = (*PROPERTIES, *STATEMENTS)
+    known = (*GROUP_PROPERTIES, *PRESTRESS_INPUTS)
     for line in read_table(links, _LINK_COLUMNS, ("first", "last"), own, table, largest):
         for column in ("first", "last"):
             if line.text(column) not in names:
                 raise FileError(f"{line.place}: {column}: no node {line.text(column)!r}")
         pairs.append([names[line.text("first")], names[line.text("last")]])
         kinds.append(line.text("kind") or "cable")
-        if kinds[-1] not in KINDS:
+        if kinds[-1] not in ELEMENT_CLASSES:
             raise FileError(f"{line.place}: kind: {kinds[-1]!r} is neither cable nor bar")
         groups.append(line.text("group"))
         for column in known:
@@ -109,8 +109,8 @@ def read_csv(
     )
 
 
-def _own_names(columns):
-    """Names of columns by those in the file, in small letters; None if none are given."""
+def _column_aliases(columns):
+    """Return our names of columns by those in the file, in small letters; None without any."""
     if columns is None:
         return None
     known = (*_NODE_COLUMNS, *_LINK_COLUMNS)
@@ -124,19 +124,19 @@ def _own_names(columns):
     return dict(zip(words, columns, strict=True))
 
 
-def _held(line):
-    """Which of x, y, z a node is held in by the fields `support` or `free`, a list of bools."""
+def _held_directions(line):
+    """Return in which of x, y, z a node is held, by its field `support` or `free`: three bools."""
     if "free" not in line.fields:
-        return _directions(line, "support")
+        return _parse_directions(line, "support")
     if line.text("support"):
         raise FileError(f"{line.place}: has both support and free; give one")
     if not line.text("free"):
         raise FileError(f"{line.place}: free: is empty; expected 0, 1 or some of xyz")
-    return [not free for free in _directions(line, "free")]
+    return [not free for free in _parse_directions(line, "free")]
 
 
-def _directions(line, column):
-    """Which of x, y, z the flag in a column means, a list of three bools."""
+def _parse_directions(line, column):
+    """Return which of x, y, z a field means (0, 1, or letters), a list of three bools."""
     word = line.text(column).lower()
     if word in _WORDS:
         return [_WORDS[word]] * 3

@@ -1,0 +1,77 @@
+"""Rules of the schema of scene files on fields that exclude or need each other.
+
+Every rule ends in a statement on one field (``if`` and ``then``), so that validators name it.
+"""
+
+from __future__ import annotations
+
+from ..elements.straight import Straight
+from .value_schemas import Schema
+
+
+def joint_field_rules(cls: type) -> Schema:
+    """Return the rules on fields of a class that must, or must not, be given together."""
+    name, rules = cls.__name__, []
+    if name == "Supports":
+        ways = map(_has_field, ("mask", "nodes", "clamps", "chosen"))
+        rules = [
+            _require_unless({"anyOf": [*ways]}, "nodes, or clamps, or chosen and held, or mask"),
+            {"if": _has_field("chosen"), "then": _has_field("held")},
+            {
+                "if": {"anyOf": [_has_field("held"), _has_field("axes")]},
+                "then": _has_field("chosen"),
+            },
+        ]
+    elif name == "Beams":
+        bare: Schema = {
+            "properties": {"section": {"not": _has_field("torsion"), "doNotSuggest": True}}
+        }
+        twists = {"anyOf": [_has_field("torsional_stiffness"), {"not": bare}]}
+        rules = [_require_unless(twists, "torsional_stiffness, or torsion in the section")]
+    elif name == "LineLoads":
+        begun: Schema = {"properties": {"geometry": {"const": "begun", "doNotSuggest": True}}}
+        per = {"properties": {"per": {"enum": ["initial", "projected"], "doNotSuggest": True}}}
+        given = {"if": {**begun, "required": ["geometry"]}, "then": {**per, "required": ["per"]}}
+        rules = [given]
+    elif name in ("AreaLoads", "FacePressure"):
+        one = _forbid_fields(
+            "on", "elements", why="Give faces, or a group whose elements have them."
+        )
+        rules = [{"if": _has_field("faces"), "then": one}]
+    elif issubclass(cls, Straight) and name != "Catenaries":
+        both = [_has_field("area"), _has_field("law")]
+        missing = "axial_stiffness, or area and law, or section"
+        either = {**_require_unless({"anyOf": both}, missing), "else": {"allOf": both}}
+        by_section = {
+            "if": _has_field("section"),
+            "then": _forbid_fields("area", "law"),
+            "else": either,
+        }
+        others = _forbid_fields("section", "area", "law")
+        rules = [{"if": _has_field("axial_stiffness"), "then": others, "else": by_section}]
+    return {"allOf": rules} if rules else {}
+
+
+def _has_field(name):
+    """Return the condition that an object has a field that is not null."""
+    return {
+        "required": [name],
+        "properties": {name: {"not": {"type": "null"}, "doNotSuggest": True}},
+    }
+
+
+def _require_unless(condition, words):
+    """Return the rule that something is needed unless a condition holds.
+
+    `words` say what is missing; validators show them as if they were the name of a field.
+    """
+    return {"if": {"not": condition}, "then": {"required": [words]}}
+
+
+_STIFFNESS_HINT = "Give axial_stiffness, or area and law, or section: one of these."
+
+
+def _forbid_fields(*names, why=_STIFFNESS_HINT):
+    """Return the rule that some fields are missing or null; `why` says what to give instead."""
+    never = {"type": "null", "errorMessage": why, "doNotSuggest": True}
+    return {"properties": dict.fromkeys(names, never)}
