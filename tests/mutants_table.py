@@ -214,7 +214,7 @@ FAULTS = (
     Fault("plots/diagrams.py",
         '"Mz": -axes[:, 1]', '"Mz": axes[:, 1]',
         "Mz is drawn on the side in compression"),
-    Fault("plots/glyphs.py",
+    Fault("plots/symbols.py",
         "all_three & rotates & fixed[:, 3:].all(axis=1)",
         "all_three & rotates & fixed[:, 3:].any(axis=1)",
         "a node that is held about one axis is drawn as clamped"),

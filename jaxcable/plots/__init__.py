@@ -1,4 +1,4 @@
-"""Pictures of results (matplotlib), and pages in which they turn.
+"""Pictures of results (matplotlib), and an interactive 3-D view as a page.
 
 Functions return a matplotlib `Figure` (`animation` returns the path of its file, `view` a `Page`),
 and save it if they get a `path`. Notebooks show the figure if it is the last value of a cell. It is

@@ -15,15 +15,15 @@ from PIL import Image
 from ..analysis.solution import Solution
 from ..common.writing import written
 from ..model.structure import Structure
-from .glyphs import draw_supports, support_keys
-from .layout import arrange, settle
-from .members import Members, Scale, ghost, keys
-from .page import filled
+from .element_lines import ColorScale, ElementLines, draw_ghost, line_legend
+from .layout import arrange_pictures, finish_layout
+from .page import fill_template
 from .snapshots import Snapshots
 from .style import OVER, SLACK, accepts_old_spelling, color_map
-from .views import choose
+from .symbols import draw_supports, support_legend
+from .views import choose_view
 
-_HOLD = 10  # how many times longer the last frame is shown
+_LAST_FRAME_FACTOR = 10  # how many times longer the last frame is shown
 
 
 @accepts_old_spelling
@@ -40,7 +40,7 @@ def animation(
     rate: float = 10.0,
     dpi: float = 110,
 ) -> Path:
-    """Save the increments of all phases as moving pictures, in space or in their plane.
+    """Save the increments of all phases as an animation, in space or in the plane of the structure.
 
     Limits of the axes and the color scale are the same in all frames. With a `structure`, beams
     are bent and catenaries hang, as in `net`; catenaries are exact at the ends of phases, between
@@ -86,34 +86,34 @@ def animation(
         raise ValueError(f"rate = {rate}: must be positive")
     found = Snapshots(solution, structure, color, names)
     shots = found.increments(frames)
-    start, single = shots[0].before(), len(solution.phases) == 1
-    origin = start if single else found.after(0)
+    start, single = shots[0].in_initial_geometry(), len(solution.phases) == 1
+    origin = start if single else found.after_phase(0)
     shots = [s.magnified(origin, magnify) if single or s.phase > 0 else s for s in shots]
     everything = np.concatenate([start.positions, *(shot.points() for shot in shots)])
-    seen = choose(everything, view, space=True)
-    images = _draw(found, start, shots, seen, everything, dpi)
-    (_gif if path.suffix.lower() == ".gif" else _html)(images, path, rate)
+    seen = choose_view(everything, view, space=True)
+    images = _draw_frames(found, start, shots, seen, everything, dpi)
+    (_save_gif if path.suffix.lower() == ".gif" else _save_html)(images, path, rate)
     return path
 
 
-def _draw(found, start, shots, seen, everything, dpi):
-    """The frames as images with one palette, so that colors do not flicker."""
+def _draw_frames(found, start, shots, seen, everything, dpi):
+    """Draw all frames as images with one palette, so that colors do not flicker."""
     palette = Image.new("P", (1, 1))
-    palette.putpalette(_palette())
+    palette.putpalette(_shared_palette())
     forces = [shot.forces for shot in shots]
-    scale = Scale(forces)
+    scale = ColorScale(forces)
     names = found.names or [f"Phase {k + 1}" for k in range(len(found.solution.phases))]
-    titles = [f"{names[shot.phase]}, load factor {shot.factor:.2f}" for shot in shots]
-    figure, slots = arrange([seen], [everything], titles[:1])
+    titles = [f"{names[shot.phase]}, load factor {shot.load_factor:.2f}" for shot in shots]
+    figure, slots = arrange_pictures([seen], [everything], titles[:1])
     figure.set_dpi(dpi)
     (axes,) = figure.axes
-    ghost(axes, seen, found.links, start)
-    lines = Members(axes, seen, found, scale)
+    draw_ghost(axes, seen, found.links, start)
+    lines = ElementLines(axes, seen, found, scale)
     lines.show(shots[0])
-    held = [shot.held(seen.normal) for shot in shots]
-    handles = keys(forces, bool(start.known().any()), counted=False)
-    handles += support_keys(np.any(held, axis=0))
-    settle(figure, slots, lines.taut, scale.label, handles)
+    held = [shot.support_kinds(seen.normal) for shot in shots]
+    handles = line_legend(forces, bool(start.has_known_shape().any()), counted=False)
+    handles += support_legend(np.any(held, axis=0))
+    finish_layout(figure, slots, lines.taut, scale.label, handles)
     images = []
     for shot, title, kinds in zip(shots, titles, held, strict=True):
         lines.show(shot)
@@ -127,17 +127,17 @@ def _draw(found, start, shots, seen, everything, dpi):
     return images
 
 
-def _gif(images, path, rate):
-    """Save all frames as a GIF that repeats, the last frame for longer."""
+def _save_gif(images, path, rate):
+    """Save all frames as a GIF that repeats; the last frame is shown longer."""
     times = [round(1000 / rate)] * len(images)
-    times[-1] *= _HOLD
+    times[-1] *= _LAST_FRAME_FACTOR
     with written(path, "wb") as stream:
         options = {"save_all": True, "append_images": images[1:], "duration": times, "loop": 0}
         images[0].save(stream, "GIF", **options)
 
 
-def _palette():
-    """A palette of 256 colors, flat: greys, and colors of lines in four shades up to white."""
+def _shared_palette():
+    """Return a palette of 256 colors, flat: greys, and colors of lines in four shades."""
     lines = np.concatenate(
         [color_map()(np.linspace(0, 1, 53))[:, :3], *([to_rgb(c)] for c in (SLACK, OVER))]
     )
@@ -146,8 +146,8 @@ def _palette():
     return np.round(255 * np.concatenate([grey, *faded])).astype(int).ravel().tolist()
 
 
-def _html(images, path, rate):
-    """Save a page that contains all frames and a slider."""
+def _save_html(images, path, rate):
+    """Save a page with all frames and a slider."""
     frames = []
     for image in images:
         buffer = io.BytesIO()
@@ -160,4 +160,4 @@ def _html(images, path, rate):
         "@FRAMES@": ",\n".join(frames),
     }
     with written(path) as stream:
-        stream.write(filled("frames.html", parts))
+        stream.write(fill_template("frames.html", parts))

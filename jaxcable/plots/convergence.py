@@ -11,9 +11,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ..common.types import ArrayLike, Float
-from .style import GRID, below, finish, series_style, start
+from .style import GRID, finish_figure, legend_below, new_figure, series_style
 
-_ROOM = 2.0  # ratio of the limits of axes and the extreme values
+_LIMIT_RATIO = 2.0  # ratio of the limits of axes and the extreme values
 _DECADES = 60.0  # range of values below which powers of ten alone are too few ticks
 _OPEN = {"markerfacecolor": "white"}
 _EDGE = 0.03  # distance of marks at the edge from it, over the size of the axes
@@ -55,13 +55,13 @@ def convergence(
     >>> figure.axes[0].get_legend().get_texts()[0].get_text()
     'secant: order 1.00'
     """
-    series = _series(sizes, errors, "sizes", "errors")
+    series = _check_series(sizes, errors, "sizes", "errors")
     if xlabel is None:
         xlabel = "number of elements (-)" if counts else "step (-)"
-    figure, axes = _axes(series, xlabel, ylabel)
+    figure, axes = _add_log_axes(series, xlabel, ylabel)
     for k, (label, (size, error)) in enumerate(series.items()):
         if not (np.isfinite(size) & (size > 0)).all():
-            raise ValueError(f"sizes{_key(label)}: must be positive and finite")
+            raise ValueError(f"sizes{_format_label(label)}: must be positive and finite")
         style = series_style(k)
         real = np.isfinite(error) & (error > 0)
         fitted = real & (error > floor)
@@ -74,12 +74,12 @@ def convergence(
         axes.plot(size[order], error[order], label=": ".join(name), markevery=marked, **style)
         rounding = real & ~fitted
         axes.plot(size[rounding], error[rounding], **style | {"linestyle": ""} | _OPEN)
-    marks = _edges(axes, series)
+    marks = _mark_at_edges(axes, series)
     if any((e[np.isfinite(e)] <= floor).any() for _, e in series.values()) and floor > 0:
         look: dict[str, Any] = {"marker": "o", "color": "0.3", "markersize": 5, **_OPEN}
         marks.append(Line2D([], [], linestyle="", label="rounding", **look))
-    below(axes, columns=2, handles=[*axes.get_legend_handles_labels()[0], *marks])
-    return finish(figure, path)
+    legend_below(axes, columns=2, handles=[*axes.get_legend_handles_labels()[0], *marks])
+    return finish_figure(figure, path)
 
 
 def work_precision(
@@ -115,22 +115,22 @@ def work_precision(
     >>> [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     ['Newton', 'secant', 'failed']
     """
-    series = _series(times, errors, "times", "errors")
-    figure, axes = _axes(series, xlabel, ylabel)
+    series = _check_series(times, errors, "times", "errors")
+    figure, axes = _add_log_axes(series, xlabel, ylabel)
     for k, (label, (time, error)) in enumerate(series.items()):
         if (time <= 0).any():
-            raise ValueError(f"times{_key(label)}: must be positive")
+            raise ValueError(f"times{_format_label(label)}: must be positive")
         real = np.isfinite(time) & np.isfinite(error) & (error > 0)
         order = np.argsort(time[real], kind="stable")
         axes.plot(time[real][order], error[real][order], label=label, **series_style(k))
-    marks = _edges(axes, series)
+    marks = _mark_at_edges(axes, series)
     named = [h for h in axes.get_legend_handles_labels()[0] if h.get_label() != "None"]
-    below(axes, columns=3, handles=[*named, *marks])
-    return finish(figure, path)
+    legend_below(axes, columns=3, handles=[*named, *marks])
+    return finish_figure(figure, path)
 
 
-def _series(places, values, first, second):
-    """A dict from labels to pairs of arrays [n]; one series has the label None."""
+def _check_series(places, values, first, second):
+    """Return a dict from labels to pairs of arrays [n]; a single series has the label None."""
     values = values if isinstance(values, dict) else {None: values}
     if not values:
         raise ValueError(f"{second}: expected at least one series")
@@ -141,32 +141,34 @@ def _series(places, values, first, second):
         place = places[label] if isinstance(places, dict) else places
         place, value = np.asarray(place, float), np.asarray(value, float)
         if place.ndim != 1 or len(place) == 0:
-            raise ValueError(f"{first}{_key(label)}: expected shape [n], got {place.shape}")
+            raise ValueError(
+                f"{first}{_format_label(label)}: expected shape [n], got {place.shape}"
+            )
         if value.shape != place.shape:
             raise ValueError(
-                f"{second}{_key(label)}: expected shape {place.shape}, got {value.shape}"
+                f"{second}{_format_label(label)}: expected shape {place.shape}, got {value.shape}"
             )
         if (value < 0).any():
-            raise ValueError(f"{second}{_key(label)}: must not be negative")
+            raise ValueError(f"{second}{_format_label(label)}: must not be negative")
         series[label] = place, value
     return series
 
 
-def _key(label):
-    """The label of a series for messages; empty for a single series."""
+def _format_label(label):
+    """Return the label of a series for messages; empty for a single series."""
     return "" if label is None else f"[{label!r}]"
 
 
-def _axes(series, xlabel, ylabel):
-    """Figure and logarithmic axes with room for all finite positive values."""
-    figure = start(4.8, 4.0)
+def _add_log_axes(series, xlabel, ylabel):
+    """Return a figure with logarithmic axes that include all finite positive values."""
+    figure = new_figure(4.8, 4.0)
     axes = figure.add_subplot()
     axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel)
     for k, name in enumerate("xy"):
         seen = np.concatenate([pair[k] for pair in series.values()])
         seen = seen[np.isfinite(seen) & (seen > 0)]
         if len(seen):
-            axes.set(**{f"{name}lim": (seen.min() / _ROOM, seen.max() * _ROOM)})
+            axes.set(**{f"{name}lim": (seen.min() / _LIMIT_RATIO, seen.max() * _LIMIT_RATIO)})
             axis = getattr(axes, f"{name}axis")
             axis.set_minor_formatter(NullFormatter())
             if seen.max() < _DECADES * seen.min():
@@ -176,15 +178,15 @@ def _axes(series, xlabel, ylabel):
     return figure, axes
 
 
-def _edges(axes, series):
-    """Mark failed runs and zero errors at the edges; legend entries of the marks that occur."""
+def _mark_at_edges(axes, series):
+    """Mark failed runs and zero errors at the edges; return legend entries for them."""
     grey = {"linestyle": "", "color": "0.3", "markersize": 7, "markeredgewidth": 1.6}
     cross = {"marker": "x", "color": "black"}
     keys = {}
     for k, (place, value) in enumerate(series.values()):
         exact = (value == 0) & np.isfinite(place)
         failed = ~np.isfinite(value) | ~np.isfinite(place)
-        x, y = _share(axes.get_xlim(), place), _share(axes.get_ylim(), value)
+        x, y = _fraction_of_axis(axes.get_xlim(), place), _fraction_of_axis(axes.get_ylim(), value)
         y = np.where(exact, _EDGE, y)
         look = {**series_style(k), "linestyle": "", "markersize": 7, "zorder": 5}
         look |= {"transform": axes.transAxes, "markeredgewidth": 1.6}
@@ -199,10 +201,10 @@ def _edges(axes, series):
     return [Line2D([], [], label=name, **keys[name]) for name in sorted(keys)]
 
 
-def _share(limits, values):
-    """Where values are between two limits, in logarithms; at the upper edge where there are none.
+def _fraction_of_axis(limits, values):
+    """Return where values lie on a logarithmic axis, from 0 to 1.
 
-    There is none of a number that is not finite, or of an error of zero.
+    Numbers that are not finite, and zeros, are put at the upper edge.
     """
     low, high = np.log(limits)
     known = np.isfinite(values) & (values > 0)

@@ -21,18 +21,25 @@ from ..model.parts import first_and_last
 from ..model.structure import Structure
 from ..model.topology import Part
 from ..results.interpolation import interpolate_recorded_forces
-from .forces import leaves
-from .glyphs import draw_supports, support_keys
-from .layout import arrange, settle
-from .shapes import PLACES, Links, chosen, cubic, lines, on_chords
+from .element_curves import (
+    PLACES,
+    Links,
+    hermite_cubic,
+    picture_lines,
+    points_on_chords,
+    select_lines,
+)
+from .element_forces import values_by_group
+from .layout import arrange_pictures, finish_layout
 from .snapshots import Snapshot, Snapshots
-from .style import GHOST, INK, SERIES, SIZE, finish, force_unit
-from .views import View, choose
+from .style import GHOST, INK, SERIES, SIZE, finish_figure, force_unit
+from .symbols import draw_supports, support_legend
+from .views import View, choose_view
 
 _HIGH = 0.12  # length of the largest value over the extent of the structure
 _LABELS = 9  # values that are written
 _APART = 0.12  # distance of written values over the extent
-_NOTHING = 1e-9  # value over the largest force, or moment, up to which it is rounding
+_ROUNDING = 1e-9  # value over the largest force, or moment, up to which it is rounding
 _LEAST = 0.05  # of the largest value: less is not written
 _MOMENTS = "T", "My", "Mz"
 _COLORS = {"positive": SERIES[0], "negative": SERIES[1]}
@@ -93,29 +100,29 @@ def diagram(
     ('My (N m), at the end', '2000')
     """
     snapshots = Snapshots(solution, structure, names=names)
-    shown = snapshots.state(state, phase)
-    snapshot, title = snapshots.of(shown), snapshots.title(int(shown.phase), shown)
-    seen = choose(snapshot.points(), view, space=True)
+    shown = snapshots.state_to_draw(state, phase)
+    snapshot, title = snapshots.of_state(shown), snapshots.title(int(shown.phase), shown)
+    seen = choose_view(snapshot.points(), view, space=True)
     found = Diagrams(snapshots, [snapshot], of, high, seen)
     points = np.concatenate([snapshot.points(), found.points()])
     name = title if names is not None else title[0].lower() + title[1:]
     title = f"{of} ({found.unit}), {name}" + ("" if found.largest > 0.0 else ": zero")
-    figure, slots = arrange([seen], [points], [title])
+    figure, slots = arrange_pictures([seen], [points], [title])
     (axes,) = figure.axes
     found.draw(axes, 0)
-    handles = found.keys()
+    handles = found.legend()
     if supports:
-        held = snapshot.held(seen.normal)
+        held = snapshot.support_kinds(seen.normal)
         draw_supports(axes, seen, snapshot.positions, held)
-        handles += support_keys(held)
-    settle(figure, slots, *found.bar(), handles)
+        handles += support_legend(held)
+    finish_layout(figure, slots, *found.color_bar(), handles)
     for text in axes.texts:
         text.set_fontsize(0.85 * SIZE)
-    return finish(figure, path)
+    return finish_figure(figure, path)
 
 
 class Diagrams:
-    """A section force along all beams at one or several instants, in one scale.
+    """Diagrams of a section force along all beams, at one or several instants in one scale.
 
     Args:
         found: `Snapshots` of the solution.
@@ -150,46 +157,46 @@ class Diagrams:
             raise ValueError(f"of = {of!r}: expected one of {', '.join(SECTION_FORCES.components)}")
         if not high > 0:
             raise ValueError(f"high = {high!r}: must be positive")
-        self.of, self.view, self.links = of, view, found.links
-        self._along = [_Along(found.parts, snapshot, of) for snapshot in snapshots]
+        self.component, self.view, self.links = of, view, found.links
+        self._along = [_BeamForces(found.parts, snapshot, of) for snapshot in snapshots]
         self.largest = max(each.largest for each in self._along)
         self._factor, force = force_unit(self.largest)
         self.unit = f"{force} m" if of in _MOMENTS else force
         scale = high * max(each.extent for each in self._along) / max(self.largest, 1e-300)
-        self._tips = [each.tips(view, scale) for each in self._along]
+        self._tips = [each.value_tips(view, scale) for each in self._along]
         self._labels = most, apart, least * self.largest
 
     def points(self) -> Float[np.ndarray, "n 3"]:
-        """Where all values end, [n, 3], m."""
+        """Return the tips of all values, [n, 3], m."""
         return np.concatenate([tips.reshape(-1, 3) for tips in self._tips])
 
     def draw(self, axes: Any, number: int) -> None:
-        """Draw elements, areas between beams and their values, and the largest values."""
+        """Draw one picture: elements, areas between beams and values, and the largest numbers."""
         along, tips, view = self._along[number], self._tips[number], self.view
         along.draw(axes, view, self.links, tips)
         halo = [Stroke(linewidth=2.5, foreground="white"), Normal()]
         most, apart, least = self._labels
-        for place, value in _written(tips, along.values, apart * along.extent, most, least):
+        for place, value in _choose_labels(tips, along.values, apart * along.extent, most, least):
             look = {"ha": "center", "va": "center", "color": INK, "zorder": 9}
             text = f"{self._factor * value:.4g}"
             axes.text(*view.project(place), text, path_effects=halo, **look)
 
-    def keys(self) -> list[Any]:
-        """Legend entries of the signs that occur."""
+    def legend(self) -> list[Any]:
+        """Return legend entries of the signs that occur."""
         signed = (("positive", 1.0), ("negative", -1.0))
         return [
-            Patch(color=_COLORS[name], alpha=0.6, label=f"{self.of} {name}")
+            Patch(color=_COLORS[name], alpha=0.6, label=f"{self.component} {name}")
             for name, sign in signed
             if any((sign * each.values > each.least).any() for each in self._along)
         ]
 
-    def bar(self) -> tuple[None, str]:
-        """No color bar, and no label."""
+    def color_bar(self) -> tuple[None, str]:
+        """Return what the color bar explains, and its label: diagrams have none."""
         return None, ""
 
 
-class _Along:
-    """A section force along all beams that are there, at one instant.
+class _BeamForces:
+    """A section force along all active beams at one instant.
 
     Args:
         parts: of the elements.
@@ -207,39 +214,41 @@ class _Along:
 
     def __init__(self, parts: Sequence[Part], snapshot: Snapshot, of: str):
         self.snapshot, positions, curves = snapshot, snapshot.positions, snapshot.curves
-        forces, ends, number = along_beams(parts, snapshot.end, PLACES)
+        forces, ends, number = forces_along_beams(parts, snapshot.end, PLACES)
         if not len(number):
             raise ValueError("solution: has no beams, and so no section forces")
         kept = snapshot.forces.present[number]
         forces, ends, number = forces[kept], ends[kept], number[kept]
         alike = slice(3, 6) if of in _MOMENTS else slice(0, 3)
-        self.least = _NOTHING * float(np.abs(forces[..., alike]).max(initial=0.0))
+        self.least = _ROUNDING * float(np.abs(forces[..., alike]).max(initial=0.0))
         values = forces[..., SECTION_FORCES.components.index(of)]
         self.values = np.where(np.abs(values) > self.least, values, 0.0)
         self.largest = float(np.abs(self.values).max(initial=0.0))
         self.extent = float(np.ptp(snapshot.points(), axis=0).max())
         self._chord = positions[ends]
-        self._base = on_chords(self._chord, PLACES)
-        axes = _supposed_axes(self._chord)
-        if curves is not None and np.isin(number, curves.number[: len(curves.axes)]).all():
-            rows = curves.rows(number)
-            self._base = self._base + cubic(curves.bend[rows], np.linspace(0.0, 1.0, PLACES))
+        self._base = points_on_chords(self._chord, PLACES)
+        axes = _default_section_axes(self._chord)
+        if curves is not None and np.isin(number, curves.element[: len(curves.axes)]).all():
+            rows = curves.indices_of(number)
+            self._base = self._base + hermite_cubic(
+                curves.bend[rows], np.linspace(0.0, 1.0, PLACES)
+            )
             axes = curves.axes[rows]
-        self._sides = _sides(axes, self._chord, of)
+        self._sides = _positive_sides(axes, self._chord, of)
 
-    def tips(self, view: View, scale: float) -> Float[np.ndarray, "n_beam n_place 3"]:
-        """Where the values end in a picture, at `scale` metres a unit."""
-        sides = _in_picture(self._sides, self._chord[:, 1] - self._chord[:, 0], view)
+    def value_tips(self, view: View, scale: float) -> Float[np.ndarray, "n_beam n_place 3"]:
+        """Return the tips of the values in a picture, at `scale` metres per unit of the force."""
+        sides = _sides_in_picture(self._sides, self._chord[:, 1] - self._chord[:, 0], view)
         return self._base + scale * self.values[..., None] * sides[:, None]
 
     def draw(
         self, axes: Any, view: View, links: Links, tips: Float[np.ndarray, "n_beam n_place 3"]
     ) -> None:
-        """Draw the lines of all elements, and the areas between beams and their values."""
+        """Draw the lines of all elements, and the areas between beams and values."""
         area: Any = PolyCollection if view.flat else Poly3DCollection
         shown = self.snapshot
-        every = lines(view, shown.positions, links, shown.curves)
-        plain = chosen(every, shown.forces.present[links[1]])
+        every = picture_lines(view, shown.positions, links, shown.curves)
+        plain = select_lines(every, shown.forces.present[links[1]])
         view.add_lines(axes, plain, colors=GHOST, linewidths=1.0, zorder=1)
         base, top = view.project(self._base), view.project(tips)
         view.add_lines(axes, base, colors=INK, linewidths=1.4, zorder=4)
@@ -252,14 +261,14 @@ class _Along:
                 axes.add_collection(area(quads[alike], zorder=2, **look), autolim=False)
 
 
-def along_beams(
+def forces_along_beams(
     parts: Sequence[Part], end: State | PhaseResult | None, n_place: int
 ) -> tuple[
     Float[np.ndarray, "n_beam n_place 6"],
     Int[np.ndarray, "n_beam 2"],
     Int[np.ndarray, " n_beam"],
 ]:
-    """Section forces along all beams, evenly, their ends, and their numbers among all elements.
+    """Return section forces at even places along all beams, and nodes and indices of the beams.
 
     Args:
         parts: of the elements.
@@ -268,7 +277,7 @@ def along_beams(
     """
     found, ends = [np.zeros((0, n_place, 6))], [np.zeros((0, 2), int)]
     numbers, count = [np.zeros(0, int)], 0
-    own = leaves(end.section_forces, len(parts))
+    own = values_by_group(end.section_forces, len(parts))
     places, at = np.linspace(0.0, 1.0, n_place), end.positions
     for part, values in zip(
         parts, interpolate_recorded_forces(parts, own, at, places), strict=True
@@ -282,8 +291,8 @@ def along_beams(
     return np.concatenate(found), np.concatenate(ends), np.concatenate(numbers)
 
 
-def _sides(axes, ends, of):
-    """Unit vectors to which positive values are drawn, [n_beam, 3], at right angles to chords."""
+def _positive_sides(axes, ends, of):
+    """Return unit vectors across the chords, to which positive values are drawn, [n_beam, 3]."""
     chord = ends[:, 1] - ends[:, 0]
     chord = chord / np.linalg.norm(chord, axis=1, keepdims=True)
     side = {"Vy": axes[:, 1], "Mz": -axes[:, 1]}.get(of, axes[:, 2])
@@ -291,8 +300,8 @@ def _sides(axes, ends, of):
     return side / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-12)
 
 
-def _supposed_axes(ends):
-    """Axes of sections of beams without a stated `up`, in rows, [n_beam, 3, 3]."""
+def _default_section_axes(ends):
+    """Return the section axes of beams whose `up` is not known, in rows, [n_beam, 3, 3]."""
     chord = ends[:, 1] - ends[:, 0]
     chord = chord / np.linalg.norm(chord, axis=1, keepdims=True)
     steep = np.abs(chord[:, 2:]) > 0.999
@@ -300,8 +309,8 @@ def _supposed_axes(ends):
     return np.stack([chord, np.cross(axes_z, chord), axes_z], axis=1)
 
 
-def _in_picture(sides, chord, view):
-    """Sides turned into the plane of a flat picture, at right angles to the chords in it."""
+def _sides_in_picture(sides, chord, view):
+    """Turn the sides of values into the plane of a flat picture, at right angles to the chords."""
     if not view.flat:
         return sides
     basis = view.project(np.eye(3)).T  # directions of the picture, [2, 3]
@@ -311,14 +320,14 @@ def _in_picture(sides, chord, view):
     return np.where(along < -1e-9, -across, across) @ basis
 
 
-def _written(
+def _choose_labels(
     tips: Float[np.ndarray, "n_beam n_place 3"],
     values: Float[np.ndarray, "n_beam n_place"],
     apart: float,
     most: int,
     least: float,
 ) -> list[tuple[Float[np.ndarray, " 3"], float]]:
-    """Places and values that are written: of ends and extremes the largest, apart from others."""
+    """Choose the values to write: the largest of ends and extremes, not too close together."""
     beam: Int[np.ndarray, " n_beam"] = np.arange(len(values))
     at = np.stack(
         [0 * beam, 0 * beam + values.shape[1] - 1, values.argmax(axis=1), values.argmin(axis=1)]

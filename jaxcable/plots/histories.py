@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from ..design.fit import Fit
 from ..design.minimize import Design
-from .style import FAILED, GRID, SERIES, below, finish, start
+from .style import FAILED, GRID, SERIES, finish_figure, legend_below, new_figure
 
 _LOG = 30.0  # largest over smallest value from which the axis is logarithmic
 
@@ -50,21 +50,23 @@ def history(
         )
     if np.ndim(design.status) != 0:
         raise ValueError("design: is a batch; draw one, jax.tree.map(lambda a: a[k], design)")
-    figure = start(4.8, 4.6)
+    figure = new_figure(4.8, 4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    (_trials if hasattr(record, "misfit") else _steps)(record, int(design.steps), upper, lower)
+    (_draw_trials if hasattr(record, "misfit") else _draw_steps)(
+        record, int(design.steps), upper, lower
+    )
     if tol is not None:
         lower.axhline(tol, color="black", linestyle="--", linewidth=1.0, label=f"tol = {tol:.1g}")
     for axes in (upper, lower):
         axes.grid(color=GRID)
     lower.xaxis.get_major_locator().set_params(integer=True)
     handles = upper.get_legend_handles_labels()[0] + lower.get_legend_handles_labels()[0]
-    below(lower, columns=3, handles=handles, drop=0.55)
+    legend_below(lower, columns=3, handles=handles, drop=0.55)
     figure.align_ylabels()
-    return finish(figure, path)
+    return finish_figure(figure, path)
 
 
-def _steps(record, n, upper, lower):
+def _draw_steps(record, n, upper, lower):
     """Draw the accepted steps of `minimize`."""
     loss, norm, failures = (
         np.asarray(values, float)[: n + 1]
@@ -73,8 +75,8 @@ def _steps(record, n, upper, lower):
     if not np.isfinite(loss).any():
         raise ValueError("design: not one finite loss in its history; look at history.status")
     number = np.arange(n + 1)
-    _line(upper, number, loss, "accepted step")
-    _line(lower, number, norm, None)
+    _draw_line(upper, number, loss, "accepted step")
+    _draw_line(lower, number, norm, None)
     marked = (failures > 0) & np.isfinite(loss)
     if marked.any():
         label = f"failed trials ({int(failures[failures > 0].sum())})"
@@ -83,7 +85,7 @@ def _steps(record, n, upper, lower):
     lower.set(ylabel="gradient norm (-)", xlabel="step (-)")
 
 
-def _trials(record, n, upper, lower):
+def _draw_trials(record, n, upper, lower):
     """Draw all trial points of `fit`."""
     misfit, damping = (np.asarray(v, float)[: n + 1] for v in (record.misfit, record.damping))
     accepted = np.asarray(record.accepted)[: n + 1] > 0
@@ -92,7 +94,7 @@ def _trials(record, n, upper, lower):
         raise ValueError("design: not one finite misfit in its history; look at history.status")
     accepted[0] |= finite[0]  # the start
     number = np.arange(n + 1)
-    _line(upper, number, np.where(accepted, misfit, np.nan), "accepted trial")
+    _draw_line(upper, number, np.where(accepted, misfit, np.nan), "accepted trial")
     refused = ~accepted & finite
     if refused.any():
         open_dots = {"linestyle": "", "marker": "o", "markerfacecolor": "white", "markersize": 5}
@@ -102,13 +104,13 @@ def _trials(record, n, upper, lower):
         upper.plot(
             number[~finite], np.ones((~finite).sum()), label="failed trial", **FAILED, **edge
         )
-    _line(lower, number, damping, None)
+    _draw_line(lower, number, damping, None)
     upper.set_ylabel("misfit")
     lower.set(ylabel="damping", xlabel="trial (-)")
 
 
-def _line(axes, number, values, label):
-    """Draw a line with dots through the finite values; for a wide range on a logarithmic axis."""
+def _draw_line(axes, number, values, label):
+    """Draw a line with dots through finite values; on a logarithmic axis if their range is wide."""
     real = np.isfinite(values)
     values, number = values[real], number[real]
     look = {"color": SERIES[0], "marker": "o", "linewidth": 1.3}

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from ..analysis.solution import Solution
 from ..equilibrium.balance import default_tolerance
 from .snapshots import refuse_batch
-from .style import FAILED, GRID, SERIES, below, finish, start
+from .style import FAILED, GRID, SERIES, finish_figure, legend_below, new_figure
 
 _NAME = 0.17  # width of the name of a phase over that of the axes
 
@@ -55,7 +55,7 @@ def increments(
     n = int(reached.argmin()) if not reached.all() else len(status)
     number = np.arange(1, n + 1)
 
-    figure = start(4.8, 4.8)
+    figure = new_figure(4.8, 4.8)
     above, middle, lowest = figure.subplots(3, 1, sharex=True, height_ratios=[1.6, 1, 1])
     size = float(np.clip(100.0 / max(n, 1), 1.0, 4.0))
     dots = {"linestyle": "", "marker": "o", "color": SERIES[0], "markersize": size}
@@ -89,6 +89,6 @@ def increments(
             above.text(share, 1.03 + 0.12 * line, f"phase {k + 1}", **look)
     lowest.set(xlim=(0.5, ends[-1] + 0.5), xlabel="increment, all phases (-)")
     lowest.xaxis.get_major_locator().set_params(integer=True)
-    below(lowest, columns=3, handles=above.get_legend_handles_labels()[0], drop=0.55)
+    legend_below(lowest, columns=3, handles=above.get_legend_handles_labels()[0], drop=0.55)
     figure.align_ylabels()
-    return finish(figure, path)
+    return finish_figure(figure, path)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import proj3d
 
 from ..common.types import Float
-from .style import LEGEND, SIZE, resize, start
+from .style import LEGEND, SIZE, new_figure, set_text_size
 from .views import View
 
 Slots: TypeAlias = "Sequence[tuple[float, float, float, float]]"
@@ -23,13 +23,13 @@ _ROUNDS = 3
 """Rounds of measuring and placing: labels keep their size when axes change theirs."""
 
 
-def arrange(
+def arrange_pictures(
     views: Sequence[View],
     points: Sequence[Float[np.ndarray, "n 3"]],
     titles: Sequence[str],
     columns: int | None = None,
 ) -> tuple[Figure, Slots]:
-    """A figure with axes for pictures of a structure; `settle` puts them into their slots.
+    """Make a figure with axes for pictures of a structure; `finish_layout` moves them into place.
 
     Args:
         views: `View` of every picture.
@@ -42,23 +42,23 @@ def arrange(
         The figure, without room for a legend, and the slots of the pictures: left, top, width,
         height, in inches from the upper left corner.
     """
-    ratios = [view.ratio(within) for view, within in zip(views, points, strict=True)]
+    ratios = [view.height_over_width(within) for view, within in zip(views, points, strict=True)]
     if columns is None:
-        slots = _one_or_two(ratios, [view.flat for view in views])
+        slots = _slots_of_one_or_two(ratios, [view.flat for view in views])
     else:
         wide = max(6.4 / columns, 2.1)
         high = min(0.35 + wide * max(ratios), 4.0)
         rows = (divmod(k, columns) for k in range(len(views)))
         slots = [(column * wide, row * high, wide, high) for row, column in rows]
     lefts, tops, widths, heights = np.transpose(slots)
-    figure = start(max(lefts + widths), max(tops + heights) + _BAR, None)
+    figure = new_figure(max(lefts + widths), max(tops + heights) + _BAR, None)
     for view, within, title in zip(views, points, titles, strict=True):
         view.add_axes(figure, within, title)
     return figure, slots
 
 
-def _one_or_two(ratios, flat):
-    """Slots of one or two pictures, by their heights over widths."""
+def _slots_of_one_or_two(ratios, flat):
+    """Return the slots of one or two pictures, given their heights over widths."""
     if len(ratios) == 2 and all(r >= 0.6 or not f for r, f in zip(ratios, flat, strict=True)):
         widths = [3.2, 3.2] if flat[0] == flat[1] else [2.8 if f else 3.6 for f in flat]
     else:
@@ -73,7 +73,7 @@ def _one_or_two(ratios, flat):
     return [(0.0, top, 4.8, high) for top, high in zip(tops, heights, strict=True)]
 
 
-def settle(
+def finish_layout(
     figure: Figure,
     slots: Slots,
     mappable: ScalarMappable | None,
@@ -81,10 +81,10 @@ def settle(
     handles: Sequence[Any],
     columns: int | None = None,
 ) -> None:
-    """Put the axes of a figure into their slots, and color bar and legend below them.
+    """Move the axes of a figure into their slots, and put color bar and legend below them.
 
     Args:
-        figure, slots: results of `arrange`; the figure has one axes per slot.
+        figure, slots: results of `arrange_pictures`; the figure has one axes per slot.
         mappable: lines whose colors the color bar explains; None for no color bar.
         label: label of the color bar.
         handles: legend entries.
@@ -92,7 +92,7 @@ def settle(
     """
     width, height = figure.get_size_inches()
     views = list(figure.axes)
-    room = _legend(figure, handles, width)
+    room = _place_legend(figure, handles, width)
     bar = 0.0 if mappable is None else _BAR
     height += bar - _BAR
     total = height + room
@@ -100,26 +100,26 @@ def settle(
     if mappable is not None:
         below = figure.add_axes((0.2, (room + 0.42) / total, 0.6, 0.12 / total))
         figure.colorbar(mappable, cax=below, orientation="horizontal", label=label)
-    resize(figure)
+    set_text_size(figure)
     for axes, (left, top, wide, high) in zip(views, slots, strict=True):
         axes.set_position((left / width, 1 - (top + high) / total, wide / width, high / total))
     for _ in range(_ROUNDS):
         figure.draw_without_rendering()
         for axes, (left, top, wide, high) in zip(views, slots, strict=True):
-            _fit(axes, (left + _GAP, total - top - high, wide - 2 * _GAP, high - _GAP))
+            _fit_into_slot(axes, (left + _GAP, total - top - high, wide - 2 * _GAP, high - _GAP))
     if columns is not None:
         for _ in range(_ROUNDS):
-            _tile(views, columns, (_GAP, room + bar, width - 2 * _GAP, height - bar))
+            _tile_axes(views, columns, (_GAP, room + bar, width - 2 * _GAP, height - bar))
             figure.draw_without_rendering()
     figure.draw_without_rendering()
     for axes in views:
         if axes.name == "3d":
-            top, place = seen(axes)[3] * figure.dpi, axes.get_window_extent()
+            top, place = visible_extent(axes)[3] * figure.dpi, axes.get_window_extent()
             axes.title.set_y((top + 0.06 * figure.dpi - place.y0) / place.height)
 
 
-def _legend(figure, handles, width):
-    """Put the legend at the lower edge, with as many columns as fit; its height, inches."""
+def _place_legend(figure, handles, width):
+    """Put the legend at the lower edge, in as many columns as fit; return its height, inches."""
     if not handles:
         return 0.0
     for columns in range(min(4, len(handles)), 0, -1):
@@ -137,7 +137,7 @@ def _legend(figure, handles, width):
         legend.remove()
 
 
-def _fit(axes, slot):
+def _fit_into_slot(axes, slot):
     """Move and scale axes that have been drawn, so that they fill a slot with their labels.
 
     Args:
@@ -146,7 +146,7 @@ def _fit(axes, slot):
     """
     figure = axes.figure
     size = figure.get_size_inches()
-    drawn = seen(axes)
+    drawn = visible_extent(axes)
     now = axes.get_position().extents * np.tile(size, 2)
     corner, room = np.array(slot[:2]), np.array(slot[2:])
     if axes.name == "3d":
@@ -162,7 +162,7 @@ def _fit(axes, slot):
     axes.set_position([left, bottom, right - left, top - bottom])
 
 
-def _tile(views, columns, room):
+def _tile_axes(views, columns, room):
     """Put axes of equal limits into a grid, all of one size, as close as their labels allow.
 
     Args:
@@ -175,7 +175,7 @@ def _tile(views, columns, room):
     rows = -(-len(views) // columns)
     before, after = np.zeros((rows, columns, 2)), np.zeros((rows, columns, 2))
     for k, axes in enumerate(views):
-        drawn, now = seen(axes), axes.get_position().extents * np.tile(size, 2)
+        drawn, now = visible_extent(axes), axes.get_position().extents * np.tile(size, 2)
         before[divmod(k, columns)] = now[:2] - drawn[:2]  # labels at the left and below
         after[divmod(k, columns)] = drawn[2:] - now[2:]
     sides = before[..., 0].max(axis=0), after[..., 0].max(axis=0) + _GAP  # of columns
@@ -190,8 +190,8 @@ def _tile(views, columns, room):
         axes.set_position(np.array([left, bottom, wide, high]) / np.tile(size, 2))
 
 
-def seen(axes):
-    """Left, bottom, right, top of the visible parts of axes that have been drawn, inches."""
+def visible_extent(axes):
+    """Return left, bottom, right and top of what is visible of drawn axes, inches."""
     renderer = axes.figure.canvas.get_renderer()
     if axes.name != "3d":
         return axes.get_tightbbox(renderer).extents / axes.figure.dpi

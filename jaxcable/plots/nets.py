@@ -12,12 +12,18 @@ from matplotlib.figure import Figure
 from ..analysis.solution import Solution, State
 from ..common.types import Float
 from ..model.structure import Structure
-from .glyphs import Arrows, draw_section_axes, draw_supports, section_axis_keys, support_keys
-from .layout import arrange, settle
-from .members import Members, Scale, ghost, keys
+from .element_lines import ColorScale, ElementLines, draw_ghost, line_legend
+from .layout import arrange_pictures, finish_layout
 from .snapshots import Snapshot, Snapshots
-from .style import accepts_old_spelling, finish
-from .views import choose
+from .style import accepts_old_spelling, finish_figure
+from .symbols import (
+    ForceArrows,
+    draw_section_axes,
+    draw_supports,
+    section_axis_legend,
+    support_legend,
+)
+from .views import choose_view
 
 _ROUND = (5.0, 2.0, 1.0)  # round factors are powers of ten times these
 
@@ -102,27 +108,27 @@ def net(
     if axes and structure is None:
         raise ValueError("structure: needed for axes; the beams are in it")
     found = Snapshots(solution, structure, color, names)
-    shown = found.state(state, phase)
-    stages = _stages(found, shown, magnify)
-    views = _views(stages, view)
+    shown = found.state_to_draw(state, phase)
+    stages = _stages_before_and_after(found, shown, magnify)
+    views = _choose_views(stages, view)
     if views[0] is views[1] and stages[0].title == stages[1].title:
         views, stages = views[1:], stages[1:]  # the first picture would be the same
 
-    arrows = _arrows(stages[-1].now, shown, views[-1], found.links, loads, reactions)
+    arrows = _force_arrows(stages[-1].now, shown, views[-1], found.links, loads, reactions)
     points = [stage.points() for stage in stages]
     points[-1] = np.concatenate([points[-1], *(kind.ends for kind in arrows)])
     sections = [stage.now.section_axes() for stage in stages] if axes else []
     for number, (_, tips) in enumerate(sections):
         points[number] = np.concatenate([points[number], tips.reshape(-1, 3)])
     forces = [stage.now.forces for stage in stages]
-    scale = Scale(forces)
+    scale = ColorScale(forces)
     titles = [stage.title for stage in stages]
     titles[0] += f": {views[0].kind}" if views[0].flat else ""
-    figure, slots = arrange(views, points, titles)
-    held = [stage.now.held(seen.normal) for seen, stage in zip(views, stages, strict=True)]
+    figure, slots = arrange_pictures(views, points, titles)
+    held = [stage.now.support_kinds(seen.normal) for seen, stage in zip(views, stages, strict=True)]
     for number, (seen, stage, space) in enumerate(zip(views, stages, figure.axes, strict=True)):
-        ghost(space, seen, found.links, stage.before)
-        lines = Members(space, seen, found, scale)
+        draw_ghost(space, seen, found.links, stage.before)
+        lines = ElementLines(space, seen, found, scale)
         lines.show(stage.now)
         if supports:
             draw_supports(space, seen, stage.now.positions, held[number])
@@ -131,45 +137,49 @@ def net(
     for kind in arrows:
         kind.draw(space, views[-1])
 
-    handles = keys(forces, any(stage.now.has_moved(stage.before) for stage in stages))
+    handles = line_legend(forces, any(stage.now.has_moved_from(stage.before) for stage in stages))
     if supports:
-        handles += support_keys(np.any(held, axis=0))
-    handles += [key for kind in arrows for key in kind.keys()]
+        handles += support_legend(np.any(held, axis=0))
+    handles += [key for kind in arrows for key in kind.legend()]
     if any(len(middles) for middles, _ in sections):
-        handles += section_axis_keys()
-    settle(figure, slots, lines.taut, scale.label, handles)
-    return finish(figure, path)
+        handles += section_axis_legend()
+    finish_layout(figure, slots, lines.taut, scale.label, handles)
+    return finish_figure(figure, path)
 
 
 class Stage(NamedTuple):
-    """A picture: its title, the instant it shows, and an earlier one, which is drawn behind."""
+    """A picture: its title, the instant it shows, and an earlier instant that is drawn behind."""
 
     title: str
     now: Snapshot
     before: Snapshot
 
     def points(self) -> Float[np.ndarray, "n 3"]:
-        """All points that are drawn, [n, 3], m."""
+        """Return all points that are drawn, [n, 3], m."""
         return np.concatenate([self.before.points(), self.now.points()])
 
 
-def _stages(found, state, magnify):
-    """The stages before and after loading, a list of two."""
-    end, title = found.of(state), found.title(int(state.phase), state)
+def _stages_before_and_after(found, state, magnify):
+    """Return the stages before and after loading, a list of two."""
+    end, title = found.of_state(state), found.title(int(state.phase), state)
     if end.phase < 1:  # a single phase: both pictures are of its end
-        before, origin = Stage(title, end, end.before()), end.before()
+        before, origin = Stage(title, end, end.in_initial_geometry()), end.in_initial_geometry()
     else:
-        origin = found.after(0)
+        origin = found.after_phase(0)
         before = Stage(found.title(0), origin, origin)
     factor = magnify
     if factor is None:
-        factor = round_factor(end.change(origin), np.concatenate([end.positions, end.start]))
+        factor = round_magnification(
+            end.displacement_from(origin), np.concatenate([end.positions, end.initial_positions])
+        )
     title += "" if factor == 1 else f", displacements x {factor:g}"
     return [before, Stage(title, end.magnified(origin, factor), origin)]
 
 
-def round_factor(moved: Float[np.ndarray, "n_node 3"], places: Float[np.ndarray, "n 3"]) -> float:
-    """A round factor, at least 1; magnified displacements are at most a tenth of the structure."""
+def round_magnification(
+    moved: Float[np.ndarray, "n_node 3"], places: Float[np.ndarray, "n 3"]
+) -> float:
+    """Return a round factor that makes the largest displacement up to a tenth of the structure."""
     largest = np.linalg.norm(moved, axis=1).max()
     wanted = 0.1 * np.ptp(places, axis=0).max() / max(largest, 1e-300)
     if wanted < 2.0 or largest == 0.0:
@@ -178,19 +188,19 @@ def round_factor(moved: Float[np.ndarray, "n_node 3"], places: Float[np.ndarray,
     return float(power * next(r for r in _ROUND if r * power <= wanted * (1 + 1e-9)))
 
 
-def _views(stages, view):
-    """The views of the pictures before and after loading."""
+def _choose_views(stages, view):
+    """Return the views of the pictures before and after loading."""
     everything = np.concatenate([stage.points() for stage in stages])
-    first, second = choose(stages[0].points(), view), choose(everything, space=True)
+    first, second = choose_view(stages[0].points(), view), choose_view(everything, space=True)
     return [second if second.plane and view is None else first, second]
 
 
-def _arrows(snapshot, shown, view, links, loads, reactions):
-    """`Arrows` of the kinds that are asked for."""
+def _force_arrows(snapshot, shown, view, links, loads, reactions):
+    """Return `ForceArrows` of loads and reactions, as far as they are asked for."""
     pairs = links[0][snapshot.forces.present[links[1]]]
     asked = ("load", shown.load, loads, True), ("reaction", shown.reactions, reactions, False)
     return [
-        Arrows(name, forces, snapshot.positions, view, snapshot.points(), pairs, push)
+        ForceArrows(name, forces, snapshot.positions, view, snapshot.points(), pairs, push)
         for name, forces, wanted, push in asked
         if wanted
     ]

@@ -1,4 +1,4 @@
-"""The page that `view` writes: arrays of a solution in text, in a page without other files."""
+"""The page that `view` writes: one HTML file that contains all arrays, scripts and styles."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ class Page:
         self.html, self.path = html, path
 
     def _repr_html_(self) -> str:
-        """The page in a frame of a notebook, which keeps its style and its keys apart."""
+        """Return the page in a frame for a notebook, which keeps its style and its keys apart."""
         return (
             '<iframe title="structure" width="100%" height="560" style="border: 0" '
             f'allowfullscreen srcdoc="{html.escape(self.html)}"></iframe>'
         )
 
 
-class Arrays:
-    """Arrays for the page, one after the other in one block of bytes.
+class PageArrays:
+    """Arrays for the page, joined into one block of bytes.
 
     Attributes:
         listed: for every array its type ("f", "u" or "b": float32, uint32, uint8), its offset in
@@ -53,8 +53,8 @@ class Arrays:
         self._blocks: list[bytes] = []
         self._size = 0
 
-    def put(self, name: str, kind: str, values: ArrayLike) -> None:
-        """Add an array of a type."""
+    def add(self, name: str, kind: str, values: ArrayLike) -> None:
+        """Add an array under a name, converted to a type."""
         array = np.ascontiguousarray(values, _TYPES[kind])
         block = array.tobytes()
         block += bytes(-len(block) % 4)  # the page reads numbers of four bytes in place
@@ -63,13 +63,13 @@ class Arrays:
         self._size += len(block)
 
     def text(self) -> str:
-        """All bytes as base64."""
+        """Return all bytes as base64."""
         return base64.b64encode(b"".join(self._blocks)).decode()
 
 
-def filled(name: str, parts: Mapping[str, str]) -> str:
-    """A page made of a file in ``viewer``, with texts in place of marks that occur once in it."""
-    before = source(name)
+def fill_template(name: str, parts: Mapping[str, str]) -> str:
+    """Return a file in ``viewer`` with texts in place of marks, each of which occurs once in it."""
+    before = viewer_file(name)
     pieces = []
     for mark, text in sorted(parts.items(), key=lambda pair: before.rindex(pair[0]), reverse=True):
         before, after = before.split(mark)  # marks in the texts stay what they are
@@ -77,25 +77,28 @@ def filled(name: str, parts: Mapping[str, str]) -> str:
     return "".join([before, *pieces])
 
 
-def source(name: str) -> str:
-    """The text of a file in ``viewer``."""
+def viewer_file(name: str) -> str:
+    """Read the text of a file in ``viewer``."""
     return (resources.files(__package__) / "viewer" / name).read_text(encoding="utf-8")
 
 
-def write(
-    title: str, told: dict[str, Any], arrays: Arrays, path: str | os.PathLike[str] | None
+def write_page(
+    title: str,
+    description: dict[str, Any],
+    arrays: PageArrays,
+    path: str | os.PathLike[str] | None,
 ) -> Page:
-    """Make the `Page` of a description `told` and its arrays, and write it unless path is None."""
+    """Make the `Page` of a description and its arrays; write it unless path is None."""
     # in a script nothing ends it but "</script", nor begins a comment but "<!--"
-    data = json.dumps(told | {"arrays": arrays.listed}).replace("<", "\\u003c")
+    data = json.dumps(description | {"arrays": arrays.listed}).replace("<", "\\u003c")
     parts = {
         "@TITLE@": html.escape(title),
-        "@STYLE@": source("view.css"),
+        "@STYLE@": viewer_file("view.css"),
         "@DATA@": data,
-        "@SCRIPT@": "\n".join(source(f"{script}.js") for script in SCRIPTS),
+        "@SCRIPT@": "\n".join(viewer_file(f"{script}.js") for script in SCRIPTS),
         "@BYTES@": arrays.text(),
     }
-    whole = filled("view.html", parts)
+    whole = fill_template("view.html", parts)
     if path is not None:
         path = Path(path)
         with written(path) as stream:

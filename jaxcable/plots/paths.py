@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from ..analysis.phase_results import Path
 from ..paths.events import BIFURCATION, LIMIT_POINT, MATERIAL_FAILURE, NAMES, SLACKENING, TIGHTENING
 from ..paths.result import TracedPath
-from .style import GRID, SERIES, below, finish, start
+from .style import GRID, SERIES, finish_figure, legend_below, new_figure
 
 _MARKS = {
     LIMIT_POINT: ("o", SERIES[1]),
@@ -68,7 +68,7 @@ def path(
     load = scale * np.asarray(traced.load_factor)
     if not np.isfinite(moved).any():
         raise ValueError("traced: has no point to draw; look at its status")
-    figure = start(4.8, 3.8)
+    figure = new_figure(4.8, 3.8)
     axes = figure.add_subplot()
     negative = getattr(traced, "n_negative", None)
     unstable = np.zeros(len(load), bool) if negative is None else np.asarray(negative) > 0
@@ -78,7 +78,7 @@ def path(
         shown[:-1] |= shown[1:]
         if (unstable == kind).any():
             known = None if negative is None else label
-            line = _broken(moved, load, shown)
+            line = _with_gaps(moved, load, shown)
             axes.plot(*line, style, color=SERIES[0], linewidth=1.6, label=known)
     events = getattr(traced, "events", None)
     for number in () if events is None else np.unique(np.asarray(events.kind)):
@@ -94,10 +94,10 @@ def path(
         ylabel="load factor" if unit is None else f"load ({unit})",
     )
     if negative is not None:
-        below(axes, columns=3)
-    return finish(figure, path)
+        legend_below(axes, columns=3)
+    return finish_figure(figure, path)
 
 
-def _broken(x, y, shown):
-    """Points of a line, NaN where it is not to be drawn."""
+def _with_gaps(x, y, shown):
+    """Return the points of a line, NaN where it is not shown."""
     return np.where(shown, x, np.nan), np.where(shown, y, np.nan)

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from ..common.types import ArrayLike, Float
 from ..sections import Section
-from .style import below, finish, start
+from .style import finish_figure, legend_below, new_figure
 
 
 def section(
@@ -49,7 +49,7 @@ def section(
     if section.points is None:
         raise ValueError("section: has no mesh to draw; it was made from fibres alone")
     corners: Any = np.asarray(section.points)[section.cells.array] * 1e3
-    figure = start(4.8, 4.2)
+    figure = new_figure(4.8, 4.2)
     axes = figure.add_subplot()
     edges: dict[str, Any] = {"edgecolors": "white", "linewidths": 0.4}
     if stress is not None:
@@ -69,11 +69,11 @@ def section(
         axes.add_collection(PolyCollection(corners, facecolors=colors[number], **edges))
         names = [f"{k + 1}: {type(law).__name__}" for k, law in enumerate(section.laws)]
         handles = [Patch(color=c, label=n) for c, n in zip(colors, names, strict=False)]
-        below(axes, columns=3, handles=handles)
+        legend_below(axes, columns=3, handles=handles)
     axes.axhline(0.0, color="0.3", linewidth=0.7, linestyle=":")
     axes.axvline(0.0, color="0.3", linewidth=0.7, linestyle=":")
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.margins(0.08)
     axes.set(xlabel="y (mm)", ylabel="z (mm)")
-    return finish(figure, path)
+    return finish_figure(figure, path)

@@ -13,13 +13,13 @@ from matplotlib.lines import Line2D
 from ..analysis.solution import Solution
 from ..model.structure import Structure
 from .diagrams import Diagrams
-from .glyphs import draw_supports, support_keys
-from .layout import arrange, settle
-from .members import Members, Scale, ghost, keys
+from .element_lines import ColorScale, ElementLines, draw_ghost, line_legend
+from .layout import arrange_pictures, finish_layout
 from .nets import Stage
 from .snapshots import Snapshots
-from .style import SIZE, accepts_old_spelling, finish
-from .views import choose
+from .style import SIZE, accepts_old_spelling, finish_figure
+from .symbols import draw_supports, support_legend
+from .views import choose_view
 
 _HIGH = 0.15  # length of the largest value of a diagram over the extent of the structure
 _LABELS = 3  # values that are written in a picture
@@ -43,9 +43,9 @@ def sequence(
     columns: int | None = None,
     supports: bool = True,
 ) -> Figure:
-    """Draw the end of every phase: one small picture each, in the same scales and colors.
+    """Draw the end of each phase: one small picture each, in the same scales and colors.
 
-    Only elements that are there are drawn. Behind them, thin and dashed, is the end of the phase
+    Only active elements are drawn. Behind them, thin and dashed, is the end of the phase
     before, with the elements that are in both. With a `structure`, catenaries hang and beams are
     bent, as in `net`; catenaries are not drawn as they were before the first phase, because this is
     not known.
@@ -83,23 +83,23 @@ def sequence(
     ['prestress', 'loads']
     """
     found = Snapshots(solution, structure, color, names)
-    stages = _stages(found, magnify)
+    stages = _stages_of_phases(found, magnify)
     everything = np.concatenate([stage.points() for stage in stages])
-    seen = choose(everything, view)
-    content: Any = _Members(stages, found, seen)
+    seen = choose_view(everything, view)
+    content: Any = _ElementPictures(stages, found, seen)
     if diagram is not None:
         instants = [stage.now for stage in stages]
         content = Diagrams(found, instants, diagram, high, seen, _LABELS, _APART, _LEAST)
         everything = np.concatenate([everything, content.points()])
     if columns is None:
-        columns = 2 if seen.ratio(everything) < _WIDE else 3
+        columns = 2 if seen.height_over_width(everything) < _WIDE else 3
     if isinstance(columns, bool) or not isinstance(columns, int) or columns < 1:
         raise ValueError(f"columns = {columns!r}: must be a positive integer")
     count = len(stages)
     columns = min(columns, count)
     titles = [stage.title for stage in stages]
-    figure, slots = arrange([seen] * count, [everything] * count, titles, columns)
-    held = [stage.now.held(seen.normal) for stage in stages]
+    figure, slots = arrange_pictures([seen] * count, [everything] * count, titles, columns)
+    held = [stage.now.support_kinds(seen.normal) for stage in stages]
     for number, (stage, axes) in enumerate(zip(stages, figure.axes, strict=True)):
         if seen.flat and number % columns:  # numbers at the left and below only
             axes.set(ylabel="", yticklabels=[])
@@ -108,54 +108,54 @@ def sequence(
         content.draw(axes, number)
         if supports:
             draw_supports(axes, seen, stage.now.positions, held[number])
-    handles = content.keys()
+    handles = content.legend()
     if diagram is not None:  # what the numbers are
         handles.insert(0, Line2D([], [], linestyle="", label=f"{diagram} ({content.unit})"))
     if supports:
-        handles += support_keys(np.any(held, axis=0))
+        handles += support_legend(np.any(held, axis=0))
     if magnify != 1.0:
         handles.append(Line2D([], [], linestyle="", label=f"displacements x {magnify:g}"))
-    bar, label = content.bar()
-    settle(figure, slots, bar, label, handles, columns if seen.flat else None)
+    bar, label = content.color_bar()
+    finish_layout(figure, slots, bar, label, handles, columns if seen.flat else None)
     for text in (text for axes in figure.axes for text in axes.texts):  # the numbers of diagrams
         text.set_fontsize(0.7 * SIZE)
-    return finish(figure, path)
+    return finish_figure(figure, path)
 
 
-def _stages(found, magnify):
-    """A `Stage` for every phase that has converged."""
+def _stages_of_phases(found, magnify):
+    """Return a `Stage` for each phase that has converged."""
     stages: list[Stage] = []
     for k, phase in enumerate(found.solution.phases):
         if int(phase.status) != 0:
             break
-        end = found.after(k)
-        now = end.magnified(end.before(), magnify)
+        end = found.after_phase(k)
+        now = end.magnified(end.in_initial_geometry(), magnify)
         title = f"phase {k + 1}" if found.names is None else str(found.names[k])
-        stages.append(Stage(title, now, stages[-1].now if stages else now.before()))
+        stages.append(Stage(title, now, stages[-1].now if stages else now.in_initial_geometry()))
     if not stages:
         raise ValueError("solution: no phase has converged; see raise_if_failed")
     return stages
 
 
-class _Members:
-    """The pictures of a sequence with elements in colors, as `Diagrams` are those of a force."""
+class _ElementPictures:
+    """The pictures of a sequence with colored elements; it has the methods of `Diagrams`."""
 
     def __init__(self, stages, found, view):
         self.stages, self.found, self.view = stages, found, view
-        self.scale = Scale([stage.now.forces for stage in stages])
+        self.scale = ColorScale([stage.now.forces for stage in stages])
 
     def draw(self, axes, number):
         """Draw one of the pictures."""
         _, now, before = self.stages[number]
-        ghost(axes, self.view, self.found.links, before, now.forces.present)
-        self.lines = Members(axes, self.view, self.found, self.scale)
+        draw_ghost(axes, self.view, self.found.links, before, now.forces.present)
+        self.lines = ElementLines(axes, self.view, self.found, self.scale)
         self.lines.show(now)
 
-    def keys(self):
-        """Legend entries."""
-        moved = any(now.has_moved(before) for _, now, before in self.stages)
-        return keys([stage.now.forces for stage in self.stages], moved, False)
+    def legend(self):
+        """Return the legend entries."""
+        moved = any(now.has_moved_from(before) for _, now, before in self.stages)
+        return line_legend([stage.now.forces for stage in self.stages], moved, False)
 
-    def bar(self):
-        """What the color bar explains, and its label."""
+    def color_bar(self):
+        """Return the lines that the color bar explains, and its label."""
         return self.lines.taut, self.scale.label

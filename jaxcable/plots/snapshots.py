@@ -1,4 +1,4 @@
-"""How a structure is at an instant of a solution: what all pictures, and the page, show of it."""
+"""The structure at an instant of a solution: what all pictures, and the page, show of it."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from ..analysis.solution import Solution, State
 from ..common.types import Bool, Float, Int
 from ..model.parts import columns, faces, pieces
 from ..model.structure import Structure
-from .forces import Forces
-from .glyphs import axis_tips, supports
-from .shapes import PLACES, Curves, Shapes
+from .element_curves import PLACES, Curves, SolutionCurves
+from .element_forces import ElementForces
+from .symbols import section_axis_tips, support_kinds
 
 _SEEN = 2e-3  # least visible displacement over the extent
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Snapshot:
-    """How a structure is at one instant of a solution.
+    """The structure at one instant of a solution.
 
     Attributes:
-        phase: number of the phase, from 0; -1 before the first one.
-        number: of the increment in it, from 0; None for the end of a phase or a `State`.
-        factor: load factor.
-        start: positions of the nodes before the first phase, [n_node, 3], m.
-        moved: displacement since then, [n_node, 3], m.
-        told: what elements tell, by name, each in the shape of the elements.
-        forces: `Forces`.
+        phase: index of the phase, from 0; -1 before the first one.
+        increment: index of the increment in it, from 0; None for the end of a phase or a `State`.
+        load_factor: load factor in the phase.
+        initial_positions: positions of the nodes before the first phase, [n_node, 3], m.
+        displacement: displacement since then, [n_node, 3], m.
+        element_results: results of elements by name, each in the shape of the elements.
+        forces: `ElementForces`.
         fixed: held freedoms, [n_node, 3 or 6].
         rotates: which nodes have rotations, [n_node] bool; None if unknown.
         curves: `Curves`, or None.
@@ -41,12 +41,12 @@ class Snapshot:
     """
 
     phase: int
-    number: int | None
-    factor: float
-    start: Float[np.ndarray, "n_node 3"]
-    moved: Float[np.ndarray, "n_node 3"]
-    told: dict[str, Any]
-    forces: Forces
+    increment: int | None
+    load_factor: float
+    initial_positions: Float[np.ndarray, "n_node 3"]
+    displacement: Float[np.ndarray, "n_node 3"]
+    element_results: dict[str, Any]
+    forces: ElementForces
     fixed: Bool[np.ndarray, "n_node n_freedom"]
     rotates: Bool[np.ndarray, " n_node"] | None
     curves: Curves | None
@@ -55,64 +55,69 @@ class Snapshot:
     @property
     def positions(self) -> Float[np.ndarray, "n_node 3"]:
         """Positions of the nodes, [n_node, 3], m."""
-        return self.start + self.moved
+        return self.initial_positions + self.displacement
 
-    def known(self) -> Bool[np.ndarray, " n_elem"]:
-        """Which of the elements that are there have a known shape, [n_elem] bool."""
+    def has_known_shape(self) -> Bool[np.ndarray, " n_elem"]:
+        """Return which active elements have a known shape, [n_elem] bool."""
         found = self.forces.present.copy()
         if self.curves is not None:
-            found[self.curves.number[~self.curves.known]] = False
+            found[self.curves.element[~self.curves.is_known]] = False
         return found
 
     def points(self, which: Bool[np.ndarray, " n_elem"] | None = None) -> Float[np.ndarray, "n 3"]:
-        """All points that are drawn, of the nodes and along curves, [n, 3], m.
+        """Return all points that are drawn, of nodes and along curves, [n, 3], m.
 
         Args:
-            which: elements whose curves count; None for those that are `known`.
+            which: elements whose curves count; None for those that are `has_known_shape`.
         """
         if self.curves is None:
             return self.positions
-        which = self.known() if which is None else which
-        curved = self.curves.points(self.positions)[which[self.curves.number]]
+        which = self.has_known_shape() if which is None else which
+        curved = self.curves.points(self.positions)[which[self.curves.element]]
         return np.concatenate([self.positions, curved.reshape(-1, 3)])
 
-    def change(self, before: Snapshot) -> Float[np.ndarray, "n 3"]:
-        """Displacement from another instant of all points that both have, [n, 3], m."""
-        both = self.known() & before.known()
+    def displacement_from(self, before: Snapshot) -> Float[np.ndarray, "n 3"]:
+        """Return the displacement since another instant of all points that both have, [n, 3], m."""
+        both = self.has_known_shape() & before.has_known_shape()
         return self.points(both) - before.points(both)
 
-    def has_moved(self, before: Snapshot) -> bool:
-        """Whether the difference from another instant is visible."""
+    def has_moved_from(self, before: Snapshot) -> bool:
+        """Return whether the difference from another instant is visible."""
         extent = np.ptp(np.concatenate([self.points(), before.points()]), axis=0).max()
-        return bool(np.abs(self.change(before)).max() > _SEEN * extent)
+        return bool(np.abs(self.displacement_from(before)).max() > _SEEN * extent)
 
     def magnified(self, origin: Snapshot, factor: float) -> Snapshot:
-        """What differs from another instant times a factor."""
-        moved, curves = origin.moved + factor * (self.moved - origin.moved), self.curves
+        """Return the snapshot with its differences from another instant multiplied by a factor."""
+        moved, curves = (
+            origin.displacement + factor * (self.displacement - origin.displacement),
+            self.curves,
+        )
         if curves is not None and origin.curves is not None:
             curves = curves.magnified(origin.curves, factor)
-        return dataclasses.replace(self, moved=moved, curves=curves)
+        return dataclasses.replace(self, displacement=moved, curves=curves)
 
-    def before(self) -> Snapshot:
-        """The geometry before the first phase, with these elements and forces."""
-        curves = None if self.curves is None else self.curves.before()
-        return dataclasses.replace(self, moved=np.zeros_like(self.moved), curves=curves)
+    def in_initial_geometry(self) -> Snapshot:
+        """Return the snapshot in the geometry before the first phase, with the same forces."""
+        curves = None if self.curves is None else self.curves.in_initial_geometry()
+        return dataclasses.replace(
+            self, displacement=np.zeros_like(self.displacement), curves=curves
+        )
 
     def section_axes(self) -> tuple[Float[np.ndarray, "n_beam 3"], Float[np.ndarray, "n_beam 3 3"]]:
-        """Middles of the beams that are there, and the tips of the axes of their sections, m."""
+        """Return the middles of the active beams, and the tips of their section axes, m."""
         if self.curves is None:
             return np.zeros((0, 3)), np.zeros((0, 3, 3))
         points, axes = self.curves.points(self.positions), self.curves.axes
-        there = self.forces.present[self.curves.number[: len(axes)]]
+        there = self.forces.present[self.curves.element[: len(axes)]]
         points, axes = points[: len(axes)][there], axes[there]
         chords = np.linalg.norm(points[:, -1] - points[:, 0], axis=1)
         extent = np.ptp(self.positions, axis=0).max()
         middles = points[:, points.shape[1] // 2]
-        return middles, axis_tips(middles, axes, chords, extent)
+        return middles, section_axis_tips(middles, axes, chords, extent)
 
-    def held(self, normal: Float[np.ndarray, " 3"] | None) -> Bool[np.ndarray, "3 n_node"]:
-        """Kinds of supports, [3, n_node] bool, see `glyphs.supports`."""
-        return supports(self.fixed, self.rotates, normal)
+    def support_kinds(self, normal: Float[np.ndarray, " 3"] | None) -> Bool[np.ndarray, "3 n_node"]:
+        """Return the kinds of supports, [3, n_node] bool, see `symbols.support_kinds`."""
+        return support_kinds(self.fixed, self.rotates, normal)
 
 
 class Snapshots:
@@ -147,26 +152,26 @@ class Snapshots:
         self.solution, self.structure, self.names = solution, structure, names
         refuse_batch(solution)
         self.parts = solution.last.topology.parts
-        self.color = _color(self.parts, solution, color)
-        _require_links(solution, structure)
+        self.color = _require_known_color(self.parts, solution, color)
+        _require_same_links(solution, structure)
         if names is not None and len(names) != len(solution.phases):
             raise ValueError(f"names: {len(names)} of them, but {len(solution.phases)} phases")
         self.links, self.faces = pieces(self.parts)[:2], faces(self.parts)[:2]
-        self._shapes = Shapes(solution, structure, places)
+        self._curves = SolutionCurves(solution, structure, places)
         self._rotates = None if structure is None else structure.rotating()
 
-    def of(self, state: State) -> Snapshot:
-        """The instant of a `State`."""
-        moved = np.asarray(state.positions) - self._shapes.start
+    def of_state(self, state: State) -> Snapshot:
+        """Return the snapshot of a `State`."""
+        moved = np.asarray(state.positions) - self._curves.initial_positions
         place = int(state.phase), None, float(state.load_factor)
-        return self._snapshot(place, moved, state.told, self._shapes.of(state), state)
+        return self._make_snapshot(place, moved, state.told, self._curves.of_state(state), state)
 
-    def after(self, phase: int) -> Snapshot:
-        """The end of a phase that has converged."""
-        return self.of(self._shapes.state_after(phase))
+    def after_phase(self, phase: int) -> Snapshot:
+        """Return the snapshot at the end of a phase that has converged."""
+        return self.of_state(self._curves.state_after_phase(phase))
 
     def increments(self, frames: int, ends: bool = False) -> list[Snapshot]:
-        """Converged increments of all phases.
+        """Return snapshots of the converged increments of all phases.
 
         Args:
             frames: largest number of increments, taken evenly, with the last one.
@@ -183,10 +188,10 @@ class Snapshots:
         if not good:
             raise ValueError("solution: has no converged increment to show; see raise_if_failed")
         last = [j for j in range(len(good)) if j + 1 == len(good) or good[j + 1][0] != good[j][0]]
-        chosen = evenly(len(good), frames)
+        chosen = evenly_spaced_indices(len(good), frames)
         if ends:
             between = np.setdiff1d(np.arange(len(good)), last)
-            between = between[evenly(len(between), max(frames - len(last), 0))]
+            between = between[evenly_spaced_indices(len(between), max(frames - len(last), 0))]
             chosen = np.union1d(last, between)
         found = []
         for j in chosen.tolist():
@@ -194,30 +199,41 @@ class Snapshots:
             path = jax.tree.map(lambda x, n=number: x[n], paths[phase])
             moved, told = path.displacement, path.told
             if phase > 0:
-                moved = np.asarray(phases[phase - 1].positions) - self._shapes.start + moved
+                moved = (
+                    np.asarray(phases[phase - 1].positions) - self._curves.initial_positions + moved
+                )
             end: PhaseResult | State | None = None
             if j in last:
                 end = self.solution.last if j + 1 == len(good) else phases[phase]
                 told |= end.told
             place = phase, number, float(path.load_factor)
-            curves = self._shapes.along(phase, number)
-            found.append(self._snapshot(place, moved, told, curves, end))
+            curves = self._curves.in_increment(phase, number)
+            found.append(self._make_snapshot(place, moved, told, curves, end))
         return found
 
-    def _snapshot(self, place, moved, told, curves, end):
-        """A `Snapshot` at a place: phase, increment, load factor."""
-        forces = Forces(told, self.parts, self.structure, self.color)
+    def _make_snapshot(self, place, moved, told, curves, end):
+        """Make the `Snapshot` at a place: phase, increment, load factor."""
+        forces = ElementForces(told, self.parts, self.structure, self.color)
         fixed = self.solution.last.fixed[place[0] + 1].array[: len(moved)]
-        within = self._shapes.start, moved, told, forces, fixed, self._rotates, curves, end
+        within = (
+            self._curves.initial_positions,
+            moved,
+            told,
+            forces,
+            fixed,
+            self._rotates,
+            curves,
+            end,
+        )
         return Snapshot(*place, *within)
 
-    def state(self, state: State | None, phase: int | None = None) -> State:
-        """The `State` that is drawn: the stated one, or the end of a phase, or of the solution."""
+    def state_to_draw(self, state: State | None, phase: int | None = None) -> State:
+        """Return the `State` to draw: the given one, or the end of a phase, or of the solution."""
         solution = self.solution
         if phase is not None:
             if state is not None:
                 raise ValueError("state, phase: give only one of them")
-            return self._state_after(phase)
+            return self._state_after_phase(phase)
         if state is None:
             if int(solution.status) != 0:
                 raise ValueError(
@@ -233,8 +249,8 @@ class Snapshots:
             )
         return state
 
-    def _state_after(self, phase):
-        """The `State` at the end of a phase that a user names."""
+    def _state_after_phase(self, phase):
+        """Return the `State` at the end of a phase; refuse an unknown or failed one."""
         count = len(self.solution.phases)
         if isinstance(phase, bool) or not isinstance(phase, int | np.integer):
             raise ValueError(f"phase = {phase!r}: expected a whole number")
@@ -245,10 +261,10 @@ class Snapshots:
             raise ValueError(
                 f"phase = {phase}: has not converged; draw the last state with state=solution.last"
             )
-        return self._shapes.state_after(number)
+        return self._curves.state_after_phase(number)
 
     def title(self, phase: int, state: State | None = None) -> str:
-        """Title of the end of a phase, or of a `State` in it.
+        """Return the title of the end of a phase, or of a `State` in it.
 
         It is the name of the phase, if phases have `names`; else "Before loading" and "After
         loading" of two phases, "At the end" of a single one, and "After phase 3 of 7" of more.
@@ -275,8 +291,8 @@ class Snapshots:
         return f"{title}{stopped}" + (", not known to be stable" if unstable else "")
 
 
-def evenly(n: int, most: int) -> Int[np.ndarray, " n_frame"]:
-    """At most `most` of the numbers from 0 to n - 1, evenly spaced, with the last one."""
+def evenly_spaced_indices(n: int, most: int) -> Int[np.ndarray, " n_frame"]:
+    """Return at most `most` of the numbers from 0 to n - 1, evenly spaced, with the last one."""
     return np.round(np.linspace(n - 1, 0, min(most, n))).astype(int)[::-1]
 
 
@@ -288,8 +304,8 @@ def refuse_batch(solution: Solution) -> None:
         )
 
 
-def _color(parts, solution, color):
-    """The name of the values that color elements, checked; see `Snapshots`."""
+def _require_known_color(parts, solution, color):
+    """Return the name of the values that color elements; refuse an unknown one."""
     told = columns(parts, solution.last.told)
     names = [column.label for column in told if any(x is not None for x in column.values)]
     if color == "tension" and names and "tension" not in names:
@@ -300,7 +316,7 @@ def _color(parts, solution, color):
     return color
 
 
-def _require_links(solution, structure):
+def _require_same_links(solution, structure):
     """Raise ValueError if a structure has other links than the solution."""
     if structure is None:
         return

@@ -1,4 +1,4 @@
-"""What all pictures share: the figure, sizes of text, colors, units of force."""
+"""What all pictures share: figures, sizes of text, colors, units of force."""
 
 from __future__ import annotations
 
@@ -81,16 +81,16 @@ class Picture(Figure):
     """
 
     def _repr_png_(self):
-        """The picture as PNG, for notebooks."""
+        """Return the picture as PNG, for notebooks."""
         buffer = io.BytesIO()
         self.savefig(buffer, format="png")
         return buffer.getvalue()
 
 
-def start(
+def new_figure(
     width: float, height: float, layout: Literal["constrained"] | None = "constrained"
 ) -> Picture:
-    """An empty `Picture`; width and height in inches."""
+    """Return an empty `Picture`; width and height in inches."""
     figure = Picture(figsize=(width, height), dpi=150, layout=layout)
     FigureCanvasAgg(figure)  # measures text
     if layout is not None:
@@ -98,7 +98,7 @@ def start(
     return figure
 
 
-def resize(figure: Figure) -> None:
+def set_text_size(figure: Figure) -> None:
     """Set all text of a figure to `SIZE`, whatever the settings of matplotlib are."""
     for axes in figure.axes:
         axes.tick_params(labelsize=SIZE)
@@ -106,16 +106,18 @@ def resize(figure: Figure) -> None:
         text.set_fontsize(SIZE)
 
 
-def finish(figure: Figure, path: str | os.PathLike[str] | None = None, dpi: float = 200) -> Figure:
-    """Set the size of all text, save to `path` unless it is None, return the figure."""
-    resize(figure)
+def finish_figure(
+    figure: Figure, path: str | os.PathLike[str] | None = None, dpi: float = 200
+) -> Figure:
+    """Set the size of all text, save the figure to `path` unless it is None, and return it."""
+    set_text_size(figure)
     if path is not None:
         save(figure, path, dpi)
     return figure
 
 
 def save(figure: Figure, path: str | os.PathLike[str], dpi: float) -> None:
-    """Save a figure, completely or not at all, in the format of the suffix, or as PNG without one.
+    """Save a figure in the format of its suffix, PNG without one; completely or not at all.
 
     Raises:
         ValueError: matplotlib has no format of that name. OSError: the file cannot be written.
@@ -136,29 +138,29 @@ def save(figure: Figure, path: str | os.PathLike[str], dpi: float) -> None:
 
 
 def color_map() -> Colormap:
-    """Viridis without its brightest end, invisible on white; grey where there is no value.
+    """Return Viridis without its brightest end, which is invisible on white.
 
-    What is above the scale has the color `OVER`.
+    Values above the scale have the color `OVER`; missing values are grey.
     """
     colors = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.92, 256))
     return ListedColormap(colors).with_extremes(bad="0.6", over=OVER)
 
 
 def force_unit(largest: float) -> tuple[float, str]:
-    """Factor from N, and name, of a unit that suits a force: N, kN or MN."""
+    """Return a suitable unit of a force, N, kN or MN: the factor from N, and its name."""
     for size, name in ((1e6, "MN"), (1e3, "kN")):
         if largest >= 10 * size:
             return 1.0 / size, name
     return 1.0, "N"
 
 
-def force_text(force: float) -> str:
-    """A force, N, as a text with a suitable unit."""
+def format_force(force: float) -> str:
+    """Format a force, N, with a suitable unit."""
     factor, name = force_unit(10 * force)
     return f"{force * factor:.3g} {name}"
 
 
-def below(
+def legend_below(
     axes: Axes, columns: int, handles: Sequence[Any] | None = None, drop: float = 0.62
 ) -> None:
     """Put a legend `drop` inches below axes, unless it has no entries."""
@@ -176,7 +178,7 @@ def below(
 
 
 def series_style(k: int) -> dict[str, Any]:
-    """Color, mark and line style of series number `k`."""
+    """Return color, mark and line style of series number `k`."""
     return {
         "color": SERIES[k % len(SERIES)],
         "marker": MARKS[k % len(MARKS)],

@@ -1,4 +1,4 @@
-"""A picture that turns: a page with a structure in space, its phases and its results: `view`."""
+"""An interactive 3-D view of a structure, its phases and its results, as a page: `view`."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ..analysis.solution import Solution, State
 from ..common import status
 from ..model.parts import groups_by_name
 from ..model.structure import Structure
-from .diagrams import along_beams
-from .forces import joined, results
-from .page import Arrays, Page, write
+from .diagrams import forces_along_beams
+from .element_forces import concatenate_values, result_columns
+from .page import Page, PageArrays, write_page
 from .snapshots import Snapshots
 from .style import LOAD, REACTION, SLACK, accepts_old_spelling, color_map
-from .views import choose
+from .views import choose_view
 
 _PLACES = 17  # along hanging cables, ends included
 _DIAGRAM = 13  # along beams, of their section forces
@@ -38,13 +38,13 @@ def view(
     names: Sequence[str] | None = None,
     frames: int = 40,
 ) -> Page:
-    """Write a page in which a structure turns, with its phases and its results.
+    """Write a page with an interactive 3-D view of a structure, its phases and its results.
 
     The page needs no other file and no network. It has a slider through the increments of all
-    phases and a factor on displacements; a click on an element or a node reads its values. Mouse,
+    phases and a factor on displacements; a click on an element or a node shows its values. Mouse,
     fingers and keys turn, move and enlarge (arrows, with shift to move, ``+``, ``-``, ``0``, ``x``,
     ``y``, ``z``, space to play). Elements with faces are filled. Slack cables are
-    dashed, elements in compression have a casing, absent elements are not drawn. Browsers need
+    dashed, elements in compression have a casing, inactive elements are not drawn. Browsers need
     WebGL 2.
 
     With `structure` beams are bent (cubics through the rotations of their ends, in all increments)
@@ -87,23 +87,24 @@ def view(
     """
     if path is not None and Path(path).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f'path = {str(path)!r}: expected the suffix ".html"')
-    _require_solution(solution)
+    _refuse_other_results(solution)
     found = Snapshots(solution, structure, color, names, _PLACES)
     shots = found.increments(frames, ends=True)
-    arrays = Arrays()
-    told: dict[str, Any] = {"title": title, "note": _note(solution)}
+    arrays = PageArrays()
+    description: dict[str, Any] = {"title": title, "note": _failure_note(solution)}
     count = len(solution.phases)
-    told["phases"] = [f"Phase {k}" for k in range(1, count + 1)] if names is None else [*names]
-    _put_geometry(told, arrays, found, shots)
-    _put_curves(arrays, found, shots)
-    _put_results(told, arrays, found, shots)
-    _put_nodes(arrays, shots)
-    told["colors"] = _colors()
-    return write(title, told, arrays, path)
+    phases = [f"Phase {k}" for k in range(1, count + 1)] if names is None else [*names]
+    description["phases"] = phases
+    _add_geometry(description, arrays, found, shots)
+    _add_curves(arrays, found, shots)
+    _add_results(description, arrays, found, shots)
+    _add_nodes(arrays, shots)
+    description["colors"] = _page_colors()
+    return write_page(title, description, arrays, path)
 
 
-def _require_solution(solution):
-    """Raise ValueError, saying what to pass, for what is no `Solution`."""
+def _refuse_other_results(solution):
+    """Raise ValueError for what is not a `Solution`, and say what to pass instead."""
     if isinstance(solution, Solution):
         return
     more = ""
@@ -117,8 +118,8 @@ def _require_solution(solution):
     raise ValueError(f"solution: expected a Solution, got {type(solution).__name__}{more}")
 
 
-def _note(solution):
-    """What has to be known of a solution that did not end well; empty otherwise."""
+def _failure_note(solution):
+    """Return the note that the page shows above a failed or unstable solution; empty otherwise."""
     if int(solution.status) != status.OK:
         last = solution.last
         where = f"phase {int(last.phase) + 1}, load factor {float(last.load_factor):.3g}"
@@ -131,104 +132,109 @@ def _note(solution):
     return ""
 
 
-def _put_geometry(told, arrays, found, shots):
-    """Groups, pieces, and positions."""
+def _add_geometry(description, arrays, found, shots):
+    """Add groups, straight pieces, faces and positions to the page."""
     parts, structure = found.parts, found.structure
     names = [part.name for part in parts]
     if structure is not None:
         names = [name for name, _ in groups_by_name(structure)]
-    told["groups"] = [
+    description["groups"] = [
         {"name": name.strip("[]'\""), "kind": part.kind, "count": len(part.links.array)}
         for name, part in zip(names, parts, strict=True)
     ]
-    start = shots[0].start
-    told["origin"] = start.mean(axis=0).tolist()
-    told["shots"] = [
-        {"phase": s.phase + 1, "number": s.number + 1, "factor": s.factor, "end": s.end is not None}
+    start = shots[0].initial_positions
+    description["origin"] = start.mean(axis=0).tolist()
+    description["shots"] = [
+        {
+            "phase": s.phase + 1,
+            "number": s.increment + 1,
+            "factor": s.load_factor,
+            "end": s.end is not None,
+        }
         for s in shots
     ]
     ends, element = found.links
-    arrays.put("pieces", "u", ends)
-    arrays.put("element", "u", element)
+    arrays.add("pieces", "u", ends)
+    arrays.add("element", "u", element)
     corners, element = found.faces
     if len(corners):
         thirds = corners[:, [[0, 1, 2], [0, 2, 3]]]  # of a triangle the second has no area
         real = thirds[..., 1] != thirds[..., 2]
-        arrays.put("triangles", "u", thirds[real])
-        arrays.put("face", "u", np.stack([element, element], axis=1)[real])
-    arrays.put("first", "u", np.concatenate([part.links.array[:, 0] for part in parts]))
-    arrays.put("last", "u", np.concatenate([part.links.array[:, -1] for part in parts]))
-    arrays.put("start", "f", start - start.mean(axis=0))
-    arrays.put("moved", "f", [shot.moved for shot in shots])
+        arrays.add("triangles", "u", thirds[real])
+        arrays.add("face", "u", np.stack([element, element], axis=1)[real])
+    arrays.add("first", "u", np.concatenate([part.links.array[:, 0] for part in parts]))
+    arrays.add("last", "u", np.concatenate([part.links.array[:, -1] for part in parts]))
+    arrays.add("start", "f", start - start.mean(axis=0))
+    arrays.add("moved", "f", [shot.displacement for shot in shots])
 
 
-def _put_curves(arrays, found, shots):
-    """Elements that are not straight, and section forces along beams."""
+def _add_curves(arrays, found, shots):
+    """Add the shapes of bent beams and hanging cables, and section forces along beams."""
     if shots[0].curves is None:
         return
     curves, ends = [shot.curves for shot in shots], [shot for shot in shots if shot.end is not None]
-    beam, sagging = np.split(curves[0].number, [len(curves[0].bend)])
+    beam, sagging = np.split(curves[0].element, [len(curves[0].bend)])
     if len(beam):
-        diagrams = [along_beams(found.parts, shot.end, _DIAGRAM)[0] for shot in ends]
+        diagrams = [forces_along_beams(found.parts, shot.end, _DIAGRAM)[0] for shot in ends]
         if any(len(values) != len(beam) for values in diagrams):  # a group tells none
             diagrams = np.zeros((len(ends), len(beam), 0, 6))
-        arrays.put("beam", "u", beam)
-        arrays.put("bend", "f", [each.bend for each in curves])
-        arrays.put("axes", "f", [each.axes[:, 1:] for each in curves])
-        arrays.put("diagrams", "f", diagrams)
+        arrays.add("beam", "u", beam)
+        arrays.add("bend", "f", [each.bend for each in curves])
+        arrays.add("axes", "f", [each.axes[:, 1:] for each in curves])
+        arrays.add("diagrams", "f", diagrams)
     if len(sagging):
-        arrays.put("sagging", "u", sagging)
+        arrays.add("sagging", "u", sagging)
         # NaN where no sag is known, as of a cable that is not there: the page draws its chord
-        arrays.put("sag", "f", [np.nan_to_num(shot.curves.sag) for shot in ends])
+        arrays.add("sag", "f", [np.nan_to_num(shot.curves.sag) for shot in ends])
 
 
-def _put_results(told, arrays, found, shots):
-    """Results of elements at all instants, NaN where not known, and how the elements look."""
+def _add_results(description, arrays, found, shots):
+    """Add the results of elements at all instants, NaN where unknown, and how elements look."""
     parts, columns = found.parts, {}
     for at, shot in enumerate(shots):
-        for column in results(shot.told, parts, found.structure):
+        for column in result_columns(shot.element_results, parts, found.structure):
             nothing = np.full((len(shots), len(shot.forces.present)), np.nan, np.float32)
             values = columns.setdefault(column.label, (column.unit, nothing))[1]
-            values[at] = joined(column.values, parts)
+            values[at] = concatenate_values(column.values, parts)
     tension, peak = (columns.get(name, (None, None))[1] for name in ("tension", "peak_tension"))
     if peak is not None and np.array_equal(peak, tension, equal_nan=True):
         del columns["peak_tension"]
     columns = {name: pair for name, pair in columns.items() if np.isfinite(pair[1]).any()}
-    told["columns"] = [
+    description["columns"] = [
         {"label": label, "unit": unit, "array": f"column {k}"}
         for k, (label, (unit, _)) in enumerate(columns.items())
     ]
-    told["color"] = found.color if found.color in columns else next(iter(columns), "")
+    description["color"] = found.color if found.color in columns else next(iter(columns), "")
     for k, (_, values) in enumerate(columns.values()):
-        arrays.put(f"column {k}", "f", values)
+        arrays.add(f"column {k}", "f", values)
     looks = [1 * f.slack + 2 * f.compressed + 4 * ~f.present for f in (s.forces for s in shots)]
-    arrays.put("looks", "b", looks)
+    arrays.add("looks", "b", looks)
     ends = [shot.end for shot in shots if shot.end is not None]
-    arrays.put("rest_length", "f", [joined(end.rest_length, parts) for end in ends])
+    arrays.add("rest_length", "f", [concatenate_values(end.rest_length, parts) for end in ends])
 
 
-def _put_nodes(arrays, shots):
-    """Supports, reactions and loads at the ends of phases."""
+def _add_nodes(arrays, shots):
+    """Add supports, reactions and loads at the ends of phases."""
     shots = [shot for shot in shots if shot.end is not None]
-    normal = choose(shots[0].start).normal
-    arrays.put("supports", "b", [shot.held(normal).T @ [1, 2, 3] for shot in shots])
+    normal = choose_view(shots[0].initial_positions).normal
+    arrays.add("supports", "b", [shot.support_kinds(normal).T @ [1, 2, 3] for shot in shots])
     # nodes without a load, or without a support, have none in any phase: only others are written
     load, reactions = (
         np.stack([np.asarray(getattr(shot.end, name)) for shot in shots])
         for name in ("load", "reactions")
     )
     loaded, held = (np.flatnonzero((x != 0).any(axis=(0, 2))) for x in (load, reactions))
-    arrays.put("loaded", "u", loaded)
-    arrays.put("load", "f", load[:, loaded])
-    arrays.put("held", "u", held)
-    arrays.put("reactions", "f", reactions[:, held])
+    arrays.add("loaded", "u", loaded)
+    arrays.add("load", "f", load[:, loaded])
+    arrays.add("held", "u", held)
+    arrays.add("reactions", "f", reactions[:, held])
     moments = [shot.end.reaction_moments for shot in shots]
     if moments[-1] is not None:
-        arrays.put("reaction_moments", "f", np.stack(moments)[:, held])
+        arrays.add("reaction_moments", "f", np.stack(moments)[:, held])
 
 
-def _colors():
-    """Colors of the page, those of all pictures; brighter ones on a dark ground."""
+def _page_colors():
+    """Return the colors of the page: those of all pictures, brighter ones for a dark ground."""
     bright = matplotlib.colormaps["viridis"](np.linspace(0.25, 1.0, 17))
     return {
         "scale": [to_hex(c) for c in color_map()(np.linspace(0.0, 1.0, 17))],

@@ -14,7 +14,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from ..common.types import Float
 from .style import SIZE
 
-__all__ = ["VIEWS", "Axes3D", "View", "choose"]
+__all__ = ["VIEWS", "Axes3D", "View", "choose_view"]
 
 VIEWS = ("plan", "elevation", "space")
 _PLANE = 1e-6  # largest distance of a plane structure from its plane, over its extent
@@ -24,7 +24,7 @@ _MARGIN = 0.05  # margin on each side over the extent
 
 
 class View:
-    """A projection from space into the axes of a picture.
+    """A projection of space into the axes of a picture: plan, elevation or space.
 
     Attributes:
         kind: "plan", "elevation" or "space".
@@ -40,7 +40,7 @@ class View:
         self.normal = np.array([-along[1], along[0], 0.0]) if plane else None
 
     def project(self, vectors: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 2or3"]:
-        """Coordinates of vectors [..., 3] in the picture, [..., 2] or [..., 3]."""
+        """Return the coordinates of vectors [..., 3] in the picture, [..., 2] or [..., 3]."""
         if self.kind == "plan":
             return vectors[..., :2]
         if self.kind == "elevation":
@@ -48,20 +48,20 @@ class View:
         return vectors
 
     def add_lines(self, axes: Axes, segments: Any, **look: Any) -> LineCollection:
-        """Draw lines, given in the picture, in axes whose limits stay what they are."""
+        """Draw lines, given in coordinates of the picture; the limits of the axes stay."""
         make: Any = LineCollection if self.flat else Line3DCollection
         lines = make(segments, **look)
         axes.add_collection(lines, autolim=False)
         return lines
 
     def add_faces(self, axes: Axes, **look: Any) -> Any:
-        """Add a collection of faces, still empty, to axes whose limits stay what they are."""
+        """Add an empty collection of faces to axes, whose limits stay."""
         faces = (PolyCollection if self.flat else Poly3DCollection)([], **look)
         axes.add_collection(faces, autolim=False)
         return faces
 
-    def names(self) -> tuple[str, ...]:
-        """Labels of the axes."""
+    def axis_labels(self) -> tuple[str, ...]:
+        """Return the labels of the axes."""
         if self.kind != "elevation":
             return ("x (m)", "y (m)", "z (m)")[: 2 if self.flat else 3]
         x, y = np.abs(self.along[:2])
@@ -72,10 +72,10 @@ class View:
         angle = np.degrees(np.arctan2(self.along[1], self.along[0]))
         return f"along {angle:.0f}° to x (m)", "z (m)"
 
-    def extent(
+    def axis_limits(
         self, points: Float[np.ndarray, "n 3"]
     ) -> tuple[Float[np.ndarray, " 2or3"], Float[np.ndarray, " 2or3"]]:
-        """Lower and upper limits of the axes that show all points [n, 3]."""
+        """Return the lower and upper limits of axes that show all points [n, 3]."""
         seen = self.project(points)
         low, high = seen.min(axis=0), seen.max(axis=0)
         size = np.maximum(high - low, _LEAST * max((high - low).max(), 1e-9))
@@ -84,9 +84,9 @@ class View:
         middle = 0.5 * (low + high)
         return middle - 0.5 * size, middle + 0.5 * size
 
-    def ratio(self, points: Float[np.ndarray, "n 3"]) -> float:
-        """Height over width of the picture of all points [n, 3]."""
-        low, high = self.extent(points)
+    def height_over_width(self, points: Float[np.ndarray, "n 3"]) -> float:
+        """Return height over width of the picture of all points [n, 3]."""
+        low, high = self.axis_limits(points)
         size = high - low
         if self.flat:
             return float(size[1] / size[0])
@@ -94,15 +94,15 @@ class View:
         return float((0.25 * size[0] + 0.43 * size[1] + 0.87 * size[2]) / (size @ [0.87, 0.5, 0.0]))
 
     def add_axes(self, figure, points, title):
-        """Axes in a figure with room for all points; `layout` moves them to their slot.
+        """Add axes to a figure that include all points; `layout` moves them into their slot.
 
         Args:
             figure: figure to draw in.
             points: positions that the limits have to include, [n, 3].
             title: title of the axes.
         """
-        low, high = self.extent(points)
-        names = self.names()
+        low, high = self.axis_limits(points)
+        names = self.axis_labels()
         if self.flat:
             axes = figure.add_axes([0.1, 0.1, 0.8, 0.8])
             axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
@@ -131,8 +131,10 @@ class View:
         return axes
 
 
-def choose(points: Float[np.ndarray, "n 3"], kind: str | None = None, space: bool = False) -> View:
-    """The view of a structure: of the stated kind, or else elevation or plan.
+def choose_view(
+    points: Float[np.ndarray, "n 3"], kind: str | None = None, space: bool = False
+) -> View:
+    """Return the view of a structure: of the given kind, or else elevation or plan.
 
     Args:
         points: all positions that are drawn, [n, 3].
@@ -143,7 +145,7 @@ def choose(points: Float[np.ndarray, "n 3"], kind: str | None = None, space: boo
     """
     if kind is not None and kind not in VIEWS:
         raise ValueError(f'view = {kind!r}: expected "plan", "elevation" or "space"')
-    along, plane = _plane(points)
+    along, plane = _elevation_direction(points)
     size = np.ptp(points, axis=0)
     if kind is None:
         high = plane or size[2] > _HIGH * min(size[:2])
@@ -151,8 +153,8 @@ def choose(points: Float[np.ndarray, "n 3"], kind: str | None = None, space: boo
     return View(kind, along, plane)
 
 
-def _plane(points):
-    """Horizontal direction of an elevation, [3], and whether all points lie in its plane."""
+def _elevation_direction(points):
+    """Return the horizontal direction of an elevation, [3], and whether all points lie in it."""
     level = points[:, :2] - points[:, :2].mean(axis=0)
     size = np.ptp(level, axis=0)
     spread, directions = np.linalg.svd(level, full_matrices=False)[1:]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.plots.shapes import Shapes
+from jaxcable.plots.element_curves import SolutionCurves
 
 WEIGHT, STIFFNESS, SPAN, SAG = 15.0, 30e6, 300.0, 6.75  # N/m, N, m, m
 
@@ -35,17 +35,17 @@ def line():
 def test_a_conductor_that_breaks_hangs_before(line):
     """w L^2 / 8 H below its chord when strung; the same shapes as of the analysis so far."""
     structure, phases, solution = line
-    shapes = Shapes(solution, structure)
+    shapes = SolutionCurves(solution, structure)
     for k in (0, 1):
-        curves = shapes.after(k)
-        count = curves.apart.shape[1]
-        assert curves.apart[1, count // 2, 2] < -0.9 * SAG
+        curves = shapes.after_phase(k)
+        count = curves.offsets.shape[1]
+        assert curves.offsets[1, count // 2, 2] < -0.9 * SAG
     so_far = jc.solve(structure, phases[:2])
     assert int(so_far.status) == 0
     expected = np.asarray(jc.forms.catenary_curves(structure, so_far, count)["conductor"])
     found = curves.points(np.asarray(solution.phases[1].positions))
     np.testing.assert_allclose(found, expected, atol=1e-6)  # of sags of metres
-    assert not shapes.after(2).known[1] and shapes.after(2).known[[0, 2]].all()
+    assert not shapes.after_phase(2).is_known[1] and shapes.after_phase(2).is_known[[0, 2]].all()
 
 
 def test_what_has_gone_has_no_tension_and_no_curve(line):

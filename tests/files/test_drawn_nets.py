@@ -203,7 +203,7 @@ def test_a_loose_end_beside_a_mast_head_is_no_anchor(tmp_path):
     with pytest.raises(ValueError, match=f"anchors: 1 of the ends touch.*{told}"):
         net.scene("ends", axial_stiffness=1e6)
     with pytest.raises(
-        ValueError, match=r"2 nodes, with node 3 .* are not connected to a support .* 1 pair of"
+        ValueError, match=r"2 nodes, with node 3 .* are not connected to a support: 1 pair of"
     ):
         net.scene([0, 2], axial_stiffness=1e6)
     words = (

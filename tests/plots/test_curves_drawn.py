@@ -9,7 +9,7 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 
 import jaxcable as jc
-from jaxcable.plots import glyphs, shapes, snapshots, views
+from jaxcable.plots import element_curves, snapshots, symbols, views
 
 SECTION = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
 RIGIDITY = 10e9 * 0.1 * 0.2**3 / 12
@@ -140,9 +140,9 @@ def test_sequences_and_diagrams_have_the_same_curves(cantilever, rope):
 
 def test_increments_have_curves(cantilever, rope, tmp_path):
     structure, solution = cantilever
-    found = [shapes.Shapes(solution, structure).along(k, 0) for k in (0, 1)]
+    found = [element_curves.SolutionCurves(solution, structure).in_increment(k, 0) for k in (0, 1)]
     for k, curves in enumerate(found):
-        x = np.linspace(0.0, LENGTH, curves.apart.shape[1])
+        x = np.linspace(0.0, LENGTH, curves.offsets.shape[1])
         place = np.asarray(solution.phases[k].positions)
         drawn = curves.points(place)[0, :, 2]
         expected = deflection(x, (k + 1) * LOAD)
@@ -165,8 +165,12 @@ def test_a_cable_that_is_added_hangs_in_all_increments():
     solution = jc.solve(structure, [hang, add])
     assert int(solution.status) == 0
     shots = snapshots.Snapshots(solution, structure).increments(9)
-    assert [shot.curves.known.tolist() for shot in shots] == [[True, False], [True] * 2, [True] * 2]
-    middle = shots[1].curves.apart[:, 12, 2]
+    assert [shot.curves.is_known.tolist() for shot in shots] == [
+        [True, False],
+        [True] * 2,
+        [True] * 2,
+    ]
+    middle = shots[1].curves.offsets[:, 12, 2]
     np.testing.assert_allclose(middle, -5.0, rtol=1e-3)  # between the ends by unstressed length
 
 
@@ -185,9 +189,11 @@ def test_nets_of_cables_have_no_curves_and_no_section_forces():
     structure, phases = jc.scenes.flat_net()
     solution = jc.solve(structure, phases)
     assert int(solution.status) == 0
-    assert shapes.Shapes(solution, structure).after(0) is None
+    assert element_curves.SolutionCurves(solution, structure).after_phase(0) is None
     links = structure.elements.links.array, np.arange(12)
-    drawn = shapes.lines(views.View("space"), np.asarray(solution.positions), links, None)
+    drawn = element_curves.picture_lines(
+        views.View("space"), np.asarray(solution.positions), links, None
+    )
     assert drawn.shape == (12, 2, 3)
     for known in (structure, None):
         with pytest.raises(ValueError, match="has no beams"):
@@ -229,11 +235,11 @@ def test_arrows_are_a_modest_part_of_every_scene(name):
         "any": rng.normal(size=(len(nodes), 3)) * 10.0 ** rng.uniform(0, 6, (len(nodes), 1)),
     }
     for kind in ("elevation", "space"):
-        view = views.choose(nodes, kind)
+        view = views.choose_view(nodes, kind)
         size = np.ptp(view.project(nodes), axis=0)
         room = 0.3 * np.maximum(size, (0.15 if view.flat else 0.4) * extent)
         for forces in fields.values():
-            arrows = glyphs.Arrows("load", forces, nodes, view, nodes, links, push=True)
+            arrows = symbols.ForceArrows("load", forces, nodes, view, nodes, links, push=True)
             longest = np.linalg.norm(arrows.vectors, axis=1).max()
             assert longest <= 0.14 * extent * (1 + 1e-9)
             parts = np.abs(view.project(arrows.vectors)).max(axis=0)
@@ -255,32 +261,32 @@ def test_many_arrows_are_thinned():
     forces[:, 2] = -np.random.default_rng(3).uniform(1.0, 2.0, 10_000)
     forces[4321, 2] = -5.0
     links = np.array([[0, 1]])
-    view = views.choose(nodes, "space")
-    arrows = glyphs.Arrows("load", forces, nodes, view, nodes, links, push=True)
+    view = views.choose_view(nodes, "space")
+    arrows = symbols.ForceArrows("load", forces, nodes, view, nodes, links, push=True)
     assert 100 <= len(arrows.tails) <= 250
     tips = arrows.tails + arrows.vectors
     assert (tips == nodes[4321]).all(axis=1).any()
-    (key,) = arrows.keys()
+    (key,) = arrows.legend()
     assert key.get_label() == f"largest load 5 N, {len(arrows.tails)} of 10000 drawn"
-    few = glyphs.Arrows("load", forces[:200], nodes[:200], view, nodes, links, push=True)
-    assert len(few.tails) == 200 and few.keys()[0].get_label().endswith(" N")
+    few = symbols.ForceArrows("load", forces[:200], nodes[:200], view, nodes, links, push=True)
+    assert len(few.tails) == 200 and few.legend()[0].get_label().endswith(" N")
 
 
 def test_arrows_keep_off_the_elements():
     """The reaction of a mast comes from below, that of a cable pulls; between two there is none."""
     nodes = np.array([[0.0, 0, 0], [0, 0, 5.0], [0, 0, 10.0], [8.0, 0, 0]])
     links = np.array([[0, 1], [1, 2], [2, 3]])
-    view = views.choose(nodes, "elevation")
+    view = views.choose_view(nodes, "elevation")
     force = np.array([[0.0, 0, 9.0], [0, 0, 9.0], [0, 0, 9.0], [4.0, 0, -5.0]])
-    reactions = glyphs.Arrows("reactions", force, nodes, view, nodes, links, push=False)
+    reactions = symbols.ForceArrows("reactions", force, nodes, view, nodes, links, push=False)
     tips = reactions.tails + reactions.vectors
     np.testing.assert_allclose(tips[0], nodes[0], atol=1e-12)  # ends at the foot
     np.testing.assert_allclose(reactions.tails[1:], nodes[1:])  # begin at the others
     assert reactions.under.tolist() == [False, True, False, False]
-    loads = glyphs.Arrows("load", -force, nodes, view, nodes, links, push=True)
+    loads = symbols.ForceArrows("load", -force, nodes, view, nodes, links, push=True)
     np.testing.assert_allclose((loads.tails + loads.vectors)[2], nodes[2], atol=1e-12)
     assert loads.tails[2, 2] > 10.0  # stands on the top
-    figure = jc.plots.style.start(3, 3, None)
+    figure = jc.plots.style.new_figure(3, 3, None)
     axes = view.add_axes(figure, nodes, "")
     reactions.draw(axes, view)
     orders = [(q.zorder, q.N) for q in axes.collections if isinstance(q, Quiver)]

@@ -18,8 +18,8 @@ from matplotlib.text import Text
 from PIL import Image
 
 import jaxcable as jc
-from jaxcable.plots import forces, glyphs, layout, members, nets, style, views
-from jaxcable.plots.snapshots import evenly
+from jaxcable.plots import element_forces, element_lines, layout, nets, style, symbols, views
+from jaxcable.plots.snapshots import evenly_spaced_indices
 
 FREE = [3, 4, 7, 8]
 
@@ -111,7 +111,7 @@ def test_nothing_is_cut_off_and_something_is_drawn(pictures, name):
     edge = np.concatenate([image[[0, -1]].reshape(-1, 3), image[:, [0, -1]].reshape(-1, 3)])
     assert (edge == 255).all()
     for axes in figure.axes:
-        left, low, right, high = np.round(layout.seen(axes) * 60).astype(int)
+        left, low, right, high = np.round(layout.visible_extent(axes) * 60).astype(int)
         inside = image[len(image) - high + 2 : len(image) - low - 2, left + 2 : right - 2]
         assert len(np.unique(inside.reshape(-1, 3), axis=0)) > 4
     # 4 inches wide, as printed in 10 cm, no text is smaller than 5.5 points
@@ -128,7 +128,7 @@ def test_axes_have_units_and_the_legend_is_beside_them(pictures, name):
     for axes in figure.axes:
         labels = [axes.get_xlabel(), axes.get_ylabel()]
         if axes.name == "3d":
-            low, high = (np.array(p) * figure.dpi for p in np.split(layout.seen(axes), 2))
+            low, high = (np.array(p) * figure.dpi for p in np.split(layout.visible_extent(axes), 2))
             own = matplotlib.transforms.Bbox([low, high])
             labels.append(axes.get_zlabel())
         else:
@@ -173,7 +173,7 @@ def test_slack_cables_are_dashed_and_counted(pictures, runs):
     count = int(np.sum(np.asarray(runs.slack.tension) == 0))
     assert 0 < count < 12
     assert f"slack ({count} of 12)" in legend_texts(pictures["net, slack"])
-    shown = forces.Forces(runs.slack.told, runs.structure.groups, runs.structure)
+    shown = element_forces.ElementForces(runs.slack.told, runs.structure.groups, runs.structure)
     assert (shown.slack == (np.asarray(runs.slack.tension) == 0)).all()
     orange = np.array([0xD5, 0x5E, 0x00])
 
@@ -198,10 +198,14 @@ def test_bars_without_force_are_not_slack():
     cable = jc.Cables([[1, 2]], axial_stiffness=1.0)
     structure = jc.Structure(np.eye(3), [bars, cable], jc.pinned([0, 1, 2]))
     told, parts = {"tension": [np.array([0.0, -2.0]), np.zeros(1)]}, structure.groups
-    shown = forces.Forces(told, parts, structure)
+    shown = element_forces.ElementForces(told, parts, structure)
     assert shown.slack.tolist() == [False, False, True]
     assert shown.compressed.tolist() == [False, True, False]
-    assert forces.Forces(told, parts).slack.tolist() == [True, False, True]  # not known
+    assert element_forces.ElementForces(told, parts).slack.tolist() == [
+        True,
+        False,
+        True,
+    ]  # not known
 
 
 def test_utilization(pictures, runs):
@@ -230,8 +234,8 @@ def test_utilization(pictures, runs):
 
 def test_a_strength_that_is_reached_is_not_exceeded(runs):
     told = {"tension": np.full(12, 600.0 * (1 + 1e-8))}
-    shown = forces.Forces(told, runs.strong.groups, runs.strong, "utilization")
-    scale = members.Scale([shown])
+    shown = element_forces.ElementForces(told, runs.strong.groups, runs.strong, "utilization")
+    scale = element_lines.ColorScale([shown])
     assert scale.label == "utilization: force / breaking force (%)"
     look = matplotlib.cm.ScalarMappable(**scale.look)
     over, there = (look.to_rgba(scale.factor * u)[:3] for u in (1.01, 1 + 1e-8))
@@ -266,18 +270,18 @@ def test_what_lies_in_a_vertical_plane_is_drawn_in_elevation(pictures):
 
 def test_views():
     turned = np.array([[0.0, 0, 0], [3.0, 4.0, 0], [6.0, 8.0, 1.0]])
-    view = views.choose(turned)
+    view = views.choose_view(turned)
     assert view.kind == "elevation" and view.plane
     assert np.allclose(view.project(turned), [[0, 0], [5, 0], [10, 1]])
-    assert view.names()[0] == "along 53° to x (m)"
+    assert view.axis_labels()[0] == "along 53° to x (m)"
     assert np.allclose(np.abs(view.normal), [0.8, 0.6, 0.0])
     mast = np.array([[0.0, 0, 0], [0, 0, 9.0], [3.0, 0, 0], [0, 3.0, 0]])
-    assert views.choose(mast).kind == "elevation" and not views.choose(mast).plane
+    assert views.choose_view(mast).kind == "elevation" and not views.choose_view(mast).plane
     hanging = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, -4.0]])
-    assert views.choose(hanging).names() == ("x (m)", "z (m)")
-    assert views.choose(mast, "plan").kind == "plan"
+    assert views.choose_view(hanging).axis_labels() == ("x (m)", "z (m)")
+    assert views.choose_view(mast, "plan").kind == "plan"
     with pytest.raises(ValueError, match="view = 'front'"):
-        views.choose(mast, "front")
+        views.choose_view(mast, "front")
 
 
 def test_kinds_of_supports():
@@ -285,11 +289,11 @@ def test_kinds_of_supports():
     rows = ["111111", "111000", "111100", "001000", "010000", "000000"]
     fixed = np.array([[letter == "1" for letter in row] for row in rows])
     beams, normal = np.ones(6, bool), np.array([0.0, 1.0, 0.0])
-    clamped, pinned, in_part = glyphs.supports(fixed, beams, normal)
+    clamped, pinned, in_part = symbols.support_kinds(fixed, beams, normal)
     assert clamped.tolist() == [True, False, False, False, False, False]
     assert pinned.tolist() == [False, True, True, False, False, False]
     assert in_part.tolist() == [False, False, False, True, False, False]
-    clamped, pinned, in_part = glyphs.supports(fixed)  # of cables, in space
+    clamped, pinned, in_part = symbols.support_kinds(fixed)  # of cables, in space
     assert not clamped.any() and pinned.tolist() == [True, True, True, False, False, False]
     assert in_part.tolist() == [False, False, False, True, True, False]
 
@@ -297,12 +301,19 @@ def test_kinds_of_supports():
 def test_round_factors_units_of_force_and_frames():
     places = np.array([[0.0, 0, 0], [10.0, 0, 0]])
     sizes = (2.0, 0.3, 0.02, 1.1e-5, 0.0)
-    found = [nets.round_factor(np.array([[0.0, 0, size]]), places) for size in sizes]
+    found = [nets.round_magnification(np.array([[0.0, 0, size]]), places) for size in sizes]
     assert found == [1.0, 2.0, 50.0, 50000.0, 1.0]
-    texts = [style.force_text(force) for force in (15.7, 999.0, 9e3, 2.5e6)]
+    texts = [style.format_force(force) for force in (15.7, 999.0, 9e3, 2.5e6)]
     assert texts == ["15.7 N", "999 N", "9 kN", "2.5 MN"]
-    assert evenly(11, 4).tolist() == [0, 3, 7, 10]  # the last frame is the last increment
-    assert evenly(3, 60).tolist() == [0, 1, 2] and evenly(500, 1).tolist() == [499]
+    assert evenly_spaced_indices(11, 4).tolist() == [
+        0,
+        3,
+        7,
+        10,
+    ]  # the last frame is the last increment
+    assert evenly_spaced_indices(3, 60).tolist() == [0, 1, 2] and evenly_spaced_indices(
+        500, 1
+    ).tolist() == [499]
 
 
 def test_failed_solutions_and_what_is_refused(pictures, runs):

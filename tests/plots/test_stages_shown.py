@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.plots.forces import Forces, results
+from jaxcable.plots.element_forces import ElementForces, result_columns
 from jaxcable.plots.snapshots import Snapshots
 
 
@@ -102,11 +102,11 @@ def test_files_say_it(hung, tmp_path):
 
 def test_pictures_draw_what_is_there(hung):
     structure, _, solution = hung
-    forces = Snapshots(solution, structure).after(0).forces
+    forces = Snapshots(solution, structure).after_phase(0).forces
     assert forces.present.tolist() == [True, True, False]  # aid, row: sorted by name
     assert not forces.slack.any()
     told = {"tension": solution.phases[0].tension}
-    without = Forces(told, structure.groups, structure)
+    without = ElementForces(told, structure.groups, structure)
     assert without.slack.tolist() == [False, False, True]  # the control: as if it were slack
     figure = jc.plots.sequence(solution, structure=structure, names="abc", columns=3)
     drawn = [axes.collections[1:4] for axes in figure.axes[:3]]  # after the ghost
@@ -124,7 +124,9 @@ def test_the_view_tells_them_apart(hung):
     absent = [(~shot.forces.present).tolist() for shot in shots]
     assert absent == [[False, False, True], [False] * 3, [True, False, False]]
     assert not any(shot.forces.slack.any() or shot.forces.compressed.any() for shot in shots)
-    labels = [column.label for column in results(shots[0].told, found.parts, structure)]
+    labels = [
+        column.label for column in result_columns(shots[0].element_results, found.parts, structure)
+    ]
     assert "tension" in labels and "present" not in labels
 
 

@@ -115,7 +115,7 @@ def test_what_is_refused(propped):
     for phase, message in ((2, "phases 0 to 1"), (True, "whole number"), ("a", "whole number")):
         with pytest.raises(ValueError, match=message):
             jc.plots.diagram(solution, structure=structure, phase=phase)
-    with pytest.raises(ValueError, match="state, phase: give one"):
+    with pytest.raises(ValueError, match="state, phase: give only one"):
         jc.plots.net(solution, structure=structure, phase=0, state=solution.last)
     with pytest.raises(ValueError, match="give the number, phase="):
         jc.plots.net(solution, structure=structure, state=solution.phases[0])
@@ -156,7 +156,7 @@ def test_a_picture_of_a_phase_is_that_of_the_analysis_so_far():
     structure, phases = scenes.cable_stayed_bridge()
     solution = jc.solve(structure, phases)
     assert int(solution.status) == 0
-    shown = Snapshots(solution, structure).state(None, 2)
+    shown = Snapshots(solution, structure).state_to_draw(None, 2)
     end = solution.phases[2]
     assert int(shown.phase) == 2 and float(shown.load_factor) == 1.0
     for name in ("positions", "load", "reactions"):

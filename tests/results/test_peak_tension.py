@@ -15,7 +15,7 @@ from jaxcable.cli.solve import highlights
 from jaxcable.common.tree import copy
 from jaxcable.elements.element_state import ElementLoad
 from jaxcable.mechanics.elementwise import each
-from jaxcable.plots.forces import Forces
+from jaxcable.plots.element_forces import ElementForces
 from jaxcable.plots.snapshots import Snapshots
 
 EA, WEIGHT, STRENGTH = 80e6, 500.0, 1e6
@@ -193,12 +193,12 @@ def test_reports_pictures_and_files_use_it(hung, tmp_path):
     cases = jc.report(structure, solution, cases=batch).tables["members"]
     assert [row[7] for row in cases.rows] == [row[7] for row in table.rows]
 
-    by_use = Snapshots(solution, structure, "utilization").of(solution.last).forces
-    by_tension = Snapshots(solution, structure).of(solution.last).forces
+    by_use = Snapshots(solution, structure, "utilization").of_state(solution.last).forces
+    by_tension = Snapshots(solution, structure).of_state(solution.last).forces
     assert by_use.value[0] == peak / STRENGTH
     assert by_tension.value[0] == mean  # colored by tension it is the mean
     told = {"tension": solution.tension}
-    used = Forces(told, structure.groups, structure, "utilization").value[0]
+    used = ElementForces(told, structure.groups, structure, "utilization").value[0]
     assert used == mean / STRENGTH  # forces as they are
 
     assert highlights(solution)[1] == f"forces: -100000 to {peak:.6g} N"

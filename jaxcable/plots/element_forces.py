@@ -1,4 +1,4 @@
-"""Forces of all elements at one instant, and the values that color them."""
+"""Forces of all elements at one instant, and the values that color the elements."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ from ..model.parts import Column, columns, slack_cables
 from ..model.structure import Structure
 from ..model.topology import Part
 
-_NOTHING = 1e-9  # compression over the largest force up to which it is rounding
+_ROUNDING = 1e-9  # compression over the largest force up to which it is rounding
 
 
-class Forces:
+class ElementForces:
     """Forces of all elements at one instant, group after group, and the values that color them.
 
     Args:
-        told: what elements tell, by name, each in the shape of the elements, as of `Results.told`.
+        element_results: results of elements by name, each in the shape of the elements, as in
+            `Results.told`.
         parts: element groups, or the parts of a `Topology`.
         structure: `Structure`, or None; it says which elements are cables.
         color: "tension", "utilization", or the label of another `parts.Column`.
 
     Attributes:
         tension: axial forces of all elements, [n_elem], N; NaN for groups without them.
-        present: which elements are there, [n_elem] bool.
+        present: which elements are active, [n_elem] bool.
         slack, compressed: which elements are slack, and which in compression, [n_elem] bool.
         value: values that color the elements, [n_elem]; NaN where they are not known.
         color, unit: name and unit of these values.
@@ -40,13 +41,13 @@ class Forces:
 
     def __init__(
         self,
-        told: Mapping[str, Any],
+        element_results: Mapping[str, Any],
         parts: Sequence[Element | Part],
         structure: Structure | None = None,
         color: str = "tension",
     ):
-        self.tension = joined(told.get("tension"), parts)
-        self.present = joined(told.get(PRESENT.name), parts, 1.0) > 0
+        self.tension = concatenate_values(element_results.get("tension"), parts)
+        self.present = concatenate_values(element_results.get(PRESENT.name), parts, 1.0) > 0
         self.slack = self.present & (self.tension == 0.0)
         if structure is not None:
             ends = np.cumsum([len(part.links.array) for part in parts])[:-1]
@@ -54,50 +55,53 @@ class Forces:
             found = zip(structure.groups, *own, strict=True)
             self.slack = np.concatenate([slack_cables(*each) for each in found])
         largest = np.nanmax(np.abs(self.tension), initial=0.0)
-        self.compressed = ~self.slack & (self.tension < -_NOTHING * largest)
+        self.compressed = ~self.slack & (self.tension < -_ROUNDING * largest)
         if color == "utilization":
-            column = _utilization(structure, told)
+            column = _utilization_column(structure, element_results)
         else:
-            labelled = {each.label: each for each in columns(parts, told)}
+            labelled = {each.label: each for each in columns(parts, element_results)}
             column = labelled.get(color, Column(color, "N", [None] * len(parts)))
-        self.value = np.where(self.present, joined(column.values, parts), np.nan)
+        self.value = np.where(self.present, concatenate_values(column.values, parts), np.nan)
         self.color, self.unit = color, column.unit
 
 
-def results(
-    told: Mapping[str, Any], parts: Sequence[Element | Part], structure: Structure | None
+def result_columns(
+    element_results: Mapping[str, Any], parts: Sequence[Element | Part], structure: Structure | None
 ) -> list[Column]:
-    """Results of all elements, see `columns`, with utilization and the largest moments of beams."""
-    found = columns(parts, {name: tree for name, tree in told.items() if name != PRESENT.name})
+    """Return the results of all elements as columns, with utilization and largest moments."""
+    shown = {name: tree for name, tree in element_results.items() if name != PRESENT.name}
+    found = columns(parts, shown)
     if structure is not None:
         try:
-            found.append(_utilization(structure, told))
+            found.append(_utilization_column(structure, element_results))
         except ValueError:  # no group has a strength
             pass
-    forces = leaves(told.get("section_forces"), len(parts))
+    forces = values_by_group(element_results.get("section_forces"), len(parts))
     if any(values is not None for values in forces):
         for k, name in ((4, "My"), (5, "Mz")):
-            most = [None if x is None else _extreme(np.asarray(x)[..., k]) for x in forces]
+            most = [
+                None if x is None else _largest_with_sign(np.asarray(x)[..., k]) for x in forces
+            ]
             found.append(Column(f"largest {name}", "N m", most))
     return found
 
 
-def leaves(tree: Any, count: int) -> list[Any]:
-    """What a pytree in the shape of the elements has for every group, arrays or None; a list."""
+def values_by_group(tree: Any, count: int) -> list[Any]:
+    """Return the values of each group of a pytree, arrays or None, as a list."""
     return [None] * count if tree is None else jax.tree.leaves(tree, is_leaf=lambda x: x is None)
 
 
-def joined(
+def concatenate_values(
     tree: Any, parts: Sequence[Element | Part], otherwise: float = np.nan
 ) -> Float[np.ndarray, " n_elem"]:
-    """Values of all groups, group after group, [n_elem].
+    """Concatenate the values of all groups, [n_elem].
 
     Args:
         tree: arrays in the shape of the elements, or None.
         parts: element groups, or the parts of a `Topology`.
         otherwise: value of groups that have None.
     """
-    pairs = zip(leaves(tree, len(parts)), parts, strict=True)
+    pairs = zip(values_by_group(tree, len(parts)), parts, strict=True)
     return np.concatenate(
         [
             np.full(len(part.links.array), otherwise) if x is None else np.asarray(x, float)
@@ -106,15 +110,18 @@ def joined(
     )
 
 
-def _utilization(structure, told):
-    """Utilization as a `Column`; ValueError without a structure, or if no group has a strength."""
+def _utilization_column(structure, element_results):
+    """Return the utilization as a `Column`; raise ValueError if no breaking force is known."""
     if structure is None:
-        raise ValueError('structure: needed for color = "utilization"; the strengths are in it')
-    used = design.utilization(structure, told.get("peak_tension", told.get("tension")))
-    return Column("utilization", "-", leaves(used, len(structure.groups)))
+        raise ValueError(
+            'structure: needed for color = "utilization", which the breaking forces in it give'
+        )
+    force = element_results.get("peak_tension", element_results.get("tension"))
+    used = design.utilization(structure, force)
+    return Column("utilization", "-", values_by_group(used, len(structure.groups)))
 
 
-def _extreme(values):
-    """The number of largest size in each row [n_elem, n_point], with its sign, [n_elem]."""
+def _largest_with_sign(values):
+    """Return the number of largest size in each row of [n_elem, n_point], with its sign."""
     at = np.abs(values).argmax(axis=1)
     return np.take_along_axis(values, at[:, None], axis=1)[:, 0]

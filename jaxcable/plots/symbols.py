@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from ..common.types import ArrayLike, Bool, Float, Int
-from .style import AXES, INK, LOAD, REACTION, force_text
+from .style import AXES, INK, LOAD, REACTION, format_force
 from .views import View
 
 _ARROW = 0.14  # length of the longest arrow over the extent of the structure, for few arrows
@@ -20,16 +20,16 @@ _ON = 0.9  # cosine between an arrow and an element from which on one lies on th
 _AXIS = 0.05  # length of the axes of a section over the extent of the structure, at most
 _AXIS_SHARE = 0.4  # and over the length of the beam
 _SMALL = 1e-9  # force over the largest one up to which it is not drawn
-HELD = (("s", INK, "clamped"), ("^", INK, "pinned"), ("^", "white", "partially supported"))
+SUPPORT_MARKS = (("s", INK, "clamped"), ("^", INK, "pinned"), ("^", "white", "partially supported"))
 """Mark, filling and name of the kinds of supports."""
 
 
-def supports(
+def support_kinds(
     fixed: Bool[np.ndarray, "n_node n_freedom"],
     rotates: Bool[np.ndarray, " n_node"] | None = None,
     normal: Float[np.ndarray, " 3"] | None = None,
 ) -> Bool[np.ndarray, "3 n_node"]:
-    """Which nodes are clamped, which pinned, which held in part, [3, n_node] bool.
+    """Return which nodes are clamped, pinned and partially supported, [3, n_node] bool.
 
     Args:
         fixed: held freedoms, [n_node, 3 or 6].
@@ -53,10 +53,10 @@ def draw_supports(
     positions: Float[np.ndarray, "n_node 3"],
     kinds: Bool[np.ndarray, "3 n_node"],
 ) -> list[Line2D]:
-    """Draw marks at the supports, of the kinds that `supports` returns; a list of these marks."""
+    """Draw marks at the supports, given their kinds by `support_kinds`; return the marks."""
     marks = []
     seen, size = view.project(positions), mark_size(len(positions))
-    for (mark, filling, _), nodes in zip(HELD, kinds, strict=True):
+    for (mark, filling, _), nodes in zip(SUPPORT_MARKS, kinds, strict=True):
         if nodes.any():
             look: dict[str, Any] = {
                 "markerfacecolor": filling,
@@ -67,18 +67,18 @@ def draw_supports(
     return marks
 
 
-def support_keys(kinds: Bool[np.ndarray, "3 n_node"]) -> list[Line2D]:
-    """Legend entries of the kinds of supports that occur."""
+def support_legend(kinds: Bool[np.ndarray, "3 n_node"]) -> list[Line2D]:
+    """Return legend entries of the kinds of supports that occur."""
     return [
         Line2D([], [], linestyle="", marker=mark, markerfacecolor=filling, markeredgecolor=INK,
                markersize=6, label=name)
-        for (mark, filling, name), nodes in zip(HELD, kinds, strict=True)
+        for (mark, filling, name), nodes in zip(SUPPORT_MARKS, kinds, strict=True)
         if nodes.any()
     ]  # fmt: skip
 
 
-class Arrows:
-    """Forces on nodes as arrows, drawn to a common scale.
+class ForceArrows:
+    """Forces on nodes as arrows in a common scale.
 
     The longest arrow has `_ARROW` of the extent of the structure, less if there are many, and at
     most `_SHARE` of its size in every direction of the picture.
@@ -121,9 +121,9 @@ class Arrows:
         extent = np.ptp(points, axis=0).max()
         if len(node) > _MOST:
             node = _largest_in_cells(positions, size, node)
-        self.vectors = forces[node] * _scale(forces[node], view, points, extent)
+        self.vectors = forces[node] * _arrow_scale(forces[node], view, points, extent)
         seen = view.project(forces[node]), node, view.project(positions), links
-        outward, self.under = _outward(*seen, push)
+        outward, self.under = _choose_sides(*seen, push)
         self.tails = positions[node] - np.where(outward[:, None], 0.0, self.vectors)
         self.ends = np.concatenate([self.tails, self.tails + self.vectors])
 
@@ -142,19 +142,19 @@ class Arrows:
                 parts = *tails[which].T, *vectors[which].T
                 axes.quiver(*parts, color=self.color, zorder=order, **look)
 
-    def keys(self) -> list[Line2D]:
-        """The legend entry, with the force of the longest arrow; an empty list without arrows."""
+    def legend(self) -> list[Line2D]:
+        """Return the legend entry with the largest force; an empty list without arrows."""
         if not len(self.tails):
             return []
-        label = f"largest {self.name} {force_text(self.largest)}"
+        label = f"largest {self.name} {format_force(self.largest)}"
         if len(self.tails) < self.count:
             label += f", {len(self.tails)} of {self.count} drawn"
         look: dict[str, Any] = {"color": self.color, "marker": "$\\rightarrow$", "markersize": 14}
         return [Line2D([], [], linestyle="", label=label, **look)]
 
 
-def _scale(forces, view, points, extent):
-    """Length of arrows per force, m/N, see `Arrows`."""
+def _arrow_scale(forces, view, points, extent):
+    """Return the length of arrows per force, m/N, see `ForceArrows`."""
     longest = extent * min(_ARROW, 0.8 / np.sqrt(max(len(forces), 1)))
     seen = np.ptp(view.project(points), axis=0)
     room = _SHARE * np.maximum(seen, _LEAST[view.flat] * extent)
@@ -164,7 +164,7 @@ def _scale(forces, view, points, extent):
 
 
 def _largest_in_cells(positions, size, node):
-    """Of the nodes in every cell of a grid the one with the largest force, at most `_MOST`."""
+    """Return the node with the largest force in each cell of a grid, at most `_MOST` in all."""
     place = positions[node] - positions.min(axis=0)
     node, place = (x[np.argsort(-size[node], kind="stable")] for x in (node, place))
     width, first = place.max() / np.sqrt(_MOST), np.arange(len(node))
@@ -175,18 +175,18 @@ def _largest_in_cells(positions, size, node):
     return np.sort(node[first])
 
 
-def _outward(forces, node, positions, links, push):
-    """Which arrows begin at their nodes, and which lie on an element anyway, two [n_arrow] bool.
+def _choose_sides(forces, node, positions, links, push):
+    """Return which arrows begin at their nodes, and which lie on elements, [n_arrow] bool.
 
     Forces and positions are those in the picture.
     """
     row = np.full(len(positions), -1)
     row[node] = np.arange(len(node))
-    unit = _unit(forces)
+    unit = _unit_vectors(forces)
     on = np.full((2, len(node)), -1.0)  # largest cosine of an element with an arrow on either side
     for ends in (links, links[:, ::-1]):
         ends = ends[row[ends[:, 0]] >= 0]
-        along = _unit(positions[ends[:, 1]] - positions[ends[:, 0]])
+        along = _unit_vectors(positions[ends[:, 1]] - positions[ends[:, 0]])
         cosine = (along * unit[row[ends[:, 0]]]).sum(axis=1)
         for side, sign in enumerate((-1.0, 1.0)):
             np.maximum.at(on[side], row[ends[:, 0]], sign * cosine)
@@ -195,18 +195,18 @@ def _outward(forces, node, positions, links, push):
     return (turned if push else ~turned), usual & other
 
 
-def _unit(vectors):
-    """Vectors of length 1; those of length 0 as they are."""
+def _unit_vectors(vectors):
+    """Scale vectors to length 1; zero vectors stay zero."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
 
 
-def axis_tips(
+def section_axis_tips(
     middles: Float[np.ndarray, "n_beam 3"],
     directions: Float[np.ndarray, "n_beam 3 3"],
     chords: Float[np.ndarray, " n_beam"],
     extent: float,
 ) -> Float[np.ndarray, "n_beam 3 3"]:
-    """Where the axes x, y and z of sections end that are drawn at the middles of beams, m.
+    """Return the tips of the section axes x, y and z drawn at the middles of beams, m.
 
     Args:
         middles: middles of the beams, [n_beam, 3], m.
@@ -224,7 +224,7 @@ def draw_section_axes(
     middles: Float[np.ndarray, "n_beam 3"],
     tips: Float[np.ndarray, "n_beam 3 3"],
 ) -> None:
-    """Draw the axes x, y and z of sections, see `axis_tips`; a dot for those seen end on."""
+    """Draw section axes to their tips (`section_axis_tips`); those seen end on as dots."""
     feet = view.project(middles)
     for k, color in enumerate(AXES):
         lines = np.stack([feet, view.project(tips[:, k])], axis=1)
@@ -235,8 +235,8 @@ def draw_section_axes(
             axes.plot(*feet[on_end].T, ".", color=color, markersize=3, zorder=8)
 
 
-def section_axis_keys() -> list[Line2D]:
-    """Legend entries of the axes of sections."""
+def section_axis_legend() -> list[Line2D]:
+    """Return legend entries of the section axes."""
     return [
         Line2D([], [], color=color, linewidth=1.6, label=f"section axis {name}")
         for name, color in zip("xyz", AXES, strict=True)
@@ -244,5 +244,5 @@ def section_axis_keys() -> list[Line2D]:
 
 
 def mark_size(n: int) -> float:
-    """Size of marks in a picture of `n` nodes, points."""
+    """Return the size of marks in a picture of `n` nodes, points."""
     return float(np.clip(6.0 * np.sqrt(40.0 / max(n, 1)), 1.5, 6.0))

@@ -1,4 +1,4 @@
-"""Shapes of elements that are no straight lines: bent beams and hanging cables."""
+"""Curves of elements that are not straight: bent beams and hanging cables."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Curves:
     """Curves of beams and hanging cables in one geometry, beams first.
 
     Attributes:
-        number: of the elements, counted through all groups, [n_curve].
+        element: index of the element, counted through all groups, [n_curve].
         ends: first and last node of each, [n_curve, 2].
         bend: of the beams, the chord's length times the slopes against it at both ends, which make
             a cubic, [n_beam, 2, 3], m.
@@ -45,49 +45,49 @@ class Curves:
             along the unstressed length, [n_sag, n_place - 2, 3], m; NaN where they are not known.
     """
 
-    number: Int[np.ndarray, " n_curve"]
+    element: Int[np.ndarray, " n_curve"]
     ends: Int[np.ndarray, "n_curve 2"]
     bend: Float[np.ndarray, "n_beam 2 3"]
     axes: Float[np.ndarray, "n_beam 3 3"]
     sag: Float[np.ndarray, "n_sag n_between 3"]
 
     @property
-    def apart(self) -> Float[np.ndarray, "n_curve n_place 3"]:
+    def offsets(self) -> Float[np.ndarray, "n_curve n_place 3"]:
         """Distances from the chord at places along the element, zero at both ends, m."""
-        bent = cubic(self.bend, np.linspace(0.0, 1.0, self.sag.shape[1] + 2))
+        bent = hermite_cubic(self.bend, np.linspace(0.0, 1.0, self.sag.shape[1] + 2))
         return np.concatenate([bent, np.pad(self.sag, ((0, 0), (1, 1), (0, 0)))])
 
     @property
-    def known(self) -> Bool[np.ndarray, " n_curve"]:
-        """Which shapes are known."""
+    def is_known(self) -> Bool[np.ndarray, " n_curve"]:
+        """Whether the shape of each curve is known."""
         hung = np.isfinite(self.sag).all(axis=(1, 2))
         return np.concatenate([np.ones(len(self.bend), bool), hung])
 
     def points(self, positions: Float[np.ndarray, "n_node 3"]) -> Float[np.ndarray, "n n_place 3"]:
-        """Points along the curves between node positions; on the chord where nothing is known."""
-        apart = np.nan_to_num(self.apart)
-        return on_chords(positions[self.ends], apart.shape[1]) + apart
+        """Return points along the curves, given the nodes; on the chord where no shape is known."""
+        apart = np.nan_to_num(self.offsets)
+        return points_on_chords(positions[self.ends], apart.shape[1]) + apart
 
-    def rows(self, number: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """Which curves belong to elements with these numbers, [n]."""
-        order = np.argsort(self.number)
-        return order[np.searchsorted(self.number, number, sorter=order)]
+    def indices_of(self, number: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+        """Return the indices of the curves of some elements, [n]."""
+        order = np.argsort(self.element)
+        return order[np.searchsorted(self.element, number, sorter=order)]
 
     def magnified(self, origin: Curves, factor: float) -> Curves:
-        """What differs from the curves of `origin` times a factor, as nodes are magnified."""
+        """Return the curves with their differences from `origin` multiplied by a factor."""
         bend = origin.bend + factor * (self.bend - origin.bend)
         sag = origin.sag + factor * (self.sag - origin.sag)
         return dataclasses.replace(
             self, bend=bend, sag=np.where(np.isfinite(origin.sag), sag, self.sag)
         )
 
-    def before(self) -> Curves:
-        """The curves before the first phase, of which hanging cables are not known: NaN."""
+    def in_initial_geometry(self) -> Curves:
+        """Return the curves before the first phase: beams straight, hanging cables unknown."""
         nowhere = np.full_like(self.sag, np.nan)
         return dataclasses.replace(self, bend=np.zeros_like(self.bend), sag=nowhere)
 
 
-class Shapes:
+class SolutionCurves:
     """The `Curves` of a solution: in states, at ends of phases, in increments.
 
     They are None without a structure, and if none of its elements bends or hangs: then every piece
@@ -107,36 +107,39 @@ class Shapes:
         self.places = places if sum(curved) <= _MANY else _FEW
         starts = np.cumsum([0, *(len(group.links) for group in self.groups)])
         self._numbers = [np.arange(a, b) for a, b in itertools.pairwise(starts)]
-        self._sag_after = functools.cache(lambda phase: self._sag(self.state_after(phase)))
+        self._sag_after_phase = functools.cache(
+            lambda phase: self._sag_in_state(self.state_after_phase(phase))
+        )
 
-    def of(self, state: State) -> Curves | None:
-        """The curves in a `State`."""
+    def of_state(self, state: State) -> Curves | None:
+        """Return the curves in a `State`."""
         if self.straight:
             return None
-        return self._curves(np.asarray(state.carry.motion), self._sag(state))
+        return self._make_curves(np.asarray(state.carry.motion), self._sag_in_state(state))
 
-    def after(self, phase: int) -> Curves | None:
-        """The curves at the end of a phase that has converged."""
-        return self.of(self.state_after(phase))
+    def after_phase(self, phase: int) -> Curves | None:
+        """Return the curves at the end of a phase that has converged."""
+        return self.of_state(self.state_after_phase(phase))
 
-    def along(self, phase: int, number: int) -> Curves | None:
-        """The curves in a converged increment of a phase.
+    def in_increment(self, phase: int, number: int) -> Curves | None:
+        """Return the curves in a converged increment of a phase.
 
-        Hanging cables are known at ends of phases, and at a last state before a failure: between
-        them their distances from the chord are interpolated, in the first phase those of its end.
+        Hanging cables are known at the ends of phases, and at the last state before a failure.
+        Between them their distances from the chord are interpolated; in the first phase they are
+        those of its end.
         """
         if self.straight:
             return None
         last, path = self.solution.last, self.solution.phases[phase].path
         motion = last.carry.motion if path.motion is None else path.motion[number]
-        before, after = self._sag_after(max(phase - 1, 0)), self._sag_after(phase)
+        before, after = self._sag_after_phase(max(phase - 1, 0)), self._sag_after_phase(phase)
         before = np.where(np.isfinite(before), before, after)  # of what this phase has added
         at_end = float(last.load_factor) if phase == int(last.phase) else 1.0
         part = float(path.load_factor[number]) / at_end
-        return self._curves(np.asarray(motion), before + part * (after - before))
+        return self._make_curves(np.asarray(motion), before + part * (after - before))
 
     @functools.cached_property
-    def start(self) -> Float[np.ndarray, "n_node 3"]:
+    def initial_positions(self) -> Float[np.ndarray, "n_node 3"]:
         """Positions of the nodes before the first phase, m."""
         for part in (self.solution.phases[0], self.solution.last):
             begin = np.asarray(part.positions) - np.asarray(part.displacement)
@@ -144,25 +147,25 @@ class Shapes:
                 break
         return begin
 
-    def state_after(self, phase: int) -> State:
-        """The `State` at the end of a phase, as far as pictures show it.
+    def state_after_phase(self, phase: int) -> State:
+        """Return the `State` at the end of a phase, as far as pictures show it.
 
-        Loads of later phases do not act yet, lengths and motions are those of the phase.
+        Lengths and motions are those of the phase, and loads of later phases do not act yet.
         """
         last, end = self.solution.last, self.solution.phases[phase]
         if phase == int(last.phase):
             return last
         fields = common_fields(end)
-        fields["displacement"] = np.asarray(end.positions) - self.start
+        fields["displacement"] = np.asarray(end.positions) - self.initial_positions
         if not self.straight:
-            fields["carry"] = _carry_after(last, self.structure, phase, end)
+            fields["carry"] = _restart_after_phase(last, self.structure, phase, end)
         return copy(last, phase=np.int32(phase), load_factor=np.ones(()), **fields)
 
-    def _curves(self, motion, sag):
-        """`Curves` at a motion of all rows, with the cables hanging by `sag`."""
+    def _make_curves(self, motion, sag):
+        """Make the `Curves` from the motion of all rows and the sag of the hanging cables."""
         numbers, slopes, axes = [np.zeros(0, int)], [np.zeros((0, 2, 3))], [np.zeros((0, 3, 3))]
         if any(isinstance(group, Bending) for group in self.groups):
-            found = _bent(*self._prepared, motion)
+            found = _deflected_beams(*self._split_structure, motion)
             for number, beams in zip(self._numbers, found, strict=True):
                 if beams is not None:
                     slope, turned, length = (np.asarray(x) for x in beams)
@@ -176,24 +179,26 @@ class Shapes:
         return Curves(number, np.concatenate(ends)[number], *parts)
 
     @functools.cached_property
-    def _prepared(self):
-        """The thawed structure, and its index arrays, for `_bent`."""
+    def _split_structure(self):
+        """Traced and static parts of the structure, the arguments of `_deflected_beams`."""
         return split_state(self.structure, self.solution.last)[:2]
 
-    def _sag(self, state):
-        """Distances of the hanging cables from their chords in a state, see `Curves`."""
+    def _sag_in_state(self, state):
+        """Return the distances of the hanging cables from their chords in a state, see `Curves`."""
         found, positions = [np.zeros((0, self.places - 2, 3))], np.asarray(state.positions)
         if any(isinstance(group, Sagging) for group in self.groups):
             curves = per_group(self.structure, catenary_curves(self.structure, state, self.places))
             for group, curve in zip(self.groups, curves, strict=True):
                 if curve is not None:
-                    chord = on_chords(positions[first_and_last(group)], self.places)
+                    chord = points_on_chords(positions[first_and_last(group)], self.places)
                     found.append((curve - chord)[:, 1:-1])
         return np.concatenate(found)
 
 
-def on_chords(ends: Float[np.ndarray, "n 2 3"], n_place: int) -> Float[np.ndarray, "n n_place 3"]:
-    """Points on straight lines between two ends, evenly."""
+def points_on_chords(
+    ends: Float[np.ndarray, "n 2 3"], n_place: int
+) -> Float[np.ndarray, "n n_place 3"]:
+    """Return points at even distances on the straight lines between two ends."""
     parts = np.linspace(0.0, 1.0, n_place)[:, None]
     return (1 - parts) * ends[:, :1] + parts * ends[:, 1:]
 
@@ -203,33 +208,33 @@ Lines: TypeAlias = (
 )
 
 
-def lines(
+def picture_lines(
     view: View, positions: Float[np.ndarray, "n_node 3"], links: Links, curves: Curves | None
 ) -> Lines:
-    """The line of every piece in a picture: an array of straight ones, or a list with curves."""
+    """Return the line of each piece in a picture: an array if all are straight, else a list."""
     pairs, owner = links
     straight = view.project(positions)[pairs]
     if curves is None:
         return straight
     found, points = list(straight), view.project(curves.points(positions))
-    row = np.full(1 + max(owner.max(initial=0), curves.number.max(initial=0)), -1)
-    row[curves.number] = np.arange(len(points))
+    row = np.full(1 + max(owner.max(initial=0), curves.element.max(initial=0)), -1)
+    row[curves.element] = np.arange(len(points))
     for piece in np.flatnonzero(row[owner] >= 0):
         found[piece] = points[row[owner[piece]]]
     return found
 
 
-def chosen(found: Lines, which: Bool[np.ndarray, " n_line"]) -> Any:
-    """The lines, an array or a list, that are chosen by booleans, in the same form."""
+def select_lines(found: Lines, which: Bool[np.ndarray, " n_line"]) -> Any:
+    """Select lines, an array or a list, by booleans."""
     if isinstance(found, np.ndarray):
         return found[which]
     return [found[k] for k in np.flatnonzero(which)]
 
 
-def cubic(
+def hermite_cubic(
     bend: Float[np.ndarray, "... 2 3"], places: Float[np.ndarray, " n_place"]
 ) -> Float[np.ndarray, "... n_place 3"]:
-    """Distance of beams from their chords, Hermite's cubic, at `places` from 0 to 1, m.
+    """Return the distances of bent beams from their chords at `places`: cubics after Hermite, m.
 
     Args:
         bend: the chord's length times the slopes against it at both ends, [..., 2, 3], m.
@@ -240,8 +245,8 @@ def cubic(
 
 
 @jax.jit
-def _bent(thawed, arrays, motion):
-    """Slopes, axes and chords of the beams of every group at a motion of all rows, or None."""
+def _deflected_beams(thawed, arrays, motion):
+    """Return slopes, section axes and chord lengths of the beams of each group; None for others."""
     nodes, groups, carry = merge_state(thawed, arrays)
     motion = motion.astype(nodes.dtype)
 
@@ -260,8 +265,8 @@ def _bent(thawed, arrays, motion):
     return [along(*pair) if isinstance(pair[0], Bending) else None for pair in pairs]
 
 
-def _carry_after(last, structure, phase, end):
-    """The `Carry` after a phase, as far as shapes depend on it."""
+def _restart_after_phase(last, structure, phase, end):
+    """Return the `Carry` after a phase, as far as shapes depend on it."""
     carry: Any = last.carry
     amounts = [
         copy(amount, factors=amount.factors * (np.asarray(stack.phase) <= phase))

@@ -1,4 +1,4 @@
-"""Elements as lines, dashed if slack and cased if in compression, and as faces, in colors."""
+"""Elements as colored lines and faces; slack lines are dashed, compressed ones have a casing."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 
 from ..common.types import Bool
-from .forces import Forces
-from .shapes import Links, chosen, lines
+from .element_curves import Links, picture_lines, select_lines
+from .element_forces import ElementForces
 from .snapshots import Snapshot, Snapshots
 from .style import GHOST, INK, SLACK, color_map, force_unit
 from .views import View
 
 DASHES = (0, (3, 1.5))
-_NOTHING = 1e-9  # compression over the largest force up to which it is rounding
+_ROUNDING = 1e-9  # compression over the largest force up to which it is rounding
 _REACHED = 1e-6  # utilization above 1 up to which the strength is reached, and not exceeded
 
 
-class Scale:
+class ColorScale:
     """The color scale that several states share.
 
     Attributes:
@@ -33,7 +33,7 @@ class Scale:
         look: color map and norm, for collections.
     """
 
-    def __init__(self, forces: Sequence[Forces]):
+    def __init__(self, forces: Sequence[ElementForces]):
         color = forces[0].color
         values = np.concatenate([f.value for f in forces])
         values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
@@ -52,7 +52,7 @@ class Scale:
             if unit.startswith("N"):
                 self.factor, kilo = force_unit(max(abs(low), abs(high)))
                 unit = kilo + unit[1:]
-            signed = ", tension positive" if low < -_NOTHING * max(abs(low), abs(high)) else ""
+            signed = ", tension positive" if low < -_ROUNDING * max(abs(low), abs(high)) else ""
             name = color.replace("_", " ")
             if color == "tension":
                 name = "axial force" if signed else "tension"
@@ -66,14 +66,14 @@ class Scale:
         self.look = {"cmap": cmap, "norm": Normalize(low, high)}
 
 
-class Members:
-    """The lines and faces of all elements in axes, which can be moved from frame to frame.
+class ElementLines:
+    """The lines and faces of all elements in axes; they can be moved from frame to frame.
 
     Args:
         axes: axes to draw in.
         view: `View` of these axes.
         found: `Snapshots`, which know the pieces and the faces of elements.
-        scale: `Scale` of the colors.
+        scale: `ColorScale` of the colors.
     """
 
     def __init__(
@@ -81,12 +81,12 @@ class Members:
         axes: Axes,
         view: View,
         found: Snapshots,
-        scale: Scale,
+        scale: ColorScale,
     ):
         self.view, self.faces, self.scale = view, found.faces, scale
         lines = ~np.isin(found.links[1], self.faces[1])  # faces are drawn with their edges
         self.links = found.links[0][lines], found.links[1][lines]
-        width = thickness(len(self.links[0]))
+        width = line_width(len(self.links[0]))
         add = functools.partial(view.add_lines, axes, np.zeros((0, 2, 2 if view.flat else 3)))
         self.casing = add(colors="black", linewidths=2.2 * width, zorder=2)
         self.taut = add(linewidths=width, zorder=3, **scale.look)
@@ -99,13 +99,13 @@ class Members:
     def show(self, snapshot: Snapshot) -> None:
         """Draw the elements as they are at an instant."""
         forces, element = snapshot.forces, self.links[1]
-        drawn = lines(self.view, snapshot.positions, self.links, snapshot.curves)
+        drawn = picture_lines(self.view, snapshot.positions, self.links, snapshot.curves)
         slack, compressed = forces.slack[element], forces.compressed[element]
         taut = forces.present[element] & ~slack
-        self.casing.set_segments(chosen(drawn, compressed))
-        self.taut.set_segments(chosen(drawn, taut))
+        self.casing.set_segments(select_lines(drawn, compressed))
+        self.taut.set_segments(select_lines(drawn, taut))
         self.taut.set_array(self.scale.factor * forces.value[element][taut])
-        self.slack.set_segments(chosen(drawn, slack))
+        self.slack.set_segments(select_lines(drawn, slack))
         corners, element = self.faces
         if len(corners):
             there = forces.present[element]
@@ -113,33 +113,35 @@ class Members:
             self.surface.set_array(self.scale.factor * forces.value[element][there])
 
 
-def ghost(
+def draw_ghost(
     axes: Axes,
     view: View,
     links: Links,
     snapshot: Snapshot,
     which: Bool[np.ndarray, " n_elem"] | bool = True,
 ) -> None:
-    """Draw the elements of an earlier instant, all or some, in thin dashed lines.
+    """Draw the elements at an earlier instant, all or some, in thin dashed lines.
 
     Elements whose curve is not known there are left out.
     """
-    found = lines(view, snapshot.positions, links, snapshot.curves)
-    segments = chosen(found, (snapshot.known() & which)[links[1]])
-    width = min(1.0, thickness(len(links[0])))
+    found = picture_lines(view, snapshot.positions, links, snapshot.curves)
+    segments = select_lines(found, (snapshot.has_known_shape() & which)[links[1]])
+    width = min(1.0, line_width(len(links[0])))
     view.add_lines(axes, segments, colors=GHOST, linewidths=width, linestyles="dashed", zorder=1)
 
 
-def thickness(n: int) -> float:
-    """Width of `n` lines, points: thinner if there are many."""
+def line_width(n: int) -> float:
+    """Return the width of lines, points: thinner if there are many."""
     return float(np.clip(2.4 * np.sqrt(80.0 / max(n, 1)), 0.6, 2.4))
 
 
-def keys(forces: Sequence[Forces], before: bool = False, counted: bool = True) -> list[Line2D]:
-    """Legend entries of the kinds of lines that occur in some states.
+def line_legend(
+    forces: Sequence[ElementForces], before: bool = False, counted: bool = True
+) -> list[Line2D]:
+    """Return legend entries of the kinds of lines that occur in some states.
 
     Args:
-        forces: `Forces` of the states; slack elements are counted in the last one.
+        forces: `ElementForces` of the states; slack elements are counted in the last one.
         before: whether an earlier geometry is drawn.
         counted: whether to add the number of slack elements.
     """
