@@ -117,7 +117,7 @@ def test_what_is_refused(propped):
             jc.plots.diagram(solution, structure=structure, phase=phase)
     with pytest.raises(ValueError, match="state, phase: give only one"):
         jc.plots.net(solution, structure=structure, phase=0, state=solution.last)
-    with pytest.raises(ValueError, match="give the number, phase="):
+    with pytest.raises(ValueError, match="of one of its phases give phase="):
         jc.plots.net(solution, structure=structure, state=solution.phases[0])
     with pytest.raises(ValueError, match="of = 'M'"):
         jc.plots.sequence(solution, structure=structure, diagram="M")
