@@ -400,7 +400,7 @@ jc.Newton(linear_solver="lu")  # linear_solver = 'lu'
 ## results
 jc.describe(design.Design(*[0] * 9))  # code: got a Design; give its status
 jc.describe(np.zeros(2, int))  # code: expected one code, got shape (2,); take one
-jc.raise_if_failed(0)  # raise_if_failed: expected a solution, got int; ... describe(code)
+jc.raise_if_failed(0)  # raise_if_failed: expected a solution, got int; describe(code)
 traced(jc.raise_if_failed, solution())  # ...the solution is being traced
 jc.energy_balance(HUNG, PHASES[:1], solution())  # phases: 1 of them, the solution has 2
 jc.energy_balance(HUNG, [PHASES[0], jc.replace(PHASES[1], increments=3)], solution())

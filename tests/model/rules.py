@@ -256,7 +256,7 @@ lambda v: code(net(NODES * v)), 1.0, JOINED  # nodes: links[0] = [0, 1]: zero le
 ## materials/elastic.py
 lambda v: code(net(area=1.0, law=jc.Elastic(v))),  # E: E = -1.0: Young's modulus must be positive
 lambda v: code(net(area=1.0, law=jc.Elastic(v))), 1.0, 0.0  # E: E = 0.0: Young's
-## materials/points.py
+## materials/point_rules.py
 of_strains, STRAIN, [0.0, 1e-3, np.inf]  # strain: strain[2] = inf: must be finite
 of_strains, STRAIN, [0.0, 1e-3, 1e-3]  # strain: strain[2] = 0.001: must be above strain[1]
 of_strains, STRAIN, [1e-3, 2e-3, 3e-3]  # strain: strain: goes from 0.001
@@ -268,7 +268,7 @@ of_stresses("elastic"), STRESS, [-5e5, -5e5, 0.0, 1e6, 5e5]  # stress: stress[3]
 of_stresses("elastic"), STRESS, [-6e5, -6e5, 0.0, 1e6, 1e6]  # stress: ...segment 0 from the origin
 through_origin, [-1e6, 1e6], [-1e6, 2e6]  # stress: ...the curve has 500000 Pa at zero strain
 ## materials/presets.py
-drawn_steel, 1e8, -1.0  # _positive: yield_stress = -1.0
+drawn_steel, 1e8, -1.0  # _require_positive: yield_stress = -1.0
 ## sections/section.py
 fibres, [1.0, 1.0], [-1.0, 1.0]  # area: area[0] = -1.0
 ## sections/shapes.py
