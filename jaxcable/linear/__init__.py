@@ -67,14 +67,14 @@ def diagonal(matrix: Matrix) -> Float[Array, " n"]:
 def plus_diagonal(matrix: Matrix, shift: Float[ArrayLike, ""]) -> Matrix:
     """Return the matrix with `shift`, a scalar, added to its diagonal."""
     if isinstance(matrix, Sparse):
-        return matrix.plus_diagonal(shift)
+        return matrix.add_to_diagonal(shift)
     return matrix + shift * jnp.eye(len(matrix), dtype=matrix.dtype)
 
 
 def plus_entry(matrix: Matrix, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]) -> Matrix:
     """Return the matrix with `value` added to entry `place` of its diagonal, both scalars."""
     if isinstance(matrix, Sparse):
-        return matrix.plus_entry(place, value)
+        return matrix.add_to_diagonal_entry(place, value)
     return matrix.at[place, place].add(value)
 
 
@@ -85,7 +85,7 @@ def held_at(matrix: Matrix, held: Bool[Array, " n"]) -> Matrix:
     """
     stiffness = jnp.max(jnp.abs(diagonal(matrix)))
     if isinstance(matrix, Sparse):
-        return matrix.held_at(held, stiffness)
+        return matrix.hold_unknowns(held, stiffness)
     touched = held[:, None] | held[None, :]
     return jnp.where(touched, jnp.diag(jnp.where(held, stiffness, 0.0)), matrix)
 
@@ -93,7 +93,7 @@ def held_at(matrix: Matrix, held: Bool[Array, " n"]) -> Matrix:
 def or_identity(matrix: Matrix, valid: Bool[ArrayLike, ""]) -> Matrix:
     """Return the matrix if `valid`, else the identity."""
     if isinstance(matrix, Sparse):
-        return matrix.or_identity(valid)
+        return matrix.identity_unless(valid)
     return jnp.where(valid, matrix, jnp.eye(len(matrix), dtype=matrix.dtype))
 
 

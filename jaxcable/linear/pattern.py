@@ -213,19 +213,21 @@ class Sparse:
         """The diagonal, [n]."""
         return self.values[self.pattern.diagonal]
 
-    def plus_diagonal(self, shift: Float[ArrayLike, ""]) -> Sparse:
+    def add_to_diagonal(self, shift: Float[ArrayLike, ""]) -> Sparse:
         """Return this matrix with `shift`, a scalar, added to its diagonal."""
-        return copy(self, values=jnp.where(self._on_diagonal, self.values + shift, self.values))
+        return copy(self, values=jnp.where(self._is_diagonal, self.values + shift, self.values))
 
-    def plus_entry(self, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]) -> Sparse:
+    def add_to_diagonal_entry(
+        self, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]
+    ) -> Sparse:
         """Return this matrix with `value` added to entry `place` of its diagonal."""
         here = jnp.arange(len(self.values)) == self.pattern.diagonal[place]
         return copy(self, values=jnp.where(here, self.values + value, self.values))
 
-    def held_at(self, held: Bool[Array, " n"], stiffness: Float[Array, ""]) -> Sparse:
+    def hold_unknowns(self, held: Bool[Array, " n"], stiffness: Float[Array, ""]) -> Sparse:
         """Return this matrix with rows and columns `held`, [n] bool, empty but for `stiffness`."""
         touched = held[self.pattern.rows] | held[self.pattern.indices]
-        left = jnp.where(self._on_diagonal, stiffness, 0.0)
+        left = jnp.where(self._is_diagonal, stiffness, 0.0)
         return copy(self, values=jnp.where(touched, left, self.values))
 
     def divide_rows_and_columns(self, size: Float[Array, " n"]) -> Sparse:
@@ -233,9 +235,9 @@ class Sparse:
         p = self.pattern
         return copy(self, values=self.values / size[p.rows] / size[p.indices])
 
-    def or_identity(self, valid: Bool[ArrayLike, ""]) -> Sparse:
+    def identity_unless(self, valid: Bool[ArrayLike, ""]) -> Sparse:
         """Return this matrix if `valid`, else the identity."""
-        one = self._on_diagonal.astype(self.values.dtype)
+        one = self._is_diagonal.astype(self.values.dtype)
         return copy(self, values=jnp.where(valid, self.values, one))
 
     def dense(self) -> Float[Array, "n n"]:
@@ -257,7 +259,7 @@ class Sparse:
         return with_zero(self.values)[self.pattern.band]
 
     @property
-    def _on_diagonal(self):
+    def _is_diagonal(self):
         """Mask of the values on the diagonal, [n_value]."""
         return self.pattern.rows == self.pattern.indices
 

@@ -47,7 +47,7 @@ class RollingCholesky(solver.Solver):
 
     def factorize(self, matrix: Sparse, loose: Bool[Array, " n"]) -> BandFactor:
         """Factorise; a matrix that is not positive definite counts as singular."""
-        matrix = matrix.held_at(loose, jnp.ones((), matrix.values.dtype))
+        matrix = matrix.hold_unknowns(loose, jnp.ones((), matrix.values.dtype))
         size = diagonal_scale(matrix.diagonal())
         scaled = matrix.divide_rows_and_columns(size)
         factor, _ = factorize_and_solve(scaled.banded(), jnp.zeros_like(size))

@@ -192,7 +192,7 @@ class SparseFactor(MatrixFactor):
 
     def or_identity(self) -> SparseFactor:
         """Return this factor, or that of the identity if the matrix is singular."""
-        return copy(self, matrix=self.matrix.or_identity(self.regular))
+        return copy(self, matrix=self.matrix.identity_unless(self.regular))
 
     def solve_unmarked(
         self, b: Float[Array, " n"], transposed: bool

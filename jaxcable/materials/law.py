@@ -13,9 +13,9 @@ from ..common.types import Array, ArrayLike, Bool, Float
 Numbers: TypeAlias = 'Float[ArrayLike, "*shape"]'
 """Strains or stresses of fibres, as they are given."""
 Values: TypeAlias = 'Float[Array, "*shape"]'
-Remembered: TypeAlias = 'Float[Array, "... n_memory"]'
+HistoryVariables: TypeAlias = 'Float[Array, "... n_memory"]'
 """History variables of each fibre."""
-Memory: TypeAlias = "Remembered | None"
+Memory: TypeAlias = "HistoryVariables | None"
 Pair: TypeAlias = 'tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]'
 
 
@@ -92,8 +92,8 @@ class Law(abc.ABC):
         return jnp.abs(self.stress_at(strain, memory))
 
     def settle(
-        self, strain: Numbers, memory: Remembered, duration: Float[ArrayLike, ""] = 0.0
-    ) -> Remembered:
+        self, strain: Numbers, memory: HistoryVariables, duration: Float[ArrayLike, ""] = 0.0
+    ) -> HistoryVariables:
         """Commit the history variables: return them after an increment that ended at `strain`.
 
         `duration` is that of the increment, s.

@@ -20,7 +20,7 @@ from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from .elastic import Elastic
 from .inversion import SAMPLED_BEYOND, invert_curve, value_at_index
-from .law import Law, Memory, Numbers, Pair, Remembered, Values
+from .law import HistoryVariables, Law, Memory, Numbers, Pair, Values
 
 
 @pytree(static=("one_sided",))
@@ -245,8 +245,8 @@ class Parallel(Law):
         return jnp.where(stress < 0, jnp.nan, strain) if self.one_sided else strain
 
     def settle(
-        self, strain: Numbers, memory: Remembered, duration: Float[ArrayLike, ""] = 0.0
-    ) -> Remembered:
+        self, strain: Numbers, memory: HistoryVariables, duration: Float[ArrayLike, ""] = 0.0
+    ) -> HistoryVariables:
         """Commit the history variables of all laws; those of a slack cable yield no further."""
         law_strain = self._strain_until_slack(strain, memory)
         return jnp.concatenate(

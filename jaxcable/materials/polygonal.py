@@ -28,7 +28,7 @@ from ..common.tree import copy, put, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from . import point_rules
 from .inversion import invert_curve
-from .law import Law, Memory, Numbers, Pair, Remembered, Values, broadcast_on_last_axis
+from .law import HistoryVariables, Law, Memory, Numbers, Pair, Values, broadcast_on_last_axis
 
 
 @pytree(static=("unloading", "one_sided", "endless", "rising", "n_memory"))
@@ -198,8 +198,8 @@ class Polygonal(Law):
         return jnp.where(pushed, low + less / self.modulus, strain)
 
     def settle(
-        self, strain: Numbers, memory: Remembered, duration: Float[ArrayLike, ""] = 0.0
-    ) -> Remembered:
+        self, strain: Numbers, memory: HistoryVariables, duration: Float[ArrayLike, ""] = 0.0
+    ) -> HistoryVariables:
         """Commit the plastic strains after an increment that ended at `strain`, of any duration."""
         inside, _ = self._split_at_ends(jnp.asarray(strain))
         _, _, elastic, kept = self._yield_parts(inside, memory)
