@@ -216,7 +216,7 @@ def listener(progress: bool | Callable[[Any], object] | None) -> Callable[[Any],
 
 @contextlib.contextmanager
 def hearing(listen: Callable[[Any], object] | None) -> Iterator[None]:
-    """Set, for a block, the listener that `compiling` reports to where it is given none."""
+    """Set, for a block, the listener of `compiling` where that is given none."""
     token = _COMPILE_LISTENER.set(listen)
     try:
         yield
@@ -288,6 +288,6 @@ def _make_reporter(listen, kind, known, names):
 
 @host_calls.host_function_family
 def printing_reporter(kind, field, number, *names):
-    """Return the NumPy function that prints a report with `SHOW`; `tell` calls it by name."""
+    """Return the NumPy function that prints a report with `SHOW`; called by `tell`."""
     kinds = {cls.__name__: cls for cls in (Increment, Step, Trial)}
     return _make_reporter(SHOW, kinds[kind], {field: int(number)}, names)

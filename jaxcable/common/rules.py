@@ -128,7 +128,7 @@ def rules_of(tree: PyTree[Any]) -> list[Rule]:
 
 
 def _rule_of_each_element(tree):
-    """Return a rule for `Each` that an element breaks whose object breaks one of its own rules."""
+    """Return a rule for `Each`: an element breaks it if its object breaks any of its own."""
     leaves, shape = jax.tree.flatten(tree.every)
 
     def broken(*leaves):

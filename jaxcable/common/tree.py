@@ -178,7 +178,7 @@ class Each:
 
 
 def kind(obj: Any) -> Any:
-    """Return the object that static members are read from: `obj`, or all objects of an `Each`."""
+    """Return the object that has the static members: `obj`, or all objects of `Each` as one."""
     return obj.every if isinstance(obj, Each) else obj
 
 

@@ -127,8 +127,7 @@ def factorize(
             known to be positive semidefinite.
 
     Returns:
-        `Direct` or `SparseFactor`, with `regular`, `or_identity()`, `solve(rhs, matvec)`, and
-        `marked(rhs)` and `adjoint(rhs)` for the derivative of a root.
+        `Direct` or `SparseFactor`; `direct.MatrixFactor` says what they can do.
     """
     if isinstance(matrix, Sparse):
         return sparse.factorize(matrix, loose, factored, tol, limit)

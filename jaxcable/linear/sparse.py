@@ -122,7 +122,7 @@ def solve_next(
     limit: Int[Array, ""],
     wanted: Bool[Array, ""],
 ) -> tuple[Float[Array, " n"], Bool[Array, ""], Factored | None]:
-    """Solve the next of a sequence of similar systems: `linear.solve_next` for a `Sparse`.
+    """Solve the next of a sequence of similar systems; see `linear.solve_next`.
 
     `factored` is None if the solver of the matrix is on the device.
     """

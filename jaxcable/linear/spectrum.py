@@ -96,7 +96,7 @@ def is_symmetric(matrix: Float[Array, "n n"]) -> Bool[Array, ""]:
 
 
 def _spectrum_of_symmetric(matrix, sure):
-    """Find the `spectrum` of a dense symmetric matrix; `sure` times its largest value is zero."""
+    """Analyse a dense symmetric matrix; eigenvalues below `sure` times the largest count as zero."""
     values, vectors = unbatched.eigh(0.5 * (matrix + matrix.T))
     nearest = jnp.argmin(jnp.abs(values))
     number = jnp.sum(values < -sure * jnp.max(jnp.abs(values))).astype(jnp.int32)
@@ -105,7 +105,7 @@ def _spectrum_of_symmetric(matrix, sure):
 
 
 def _spectrum_of_unsymmetric(matrix, sure):
-    """Find the `spectrum` of a dense unsymmetric matrix by its singular values."""
+    """Analyse a dense unsymmetric matrix by its singular values; see `spectrum`."""
     left, values, right = unbatched.svd(matrix)
     if len(matrix) > _COUNTED_UNKNOWNS:
         number, sign = jnp.int32(NOT_COUNTED), unbatched.slogdet(matrix)[0]
@@ -132,7 +132,7 @@ def _count_negative(matrix, sure):
 
 
 def _spectrum_on_host(matrix, loose, general, strict):
-    """Find the `spectrum` of a sparse matrix by a call of the host."""
+    """Analyse a sparse matrix by a call of the host; see `spectrum`."""
     p = matrix.pattern
     of_scalar = (jax.ShapeDtypeStruct((), dtype) for dtype in (jnp.int32, matrix.values.dtype))
     of_vector = jax.ShapeDtypeStruct(loose.shape, matrix.values.dtype)
@@ -146,7 +146,7 @@ def _spectrum_on_host(matrix, loose, general, strict):
 
 @host_calls.host_function_family
 def host_spectrum(stored, kind):
-    """Return the NumPy function that finds the `spectrum` of all matrices of a batch."""
+    """Return the NumPy function that analyses all matrices of a batch as `spectrum` does."""
     symmetric, general = stored == "symmetric", kind == "may be unsymmetric"
 
     def function(indptr, indices, values, loose, strict):
@@ -165,7 +165,7 @@ def host_spectrum(stored, kind):
 
 
 def _spectrum_of_case(symmetric, apart, indptr, indices, values, loose, strict):
-    """Find the `spectrum` of one matrix in compressed rows, NumPy.
+    """Analyse one matrix in compressed rows, NumPy.
 
     Args:
         apart: tolerance of its symmetry, see `_is_sparse_symmetric`; None if it is symmetric.
@@ -192,7 +192,7 @@ def _spectrum_of_case(symmetric, apart, indptr, indices, values, loose, strict):
 
 
 def _spectrum_of_sparse_symmetric(matrix, sure):
-    """Find the `spectrum` of a sparse symmetric matrix; None if it cannot be factorised."""
+    """Analyse a sparse symmetric matrix, NumPy; None if it cannot be factorised."""
     n = matrix.shape[0]
     eps = np.finfo(float).eps
     if n <= _DENSE_UNKNOWNS:  # Lanczos needs more unknowns than vectors
@@ -226,7 +226,7 @@ def _is_sparse_symmetric(matrix, tol):
 
 
 def _spectrum_of_sparse_unsymmetric(matrix, sure):
-    """Find the `spectrum` of a sparse unsymmetric matrix; None if it is singular."""
+    """Analyse a sparse unsymmetric matrix, NumPy; None if it is singular."""
     n = matrix.shape[0]
     counted = _count_negative(matrix.toarray(), n * sure) if n <= _COUNTED_UNKNOWNS else None
     if n <= _DENSE_UNKNOWNS:
