@@ -178,7 +178,7 @@ class Each:
 
 
 def kind(obj: Any) -> Any:
-    """Return the object that has the static members: `obj`, or all objects of `Each` as one."""
+    """Return the object with the static members: `obj`, or all objects of `Each` as one."""
     return obj.every if isinstance(obj, Each) else obj
 
 

@@ -99,7 +99,7 @@ class Solver:
         raise NotImplementedError(f"{self.name}: solves on the host")
 
     def factorize(self, matrix: Any, loose: Bool[Array, " n"]) -> Any:
-        """Factorise to a `direct.Direct` without unknowns `loose`, [n] bool; if `on_device`."""
+        """Factorise to a `direct.Direct` without unknowns `loose`, [n]; if `on_device`."""
         raise NotImplementedError(f"{self.name}: solves on the host")
 
     def __repr__(self) -> str:

@@ -96,7 +96,7 @@ def is_symmetric(matrix: Float[Array, "n n"]) -> Bool[Array, ""]:
 
 
 def _spectrum_of_symmetric(matrix, sure):
-    """Analyse a dense symmetric matrix; eigenvalues below `sure` times the largest count as zero."""
+    """Analyse a dense symmetric matrix; values below `sure` times the largest count as zero."""
     values, vectors = unbatched.eigh(0.5 * (matrix + matrix.T))
     nearest = jnp.argmin(jnp.abs(values))
     number = jnp.sum(values < -sure * jnp.max(jnp.abs(values))).astype(jnp.int32)
@@ -146,7 +146,7 @@ def _spectrum_on_host(matrix, loose, general, strict):
 
 @host_calls.host_function_family
 def host_spectrum(stored, kind):
-    """Return the NumPy function that analyses all matrices of a batch as `spectrum` does."""
+    """Return the NumPy function that analyses the matrices of a batch, see `spectrum`."""
     symmetric, general = stored == "symmetric", kind == "may be unsymmetric"
 
     def function(indptr, indices, values, loose, strict):
