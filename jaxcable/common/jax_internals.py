@@ -314,28 +314,24 @@ _Address, _Int, _Long = ctypes.c_void_p, ctypes.c_int, ctypes.c_int64
 _to = ctypes.POINTER
 
 
-def _c_structure(name, **fields):
+def _c_struct(name, **fields):
     """Define a structure of C whose first field is its size."""
     fields = {"struct_size": ctypes.c_size_t, **fields}
     return type(name, (ctypes.Structure,), {"_fields_": list(fields.items())})
 
 
 _HEAD = {"extension": _Address}
-_Version: Any = _c_structure("_Version", **_HEAD, major=_Int, minor=_Int)
-_Metadata: Any = _c_structure("_Metadata", version=_Version)
-_Extension: Any = _c_structure("_Extension", kind=_Int, next=_Address, metadata=_to(_Metadata))
-_Failure: Any = _c_structure("_Failure", **_HEAD, message=ctypes.c_char_p, code=_Int)
+_Version: Any = _c_struct("_Version", **_HEAD, major=_Int, minor=_Int)
+_Metadata: Any = _c_struct("_Metadata", version=_Version)
+_Extension: Any = _c_struct("_Extension", kind=_Int, next=_Address, metadata=_to(_Metadata))
+_Failure: Any = _c_struct("_Failure", **_HEAD, message=ctypes.c_char_p, code=_Int)
 _Fail = ctypes.CFUNCTYPE(_Address, _to(_Failure))
-_Interface: Any = _c_structure(
-    "_Interface", **_HEAD, version=_Version, internal=_Address, fail=_Fail
-)
-_Buffer: Any = _c_structure(
+_Interface: Any = _c_struct("_Interface", **_HEAD, version=_Version, internal=_Address, fail=_Fail)
+_Buffer: Any = _c_struct(
     "_Buffer", **_HEAD, dtype=_Int, data=_Address, rank=_Long, shape=_to(_Long)
 )
-_Buffers: Any = _c_structure(
-    "_Buffers", **_HEAD, count=_Long, kinds=_Address, each=_to(_to(_Buffer))
-)
-_Frame: Any = _c_structure(
+_Buffers: Any = _c_struct("_Buffers", **_HEAD, count=_Long, kinds=_Address, each=_to(_to(_Buffer)))
+_Frame: Any = _c_struct(
     "_Frame",
     extension=_to(_Extension),
     interface=_to(_Interface),
