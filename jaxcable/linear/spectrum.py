@@ -146,7 +146,7 @@ def _spectrum_on_host(matrix, loose, general, strict):
 
 @host_calls.host_function_family
 def host_spectrum(stored, kind):
-    """Return the NumPy function that analyses the matrices of a batch, see `spectrum`."""
+    """Return the NumPy function that analyses all matrices of a batch."""
     symmetric, general = stored == "symmetric", kind == "may be unsymmetric"
 
     def function(indptr, indices, values, loose, strict):
