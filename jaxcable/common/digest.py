@@ -21,7 +21,7 @@ import numpy as np
 from .jax_internals import is_jaxpr, is_jaxpr_literal
 from .python_objects import (
     PLAIN_TYPES,
-    deciding_parts,
+    definition_parts,
     digest_of_bytes,
     is_program_module,
     sorted_plain_values,
@@ -43,7 +43,7 @@ def of_function(function: Callable[..., Any], *arguments: Any) -> str:
     """
     traced, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
     names = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(shapes)]
-    return _digest_of_words(_Describer().describe([traced, names]))
+    return _digest_of_words(_ObjectDescriber().describe([traced, names]))
 
 
 def of_host_function(function: Callable[..., Any]) -> str:
@@ -54,7 +54,7 @@ def of_host_function(function: Callable[..., Any]) -> str:
     by their names and versions.
     """
     try:
-        return _digest_of_words(_Describer(_CodeOwner.USER).describe(function))
+        return _digest_of_words(_ObjectDescriber(_CodeOwner.USER).describe(function))
     except RecursionError:
         raise ValueError(
             "the function uses objects that are nested too deeply for a digest of all that decides "
@@ -66,7 +66,7 @@ def of_arrays(tree: Any) -> str:
     """Return a digest of a pytree of arrays: names, shapes, dtypes and values."""
     leaves = jax.tree_util.tree_leaves_with_path(tree)
     return _digest_of_words(
-        _Describer().describe([(jax.tree_util.keystr(path), leaf) for path, leaf in leaves])
+        _ObjectDescriber().describe([(jax.tree_util.keystr(path), leaf) for path, leaf in leaves])
     )
 
 
@@ -80,7 +80,7 @@ def of_package() -> str:
     Raises:
         ForeignError: a function or class in the package is replaced by one defined elsewhere.
     """
-    reader, words = _Describer(_CodeOwner.PACKAGE), []
+    reader, words = _ObjectDescriber(_CodeOwner.PACKAGE), []
     for module in filter(is_program_module, sorted(sys.modules)):
         names = dict(vars(sys.modules[module]))  # another thread may import meanwhile
         words += [  # names with underscores at both ends are Python's
@@ -101,7 +101,7 @@ class _CodeOwner(enum.Enum):
     PACKAGE = 2
 
 
-class _Describer:
+class _ObjectDescriber:
     """Describe values that stand in a jaxpr, or that code can reach, by words for a digest.
 
     Objects are described once. `read` says whose functions are described by their code; None: of
@@ -155,7 +155,7 @@ class _Describer:
     def _describe_parts(self, value):
         """Return the words for an object that `python_objects` takes apart."""
         return [
-            self.describe(part) for part in deciding_parts(value, self.read is _CodeOwner.PACKAGE)
+            self.describe(part) for part in definition_parts(value, self.read is _CodeOwner.PACKAGE)
         ]
 
     def _describe_collection(self, value):

@@ -6,8 +6,9 @@ lost. The names were there in jax 0.10 to 0.12 (`TESTED`), if nothing else is sa
 no longer supported, some of it is needless, with its guards:
 
 - `primitive` for roots: since jax 0.12 `lax.custom_root` has its second derivatives in the
-  reverse mode of a `lax.scan`, too. It stays for functions as a whole (`custom_vmap` has no reverse mode,
-  jax-ml/jax#9073) and for linear maps (`linear_call` has no `jax.vmap`, jax-ml/jax#13283).
+  reverse mode of a `lax.scan`, too. It stays for functions as a whole (`custom_vmap` has no
+  reverse mode, jax-ml/jax#9073) and for linear maps (`linear_call` has no `jax.vmap`,
+  jax-ml/jax#13283).
 - `register_host_function`: jax keeps programs with callbacks since jax-ml/jax#38405; but a callback
   makes arrays of jax, for which a busy program can wait for ever.
 - `quick_options`: XLA has no older emitters since jax 0.12.

@@ -267,7 +267,7 @@ def tell(
     if listen is SHOW:  # by name, so that the program can be kept on disk
         ((field, number),) = known.items()
         host_calls.call_without_results(
-            [printing_reporter, kind.__name__, field, str(number), *traced], *traced.values()
+            [make_printing_reporter, kind.__name__, field, str(number), *traced], *traced.values()
         )
         return
     jax.debug.callback(_make_reporter(listen, kind, known, tuple(traced)), *traced.values())
@@ -287,7 +287,7 @@ def _make_reporter(listen, kind, known, names):
 
 
 @host_calls.host_function_family
-def printing_reporter(kind, field, number, *names):
+def make_printing_reporter(kind, field, number, *names):
     """Return the NumPy function that prints a report with `SHOW`; called by `tell`."""
     kinds = {cls.__name__: cls for cls in (Increment, Step, Trial)}
     return _make_reporter(SHOW, kinds[kind], {field: int(number)}, names)

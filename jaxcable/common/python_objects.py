@@ -1,8 +1,9 @@
 """What decides how functions, classes and objects of Python compute: their code, and its values.
 
 A function is more than its text: globals, functions that it calls, attributes of modules and of
-objects, defaults, and values that it closes over decide what it returns. `deciding_parts` takes any
-of these apart, one level deep. Functions and classes of libraries are known by name and version.
+objects, defaults, and values that it closes over decide what it returns. `definition_parts` takes
+any of these apart, one level deep. Functions and classes of libraries are known by name and
+version.
 
 Functions are described by their bytecode and constants, as they are bound to names at this moment:
 files say what the next process will import, not what this one has.
@@ -55,7 +56,7 @@ def digest_of_bytes(*parts: bytes) -> str:
     return hashlib.blake2b(b"|".join(parts), digest_size=16).hexdigest()
 
 
-def deciding_parts(value: Any, of_package: bool = False) -> Iterator[Any]:
+def definition_parts(value: Any, of_package: bool = False) -> Iterator[Any]:
     """Yield the parts that decide what a function, class or object computes, one level deep.
 
     Args:
@@ -106,10 +107,10 @@ def _is_known_by_name(value, of_package):
         if package != PACKAGE and not relied_on:
             raise ForeignError(f"{value.__module__}.{value.__qualname__}")
         return package != PACKAGE
-    return _is_library(package)
+    return _is_library_package(package)
 
 
-def _is_library(package):
+def _is_library_package(package):
     """Tell whether a package, given by its name, is Python's, this one, or an installed library."""
     if package == PACKAGE or package in _RELIED_ON:
         return True
@@ -153,7 +154,7 @@ def _module_attributes_read(found, names, seen):
         yield from (name, value)
         if not isinstance(value, types.ModuleType) or value.__name__ in seen:
             continue
-        if not _is_library(value.__name__.partition(".")[0]):
+        if not _is_library_package(value.__name__.partition(".")[0]):
             own, inside = vars(value), {*seen, value.__name__}
             yield from _module_attributes_read(
                 {n: own[n] for n in names & own.keys()}, names, inside

@@ -32,7 +32,7 @@ def summarize(obj: Any) -> str:
     try:
         parts = []
         for key, unit in _fields_to_show(obj).items():
-            text = _safe_text(obj.__dict__.get(key))
+            text = _describe_safely(obj.__dict__.get(key))
             if text and key != "status":
                 parts.append(f"{key} {text} {unit}".strip())
         head = _describe_status(obj.__dict__["status"]) if "status" in obj.__dict__ else ""
@@ -89,15 +89,15 @@ def _code_text(code):
         return f"status {code}"
 
 
-def _safe_text(value, depth=0):
+def _describe_safely(value, depth=0):
     """Describe a value in a few words, "" for None; if that fails, by its type."""
     try:
-        return _value_text(value, depth)
+        return _describe_value(value, depth)
     except Exception:  # such as an array that has been deleted
         return type(value).__name__
 
 
-def _value_text(value, depth):
+def _describe_value(value, depth):
     """Describe a value in a few words, "" for None; may raise, such as for a deleted array."""
     if value is None:
         return ""
@@ -110,13 +110,15 @@ def _value_text(value, depth):
     if hasattr(value, "_all_fields") or depth == _DEEPEST_LEVEL:
         return _object_text(value)
     if isinstance(value, dict):
-        items = (f"{key!r}: {_safe_text(item, depth + 1) or None}" for key, item in value.items())
+        items = (
+            f"{key!r}: {_describe_safely(item, depth + 1) or None}" for key, item in value.items()
+        )
         return "{" + ", ".join(items) + "}"
     if isinstance(value, list | tuple):
         kinds = {type(item).__name__ for item in value}
         if len(value) > 3 or (len(kinds) == 1 and all(hasattr(v, "_all_fields") for v in value)):
             return f"{len(value)} of {', '.join(sorted(kinds))}"
-        return "[" + ", ".join(_safe_text(item, depth + 1) or "None" for item in value) + "]"
+        return "[" + ", ".join(_describe_safely(item, depth + 1) or "None" for item in value) + "]"
     if hasattr(value, "shape"):
         return f"{list(value.shape)}"
     return _object_text(value)

@@ -58,7 +58,7 @@ def written_together() -> Iterator[Callable[..., IO[Any]]]:
 
     def begin(path, mode="w"):
         finish()
-        target = resolve_target(path)
+        target = resolve_write_target(path)
         handle, name = stack.enter_context(_temporary_file(target, path))
         staged.append((name, target))
         text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
@@ -81,7 +81,7 @@ def _close_quietly(stream):
         stream.close()
 
 
-def resolve_target(path: str | PathLike[str]) -> Path:
+def resolve_write_target(path: str | PathLike[str]) -> Path:
     """Return the file to write for `path`: the target of a symbolic link, not the link.
 
     Raises:
@@ -100,7 +100,7 @@ def resolve_target(path: str | PathLike[str]) -> Path:
 
 def require_writable(path: str | PathLike[str]) -> None:
     """Raise OSError if `written` could not write this file; leave nothing behind."""
-    with _temporary_file(resolve_target(path), path) as (handle, _):
+    with _temporary_file(resolve_write_target(path), path) as (handle, _):
         os.close(handle)
 
 

@@ -39,11 +39,11 @@ class Gathering:
         """Return the sums of rows of `source`, [m, ...]."""
         if self.target is None:
             return self._sum_by_tables(source)
-        return linear_map(_sum_rows, _copy_sums, source, self)
+        return linear_map(_sum_rows, _copy_sums_to_rows, source, self)
 
     def spread(self, sums: Float[Array, "n ..."]) -> Float[Array, "m ..."]:
         """Apply the transpose: return for every row the number at its sum, [m, ...]."""
-        return linear_map(_copy_sums, _sum_rows, sums, self)
+        return linear_map(_copy_sums_to_rows, _sum_rows, sums, self)
 
     def _sum_by_tables(self, source):
         # XLA would compute the rows anew for each of their uses, but not what it concatenates
@@ -102,7 +102,7 @@ def _sum_rows(rows, gathering):
     return gathering._sum_by_tables(rows)
 
 
-def _copy_sums(sums, gathering):
+def _copy_sums_to_rows(sums, gathering):
     """Return for every row the number at its sum; as a function for `linear_map`."""
     if not len(sums):  # nothing is free
         return jnp.zeros((len(gathering.target), *sums.shape[1:]), sums.dtype)

@@ -98,7 +98,7 @@ def _solve_on_host(matrix, column, row, corner, rhs, last, loose):
     scalar = jax.ShapeDtypeStruct((), rhs.dtype)
     shapes = (jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), scalar, jax.ShapeDtypeStruct((), bool))
     return host_calls.call_on_host(
-        (host_bordered_solver, *sparse.pattern_words(p)),
+        (make_bordered_solver, *sparse.host_solver_words(p)),
         shapes,
         *(p.digest, p.indptr, p.indices, lax.stop_gradient(matrix.values), loose),
         *(column, row, rhs, jnp.asarray(corner, rhs.dtype), jnp.asarray(last, rhs.dtype)),
@@ -106,7 +106,7 @@ def _solve_on_host(matrix, column, row, corner, rhs, last, loose):
 
 
 @host_calls.host_function_family
-def host_bordered_solver(solver, stored):
+def make_bordered_solver(solver, stored):
     """Return the NumPy function that solves all bordered systems of a batch."""
     solver, symmetric = named(solver), stored == "symmetric"
 
@@ -114,7 +114,7 @@ def host_bordered_solver(solver, stored):
         batch, rows = host.flatten_batch(arrays[:-2], arrays[-2:])
         with host.analyses_lock:
             analysed = host.analysis_of_pattern(
-                solver, symmetric, *host.first_case(digest, indptr, indices)
+                solver, symmetric, *host.take_first_case(digest, indptr, indices)
             )
             found = [_solve_case(analysed, *case) for case in zip(*rows, strict=True)]
         x, y, regular = (np.array(part) for part in zip(*found, strict=True))

@@ -27,7 +27,7 @@ class MatrixFactor(abc.ABC):
     regular: Bool[Array, ""]
 
     @abc.abstractmethod
-    def solve_unmarked(
+    def solve_with_status(
         self, b: Float[Array, " n"], transposed: bool
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
         """Solve with the matrix or its transpose: return the solution [n], and `regular`.
@@ -55,7 +55,7 @@ class MatrixFactor(abc.ABC):
         """
 
         def forward(_, b):
-            answer, regular = self.solve_unmarked(b, False)
+            answer, regular = self.solve_with_status(b, False)
             return jnp.where(self.loose | ~regular, jnp.nan, answer)
 
         def backward(_, b):
@@ -104,12 +104,12 @@ class Direct(MatrixFactor):
         size = jnp.where(self.regular, self.size, 1.0)
         return copy(self, size=size, regular=jnp.ones((), bool), replaced=~self.regular)
 
-    def solve_unmarked(
+    def solve_with_status(
         self, b: Float[Array, " n"], transposed: bool
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
         """See `MatrixFactor`."""
         b = jnp.where(self.loose, 0.0, b) / self.size
-        return self._or_identity_result(
+        return self._use_identity_if_replaced(
             self.solve_scaled(b, transposed), b
         ) / self.size, self.regular
 
@@ -121,16 +121,18 @@ class Direct(MatrixFactor):
         A matrix that is singular up to rounding may have regular pivots. Then the correction of
         iterative refinement is as large as the answer itself.
         """
-        answer, regular = self.solve_unmarked(b, transposed)
+        answer, regular = self.solve_with_status(b, transposed)
         scaled, left = self.size * answer, jnp.where(self.loose, 0.0, b)
-        left = left - self.size * self._or_identity_result(
+        left = left - self.size * self._use_identity_if_replaced(
             self.multiply_scaled(scaled, transposed), scaled
         )
-        error = jnp.max(jnp.abs(self.size * self.solve_unmarked(left, transposed)[0]), initial=0.0)
+        error = jnp.max(
+            jnp.abs(self.size * self.solve_with_status(left, transposed)[0]), initial=0.0
+        )
         largest = jnp.max(jnp.abs(scaled), initial=0.0)
         return answer, regular, ~(error > _LARGEST_ERROR * largest)
 
-    def _or_identity_result(self, x, same):
+    def _use_identity_if_replaced(self, x, same):
         """Return `x`, or `same` if this stands for the factor of the identity."""
         return x if self.replaced is None else jnp.where(self.replaced, same, x)
 

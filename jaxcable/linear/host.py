@@ -79,7 +79,7 @@ class Analysed:
         shape = self.n, self.n
         numbers = np.arange(1, len(indices) + 1)
         whole = full_matrix(numbers, indices, indptr, symmetric)
-        # the stored entries as a matrix and as its transpose; `multiplier` puts the values in
+        # the stored entries as a matrix and as its transpose; `make_multiplier` puts the values in
         self.stored = sp.csr_matrix((np.ones(len(indices)), self.indices, self.indptr), shape)
         self.flipped = self.stored.T
         if symmetric:  # solvers get both triangles
@@ -91,7 +91,7 @@ class Analysed:
         self.factors = OrderedDict()  # number -> (values, whether taken as definite, Factor)
         self.count = 0
 
-    def multiplier(
+    def make_multiplier(
         self, values: Float[np.ndarray, " n_value"]
     ) -> Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]]:
         """Return a function that multiplies by a symmetric matrix; valid until the next call."""
@@ -302,7 +302,7 @@ def solve_batch(
             answer = None
             old = analysed.find_or_make_factor(stale[g], True) if usable[g] and one else None
             if old is not None:
-                times = analysed.multiplier(entries)
+                times = analysed.make_multiplier(entries)
                 answer = conjugate_gradients(times, old.solve, b, tol[g], int(limit[g]))
             if answer is None:
                 factor = analysed.find_or_make_factor(entries, definite, definite and limit[g] < 0)
@@ -349,6 +349,6 @@ def flatten_batch(
     return batch, flat + [np.broadcast_to(s, batch).reshape(-1) for s in scalars]
 
 
-def first_case(*arrays: np.ndarray) -> list[np.ndarray]:
+def take_first_case(*arrays: np.ndarray) -> list[np.ndarray]:
     """Return, of arrays [..., k] that all cases of a batch share, one vector [k] each."""
     return [array.reshape(-1, array.shape[-1])[0] for array in arrays]

@@ -198,7 +198,7 @@ class Pardiso(solver.Solver):
     analysis = _PardisoAnalysis
     exchanges_rows = False  # it exchanges only rows that are near each other
 
-    def load(self) -> None:
+    def load_library(self) -> None:
         """Load MKL in another thread: it takes as long as to read a program."""
         threading.Thread(target=load_mkl, daemon=True).start()
 

@@ -91,7 +91,7 @@ def make_pattern(
             the same unknowns in other ways, whole matrices are read.
     """
     numbers = list(numbers)
-    key, source, opposite, m = _list_entries(numbers, size, symmetric, paired)
+    key, source, opposite, m = _list_matrix_entries(numbers, size, symmetric, paired)
     entries, target = np.unique(key, return_inverse=True)
     some, all_ = np.zeros(len(entries), bool), np.ones(len(entries), bool)
     np.logical_or.at(some, target, opposite)
@@ -114,7 +114,7 @@ def make_pattern(
         *(_band_positions(row, indices, size) if symmetric else (None, None, None)),
     )
     solver = choose(size, arrays[-1] is not None, name, exchanges_rows, definite)
-    solver.load()
+    solver.load_library()
     whole = solver.on_device and not solver.definite
     table = _dense_positions(row, indices, size, symmetric) if whole else None
     with jax.ensure_compile_time_eval():  # concrete arrays, also when a caller is being traced
@@ -125,7 +125,7 @@ def make_pattern(
     return Pattern(sums, *placed, *settings)  # type: ignore[call-arg]  # eleven arrays
 
 
-def _list_entries(numbers, size, symmetric, paired):
+def _list_matrix_entries(numbers, size, symmetric, paired):
     """List all entries of element matrices that are added to the matrix.
 
     Returns:

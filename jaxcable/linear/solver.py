@@ -63,7 +63,7 @@ class Solver:
         extra = f"or install the extra jaxcable[{self.name}]"
         return f'{self.package} is not installed; use "superlu", {extra}'
 
-    def load(self) -> None:
+    def load_library(self) -> None:
         """Load the solver's library, if any, while the program is compiled or read from disk."""
         return None
 

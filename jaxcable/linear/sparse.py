@@ -23,13 +23,13 @@ from .solver import named
 _SOLVES_TO_PAUSE = 3
 
 
-def pattern_words(pattern: Pattern) -> tuple[str, str]:
+def host_solver_words(pattern: Pattern) -> tuple[str, str]:
     """Return the words from which host functions for a pattern are made: solver, storage."""
     return pattern.solver.name, "symmetric" if pattern.symmetric else "general"
 
 
 @host_calls.host_function_family
-def host_batch_solver(solver, stored, kind):
+def make_host_solver(solver, stored, kind):
     """Return the NumPy function that solves a batch; it flattens the batch axes of all arguments.
 
     Its last argument says which unknowns are loose; for the "next" matrix of a sequence, which
@@ -53,7 +53,7 @@ def host_batch_solver(solver, stored, kind):
             wanted = rhs.any(axis=1) if transposed else np.ones(len(rhs), bool)
         values, stale, rhs = (a.astype(np.float64, copy=False) for a in (values, stale, rhs))
         x, regular, fresh = host.solve_batch(
-            (solver, symmetric, *host.first_case(digest, indptr, indices)),
+            (solver, symmetric, *host.take_first_case(digest, indptr, indices)),
             *(following, transposed, values, loose, stale, *scalars, rhs, group, wanted),
         )
         x = x.reshape(*batch, -1)
@@ -72,13 +72,13 @@ def _solve_on_host(pattern, kind, rhs, n_flag, *arrays):
         kind: "next", "transposed" or "as it is".
         rhs: right side, [n].
         n_flag: number of flags.
-        arrays: the other arguments of the function of `host_batch_solver`.
+        arrays: the other arguments of the function of `make_host_solver`.
     """
     flag = jax.ShapeDtypeStruct((), bool)
     shapes = jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), *[flag] * n_flag
     arrays = pattern.digest, pattern.indptr, pattern.indices, rhs, *arrays
     return host_calls.call_on_host(
-        (host_batch_solver, *pattern_words(pattern), kind), shapes, *arrays
+        (make_host_solver, *host_solver_words(pattern), kind), shapes, *arrays
     )
 
 
@@ -188,13 +188,15 @@ class SparseFactor(MatrixFactor):
     @property
     def regular(self) -> Bool[Array, ""]:  # type: ignore[override]  # read only
         """Whether the matrix without loose unknowns is regular to working precision."""
-        return self.solve_unmarked(jnp.zeros(self.loose.shape, self.matrix.values.dtype), False)[1]
+        return self.solve_with_status(jnp.zeros(self.loose.shape, self.matrix.values.dtype), False)[
+            1
+        ]
 
     def or_identity(self) -> SparseFactor:
         """Return this factor, or that of the identity if the matrix is singular."""
         return copy(self, matrix=self.matrix.identity_unless(self.regular))
 
-    def solve_unmarked(
+    def solve_with_status(
         self, b: Float[Array, " n"], transposed: bool
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
         """Solve on the host, with the matrix or its transpose; see `direct.MatrixFactor`."""
@@ -212,7 +214,7 @@ class SparseFactor(MatrixFactor):
         self, b: Float[Array, " n"], transposed: bool
     ) -> tuple[Float[Array, " n"], Bool[Array, ""], Bool[Array, ""]]:
         """Solve; the host has judged the pivots, so that the solution counts as sound."""
-        return *self.solve_unmarked(b, transposed), jnp.ones((), bool)
+        return *self.solve_with_status(b, transposed), jnp.ones((), bool)
 
 
 def factorize(

@@ -96,7 +96,11 @@ def is_symmetric(matrix: Float[Array, "n n"]) -> Bool[Array, ""]:
 
 
 def _spectrum_of_symmetric(matrix, sure):
-    """Analyse a dense symmetric matrix; values below `sure` times the largest count as zero."""
+    """Count negative eigenvalues of a dense symmetric matrix, and find its mode nearest to zero.
+
+    Args:
+        sure: eigenvalues below this part of the largest count as zero.
+    """
     values, vectors = unbatched.eigh(0.5 * (matrix + matrix.T))
     nearest = jnp.argmin(jnp.abs(values))
     number = jnp.sum(values < -sure * jnp.max(jnp.abs(values))).astype(jnp.int32)
@@ -105,18 +109,20 @@ def _spectrum_of_symmetric(matrix, sure):
 
 
 def _spectrum_of_unsymmetric(matrix, sure):
-    """Analyse a dense unsymmetric matrix by its singular values; see `spectrum`."""
+    """Count negative eigenvalues of a dense unsymmetric matrix, and find its smallest singular
+    value.
+    """
     left, values, right = unbatched.svd(matrix)
     if len(matrix) > _COUNTED_UNKNOWNS:
         number, sign = jnp.int32(NOT_COUNTED), unbatched.slogdet(matrix)[0]
     else:
         shapes = jax.ShapeDtypeStruct((), jnp.int32), jax.ShapeDtypeStruct((), matrix.dtype)
-        number, sign = host_calls.call_on_host([host_eigenvalue_counter], shapes, matrix, sure)
+        number, sign = host_calls.call_on_host([make_eigenvalue_counter], shapes, matrix, sure)
     return number, sign * values[-1], right[-1], left[:, -1]
 
 
 @host_calls.host_function_family
-def host_eigenvalue_counter():
+def make_eigenvalue_counter():
     """Return the NumPy function that counts negative eigenvalues of dense matrices."""
     return _count_negative
 
@@ -132,28 +138,28 @@ def _count_negative(matrix, sure):
 
 
 def _spectrum_on_host(matrix, loose, general, strict):
-    """Analyse a sparse matrix by a call of the host; see `spectrum`."""
+    """Count negative eigenvalues of a sparse matrix, and find its nearest mode, on the host."""
     p = matrix.pattern
     of_scalar = (jax.ShapeDtypeStruct((), dtype) for dtype in (jnp.int32, matrix.values.dtype))
     of_vector = jax.ShapeDtypeStruct(loose.shape, matrix.values.dtype)
     stored = "symmetric" if p.symmetric else "general"
     return host_calls.call_on_host(
-        (host_spectrum, stored, "may be unsymmetric" if general else "is symmetric"),
+        (make_spectrum_finder, stored, "may be unsymmetric" if general else "is symmetric"),
         (*of_scalar, of_vector, of_vector),
         *(p.indptr, p.indices, matrix.values, loose, jnp.asarray(strict)),
     )
 
 
 @host_calls.host_function_family
-def host_spectrum(stored, kind):
-    """Return the NumPy function that analyses all matrices of a batch."""
+def make_spectrum_finder(stored, kind):
+    """Return the NumPy function of `_spectrum_on_host` for all matrices of a batch."""
     symmetric, general = stored == "symmetric", kind == "may be unsymmetric"
 
     def function(indptr, indices, values, loose, strict):
         batch, (own, held, *rest) = host.flatten_batch((values, loose), (strict,))
         rows = own.astype(np.float64), held, *rest
         apart = np.finfo(values.dtype).eps ** (2 / 3) if general else None
-        matrix = host.first_case(indptr, indices)
+        matrix = host.take_first_case(indptr, indices)
         found = [
             _spectrum_of_case(symmetric, apart, *matrix, *case) for case in zip(*rows, strict=True)
         ]
@@ -165,7 +171,7 @@ def host_spectrum(stored, kind):
 
 
 def _spectrum_of_case(symmetric, apart, indptr, indices, values, loose, strict):
-    """Analyse one matrix in compressed rows, NumPy.
+    """Count negative eigenvalues of a matrix in compressed rows, and find its mode nearest to zero.
 
     Args:
         apart: tolerance of its symmetry, see `_is_sparse_symmetric`; None if it is symmetric.
@@ -192,7 +198,7 @@ def _spectrum_of_case(symmetric, apart, indptr, indices, values, loose, strict):
 
 
 def _spectrum_of_sparse_symmetric(matrix, sure):
-    """Analyse a sparse symmetric matrix, NumPy; None if it cannot be factorised."""
+    """Count and find as `_spectrum_of_case` does; None if the matrix cannot be factorised."""
     n = matrix.shape[0]
     eps = np.finfo(float).eps
     if n <= _DENSE_UNKNOWNS:  # Lanczos needs more unknowns than vectors
@@ -226,7 +232,7 @@ def _is_sparse_symmetric(matrix, tol):
 
 
 def _spectrum_of_sparse_unsymmetric(matrix, sure):
-    """Analyse a sparse unsymmetric matrix, NumPy; None if it is singular."""
+    """Count and find singular values; None if the matrix is singular."""
     n = matrix.shape[0]
     counted = _count_negative(matrix.toarray(), n * sure) if n <= _COUNTED_UNKNOWNS else None
     if n <= _DENSE_UNKNOWNS:
