@@ -193,9 +193,8 @@ def check(name: str | None, exchanges_rows: bool = False) -> None:
     if name is None:
         return
     if name not in offered():
-        raise ValueError(
-            f"linear_solver = {name!r}: expected None or one of {', '.join(offered())}"
-        )
+        others = ", ".join(offered())
+        raise ValueError(f"linear_solver = {name!r}: expected None or one of {others}")
     solver = named(name)
     if not solver.available():
         raise ValueError(f"linear_solver = {name!r}: {solver.missing()}")
