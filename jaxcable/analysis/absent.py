@@ -23,7 +23,7 @@ from ..loads import CablePressure, LineLoads, SelfWeight
 from ..loads.load import Acting
 from ..model.structure import Structure
 from .by_group import is_scalar, spread
-from .phases import ABSOLUTE, INCREMENTS, Phase
+from .phases import ABSOLUTE, INCREMENTS, Phase, all_stated
 from .presence import Presence
 
 
@@ -48,10 +48,8 @@ def require_present(
     sound = presence.sound
     for k, phase in enumerate(phases):
         there = [present[k] for present in presence.present]
-        for name in (*ABSOLUTE, *INCREMENTS):
-            value, label = getattr(phase, name), f"phases[{earlier + k}].{name}"
-            if value is None:
-                continue
+        for name, value in all_stated(phase).items():
+            label = f"phases[{earlier + k}].{name}"
             if is_scalar(value):
                 _judge_scalar(name, label, [name in own for own in inputs[k]], there)
                 continue
@@ -152,7 +150,7 @@ def _judge_array(name, label, where, given, present, later):
                 waits = waits & ~(comes & chosen)
         lost |= waits & comes
         waits = waits & ~comes
-    lost &= nonzero if name in INCREMENTS else True
+    lost &= True if name in ABSOLUTE else nonzero
     if lost.any():
         k = int(lost.argmax())
         shown = ", ".join(f"{number:.6g}" for number in np.atleast_1d(values[k]))

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..common.rules import Rule, kept, not_negative, positive
 from ..common.types import Array, ArrayLike, Bool, Float
+from ..elements.abilities import STATEMENTS, statements_of
 from ..elements.element import Element
 from ..elements.prestress import Stated, of_each
 
@@ -44,6 +45,8 @@ def keeps_rules(
 
 def value_rules(name: str, values: Float[ArrayLike, " ..."], group: Element) -> list[Rule]:
     """Rules of the values of a statement, whatever the law can carry, see `common.rules`."""
+    if name not in STATEMENTS:
+        return [rule(name, values) for rule in statements_of(group)[name].rules]
     if name == "rest_length":
         return [positive(name, values, "an unstressed length must be positive")]
     if name == "prestrain":

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
-from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase, as_phases
+from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase, as_phases, restated
 from ..analysis.presence import presence_of
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
@@ -51,8 +51,9 @@ def influence(
             - "shortening" or "temperature": of every element, added to the statements of the
               phases; m, K. By default after the last phase, as turnbuckles adjusted in the final
               state.
-            - "pretension", "jacking", "force_density", "prestrain" or "rest_length": of every
-              element for which a phase states it; by default in the first phase that does.
+            - "pretension", "jacking", "force_density", "prestrain", "rest_length" or a statement of
+              `Phase.own`: of every element for which a phase states it; by default in the first
+              phase that does.
             - "load": force on every node, [n_node, 3], N; by default in the last phase.
             - "nodes": initial positions, [n_node, 3], m.
 
@@ -138,10 +139,12 @@ def _changing(structure, phases, wrt, phase, start):
             return structure, _with(phases, number, loads=loads)
 
         return jnp.zeros_like(jnp.asarray(structure.nodes)), put
-    if wrt not in (*INCREMENTS, *ABSOLUTE):
-        there = checks.meant(wrt, (*INCREMENTS, *ABSOLUTE, "load", "nodes"))
+    own = dict.fromkeys(name for each in phases for name in each.own or ())
+    known = (*INCREMENTS, *ABSOLUTE, *own)
+    if wrt not in known:
+        there = checks.meant(wrt, (*known, "load", "nodes"))
         raise ValueError(f"wrt = {wrt!r}: no input{there}")
-    if wrt in ABSOLUTE:
+    if wrt not in INCREMENTS:
         for number in range(len(phases)) if phase is None else [phase]:
             if any(value is not None for value in _stated(phases[number], structure, wrt)):
                 phase = number
@@ -162,7 +165,11 @@ def _changing(structure, phases, wrt, phase, start):
     if all(value is None for value in values):
         raise ValueError(f"wrt = {wrt!r}: no group of elements can have one")
     values = structure.arrange([jax.tree.map(jnp.asarray, v) for v in values])
-    return values, lambda v: (structure, _with(phases, phase, **{wrt: v}))
+
+    def put_statement(v):
+        return structure, [restated(p, wrt, v) if k == phase else p for k, p in enumerate(phases)]
+
+    return values, put_statement
 
 
 def _some_there(structure, phases, phase, start):

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase, as_phases
+from ..analysis.phases import Phase, all_stated, as_phases, restated
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, status
@@ -21,6 +21,7 @@ from ..common.progress import Trial, hearing, listener
 from ..common.tree import copy, pytree, replace, where
 from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements import Bars, Cables
+from ..elements.abilities import STATEMENTS
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.parts import groups_by_name, per_group
@@ -33,7 +34,6 @@ from .trials import Evaluation
 _SAME = 1e-3  # of what a target allows
 _MANY = 256  # unknowns: beyond, derivatives of targets (reverse mode) are taken
 _LITTLE = 0.05  # of the largest force of a group: a cable with less is nearly slack
-_STATEMENTS = (*ABSOLUTE, *INCREMENTS)
 
 
 @pytree(static=("remarks",))
@@ -189,7 +189,7 @@ def tune(
     def put(values):
         found = list(phases)
         for (k, name), value in zip(unknowns, values, strict=True):
-            found[k] = replace(found[k], **{name: value})
+            found[k] = restated(found[k], name, value)
         return found
 
     listen, solution, spent = listener(progress), None, jnp.int32(0)
@@ -321,12 +321,13 @@ def _stated(phases, unknowns):
             raise ValueError(
                 f"unknowns[{number}]: phase {k!r}; there are phases 0 to {len(phases) - 1}"
             )
-        if name not in _STATEMENTS:
-            there = checks.meant(name, _STATEMENTS)
+        known = [*STATEMENTS, *(phases[k].own or ())]
+        if name not in known:
+            there = checks.meant(name, known)
             raise ValueError(f"unknowns[{number}] = {name!r}: not a statement{there}")
         if unknown in unknowns[:number]:
             raise ValueError(f"unknowns[{number}] = {unknown!r}: is there twice")
-        value = getattr(phases[k], name)
+        value = all_stated(phases[k]).get(name)
         if value is None:
             raise ValueError(
                 f"unknowns[{number}]: phases[{k}] states no {name}; its values are the start"

@@ -13,6 +13,7 @@ from . import trial
 from .abilities import STATEMENTS, Jacked, Prestressable, Sagging
 from .element import SECTION_STRAIN, Element, Result
 from .element_state import ElementState
+from .stated import Statement
 
 METHODS = {
     "remembers": ("size", "initial_memory"),
@@ -59,11 +60,17 @@ def _lacks(group):
         if not callable(getattr(group, name, None)):
             yield f"results: {name!r} is not a method of the group"
     if isinstance(group, Prestressable):
-        for name in group.statements:
-            if name not in STATEMENTS:
-                yield f"statements: {name!r} is none of {', '.join(STATEMENTS)}"
+        for one in group.statements:
+            if isinstance(one, str) and one not in STATEMENTS:
+                yield (
+                    f"statements: {one!r} is none of {', '.join(STATEMENTS)}; give a `Statement` "
+                    "for one of its own"
+                )
+            if isinstance(one, Statement) and one.name in STATEMENTS:
+                yield f"statements: {one.name!r} is one of `Phase`; give the name alone"
+        names = [one if isinstance(one, str) else one.name for one in group.statements]
         for name in group.components:
-            if name not in group.statements:
+            if name not in names:
                 yield f"components: {name!r} is none of its statements"
         for name, ability in (("jacking", Jacked), ("sag", Sagging)):
             # groups that derive from `Prestressed` list all statements, and refuse these

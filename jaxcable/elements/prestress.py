@@ -78,7 +78,7 @@ class Prestressed(Prestressable):
     """
 
     has_length = True
-    statements = STATEMENTS
+    statements = tuple(STATEMENTS)
 
     def weights(self, state: AxialState) -> Float[Array, " n_elem"] | None:
         """Weight of every element, [n_elem], N; None if the group has none."""
