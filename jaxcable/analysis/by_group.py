@@ -57,7 +57,11 @@ def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
             continue
         return values
     known = [components_of(group, name) for group in structure.groups]
-    columns = [f"; components are columns, {', '.join(names)}" for names in known if names]
+    columns = [
+        f"; components are the columns of [n_elem, {len(names)}]: {', '.join(names)}"
+        for names in known
+        if names
+    ]
     raise ValueError(
         f"{name}: expected one number, numbers [n_elem] of the only group, or these by group: "
         f"the structure has {_told(numbers)}, got {_told(value)}{''.join(dict.fromkeys(columns))}"

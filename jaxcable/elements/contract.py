@@ -98,7 +98,9 @@ def check(
     The end forces must be the gradient of the energy and the tangent symmetric, unless the group
     says ``symmetric = False``; the tangent must be the derivative of the end forces in any case.
     Forces, tangent and energy must be finite, also before any motion. Arrays must be fields of the
-    pytree, since others are lost where jax takes it apart.
+    pytree, since others are lost where jax takes it apart. A statement that concerns no element
+    must leave the state as it is, and an element that is added must get a state of the same fields
+    and shapes. Where elements rotate, the quaternions q and -q are the same rotation.
 
     Args:
         group: element group, with some elements.
