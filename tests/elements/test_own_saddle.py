@@ -169,7 +169,11 @@ def test_wrong_statements_are_refused(own, message):
         jc.solve(structure, jc.Phase(own=own))
 
 
-def test_traced_statements_keep_their_rules():
+def test_traced_numbers_keep_their_rules():
+    with pytest.raises(ValueError, match=r"stiffness\[0\] = -1.0: must be positive"):
+        Saddles([[0, 1, 2]], -1.0)
+    soft = jax.jit(lambda k: jc.solve(rope(ropes=Saddles([[0, 1, 2]], k)), history()[:1]).status)
+    assert [int(soft(k)) for k in (EA, -EA)] == [status.OK, status.INVALID_INPUT]
     codes = jax.jit(jax.vmap(lambda mu: jc.solve(rope(), history(mu)[:1]).status))
     assert codes(jnp.array([MU, -MU])).tolist() == [status.OK, status.INVALID_INPUT]
 

@@ -10,11 +10,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-import jaxcable as jc
-from jaxcable.common import checks
-from jaxcable.common.tree import Indices, copy, pytree
-from jaxcable.elements.abilities import Prestressable
-from jaxcable.elements.element import ElementState, Result
+from jaxcable.extend import (
+    ElementState,
+    Indices,
+    Prestressable,
+    Result,
+    copy,
+    per_element,
+    put,
+    pytree,
+    register,
+)
 
 
 @pytree
@@ -25,7 +31,7 @@ class Strained(ElementState):
     area: object
 
 
-@jc.files.register
+@register
 @pytree(indices=("links",))
 class Membranes(Prestressable):
     """Triangles of a membrane.
@@ -49,10 +55,10 @@ class Membranes(Prestressable):
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            object.__setattr__(self, "links", Indices(np.asarray(self.links, np.int32)))
+            put(self, links=Indices(np.asarray(self.links, np.int32)))
         for name in self.per_element:
-            own = checks.per_element(getattr(self, name), len(self.links), name)
-            object.__setattr__(self, name, own)
+            own = per_element(getattr(self, name), len(self.links), name)
+            put(self, **{name: own})
 
     def start(self, ends):
         area = jax.vmap(lambda own: self._place(own)[2])(ends)
@@ -115,7 +121,7 @@ class Stressed(Strained):
     stress: object
 
 
-@jc.files.register
+@register
 @pytree(indices=("links",))
 class Cloth(Membranes):
     """Triangles in the plane x, y, with warp along x and weft along y."""

@@ -7,13 +7,22 @@ own. Source of the friction: Euler (1769), ``N1 <= N2 exp(mu alpha)``.
 import jax.numpy as jnp
 import numpy as np
 
-import jaxcable as jc
-from jaxcable.common import checks
-from jaxcable.common.rules import Rule, not_negative
-from jaxcable.common.tree import Indices, copy, pytree
-from jaxcable.elements.abilities import Prestressable
-from jaxcable.elements.element import ElementState, Result
-from jaxcable.elements.stated import Statement
+from jaxcable.extend import (
+    ElementState,
+    Indices,
+    Prestressable,
+    Result,
+    Rule,
+    Statement,
+    copy,
+    not_negative,
+    per_element,
+    positive,
+    put,
+    pytree,
+    refuse,
+    register,
+)
 
 
 def _open_or_closed(name, values):
@@ -37,7 +46,7 @@ class Laid(ElementState):
     present: object = None
 
 
-@jc.files.register
+@register
 @pytree(indices=("links",))
 class Saddles(Prestressable):
     """Taut ropes that go over a saddle, which is a node: each has a force on either side.
@@ -62,9 +71,13 @@ class Saddles(Prestressable):
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            object.__setattr__(self, "links", Indices(np.asarray(self.links, np.int32)))
-        own = checks.per_element(self.stiffness, len(self.links), "stiffness")
-        object.__setattr__(self, "stiffness", own)
+            put(self, links=Indices(np.asarray(self.links, np.int32)))
+        own = per_element(self.stiffness, len(self.links), "stiffness")
+        put(self, stiffness=own)
+        refuse(self.rules())
+
+    def rules(self):
+        return [positive("stiffness", self.stiffness)]
 
     # --- the group
 
