@@ -1,6 +1,7 @@
 """A rope over a saddle, written in a test file: statements of own elements, phase by phase."""
 
 import json
+import sys
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +16,7 @@ import jaxcable as jc
 from jaxcable.cli import main
 from jaxcable.common import status
 from jaxcable.elements import check
+from jaxcable.files.codec import TYPES
 
 EA, MU, PULL = 1e6, 0.2, 1000.0
 NODES = np.array([[-3.0, 0.0, -4.0], [0.0, 0.0, 0.0], [5.0, 0.0, 0.0]])  # sides of 5 m
@@ -201,6 +203,25 @@ def test_files_and_commands(tmp_path, capsys):
     assert main(["info", str(path)]) == 0
     text = capsys.readouterr().out
     assert "friction 0.2 on ropes\n" in text and "clamped 1 on ropes\n" in text
+
+
+def test_commands_import_own_classes(tmp_path, monkeypatch, capsys):
+    """A module of the folder that the command line names registers them; without it they are
+    unknown, and one that is not there is refused."""
+    scene = rope(), [pulled(PULL, friction=MU)]
+    jc.save_scene(tmp_path / "rope.json", scene)
+    text = "from extensions import own_saddle\nown_saddle.register(own_saddle.Saddles)\n"
+    (tmp_path / "my_ropes.py").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(TYPES, "Saddles")
+    before = list(sys.path)
+    assert main(["info", "rope.json"]) == 2
+    assert "unknown type 'Saddles'" in capsys.readouterr().err
+    assert main(["info", "rope.json", "--import", "my_strings"]) == 2
+    assert "--import: No module named 'my_strings'" in capsys.readouterr().err
+    assert main(["info", "rope.json", "--import", "my_ropes"]) == 0
+    assert "friction 0.2" in capsys.readouterr().out
+    assert sys.path == before
 
 
 def test_studies_find_own_statements():
