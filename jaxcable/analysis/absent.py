@@ -30,7 +30,7 @@ from .presence import Presence
 def require_present(
     structure: Structure,
     phases: Sequence[Phase],
-    inputs: Sequence[Sequence[dict[str, Stated]]],
+    statements: Sequence[Sequence[dict[str, Stated]]],
     presence: Presence,
     earlier: int = 0,
 ) -> Presence:
@@ -38,7 +38,7 @@ def require_present(
 
     Args:
         structure, phases: of the analysis.
-        inputs: statements of every phase and group, as `Phase.inputs` gives them.
+        statements: statements of every phase and group, as `Phase.statements` gives them.
         presence: which elements are there in which phase.
         earlier: number of phases solved before, by which messages number the phases.
 
@@ -51,7 +51,7 @@ def require_present(
         for name, value in all_stated(phase).items():
             label = f"phases[{earlier + k}].{name}"
             if is_scalar(value):
-                _judge_scalar(name, label, [name in own for own in inputs[k]], there)
+                _judge_scalar(name, label, [name in own for own in statements[k]], there)
                 continue
             values = spread(value, structure, name)
             parts = zip(values, structure.named_groups(), there, strict=True)
@@ -62,7 +62,7 @@ def require_present(
                 if isinstance(wrong, jax.core.Tracer):
                     sound = jnp.ones(len(phases), bool) if sound is None else sound
                     sound = sound.at[k].set(sound[k] & ~wrong)
-                later = [statements[number] for statements in inputs[k + 1 :]]
+                later = [of_phase[number] for of_phase in statements[k + 1 :]]
                 _judge_array(name, label, where, given, presence.present[number][k:], later)
     return presence._replace(sound=sound)
 

@@ -195,7 +195,7 @@ class Phase:
             if name in fields:
                 raise ValueError(f"own: {name!r} is an argument of Phase: Phase({name}=...)")
 
-    def inputs(self, structure: Structure) -> list[dict[str, Stated]]:
+    def statements(self, structure: Structure) -> list[dict[str, Stated]]:
         """Prestress statements per group: a list of dicts from name to `Stated`."""
         named = structure.named_groups()
         per_group = [{} for _ in named]
@@ -304,7 +304,7 @@ def _passes_by(group, name, structure):
         return name in statements_of(any_group)
 
     def differs(any_group):  # its numbers mean something else than those of cables and bars
-        return any_group.rotates or components_of(any_group, name)
+        return any_group.rotates or bool(components_of(any_group, name))
 
     if not takes(group):
         return any(map(takes, structure.groups))

@@ -17,20 +17,20 @@ _TENSIONS = ("pretension", "force_density", "jacking")
 
 
 def keeps_rules(
-    inputs: Sequence[dict[str, Stated]],
+    statements: Sequence[dict[str, Stated]],
     groups: Sequence[Element],
     nodes: Float[ArrayLike, "n_row 3"],
 ) -> Bool[Array, ""]:
     """Whether the prestress statements of a phase keep their rules, scalar bool, traced.
 
     Args:
-        inputs: for every group a dict from name to `Stated`.
+        statements: for every group a dict from name to `Stated`.
         groups: element groups, before `extended`.
         nodes: initial positions of the rows, [n_row, 3].
     """
     all_kept = kept([])
-    for group, statements in zip(groups, inputs, strict=True):
-        for name, stated in statements.items():
+    for group, own in zip(groups, statements, strict=True):
+        for name, stated in own.items():
             rules = value_rules(name, stated.values, group)
             if np.ndim(stated.values) > 1:  # a law of one strain says nothing of them
                 chosen = None if stated.chosen is None else stated.chosen[:, None]

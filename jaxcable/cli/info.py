@@ -87,7 +87,7 @@ def _changes(k, structure, presence):
 def _phase(number, phase, structure):
     """Print the contents of a phase."""
     print(f"phase {number}: {counted(phase.increments, 'increment')}")
-    stated = phase.inputs(structure)
+    stated = phase.statements(structure)
     for name in all_stated(phase):
         print(f"  {name} {_stated(name, [of.get(name) for of in stated], structure)}")
     for load in as_list(phase.loads):

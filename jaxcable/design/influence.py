@@ -188,7 +188,7 @@ def _stated(phase, structure, name):
     An item is an array [n_elem], `Only` where an absolute statement concerns some elements, or None
     without a statement.
     """
-    stated = [inputs.get(name) for inputs in phase.inputs(structure)]
+    stated = [own.get(name) for own in phase.statements(structure)]
     return [
         s
         if s is None

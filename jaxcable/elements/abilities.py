@@ -58,12 +58,12 @@ class Prestressable(Element):
         self,
         state: OwnState,
         ends: Float[Array, "n_elem n_end 3"],
-        inputs: Mapping[str, Stated],
+        statements: Mapping[str, Stated],
     ) -> ElementState:
         """State of the group after statements, by name; ends [n_elem, n_end, 3].
 
         Those that hold from the beginning of a phase (`Statement.ramped`) are given first, in a
-        call of their own. What a phase does not state is not among the `inputs`.
+        call of their own. What a phase does not state is not among the `statements`.
         """
 
     def between(self, start: OwnState, end: OwnState, factor: Scalar) -> OwnState:

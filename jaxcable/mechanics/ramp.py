@@ -32,7 +32,7 @@ class PhaseData:
 
     Attributes:
         number: of the phase.
-        inputs: prestress statements, a dict from name to `Stated` for every group.
+        statements: prestress statements, a dict from name to `Stated` for every group.
         added_load: sum of the nodal loads that it adds, [n_node, 3 or 6], N and N m, or None.
         moved: sum of its movements of supports, [n_node, 3 or 6], m and rad, or None.
         freedoms: numbering of the unknowns, with the supports of this phase.
@@ -44,7 +44,7 @@ class PhaseData:
     """
 
     number: Int[ArrayLike, ""]
-    inputs: list[dict[str, Stated]]
+    statements: list[dict[str, Stated]]
     added_load: Float[ArrayLike, "n_node n_freedom"] | None
     moved: Float[ArrayLike, "n_node n_freedom"] | None
     freedoms: Freedoms
@@ -99,17 +99,19 @@ class Ramp:
                 carry, left = presence.changed(nodes, groups, carry, *at)
                 released = released + jnp.where(data.freedoms.fixed, 0.0, left)
         states, end_states, jacks = [], [], []
-        for group, state, inputs in zip(groups, carry.states, data.inputs, strict=True):
+        for group, state, statements in zip(groups, carry.states, data.statements, strict=True):
             end_state = jack = None
-            own = statements_of(group)
-            if "jacking" in inputs:
+            known = statements_of(group)
+            if "jacking" in statements:
                 force = each("tension", group, state, nodes, carry.motion)
-                jack = (force, inputs["jacking"])
+                jack = (force, statements["jacking"])
             stateable: Any = group  # a `Prestressable`: other groups accept no statement
-            sudden = {n: stated for n, stated in inputs.items() if not own[n].ramped}
+            sudden = {n: stated for n, stated in statements.items() if not known[n].ramped}
             if sudden:
                 state = stateable.restate(state, nodes[group.links], sudden)
-            ramped = {n: stated for n, stated in inputs.items() if n not in ("jacking", *sudden)}
+            ramped = {
+                n: stated for n, stated in statements.items() if n not in ("jacking", *sudden)
+            }
             if ramped:
                 end_state = stateable.restate(state, nodes[group.links], ramped)
             states.append(state)

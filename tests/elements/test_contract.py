@@ -293,22 +293,22 @@ def test_a_memory_is_tried(kind, sentence):
 class Everywhere(Cloth):
     """It takes a statement for some elements as one for all."""
 
-    def restate(self, state, ends, inputs):
-        return copy(state, stress=inputs["pretension"].values)
+    def restate(self, state, ends, statements):
+        return copy(state, stress=statements["pretension"].values)
 
 
 class Summed(Cloth):
     """It forgets that values have components."""
 
-    def restate(self, state, ends, inputs):
-        return copy(state, stress=inputs["pretension"].values[:, 0])
+    def restate(self, state, ends, statements):
+        return copy(state, stress=statements["pretension"].values[:, 0])
 
 
 class Deaf(Cloth):
     """It asks for a statement of another name."""
 
-    def restate(self, state, ends, inputs):
-        return copy(state, stress=inputs["stress"].values)
+    def restate(self, state, ends, statements):
+        return copy(state, stress=statements["stress"].values)
 
 
 @pytest.mark.parametrize(

@@ -130,7 +130,7 @@ def test_it_keeps_its_contract():
 def test_statements_of_two_groups_and_of_some_elements():
     """Groups of one class are evaluated together; each has its own statements, in any phase."""
     structure = rope(one=Saddles([[0, 1, 2]], EA), two=Saddles([[0, 1, 2]], EA), wire=WIRE)
-    stated = jc.Phase(own={"friction": {"two": [MU]}, "clamped": 0.0}).inputs(structure)
+    stated = jc.Phase(own={"friction": {"two": [MU]}, "clamped": 0.0}).statements(structure)
     assert [list(own) for own in stated] == [["clamped"], ["friction", "clamped"], []]
     phases = [
         jc.Phase(own={"friction": {"one": MU}}),

@@ -124,7 +124,7 @@ class Jacks(Brittle, Jacked):
 
     statements = ("jacking",)
 
-    def restate(self, state, ends, inputs):
+    def restate(self, state, ends, statements):
         return state
 
     def lock(self, state, ends, motion):

@@ -64,8 +64,8 @@ class Membranes(Prestressable):
         area = jax.vmap(lambda own: self._place(own)[2])(ends)
         return Strained(jnp.zeros_like(area), area)
 
-    def restate(self, state, ends, inputs):
-        stated = inputs["prestrain"]
+    def restate(self, state, ends, statements):
+        stated = statements["prestrain"]
         return copy(state, prestrain=stated.over(stated.values, state.prestrain))
 
     def weights(self, state):
@@ -133,8 +133,8 @@ class Cloth(Membranes):
         before = super().start(ends)
         return Stressed(before.prestrain, before.area, jnp.zeros((len(ends), 2)))
 
-    def restate(self, state, ends, inputs):
-        stated = inputs["pretension"]
+    def restate(self, state, ends, statements):
+        stated = statements["pretension"]
         return copy(state, stress=stated.over(stated.values, state.stress))
 
     def _strain(self, state, ends, motion):

@@ -89,14 +89,14 @@ class Saddles(Prestressable):
     def initial_memory(self):
         return jnp.zeros(len(self.links))
 
-    def restate(self, state, ends, inputs):
+    def restate(self, state, ends, statements):
         changes = {
-            name: inputs[name].over(inputs[name].values, getattr(state, name))
+            name: statements[name].over(statements[name].values, getattr(state, name))
             for name in ("friction", "clamped")
-            if name in inputs
+            if name in statements
         }
-        if "pretension" in inputs:
-            stated = inputs["pretension"]
+        if "pretension" in statements:
+            stated = statements["pretension"]
             length = jnp.sum(_sides(ends)[1], axis=-1)
             rest = length / (1 + stated.values / self.stiffness)
             changes["rest_length"] = stated.over(rest, state.rest_length)
