@@ -60,6 +60,7 @@ from .loads import (
     NodalLoads,
     SelfWeight,
     SupportMovement,
+    Varying,
     combine,
     net_faces,
 )
@@ -98,6 +99,7 @@ __all__ = [
     "SupportMovement",
     "Supports",
     "UnstableWarning",
+    "Varying",
     "batched",
     "clamped",
     "combine",

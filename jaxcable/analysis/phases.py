@@ -45,6 +45,8 @@ PLACES = "drawn", "attached"
 class Phase:
     """One phase of the analysis: everything in it is scaled by a load factor from 0 to 1.
 
+    Loads with an amplitude are scaled by a function of the load factor (`Varying`).
+
     A statement of prestress is a scalar (for all bars and cables; for beams only if there are no
     bars and cables, or for a temperature if they have an `expansion`), an array [n_elem],
     ``only(elements, values)`` for some elements of a group, or these by group, in the shape of the

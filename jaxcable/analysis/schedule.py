@@ -18,8 +18,9 @@ from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import Element
 from ..elements.prestress import Stated
 from ..loads.load import Load
+from ..loads.varying import Amplitude, together
 from ..mechanics.load_stacks import LoadStack
-from ..mechanics.ramp import PhaseData
+from ..mechanics.ramp import Added, PhaseData
 from ..model.supports import Fixed
 from ..spaces.freedoms import Freedoms
 
@@ -47,8 +48,8 @@ class Schedule:
 
     number: Int[ArrayLike, " n_phase"]
     statements: list[dict[str, Stated]]
-    added_load: Float[ArrayLike, "n_phase n_row n_freedom"] | None
-    moved: Float[ArrayLike, "n_phase n_row n_freedom"] | None
+    added_load: Added | None
+    moved: Added | None
     freedoms: Freedoms
     changes: dict[str, PyTree[ArrayLike]] | None
     before: dict[str, ArrayLike] | None
@@ -115,12 +116,15 @@ def stated(
 
 
 def on_rows(
-    loads: Sequence[Sequence[Load]], method: str, shape: tuple[int, int], dtype: Any
-) -> Float[ArrayLike, "n_phase n_row n_freedom"] | None:
-    """Sums of the nodal loads, or movements, of every phase, [n_phase, n_row, 3 or 6], or None.
+    loads: Sequence[Sequence[tuple[Load, Amplitude | None]]],
+    method: str,
+    shape: tuple[int, int],
+    dtype: Any,
+) -> Added | None:
+    """The nodal loads, or movements, that every phase adds, with an axis [n_phase], or None.
 
     Args:
-        loads: for every phase a list of nodal loads, or of movements.
+        loads: for every phase a list of pairs: nodal load, or movement, and amplitude.
         method: the method that returns the array of one of them, "nodal_forces" or "steps".
         shape: shape of such an array, (n_row, 3 or 6).
         dtype: that of the nodes.
@@ -128,7 +132,24 @@ def on_rows(
     if not any(loads):
         return None
     zero = np.zeros(shape, dtype)
-    return stacked([sum((getattr(x, method)(shape, dtype) for x in some), zero) for some in loads])
+
+    def total(some):
+        arrays = (getattr(load, method)(shape, dtype) for load, own in some if own is None)
+        return sum(arrays, zero)
+
+    sums = [total(some) for some in loads]
+    varying = [[load for load in some if load[1] is not None] for some in loads]
+    most = max(map(len, varying))
+    if not most:
+        return Added(stacked(sums))
+    values, amplitudes = [], []
+    for proportional, some in zip(sums, varying, strict=True):
+        arrays = [getattr(load, method)(shape, dtype) for load, _ in some]
+        padding = most - len(some)  # with loads of zero
+        values.append(stacked([proportional, *arrays, *[zero] * padding]))
+        amplitudes += [None, *(own for _, own in some), *[None] * padding]
+    rows = len(loads), most + 1, -1
+    return Added(stacked(values), jax.tree.map(lambda x: x.reshape(rows), together(amplitudes)))
 
 
 def numbering(

@@ -108,7 +108,7 @@ class Task:
         self.length, self.extent = system.length_scale(), system.extent()
         self.net = system.is_net
         self.judges = not system.always_convex
-        self.loaded = loaded(system) if self.net else None
+        self.loaded = loaded(system, self.begin) if self.net else None
         # a net beyond the peak of a law finds where its curve ends by the true forces
         falls = not self.net and system.risen().is_net
         self.predicts = not self.net and not falls and have_chords(system.groups)

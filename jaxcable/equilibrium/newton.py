@@ -346,6 +346,7 @@ def march(
     """
     begun = ramp.begun()
     x = first = begun.refined(x)
+    most = ramp.most_added(begun, increments[0]) if ramp.varies else None
 
     def step(carry, increment):
         x, code, memory, factored, seen, left = carry
@@ -353,7 +354,7 @@ def march(
         system, judge = ramp.at(factor, memory), method.watch | (factor == 1)
         good, at_start = code == status.OK, factor == 0
         active, starts = live & good, at_start & good
-        balance = Balance.of(system, left, begun.load, factor)
+        balance = Balance.of(system, left, begun.load, factor, most)
         end = _iterated(system, x, method, active | starts, factored, judge, balance, starts)
         begins, ended = fresh & at_start, active & (end.code <= status.OK)
         motion, broken = where(begins, first, end.x), False

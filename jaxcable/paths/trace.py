@@ -23,6 +23,7 @@ from ..common.rules import refuse
 from ..common.tree import copy, fill
 from ..common.types import ArrayLike, Bool, Float
 from ..equilibrium.newton import Newton
+from ..loads import Varying, as_list
 from ..mechanics.ramp import Ramp
 from ..model.structure import Structure
 from ..numerics import implicit, scaled
@@ -120,6 +121,12 @@ def trace_path(
             "phases: the last one, whose path is followed, adds or removes elements; let a phase "
             "of its own before it do so"
         )
+    for k, load in enumerate(as_list(phases[-1].loads)):
+        if isinstance(load, Varying):
+            raise ValueError(
+                f"phases[{len(phases) - 1}].loads[{k}]: has an amplitude; the path of the last "
+                "phase is that of loads proportional to the load factor, let an earlier one add it"
+            )
     for name, count in (("steps", steps), ("events", events)):
         checks.whole(count, name, least=2)
     if len(phases) > 1:

@@ -24,7 +24,7 @@ from ..mechanics.elementwise import each
 from ..mechanics.ramp import Ramp
 from ..spaces import space_of
 
-_FIRST = 1e-6  # of the first increment's load: stands for no load, and has a direction
+_SMALL = 1e-6  # of the largest load in the phase: stands for no load, and has a direction
 
 
 @functools.partial(program, static=("bundles",))
@@ -74,7 +74,8 @@ def _phase(ramp, codes, path):
     motions = jnp.concatenate([begin[None], path])
     factors = jnp.arange(n_inc + 1, dtype=begin.dtype) / n_inc
     memories = None if ramp.memory is None else _memories(ramp, factors, motions)
-    points = lax.map(lambda point: _point(ramp, n_inc, *point), (factors, motions, memories))
+    small = _small_loads(ramp, factors)
+    points = lax.map(lambda point: _point(ramp, small, *point), (factors, motions, memories))
     old, new = (jax.tree.map(lambda x, s=s: x[s], points) for s in (np.s_[:-1], np.s_[1:]))
     moved = jax.vmap(space.between)(old.motion, new.motion)
 
@@ -154,8 +155,22 @@ class _Point:
         return total
 
 
-def _point(ramp, n_inc, factor, motion, memory):
-    """`_Point` at a load factor."""
+def _small_loads(ramp, factors):
+    """A small part of the largest load along every element in the phase, in the form of `_along`.
+
+    The shape of an element without load is that under it.
+    """
+
+    def small(load):
+        size = jnp.abs(load).reshape(*load.shape[:2], -1).sum(axis=-1)
+        return _SMALL * load[jnp.argmax(size, axis=0), jnp.arange(load.shape[1])]
+
+    alongs = lax.map(lambda factor: [_along(state) for state in ramp.at(factor).states], factors)
+    return jax.tree.map(small, alongs)
+
+
+def _point(ramp, small, factor, motion, memory):
+    """`_Point` at a load factor; `small` as of `_small_loads`."""
     system = ramp.at(factor, memory)
     load, following, supports = system.load, None, None
     if ramp.released is not None:
@@ -165,17 +180,15 @@ def _point(ramp, n_inc, factor, motion, memory):
         supports = system.reactions(motion) + (0.0 if supports is None else supports)
     if system.followers is not None:
         following = system.space.padded(system.following(system.nodes + motion[:, :3]))
-    # the shape of an element without load is that under a small part of its first load
-    first = ramp.at(jnp.where(factor > 0, factor, _FIRST / n_inc), memory).states
     lists = [[], [], [], []]
-    for group, state, first_state in zip(system.groups, system.states, first, strict=True):
+    for group, state, least in zip(system.groups, system.states, small, strict=True):
         if state.jack_force is not None:
             state = each("lock", group, state, system.nodes, motion)
         along, slopes = _along(state), None
         if along is None:
             energy = _energy(group, state, system.nodes, motion)
         else:
-            along = jax.tree.map(lambda a, b: jnp.where(_none(a), b, a), along, _along(first_state))
+            along = jax.tree.map(lambda a, b: jnp.where(_none(a), b, a), along, least)
             energy, slopes = jax.value_and_grad(
                 lambda q, group=group, state=state: _energy(
                     group, _under(state, q), system.nodes, motion

@@ -148,7 +148,7 @@ class RigidNodes(Space):
 
     def move(self, x: Motion, step: Step) -> Motion:
         """The motion after a step [n_free]."""
-        return self._carried_along(jax.vmap(turned)(x, self.spread(x, step)))
+        return self._carried_along(self.advanced(x, self.spread(x, step)))
 
     def _carried_along(self, x: Motion) -> Motion:
         """`x` with carried nodes put where their carriers take them."""

@@ -26,6 +26,7 @@ PLAN = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 ROUND = [[0, 1], [1, 2], [2, 3], [3, 0]]
 SPIRAL = [[2.0, 2, 0], [0, 2, 0], [0, 0, 0], [4, 0, 0], [4, 4, 0], [-2, 4, 0], [-2, 1, 0]]
 UP, AXIS = (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)
+HALF = [0.0, 0.5, 1.0]
 Loads, Phase, Target = jc.NodalLoads, jc.Phase, design.Target
 
 
@@ -333,6 +334,15 @@ framed(jc.SupportMovement([0], None, rotations=(0, 0.1, 0)), supports=jc.pinned(
         jc.restrained([0], about="x"))
     # ...rotations[0]: node 0 is not clamped
 framed(jc.SupportMovement([3], None, rotations=(0, 0.1, 0)))  # ...rotations: node 3 has no rotation
+jc.Varying([push()], HALF, HALF)  # load: expected one load without an amplitude, got list
+jc.Varying(jc.Varying(push(), HALF, HALF), HALF, HALF)
+    # load: expected one load without an amplitude, got Varying
+jc.Varying(push(), [0.0], [1.0])  # parameters: expected shape [n] with n >= 2, got (1,)
+jc.Varying(push(), HALF, [0.0, 1.0])  # factors: expected shape (3,), got (2,)
+loaded(jc.Varying(jc.SupportMovement([1], UP), HALF, HALF))
+    # phases[0].loads[0]: displacements[0]: node 1 is free along z
+jc.trace_path(net(), [Phase(loads=[push(), jc.Varying(push(), HALF, HALF)])])
+    # phases[0].loads[1]: has an amplitude; the path of the last phase is
 
 ## faces of nets
 jc.net_faces(PLAN, ROUND, border="hull")  # border = 'hull': expected None, 'ends' or 'links'
@@ -497,6 +507,10 @@ stated(cables(expansion=12.0), temperature=30.0)
 stated({"net": cables(strength=[20.0, 5.0, 20.0])}, pretension=10.0)
     # pretension['net'][1] = 10: more than the strength of the element
 
+## what no increment sees
+loaded(jc.Varying(push(), HALF, [0.0, 1.0, 0.0]))
+    # phases[0].loads[0]: factors[1] = 1 is passed by, ... from 0 to 0; ...load factor 0.5
+
 ## what acts on nothing
 loaded(push([2, 3]))
     # loads of phases[0]: all of them act on supports (node 2) ... look at the numbers
@@ -507,6 +521,7 @@ net(NODES[[0, 1, 2, 3, 1]], cables([[0, 1], [4, 2], [1, 3]]))
 """)
 
 ODD = rows("""
+loaded(jc.Varying(push(), HALF, [0.5, 0.7, 1.0]))  # a load step
 loaded(push([1, 2]))  # loads on supports as well
 stated(pretension=1.0, loads=push([2]))  # loads on supports beside prestress
 loaded(push([2], (0.0, 0, 0)))  # no load at all

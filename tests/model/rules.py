@@ -29,6 +29,7 @@ DISC = jc.Section.disc(0.1, jc.Elastic(2e11), shape=(2, 2))
 LAW = jc.Polygonal([0.0, 1e-3], [0.0, 1e6])
 STOCKY = jc.Polygonal([-1e-3, 0.0, 2e-3], [-1e6, 0.0, 2e6])
 AXIS = (0.0, 1.0, 0.0)
+RISING = [0.0, 0.5, 1.0]
 
 
 def code(structure, phases=None, method=None):
@@ -130,6 +131,16 @@ def of_method(kind, name):
 
 def pressed(axis):
     return code(net(), jc.Phase(loads=jc.CablePressure(1.0, axis)))
+
+
+def varying(load):
+    """A load by parameters `v` in the second phase, of which the first knows nothing."""
+
+    def make(v):
+        more = jc.Phase(loads=[PULL, jc.Varying(load, v, [0.0, 0.2, 1.0])], increments=2)
+        return code(net(weight=1.0), [jc.Phase(loads=jc.SelfWeight()), more])
+
+    return make
 
 
 def of_path(name):
@@ -294,6 +305,13 @@ stated("pretension", jc.Bars, area=1.0, law=STOCKY), -1e6, -1000001.0
 plumb, 1.0, 0.0  # span_rules: ...sag[0]: the nodes of the element lie
 ## loads/pressure.py
 pressed, AXIS, (0.0, 0.0, 0.0)  # axis: axis: is zero
+## loads/varying.py
+varying(PULL), RISING, [0.1, 0.5, 1.0]  # parameters: parameters[0] = 0.1: must be 0
+varying(PULL), RISING, [0.0, 0.5, 0.9]  # parameters: parameters[2] = 0.9: must be 1
+varying(jc.SelfWeight()), RISING, [0.0, 1.0, 1.0]
+    # parameters: parameters[2] = 1.0: must be above parameters[1] = 1.0
+varying(jc.SupportMovement([2], AXIS)), RISING, [0.0, -0.1, 1.0]
+    # parameters: parameters[1] = -0.1: must be above parameters[0] = 0.0
 ## equilibrium/newton.py
 of_method(jc.Newton, "tol"), 1e-9, -1.0  # tol: tol = -1.0: must be pos
 of_method(jc.Newton, "tol"), 1e-9, 1.0  # tol: tol = 1.0: relative ... any state would pass
@@ -351,6 +369,8 @@ OTHERWISE = {
     "analysis/preparation.py:_may_warn": "no rule: whether a warning can be given",
     "loads/groups.py:scattered": "no rule: which library computes",
     "loads/nodal.py:__str__": "no rule: what is said of it",
+    "loads/varying.py:__str__": "no rule: what is said of it",
+    "loads/varying.py:apart": "a warning",
     "elements/beam.py:unused_columns": "no rule: layers on one line have nothing across it",
     "elements/beam.py:_differs": "a lean without `up` is NaN in `Beams.start`",
     "materials/polygonal.py:__post_init__": "no rule: puts the origin among known points",
