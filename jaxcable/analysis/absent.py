@@ -19,7 +19,7 @@ from ..common import checks
 from ..common.selection import Only
 from ..common.types import Bool
 from ..elements.stated import Stated
-from ..loads import CablePressure, LineLoads, SelfWeight
+from ..loads.groups import OnGroups
 from ..loads.load import Acting
 from ..model.structure import Structure
 from .by_group import is_scalar, spread
@@ -70,7 +70,7 @@ def require_present(
 def loads_that_never_act(
     along: Sequence[Sequence[Acting]], presence: Presence, earlier: int = 0
 ) -> None:
-    """Warn of loads along elements none of which is there from the phase of the load on.
+    """Warn of loads on elements none of which is there from the phase of the load on.
 
     Args:
         along: element loads of every phase, after `among`.
@@ -79,18 +79,24 @@ def loads_that_never_act(
     """
     for k, loads in enumerate(along):
         for acting in loads:
-            if not isinstance(acting, SelfWeight | LineLoads | CablePressure):
+            if not isinstance(acting, OnGroups) or not acting.on:  # or a load on stated faces
                 continue
             on: Any = acting.on  # numbers of groups, after `among`
             if any(isinstance(presence.present[number], jax.core.Tracer) for number in on):
                 continue
             part = acting.part or {}
-            acts = [presence.present[n][k:] & (np.asarray(part.get(n, 1.0)) != 0) for n in on]
+            acts = [presence.present[n][k:] & _loaded(part.get(n)) for n in on]
             if not any(np.any(one) for one in acts):
                 checks.suspect(
                     f"loads of phases[{earlier + k}]: {acting} acts on elements that are not "
                     "there, neither in this phase nor in a later one"
                 )
+
+
+def _loaded(factors):
+    """Which elements a load acts on by its factors, [n_elem, ...] or None: all if not known."""
+    known = checks.concrete(factors)
+    return True if known is None else (known != 0).reshape(len(known), -1).any(axis=1)
 
 
 def _states_nothing(name, given):

@@ -12,8 +12,10 @@ from ..analysis.presence import presence_of
 from ..elements.abilities import STATEMENTS, statements_of
 from ..files.doubts import counted, doubts, place
 from ..loads import as_list
+from ..loads.faces import areas
 from ..model.parts import groups_by_name
 from ..spaces.freedoms import number_freedoms
+from ..stiffness.vibration import STANDARD_GRAVITY
 from . import inputs
 
 _MOST = 12  # nodes that are listed of a kind
@@ -50,14 +52,21 @@ def _scene(structure, phases):
     print(f"unknowns: {len(freedoms.free)}")
     named = groups_by_name(structure)
     for (label, group), lengths in zip(named, inputs.lengths(structure), strict=True):
+        sizes, kind, unit = lengths, "lengths", "m"
+        if group.face is not None:
+            sizes, kind, unit = areas(nodes[group.links.array[:, group.face]]), "areas", "m2"
         print(
             f"{type(group).__name__} {label}".strip() + f": {counted(len(lengths), 'element')}, "
-            f"lengths {inputs.spread(lengths)} m, {inputs.short(lengths.sum())} m in total"
+            f"{kind} {inputs.spread(sizes)} {unit}, {inputs.short(sizes.sum())} {unit} in total"
         )
         for field in ("axial_stiffness", "area", "rest_length", "weight", "strength", "expansion"):
             value = getattr(group, field, None)
             if value is not None:
                 print(f"  {field} {inputs.spread(value)}")
+        if group.face is not None and group.weight is not None:
+            weight = float(group.weights(group.start(nodes[group.links.array])).sum())
+            mass = inputs.short(weight / STANDARD_GRAVITY / float(sizes.sum()))
+            print(f"  weighs {inputs.short(weight)} N in total, {mass} kg/m2")
         for field in ("law", "section"):
             if getattr(group, field, None) is not None:
                 print(f"  {field} {type(getattr(group, field)).__name__}")

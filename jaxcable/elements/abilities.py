@@ -9,6 +9,7 @@ Other abilities are stated by an attribute of `Element`, because a law or a load
 | `tension_only` | `is_slack`, `at_kink` |
 | `rotates` | `end_forces_about` |
 | `slides` | `slid` |
+| `face` | none: loads on areas then find it by its group |
 | `inner`, `n_inner_row` | `unused_columns`; its end forces and motion have rows for them |
 
 `contract.require` refuses a group that lacks one of them; `contract.check` tries all methods.

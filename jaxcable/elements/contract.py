@@ -47,6 +47,10 @@ def _lacks(group):
     if wrong:
         yield f"results: expected `Result`, got {wrong[0]!r}"
         return
+    face, ends = group.face, range(group.links.shape[1] - group.n_inner_row)
+    known = isinstance(face, tuple) and len({*ends} & {*face}) == len(face) in (3, 4)
+    if face is not None and not known:
+        yield f"face: expected a tuple of 3 or 4 ends of 0 to {len(ends) - 1}, got {face!r}"
     names = [result.name for result in group.results]
     if not group.remembers and not _inherits(kind, "settled"):
         yield "settled: it is only asked where remembers = True"

@@ -125,8 +125,9 @@ def pieces(
     ends, element, owner, count = [], [], [], 0
     for number, group in enumerate(groups):
         chain = group.links.array
-        if group.outline is not None:
-            chain = chain[:, group.outline]
+        around = None if group.face is None else (*group.face, group.face[0])
+        if (outline := group.outline or around) is not None:
+            chain = chain[:, outline]
         pairs = np.stack([chain[:, :-1], chain[:, 1:]], axis=2)
         which = np.arange(count, count + len(chain))[:, None] + np.zeros_like(pairs[..., 0])
         real = pairs[..., 0] != pairs[..., 1]  # shorter chains are padded with their last node
@@ -135,6 +136,30 @@ def pieces(
         owner.append(np.full(int(real.sum()), number))
         count += len(chain)
     return np.concatenate(ends), np.concatenate(element), np.concatenate(owner)
+
+
+def faces(
+    groups: Sequence[Element | Part],
+) -> tuple[Int[np.ndarray, "n_face 4"], Int[np.ndarray, " n_face"], Int[np.ndarray, " n_face"]]:
+    """Faces of all elements that have one.
+
+    Args:
+        groups: element groups, or the parts of a `Topology`.
+
+    Returns:
+        corners: node numbers in order around the faces, [n_face, 4]; triangles name their last node
+            twice.
+        element: number of the element of each face, counted through all groups, [n_face].
+        group: number of the group of each face, [n_face].
+    """
+    corners, element, owner, count = [np.zeros((0, 4), int)], [], [], 0
+    for number, group in enumerate(groups):
+        if group.face is not None:
+            corners.append(group.links.array[:, [*group.face, group.face[-1]][:4]])
+            element += range(count, count + len(group.links))
+            owner += [number] * len(group.links)
+        count += len(group.links)
+    return np.concatenate(corners), np.array(element, int), np.array(owner, int)
 
 
 def first_and_last(group: Element | Part) -> Int[np.ndarray, "n_elem 2"]:

@@ -110,7 +110,7 @@ def _utilisation(structure, told):
     """Utilisation as a `Column`; ValueError without a structure, or if no group has a strength."""
     if structure is None:
         raise ValueError('structure: needed for colour = "utilisation"; the strengths are in it')
-    used = design.utilisation(structure, told.get("peak_tension", told.get("tension")))
+    used = design.utilization(structure, told.get("peak_tension", told.get("tension")))
     return Column("utilisation", "-", leaves(used, len(structure.groups)))
 
 

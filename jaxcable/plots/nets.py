@@ -44,7 +44,7 @@ def net(
     elevation instead of plan; a plane structure also after loading. Slack cables are dashed,
     elements in compression have a black casing. With a `structure`, catenaries hang and beams are
     bent: each is the cubic with the positions and rotations of its ends. Without it, both are
-    chords.
+    chords. Elements with faces are drawn as these, translucent.
 
     Titles say "Before loading" and "After loading" of two phases, "After phase 3 of 7" of more.
 
@@ -121,7 +121,7 @@ def net(
     held = [stage.now.held(seen.normal) for seen, stage in zip(views, stages, strict=True)]
     for number, (seen, stage, space) in enumerate(zip(views, stages, figure.axes, strict=True)):
         ghost(space, seen, found.links, stage.before)
-        lines = Members(space, seen, found.links, scale)
+        lines = Members(space, seen, found, scale)
         lines.show(stage.now)
         if supports:
             draw_supports(space, seen, stage.now.positions, held[number])

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..design import utilisation
+from ..design import utilization
 from ..elements.abilities import Sagging
 from ..elements.element import PRESENT
 from ..model.parts import columns, per_group, there
@@ -30,7 +30,7 @@ def members(structure, state, states, several):
     kept = [k for k, own in enumerate(now) if own is not None]  # groups with axial forces
     every = (state, *(other.result for other in states.values()))
     try:
-        used, *most = (per_group(structure, utilisation(structure, x)) for x in every)
+        used, *most = (per_group(structure, utilization(structure, x)) for x in every)
     except ValueError:  # no group has a strength
         used, *most = ([None] * len(now) for _ in every)
     force, over = joined(structure, now, kept), joined_each(structure, each, kept)

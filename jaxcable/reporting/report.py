@@ -27,6 +27,7 @@ from .members import groups, members, others
 from .reactions import equilibrium, reactions
 from .slackness import loose, slack
 from .stresses import stresses
+from .surfaces import surfaces
 from .table import Table, as_text, finite, headed
 
 _LONG = 30  # number of lines of a table up to which its text shows all of them
@@ -49,6 +50,7 @@ class Report:
             - ``stresses``, ``stress_envelope``: lowest and highest stress of fibres, and of bars
               and cables with an area, at the end and over all converged increments;
             - ``cutting_list``, of all elements; ``cables``, of chains of them, if there are any;
+            - ``surfaces``: areas and weights of groups whose elements have faces;
             - ``slack``, ``loose``; other results of elements by their names;
             - ``energy`` if it was asked for.
 
@@ -238,6 +240,7 @@ def report(
         **stresses(structure, solution, good, called),
         "cutting_list": cutting_list(structure, solution),
         **cables(structure, solution),
+        **surfaces(structure, state),
         "slack": slack(structure, every),
         "loose": loose(structure, every),
         **others(structure, state),
