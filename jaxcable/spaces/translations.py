@@ -61,12 +61,13 @@ class Translations(Space):
     @classmethod
     def advanced(cls, motion: Motion, step: Forces) -> Motion:
         """Motion plus step."""
-        return motion + step
+        return _after(motion, step) if is_fine(motion) else motion + step
 
     @classmethod
     def between(cls, before: Motion, after: Motion) -> Forces:
-        """Displacement from one motion to another."""
-        return after - before
+        """Displacement from one motion, without a fine part, to another."""
+        shift = coarse(after) - before
+        return shift + after[:, 3:] if is_fine(after) else shift
 
     @classmethod
     def borne(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
@@ -99,8 +100,7 @@ class Translations(Space):
 
     def move(self, x: Motion, step: Step) -> Motion:
         """The motion after a step [n_free]."""
-        spread = self.spread(x, step)
-        return _after(x, spread) if is_fine(x) else x + spread
+        return self.advanced(x, self.spread(x, step))
 
     def size(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
         """Norms of forces."""
