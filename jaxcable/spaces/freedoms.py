@@ -81,7 +81,7 @@ class Freedoms:
         carried: rigid links, (carried nodes, their carriers), [n] each, or None.
         bound: True for unknowns that are fixed in this phase and free in another one, [n_free]
             bool, or None; they do not move.
-        spins: `FreeSpins`: rows [m], their pieces [m], nodes on the lines [n_piece, 2]; or None.
+        spins: `FreeSpins`, or None.
         pattern: `linear.Pattern` of sparse matrices; None if they are dense.
         meeting: assembly map that sums the end forces of all elements at every row; None to
             scatter, which is as fast where loops are not fused (`common.fusion`), in a smaller
@@ -112,7 +112,7 @@ class Freedoms:
         return self.fixed if self.supported is None else self.supported
 
     def released(self, vector: Float[Array, " n_free"]) -> Float[Array, " n_free"]:
-        """Return a vector with zeros at unknowns that are `bound`, that is, fixed in this phase."""
+        """Return a vector with zeros at the unknowns that are `bound`."""
         return vector if self.bound is None else jnp.where(self.bound, 0.0, vector)
 
     def moves(self) -> Bool[Array, "n_row n_freedom"]:
@@ -257,13 +257,13 @@ def number_freedoms(
 
 @functools.lru_cache(maxsize=16)
 def gathering(freedoms: Freedoms, links: tuple[Indices, ...], own: bool) -> Freedoms:
-    """Add the assembly maps `meeting` and `numbering` to `Freedoms`; cached for later analyses.
+    """Add the assembly maps `meeting` and `numbering`; cached for later analyses.
 
     Args:
         freedoms: from `number_freedoms`.
         links: rows of the elements of every group.
-        own: whether every free degree of freedom has an unknown of its own; then `numbering` is
-            added, too.
+        own: whether every free degree of freedom has an unknown of its own; only then
+            `numbering` is added.
     """
     ends = np.concatenate([indices.array.ravel() for indices in links])
     found = {"meeting": linear.gathering(ends, len(freedoms.number))}

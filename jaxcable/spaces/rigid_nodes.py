@@ -59,9 +59,7 @@ _SPIN_STIFFNESS_OF_ROUNDING = 1e-9
 
 @pytree
 class RigidNodes(Space):
-    """Space of nodes with rotations: the motion of a row is displacement and quaternion.
-
-    See `Space` for the methods.
+    """Space of nodes with rotations: motions are displacement and quaternion; see `Space`.
 
     Attributes:
         nodes: initial positions, [n_row, 3], m.
@@ -142,10 +140,7 @@ class RigidNodes(Space):
     # --- points and steps
 
     def place(self, x: Motion) -> Motion:
-        """Return `x` with supported displacements, and rotations of clamped nodes, as prescribed.
-
-        Nodes on rigid links are moved with their carriers.
-        """
+        """Return `x` with supports as prescribed, and carried nodes moved with their carriers."""
         clamped = jnp.all(self.freedoms.fixed[:, 3:], axis=1, keepdims=True)
         rotation = jnp.where(clamped, self._known_prescribed[:, 3:], x[:, 3:])
         moved = self._impose_displacements(x[:, :3])
@@ -154,8 +149,7 @@ class RigidNodes(Space):
     def carried(self, x: Motion) -> Motion:
         """Return `x`, a constant, with its derivative by the rotations of hinged supports.
 
-        A support that fixes some rotations only measures them from the rotation of its node when it
-        was set; `x` turns with that one.
+        They measure from the rotation of the node when they were set; `x` turns with that one.
         """
         hinged = jnp.any(self.freedoms.fixed[:, 3:], axis=1, keepdims=True)
         support = self._support_rotations()
@@ -186,10 +180,7 @@ class RigidNodes(Space):
         return jax.vmap(rotate)(x[by, 3:], self.nodes[nodes] - self.nodes[by])
 
     def spread(self, x: Motion, step: Step) -> Forces:
-        """Return translation and spin of every row that belong to a step of the unknowns.
-
-        Carried nodes move with their carriers, by the finite rotation of the arm.
-        """
+        """Return translation and spin of every row that belong to a step of the unknowns."""
         full = jnp.append(step, jnp.zeros(1, step.dtype))[self.freedoms.number]
         full = full * self._unknown_scale()
         if self.freedoms.axes is not None:
@@ -228,10 +219,10 @@ class RigidNodes(Space):
         size = _vector_norms(force[..., :3])
         return size + _vector_norms(force[..., 3:]) / self.arm
 
-    def collected(self, force: Forces, x: Motion, spread: Forces | None = None) -> Step:
+    def collected(self, force: Forces, x: Motion, row_step: Forces | None = None) -> Step:
         """Return forces at the unknowns; those on carried nodes act on their carriers."""
         n = self.freedoms.free.shape[0]
-        force = self._shift_to_carriers(force, x, spread)
+        force = self._shift_to_carriers(force, x, row_step)
         if self.freedoms.axes is not None:
             force = jnp.concatenate(
                 [along(self.freedoms.axes, force[:, :3]), along(self._spin_axes(x), force[:, 3:])],
@@ -241,24 +232,26 @@ class RigidNodes(Space):
         sums = jnp.zeros(n, force.dtype).at[self.freedoms.number].add(scaled, mode="drop")
         return self.freedoms.released(sums)
 
-    def _shift_to_carriers(self, force: Forces, x: Motion, spread: Forces | None = None) -> Forces:
+    def _shift_to_carriers(
+        self, force: Forces, x: Motion, row_step: Forces | None = None
+    ) -> Forces:
         """Move forces and moments on carried nodes to their carriers, with the arm's moment."""
         if self.freedoms.carried is None:
             return force
         nodes, by = self.freedoms.carried
         arm, carried = self._rotated_arms(x), force[nodes]
-        if spread is None:
+        if row_step is None:
             turning = jax.vmap(cross)(arm, carried[:, :3])
         else:
-            spin = spread[by, 3:]
+            spin = row_step[by, 3:]
             arm = jax.vmap(lambda s, a: rotate(turn_by(s), a))(spin, arm)
             turning = jax.vmap(conjugate)(spin, jax.vmap(cross)(arm, carried[:, :3]))
         force = force.at[nodes].set(0.0).at[by, :3].add(carried[:, :3])
         return force.at[by, 3:].add(carried[:, 3:] + turning)
 
-    def conjugate(self, load: Forces, spread: Forces) -> Forces:
+    def conjugate(self, load: Forces, row_step: Forces) -> Forces:
         """Return loads with moments conjugate to the spins of a step; see `rotations.conjugate`."""
-        moment = jax.vmap(conjugate)(spread[:, 3:], load[:, 3:])
+        moment = jax.vmap(conjugate)(row_step[:, 3:], load[:, 3:])
         return jnp.concatenate([load[:, :3], moment], axis=1)
 
     def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:

@@ -194,20 +194,20 @@ class Space(abc.ABC):
         """Return the norms of generalized forces, N; moments are divided by a length."""
 
     @abc.abstractmethod
-    def collected(self, force: Forces, x: Motion, spread: Forces | None = None) -> Step:
+    def collected(self, force: Forces, x: Motion, row_step: Forces | None = None) -> Step:
         """Return forces at the unknowns that do the same work as forces on all rows (restriction).
 
         Args:
             force: forces on all rows, N.
             x: the motion at which they act.
-            spread: step of all rows from `x` that the forces are conjugate to; None if it is zero.
+            row_step: step of all rows from `x` that forces are conjugate to; None if it is zero.
 
         Returns:
             Forces at the unknowns, [n_free], N.
         """
 
-    def conjugate(self, load: Forces, spread: Forces) -> Forces:
-        """Return dead loads as forces that are work-conjugate to the step `spread` of all rows."""
+    def conjugate(self, load: Forces, row_step: Forces) -> Forces:
+        """Return dead loads as forces that are work-conjugate to `row_step`, a step of all rows."""
         return load
 
     @abc.abstractmethod

@@ -117,7 +117,7 @@ class Translations(Space):
         """Return the norms of forces, N."""
         return jnp.sqrt(jnp.sum(force**2, axis=-1))
 
-    def collected(self, force: Forces, x: Motion, spread: Forces | None = None) -> Step:
+    def collected(self, force: Forces, x: Motion, row_step: Forces | None = None) -> Step:
         """Return the components of forces along the free degrees of freedom, [n_free], N."""
         components = force if self.freedoms.axes is None else along(self.freedoms.axes, force)
         flat, numbering = components.reshape(-1), self.freedoms.numbering
@@ -144,7 +144,7 @@ class Translations(Space):
         inner: Sequence[tuple[int, int]],
         x: Motion,
     ) -> Part:
-        """Transform element matrices to the unknowns of their ends, see `Space.part`."""
+        """Transform element matrices to unknowns, see `Space.part`."""
         number = element_unknowns(self.freedoms.number, links, width, inner)
         blocks, slopes = as_square_matrices(blocks), self.slopes(x)
         if slopes is not None:
