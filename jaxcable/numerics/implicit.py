@@ -132,7 +132,8 @@ def _solve_tangent(problem, b):
     return _factorize_tangent(problem).marked(b)
 
 
-def _solve_adjoint(problem, b):  # nothing is assembled for phases without influence
+def _solve_adjoint(problem, b):
+    """Return ``K^-T b``; where b is zero (a phase without influence) nothing is assembled."""
     return lax.cond(
         jnp.any(b != 0), lambda b: _factorize_tangent(problem).adjoint(b), jnp.zeros_like, b
     )
@@ -210,11 +211,12 @@ def _probe_floats(floats):
 
 @_probe_floats.defjvp
 def _probe_floats_jvp(primals, tangents):
+    """Forward derivative of `_probe_floats`: the sum of all changes."""
     return _probe_floats(*primals), sum((jnp.sum(x) for x in tangents[0]), jnp.zeros(()))
 
 
 def _identity_or_nan(ok, x, touched):
-    """Return the array `x` if `ok`, else NaN; linear in `x` and the probe `touched`.
+    """Return the array `x` if `ok`, else NaN; linear in `x` and in the result of `touch`.
 
     The transpose of this map gives NaN, to `x` and through `touched` to every parameter, only where
     a cotangent is not zero. A product with NaN would give 0 NaN for cases of a batch whose
@@ -253,6 +255,7 @@ def _nan_derivative(x, touched):
 
 @_nan_derivative.defjvp
 def _nan_derivative_jvp(primals, tangents):
+    """Forward derivative of `_nan_derivative`: NaN wherever the probe changes."""
     x = primals[0]
     return x, _identity_or_nan(False, jnp.zeros_like(x), tangents[1])
 
@@ -265,5 +268,6 @@ def _nan_second_derivative(x):
 
 @_nan_second_derivative.defjvp
 def _nan_second_derivative_jvp(primals, tangents):
+    """Forward derivative of `_nan_second_derivative`: the change, itself with derivative NaN."""
     (x,), (change,) = primals, tangents
     return x, change * _nan_derivative(jnp.ones((), x.dtype), jnp.sum(x))

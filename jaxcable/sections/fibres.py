@@ -181,7 +181,9 @@ class Fibres:
 
         Laws in parallel within a fibre count one by one.
         """
-        return self._integrate_over_area(_size_at, self.fibre_strain(e0, ky, kz), memory)
+        return self._integrate_over_area(
+            _absolute_stress_of_law, self.fibre_strain(e0, ky, kz), memory
+        )
 
     def energy(
         self, e0: Numbers, ky: Numbers, kz: Numbers, memory: FibreMemory | None = None
@@ -190,7 +192,7 @@ class Fibres:
         if self.is_elastic:
             strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
             return 0.5 * jnp.sum(strain * (strain @ self.stiffness()), axis=-1)
-        return self._integrate_over_area(_energy_at, self.fibre_strain(e0, ky, kz), memory)
+        return self._integrate_over_area(_energy_of_law, self.fibre_strain(e0, ky, kz), memory)
 
     def settle(
         self,
@@ -274,12 +276,12 @@ class Fibres:
         )
 
 
-def _size_at(law, strain, memory):
+def _absolute_stress_of_law(law, strain, memory):
     """Return the sum of absolute stresses of a law, Pa, see `Law.size_at`."""
     return law.size_at(strain, memory)
 
 
-def _energy_at(law, strain, memory):
+def _energy_of_law(law, strain, memory):
     """Return the stored energy of a law per volume, J/m3, see `Law.energy_at`."""
     return law.energy_at(strain, memory)
 

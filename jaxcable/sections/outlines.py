@@ -34,7 +34,7 @@ def signed_area(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, ""]:
     return 0.5 * np.sum(y * np.roll(z, -1) - z * np.roll(y, -1))
 
 
-def line_fault(outline: Float[np.ndarray, "n 2"]) -> str | None:
+def describe_line_fault(outline: Float[np.ndarray, "n 2"]) -> str | None:
     """Return a message if a closed line has no area or crosses itself; None if it is valid."""
     if _is_collinear(outline):
         return "points: all on one straight line, which encloses no area"
@@ -44,7 +44,7 @@ def line_fault(outline: Float[np.ndarray, "n 2"]) -> str | None:
     return None
 
 
-def polygon_fault(
+def describe_polygon_fault(
     outline: Float[np.ndarray, "n 2"], holes: Sequence[Float[np.ndarray, "_ 2"]]
 ) -> str:
     """Return a message that says why the mesh of a polygon with holes has the wrong area.

@@ -283,7 +283,7 @@ def polygon(
     net = whole - sum(inner)
     meshed = meshes.cell_areas(*made).sum() if len(made[1]) else 0.0
     if not abs(meshed - net) <= 1e-9 * whole or meshed == 0:
-        raise ValueError(outlines.polygon_fault(outline, holes))
+        raise ValueError(outlines.describe_polygon_fault(outline, holes))
     quads = _quads_or_triangles(made[1], cells)
     # a strip that ends in a point has cells without area: leave them out
     quads = quads[meshes.cell_areas(made[0], quads) > 1e-14 * float(size) ** 2]

@@ -79,7 +79,11 @@ def bredt_torsion(
         )
     thickness = or_nan(positive("thickness", thickness))
     known = checks.concrete(points)
-    if known is not None and np.isfinite(known).all() and (text := outlines.line_fault(known)):
+    if (
+        known is not None
+        and np.isfinite(known).all()
+        and (text := outlines.describe_line_fault(known))
+    ):
         raise ValueError(text)
     traced = known is None or checks.concrete(thickness) is None
     pack = jnp if traced else np

@@ -49,7 +49,7 @@ from .space import (
     Space,
     Step,
     as_square_matrices,
-    transform_blocks,
+    transform_by_jacobian,
 )
 
 # stiffness of a free spin that is only rounding, over the stiffness of one node's spin: rounding
@@ -215,7 +215,7 @@ class RigidNodes(Space):
     # --- forces
 
     def size(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
-        """Return the norms of forces plus those of moments over the arm, N."""
+        """Return the norms of forces plus those of moments over the length `arm`, N."""
         size = _vector_norms(force[..., :3])
         return size + _vector_norms(force[..., 3:]) / self.arm
 
@@ -323,7 +323,7 @@ class RigidNodes(Space):
         factors = slopes[links[:, :n_end], :width]
         if freedoms.carried is None:
             factors = factors[..., :width]
-        return transform_blocks(blocks, factors, len(inner)), number
+        return transform_by_jacobian(blocks, factors, len(inner)), number
 
     def own_parts(self, load: Forces, unbalanced: Callable[[], Forces], x: Motion) -> list[Part]:
         """List terms of the tangent from nodal moments and forces on rigid links, as nodes rotate.

@@ -2,7 +2,7 @@
 
 The *motion* of a row (a node, or a row of an element, see `freedoms`) begins with its displacement.
 Forces on a row, and steps of a row, begin with three components along x, y, z. The iterate ``x`` is
-the motion of all rows, [n_row, n_motion] (of nets with a low-order *fine part*, see
+the motion of all rows, [n_row, n_motion] (of nets with a *low-order part*, see
 `translations`). A *step* [n_free] from ``x`` has an entry for every unknown, all of them lengths.
 The step of every row, [n_row, n_freedom], follows from it by *prolongation* (`Space.spread`).
 Forces on rows become forces at the unknowns by the transpose, *restriction* (`Space.collected`):
@@ -286,7 +286,7 @@ def as_square_matrices(blocks: Float[Array, "n_elem ..."]) -> Float[Array, "n_el
     return blocks.reshape(count, -1, round((blocks.size // count) ** 0.5))
 
 
-def transform_blocks(
+def transform_by_jacobian(
     blocks: Float[Array, "n_elem d d"],
     slopes: Float[Array, "n_elem n_end width n_number"],
     n_inner: int,

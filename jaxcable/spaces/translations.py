@@ -1,6 +1,6 @@
 """Nodes with three degrees of freedom, displacements only: cable nets, trusses.
 
-A motion [n_row, 3] has as many digits as a float. Nets are iterated with a low-order *fine part*
+A motion [n_row, 3] has as many digits as a float. Nets are iterated with a *low-order part*
 beside it, in three more columns: the displacement is the sum of both, to nearly twice as many
 digits (double-double, see `numerics.exact`).
 """
@@ -26,25 +26,25 @@ from .space import (
     Space,
     Step,
     as_square_matrices,
-    transform_blocks,
+    transform_by_jacobian,
 )
 
-# columns of a motion with a fine part; motions of other spaces have seven
-_COLUMNS_WITH_FINE_PART = 6
+# columns of a motion with a low-order part; motions of other spaces have seven
+_COLUMNS_WITH_LOW_PART = 6
 
 
 def is_fine(x: Float[Array, "... n_motion"]) -> bool:
-    """Return whether motions have a low-order fine part, see the module."""
-    return x.shape[-1] == _COLUMNS_WITH_FINE_PART
+    """Return whether motions have a low-order part, see the module."""
+    return x.shape[-1] == _COLUMNS_WITH_LOW_PART
 
 
 def coarse(motion: Float[Array, "... n_motion"]) -> Float[Array, "... n_motion"]:
-    """Return motions without their low-order fine part, if they have one."""
+    """Return motions without their low-order part, if they have one."""
     return motion[..., :3] if is_fine(motion) else motion
 
 
 def refined(motion: Float[Array, "n_row 3"]) -> Float[Array, "n_row 6"]:
-    """Append a low-order fine part of zero to displacements, m."""
+    """Append a low-order part of zero to displacements, m."""
     return jnp.concatenate([motion, jnp.zeros_like(motion)], axis=1)
 
 
@@ -149,12 +149,12 @@ class Translations(Space):
         blocks, slopes = as_square_matrices(blocks), self.slopes(x)
         if slopes is not None:
             n_end = (blocks.shape[1] - len(inner)) // width
-            blocks = transform_blocks(blocks, slopes[links[:, :n_end]], len(inner))
+            blocks = transform_by_jacobian(blocks, slopes[links[:, :n_end]], len(inner))
         return blocks, number
 
 
 def _add_compensated(x, step):
-    """Add a step of all rows to a motion with a fine part, without rounding it away, [n_row, 6]."""
+    """Add a step of all rows to a motion with a low-order part, without rounding errors."""
     high, lost = exact.two_sum(x[:, :3], step)
     high, low = exact.two_sum(high, x[:, 3:] + lax.stop_gradient(lost))
     return jnp.concatenate([high, lax.stop_gradient(low)], axis=1)
