@@ -155,7 +155,7 @@ def _coordinate_products(points):
 
 def _count_parts(length, size):
     """Return the least number of equal parts of a length that are not longer than `size`."""
-    return max(1, int(np.ceil(length / size - 1e-9)))
+    return max(1, int(np.ceil(length / size - 1e-9)))  # a quotient that is rounded up is whole
 
 
 def _crossing_positions(edges, level):
