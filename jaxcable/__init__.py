@@ -20,6 +20,7 @@ A net is prestressed, then loaded:
 from .common import interrupt as _interrupt  # noqa: F401, isort: skip - before jax, which loads for seconds
 from . import (
     design,
+    extend,
     files,
     forms,
     loads,
@@ -59,6 +60,7 @@ from .loads import (
     NodalLoads,
     SelfWeight,
     SupportMovement,
+    Varying,
     combine,
     net_faces,
 )
@@ -97,12 +99,14 @@ __all__ = [
     "SupportMovement",
     "Supports",
     "UnstableWarning",
+    "Varying",
     "batched",
     "clamped",
     "combine",
     "describe",
     "design",
     "energy_balance",
+    "extend",
     "fibre_stress",
     "files",
     "find_form",

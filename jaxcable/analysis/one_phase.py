@@ -16,6 +16,7 @@ from ..equilibrium import incremental, newton
 from ..equilibrium.newton import Newton
 from ..linear.sparse import Factored
 from ..mechanics.carry import Carry
+from ..mechanics.ramp import Ramp
 from ..mechanics.reading import Reading, read
 from ..numerics import implicit
 from ..numerics.rooted import told
@@ -30,6 +31,7 @@ class Ended(NamedTuple):
 
     Attributes:
         code, stable: status so far, and whether the end of the phase is stable.
+        begin: `Carry` that its increments begin with.
         carry: `Carry` after the last good increment; the one before the phase if none is good.
         point: (motion of the carry, marks) as `bare` and `marks` of `implicit.attach_apart`.
         factor: load factor of the last good increment, 0 if there is none.
@@ -40,6 +42,7 @@ class Ended(NamedTuple):
 
     code: Int[Array, ""]
     stable: Bool[Array, ""]
+    begin: Carry
     carry: Carry
     point: tuple[Float[Array, "n_row n_motion"], Float[Array, " n_row"] | None]
     factor: Float[Array, ""]
@@ -49,18 +52,21 @@ class Ended(NamedTuple):
     factored: Factored | None
 
 
-def run_phase(ramp, before, steps, method, code, differentiate_path, factored, seen, fresh, tell):
+def run_phase(
+    problem, before, steps, method, code, differentiate_path, factored, seen, fresh, tell
+):
     """Go through the increments of a phase: `Ended`.
 
     Args:
-        ramp: the phase.
-        before: the carry that it begins with.
+        problem: nodes, groups, carry and `PhaseData`, of which `Ramp.build` makes the phase.
+        before: the carry before the phase.
         steps: (number of its increments, load factors from 0 on, [1 + n_inc]). Factors above 1 are
             those of phases with more increments: nothing is done at them.
         method, code, factored, seen, fresh, tell: see `newton.march`.
         differentiate_path: whether increments have derivatives, and not only the end.
     """
-    count, factors = steps
+    ramp, (count, factors) = Ramp.build(*problem), steps
+    begin = ramp.begin
     live = (factors > 0) & (factors <= 1)
     factors = jnp.minimum(factors, 1)  # later increments repeat the end; results leave them out
     given = (factors, live), method, code
@@ -70,7 +76,7 @@ def run_phase(ramp, before, steps, method, code, differentiate_path, factored, s
         found = _stepped(ramp, count, given, fresh, tell)
     ramp, (x, bare, marks), xs, readings, log, memory, seen, factored = found
     good, live = (log[:, 0] == status.OK) & live[1:], live[1:]
-    valid, factor = _reached(good, count, ramp.begin.motion.dtype)
+    valid, factor = _reached(good, count, begin.motion.dtype)
     carry, bare = _end(ramp, factor, (x, bare), valid, before, memory)
     moved = xs[..., :3] - ramp.begin.motion[None, :, :3]
     path, counts = _path(readings, moved, good, good | ~live)
@@ -83,7 +89,7 @@ def run_phase(ramp, before, steps, method, code, differentiate_path, factored, s
         log = log.at[count - 1, stable].set(judged.astype(log.dtype))
     log = lax.stop_gradient(jnp.concatenate([log, counts.astype(log.dtype)], axis=1))
     stable = jnp.take(log[:, stable], count - 1) > 0
-    return Ended(code, stable, carry, (bare, marks), factor, seen, path, log, factored)
+    return Ended(code, stable, begin, carry, (bare, marks), factor, seen, path, log, factored)
 
 
 def _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tell):

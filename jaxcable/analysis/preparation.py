@@ -24,6 +24,7 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..loads import SelfWeight, as_list
 from ..loads.load import Acting, Moving, OnNodes
+from ..loads.varying import apart, at_peak
 from ..mechanics import load_stacks
 from ..mechanics.bundles import Bundles
 from ..mechanics.carry import Carry, unloaded
@@ -103,10 +104,10 @@ def prepare(
         for k, (phase, held) in enumerate(zip(phases, sets[1:], strict=True))
     ]
     nodal, movements, along = ([kinds[k] for kinds in loads] for k in range(3))
-    inputs = []
+    statements = []
     for k, phase in enumerate(phases):
         with _named(f"phases[{earlier + k}]."):
-            inputs.append(phase.inputs(structure))
+            statements.append(phase.statements(structure))
     stacks = load_stacks.stacks(along)
     everything = [*([] if carry is None else carry.loads), *stacks]
     bundled = bundles.groups(groups)
@@ -115,29 +116,29 @@ def prepare(
     presence = presence_of(structure, phases, None if carry is None else carry.states, earlier)
     idle = attached = None
     if presence is not None:
-        presence = require_present(structure, phases, inputs, presence, earlier)
-        loads_that_never_act(along, presence, earlier)
+        presence = require_present(structure, phases, statements, presence, earlier)
+        loads_that_never_act(_alone(along), presence, earlier)
         presence, attached = presence.bundled(bundles), attached_of(phases)
         idle = presence.idle(structure, bundled)
     for k, phase in enumerate(phases):
         moving = along[k] or movements[k]
-        alone = not (moving or any(inputs[k])) and phase.supports is None
+        alone = not (moving or any(statements[k])) and phase.supports is None
         mask = sets[k + 1].array
         waits = None if idle is None or isinstance(idle, jax.core.Tracer) else idle[k + 1]
-        plausibility.loading(earlier + k, nodal[k], mask, groups, alone, waits)
+        peaks = [at_peak(*pair) for pair in nodal[k]]
+        plausibility.loading(earlier + k, peaks, mask, groups, alone, waits)
         if not moving:
             plausibility.nothing_free(earlier + k, mask, groups)
     if any(phase.loads is not None or phase.sag is not None for phase in phases):
         weighed = any(isinstance(stack.load, SelfWeight) for stack in everything)
         plausibility.weights(structure.named_groups(), weighed)
     freedoms, changes, before = numbering(sets, numbered, idle)
+    together = statements if bundles.plain else [bundles.statements(each) for each in statements]
     nodes = structure.nodes if rows is None else structure.nodes[rows.node]
     shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
     schedule = Schedule(
         number=np.arange(len(phases), dtype=np.int32),
-        inputs=stated(
-            inputs if bundles.plain else [bundles.inputs(each) for each in inputs], bundled
-        ),
+        statements=stated(together, bundled),
         added_load=on_rows(nodal, "nodal_forces", shape, dtype),
         moved=on_rows(movements, "steps", shape, dtype),
         freedoms=freedoms,
@@ -152,7 +153,7 @@ def prepare(
         sound=None if presence is None else presence.sound,
     )
     thawed, arrays = thaw((nodes, bundled, carry, schedule))
-    warns = _may_warn(bundled, carry, everything, nodal)
+    warns = _may_warn(bundled, carry, everything, _alone(nodal))
     count = len(freedoms.free)
     return Prepared(thawed, arrays, method, code, tuple(sets), everything, bundles, count, warns)
 
@@ -193,17 +194,29 @@ def _named(where):
 
 
 def _loads(structure, phase, fixed, where):
-    """Loads of a phase, checked: lists of nodal loads, movements of supports, element loads."""
-    loads, along = as_list(phase.loads), []
-    for j, load in enumerate(loads):
-        with _named(f"{where}.loads[{j}]: "):
-            load.check(structure)
+    """Loads of a phase, checked: lists of nodal loads, movements of supports, element loads.
+
+    The lists are of pairs of a load and its amplitude (`loads.varying.apart`).
+    """
+    found = [], [], []
+    for j, given in enumerate(as_list(phase.loads)):
+        label = f"{where}.loads[{j}]"
+        with _named(f"{label}: "):
+            given.check(structure)
+            load, amplitude = apart(given, label, phase.increments)
             if isinstance(load, Moving):
                 load.check_supported(fixed)
             if isinstance(load, Acting):
-                along.append(load.among(structure))
-    movements = [load for load in loads if isinstance(load, Moving)]
-    return [load for load in loads if isinstance(load, OnNodes)], movements, along
+                load = load.among(structure)
+        for pairs, kind in zip(found, (OnNodes, Moving, Acting), strict=True):
+            if isinstance(load, kind):
+                pairs.append((load, amplitude))
+    return found
+
+
+def _alone(loads):
+    """Loads of every phase without their amplitudes, a list of lists."""
+    return [[load for load, _ in pairs] for pairs in loads]
 
 
 def _numbered(structure, method, stacks, groups, bundles, convex):
@@ -353,11 +366,14 @@ def verdicts(parameters: Frame, *others: Any) -> tuple[Bool[Array, ""], Int[Arra
     good = jnp.broadcast_to(structure_ok & kept(rules_of(others)), len(schedule))
     if schedule.sound is not None:
         good = good & schedule.sound
-    if jax.tree.leaves(schedule.inputs):
-        good = good & jax.vmap(lambda inputs: keeps_rules(inputs, groups, nodes))(schedule.inputs)
+    if jax.tree.leaves(schedule.statements):
+        good = good & jax.vmap(lambda own: keeps_rules(own, groups, nodes))(schedule.statements)
+    for added in (schedule.added_load, schedule.moved):
+        if added is not None and added.amplitude is not None:
+            good = good & jax.vmap(lambda own: kept(own.rules()))(added.amplitude)
     for stack in schedule.loads:
-        broken = ~stack.each(lambda load: kept(rules_of(load)))
-        good = good & (jnp.zeros(len(schedule), jnp.int32).at[stack.phase].add(broken) == 0)
+        broken = jnp.zeros(len(schedule), jnp.int32).at[stack.phase].add(~stack.keeps_rules())
+        good = good & (broken == 0)
     return structure_ok, jnp.where(good, status.OK, status.INVALID_INPUT).astype(jnp.int32)
 
 

@@ -18,8 +18,9 @@ from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import Element
 from ..elements.prestress import Stated
 from ..loads.load import Load
+from ..loads.varying import Amplitude, together
 from ..mechanics.load_stacks import LoadStack
-from ..mechanics.ramp import PhaseData
+from ..mechanics.ramp import Added, PhaseData
 from ..model.supports import Fixed
 from ..spaces.freedoms import Freedoms
 
@@ -30,7 +31,7 @@ class Schedule:
 
     Attributes:
         number: numbers of the phases.
-        inputs, added_load, moved: as in `PhaseData`.
+        statements, added_load, moved: as in `PhaseData`.
         freedoms: numbering of all unknowns, without the axis of phases.
         changes: fields of `freedoms` that change from phase to phase, by name, or None.
         before: fields of `freedoms` as the supports before every phase have them, by name; None if
@@ -46,9 +47,9 @@ class Schedule:
     """
 
     number: Int[ArrayLike, " n_phase"]
-    inputs: list[dict[str, Stated]]
-    added_load: Float[ArrayLike, "n_phase n_row n_freedom"] | None
-    moved: Float[ArrayLike, "n_phase n_row n_freedom"] | None
+    statements: list[dict[str, Stated]]
+    added_load: Added | None
+    moved: Added | None
     freedoms: Freedoms
     changes: dict[str, PyTree[ArrayLike]] | None
     before: dict[str, ArrayLike] | None
@@ -72,15 +73,15 @@ class Schedule:
     @property
     def rows(self) -> tuple[Any, ...]:
         """All arrays with an axis of phases, a tuple to be scanned; see `of`."""
-        data = self.inputs, self.added_load, self.moved, self.changes, self.before
+        data = self.statements, self.added_load, self.moved, self.changes, self.before
         return self.number, *data, self.present, self.attached
 
     def of(self, row: tuple[Any, ...]) -> PhaseData:
         """The `PhaseData` of one phase from its entry in `rows`."""
-        number, inputs, added, moved, changes, before, present, attached = row
+        number, statements, added, moved, changes, before, present, attached = row
         freedoms = self.freedoms if changes is None else copy(self.freedoms, **changes)
         was = None if before is None else copy(self.freedoms.of_supports, **before)
-        return PhaseData(number, inputs, added, moved, freedoms, was, present, attached)
+        return PhaseData(number, statements, added, moved, freedoms, was, present, attached)
 
     def phase(self, k: int) -> PhaseData:
         """The `PhaseData` of the phase `k`."""
@@ -88,39 +89,42 @@ class Schedule:
 
 
 def stated(
-    inputs: Sequence[Sequence[dict[str, Stated]]], groups: Sequence[Element]
+    statements: Sequence[Sequence[dict[str, Stated]]], groups: Sequence[Element]
 ) -> list[dict[str, Stated]]:
     """Prestress statements of all phases stacked: for every group a dict from name to `Stated`.
 
     Args:
-        inputs: for every phase a list with a dict for every group.
+        statements: for every phase a list with a dict for every group.
         groups: element groups.
     """
     found = []
     for k, group in enumerate(groups):
-        names = list(dict.fromkeys(name for phase in inputs for name in phase[k]))
-        count, statements = len(group.links), {}
+        names = list(dict.fromkeys(name for phase in statements for name in phase[k]))
+        count, of_group = len(group.links), {}
         for name in names:
-            some = next(phase[k][name] for phase in inputs if name in phase[k])
+            some = next(phase[k][name] for phase in statements if name in phase[k])
             nothing = Stated(np.zeros(np.shape(some.values)), np.zeros(count, bool))
-            parts = [phase[k].get(name, nothing) for phase in inputs]
+            parts = [phase[k].get(name, nothing) for phase in statements]
             if any(part.chosen is not None for part in parts):
                 parts = [
                     copy(part, chosen=np.ones(count, bool)) if part.chosen is None else part
                     for part in parts
                 ]
-            statements[name] = stacked(parts)
-        found.append(statements)
+            of_group[name] = stacked(parts)
+        found.append(of_group)
     return found
 
 
 def on_rows(
-    loads: Sequence[Sequence[Load]], method: str, shape: tuple[int, int], dtype: Any
-) -> Float[ArrayLike, "n_phase n_row n_freedom"] | None:
-    """Sums of the nodal loads, or movements, of every phase, [n_phase, n_row, 3 or 6], or None.
+    loads: Sequence[Sequence[tuple[Load, Amplitude | None]]],
+    method: str,
+    shape: tuple[int, int],
+    dtype: Any,
+) -> Added | None:
+    """The nodal loads, or movements, that every phase adds, with an axis [n_phase], or None.
 
     Args:
-        loads: for every phase a list of nodal loads, or of movements.
+        loads: for every phase a list of pairs: nodal load, or movement, and amplitude.
         method: the method that returns the array of one of them, "nodal_forces" or "steps".
         shape: shape of such an array, (n_row, 3 or 6).
         dtype: that of the nodes.
@@ -128,7 +132,24 @@ def on_rows(
     if not any(loads):
         return None
     zero = np.zeros(shape, dtype)
-    return stacked([sum((getattr(x, method)(shape, dtype) for x in some), zero) for some in loads])
+
+    def total(some):
+        arrays = (getattr(load, method)(shape, dtype) for load, own in some if own is None)
+        return sum(arrays, zero)
+
+    sums = [total(some) for some in loads]
+    varying = [[load for load in some if load[1] is not None] for some in loads]
+    most = max(map(len, varying))
+    if not most:
+        return Added(stacked(sums))
+    values, amplitudes = [], []
+    for proportional, some in zip(sums, varying, strict=True):
+        arrays = [getattr(load, method)(shape, dtype) for load, _ in some]
+        padding = most - len(some)  # with loads of zero
+        values.append(stacked([proportional, *arrays, *[zero] * padding]))
+        amplitudes += [None, *(own for _, own in some), *[None] * padding]
+    rows = len(loads), most + 1, -1
+    return Added(stacked(values), jax.tree.map(lambda x: x.reshape(rows), together(amplitudes)))
 
 
 def numbering(

@@ -19,7 +19,6 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..linear.sparse import Factored
 from ..mechanics.carry import Carry, knowing
-from ..mechanics.ramp import Ramp
 from ..mechanics.reading import Reading, read
 from ..model import plausibility
 from ..model.structure import Structure
@@ -140,22 +139,21 @@ def _through(differentiate_path, listen, bundles, thawed, arrays, method, code):
         data = schedule.of(arrays_of_phase)
         code = status.first_failure(run.code, verdict)
         before = knowing(run.carry, loads, data.number)
-        problem = nodes, groups, before, data
         sane = sound & _finite((before, data)) & (code == status.OK)
-        ramp = Ramp.build(*implicit.gate(sane, problem))
+        problem = implicit.gate(sane, (nodes, groups, before, data))
         factored = run.factored if schedule.changes is None else linear.forgotten(run.factored)
         tell = None if teller is None else functools.partial(teller, data.number, steps[0])
         fresh = run.reached.number < 0
         given = method, code, differentiate_path, factored, run.seen, fresh, tell
-        done = run_phase(ramp, before, steps, *given)
+        done = run_phase(problem, before, steps, *given)
         code, carry = done.code, done.carry
         path = copy(done.path, displacement=done.path.displacement[:, : schedule.n_node])
         reached = run.reached.after(data, done.factor)
         end = state_of(frame, carry, done.point, reached, schedule, done.seen)
         end = _unless(sound, end, touched)
-        moved = end.displacement - ramp.begin.motion[: schedule.n_node, :3]
+        moved = end.displacement - done.begin.motion[: schedule.n_node, :3]
         result = _unless(code == status.OK, copy(end, displacement=moved), touched)
-        began = [state.memory for state in ramp.begin.states]
+        began = [state.memory for state in done.begin.states]
         began = None if all(memory is None for memory in began) else began
         given = {"status": None, "stable": None, "path": None, "began": began}
         result = PhaseResult(**given, **common_fields(result))

@@ -150,7 +150,7 @@ def _marked(system, marks):
 
 def _acting(system, motion):
     """All loads on every row, with loads that slide along ropes where they are now."""
-    load = system.all_load(motion)
+    load = system.external_force(motion)
     for group, state in zip(system.groups, system.states, strict=True):
         if group.slides and state.line_load is not None:
             slid = each("slid", group, state, system.nodes, motion)
@@ -187,7 +187,7 @@ def arranged(structure: Structure, solution: Solution, task: Prepared) -> Soluti
     carry = solution.last.carry
     stacks: Any = carry.loads  # of leaves each
     loads = [
-        copy(stack, load=jax.tree.unflatten(jax.tree.structure(stack.load), leaves))
+        copy(stack, load=jax.tree.unflatten(jax.tree.structure(stack.load), leaves), amplitude=None)
         for stack, leaves in zip(task.loads, stacks, strict=True)
     ]
     return arrange(

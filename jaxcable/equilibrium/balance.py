@@ -76,6 +76,7 @@ class Balance:
         left: Float[Array, " n_free"],
         begun: Float[Array, "n_row n_freedom"],
         factor: Float[Array, ""],
+        most: Float[Array, ""] | None = None,
     ) -> Balance:
         """The balance of an increment.
 
@@ -84,8 +85,12 @@ class Balance:
             left: as of `Balance`.
             begun: dead load at the start of the phase, [n_row, n_freedom], N and N m.
             factor: load factor of the increment; at 0 nothing is added.
+            most: `Balance.load`, if the load is not proportional to the load factor.
         """
-        load = jnp.max(system.space.size(system.load - begun)) / factor
+        if most is None:
+            load = jnp.max(system.space.size(system.load - begun)) / factor
+        else:
+            load = jnp.where(factor > 0, most, 0.0)
         return cls(left, jnp.where(load > 0, load, jnp.inf))
 
     @jax.jit  # one function in a program

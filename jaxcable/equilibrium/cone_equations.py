@@ -117,7 +117,7 @@ class Equations:
         given = system, guess, under.gap, under.compliance
         ways = (lambda: new._interior(*given)), (lambda: new._end(*given, size))
         new, pull = lax.cond(policy.interior, *ways)
-        unbalanced = system.load - pieces.at_nodes(system, pull)
+        unbalanced = system.external_force(x) - pieces.at_nodes(system, pull)
         return copy(new, rhs=system.space.collected(unbalanced, x))
 
     def _interior(self, system, tension, gap, compliance):

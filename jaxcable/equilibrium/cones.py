@@ -116,7 +116,7 @@ class Cones:
         """Return the start: cables without force, all alike, in bounds that leave them room."""
         size, base, load = norm(equations.vector), equations.base, equations.load
         load = jnp.where(load > 0, load, _UNLOADED * jnp.max(base))
-        loads = jnp.sum(jnp.abs(system.space.collected(system.load, x)))
+        loads = jnp.sum(jnp.abs(system.space.collected(system.external_force(x), x)))
         tension = jnp.full_like(base, jnp.maximum(load, jnp.sqrt(load * loads)))
         if equations.held is not None:
             least = jnp.finfo(x.dtype).eps * load  # a jack may have no force

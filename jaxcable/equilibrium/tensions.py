@@ -232,7 +232,7 @@ class Tensions:
             pulls, residual: those of the system at x.
             length: of elements, m.
         """
-        load, tension = jnp.max(jnp.abs(system.load), initial=0.0), pulls.tension
+        load, tension = jnp.max(jnp.abs(system.external_force(x)), initial=0.0), pulls.tension
         if (jacked := held(system)) is not None:
             load = jnp.maximum(load, jnp.max(jnp.where(jacked, tension, 0.0)))
         guess = where(self.fresh | self.searching, tension, self.guess)

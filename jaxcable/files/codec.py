@@ -35,6 +35,7 @@ from ..loads import (
     NodalLoads,
     SelfWeight,
     SupportMovement,
+    Varying,
 )
 from ..loads.load import Load
 from ..materials import Elastic, Parallel, Polygonal
@@ -52,7 +53,7 @@ TYPES: dict[str, type] = {
         *(Structure, Supports, Phase, Only, Selection),
         *(Bars, Beams, Cables, Catenaries, SlidingCables),
         *(AreaLoads, CablePressure, FacePressure, LineLoads, NodalLoads, SelfWeight),
-        *(SupportMovement, Elastic, Parallel, Polygonal, Section),
+        *(SupportMovement, Varying, Elastic, Parallel, Polygonal, Section),
     )
 }
 """Classes whose objects a file can hold, by name."""

@@ -42,7 +42,7 @@ def split(
             )
             raise ValueError(
                 f"loads[{k}]: {type(load).__name__} is not known before the form is: it depends on "
-                f"unstressed lengths, follows or moves supports; this takes {kinds}"
+                f"unstressed lengths, follows, varies or moves supports; this takes {kinds}"
             )
         load.check(structure)
         if not more:

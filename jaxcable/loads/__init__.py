@@ -3,7 +3,8 @@
 Dead loads keep direction and magnitude: on nodes (`nodal`), along elements (`along`), on areas
 (`areas`; `meshes` finds the faces of a net). Following loads turn with the elements or faces that
 they press on (`pressure`). Supports may be moved (`movement`). Loads of elements and areas go on
-acting in later phases. `combine` scales load cases and adds them.
+acting in later phases. `Varying` lets any of them follow an amplitude within its phase. `combine`
+scales load cases and adds them.
 
 `load` is the contract: `Load` and the ways to act, `OnNodes`, `Moving`, `Dead` (with `Measured`,
 which can also be dead in the geometry where its phase begins) and `Following`.
@@ -22,6 +23,7 @@ from .meshes import net_faces
 from .movement import SupportMovement
 from .nodal import NodalLoads
 from .pressure import CablePressure, FacePressure
+from .varying import Varying
 
 __all__ = [
     "AreaLoads",
@@ -31,6 +33,7 @@ __all__ = [
     "NodalLoads",
     "SelfWeight",
     "SupportMovement",
+    "Varying",
     "as_list",
     "combine",
     "net_faces",

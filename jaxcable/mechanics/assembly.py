@@ -140,11 +140,22 @@ class System(Elementwise):
         sizes = each("size", group, state, self.nodes, motion)[:, None]
         return jnp.repeat(sizes, group.links.shape[1], axis=1)
 
-    def all_load(self, x: Motion) -> Forces:
-        """Dead and following loads on every row, as `load`."""
+    def external_force(self, x: Motion, spread: Forces | None = None) -> Forces:
+        """Forces on every row that no element makes, as `load`: dead and following loads.
+
+        A system with further forces, such as those of inertia, adds them here, and their tangent to
+        `external_parts`; every solver takes both from there.
+
+        Args:
+            x: motion of all rows.
+            spread: step of all rows from `x`; the forces are those after it, and conjugate to it.
+        """
+        load = self.load if spread is None else self.space.conjugate(self.load, spread)
         if self.followers is None:
-            return self.load
-        return self.load + self.space.padded(self.following(self.nodes + x[:, :3]))
+            return load
+        moved = self.nodes + x[:, :3]
+        moved = moved if spread is None else moved + spread[:, :3]
+        return load + self.space.padded(self.following(moved))
 
     def following(self, moved: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
         """Following loads on every row for nodes at `moved`, both [n_row, 3], N."""
@@ -154,7 +165,7 @@ class System(Elementwise):
 
     def unbalanced(self, x: Motion, end_forces: EndForces | None = None) -> Forces:
         """Internal force minus load at every row, as `load`."""
-        return self.internal_force(x, end_forces)[0] - self.all_load(x)
+        return self.internal_force(x, end_forces)[0] - self.external_force(x)
 
     def residual(self, x: Motion) -> Step:
         """Unbalanced force at every free freedom, [n_free], N (moments over a length)."""
@@ -163,10 +174,7 @@ class System(Elementwise):
     def _residual_about(self, x: Motion, step: Step) -> Step:
         """Unbalanced force conjugate to a step [n_free] from `x`, [n_free], N."""
         spread = self.space.spread(x, step)
-        load = self.space.conjugate(self.load, spread)
-        if self.followers is not None:
-            moved = self.nodes + x[:, :3] + spread[:, :3]
-            load = load + self.space.padded(self.following(moved))
+        load = self.external_force(x, spread)
         internal, _ = self.internal_force(x, self._end_forces_about(x, spread))
         return self.space.collected(internal - load, x, spread)
 
@@ -177,7 +185,7 @@ class System(Elementwise):
 
         The scale is the largest, over rows, of the sum of absolute end forces plus the load.
         """
-        (force, size), load = self.internal_force(x, end_forces), self.all_load(x)
+        (force, size), load = self.internal_force(x, end_forces), self.external_force(x)
         scale = jnp.max(size + self.space.size(load))
         return self.space.collected(force - load, x), scale
 
@@ -198,7 +206,7 @@ class System(Elementwise):
 
     def load_norm(self, x: Motion) -> Float[Array, ""]:
         """Euclidean norm of the load on the free freedoms, N (moments over a length)."""
-        return jnp.linalg.norm(self.space.collected(self.all_load(x), x))
+        return jnp.linalg.norm(self.space.collected(self.external_force(x), x))
 
     @property
     def may_be_unsymmetric(self) -> bool:
@@ -235,7 +243,7 @@ class System(Elementwise):
         By autodiff of the element forces. Dense [n_free, n_free], or sparse if the freedoms have a
         pattern. `known` are tangents of elements that are known already, see `linearized`.
         """
-        parts = self.parts(self.tangents(x, known), x) + self._parts_of_loads(x)
+        parts = self.parts(self.tangents(x, known), x) + self.external_parts(x)
         return self.space.regular(self._assemble(parts), x)
 
     def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[Part]:
@@ -258,11 +266,14 @@ class System(Elementwise):
             raise ValueError("pattern: is one of paired elements, whose masses are not paired")
         parts = self.parts(self.masses(x, gravity, distribution), x)
         # the pattern has places for terms of loads, too
-        others = jax.eval_shape(lambda: self._parts_of_loads(x))
+        others = jax.eval_shape(lambda: self.external_parts(x))
         return self._assemble(parts + jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), others))
 
-    def _parts_of_loads(self, x: Motion) -> list[Part]:
-        """Terms of the tangent from loads that follow, and from moments, as `parts`."""
+    def external_parts(self, x: Motion) -> list[Part]:
+        """Terms of the tangent from `external_force`, as `parts`: loads that follow, and moments.
+
+        A sparse pattern needs places for them, after those of the elements (`number_freedoms`).
+        """
         arguments = self.groups, self.states, self.nodes, self.nodes + x[:, :3]
         following = [
             self.space.part(-blocks, links, 3, (), x)

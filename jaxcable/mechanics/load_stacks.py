@@ -13,11 +13,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..common.rules import kept, rules_of
 from ..common.tree import Indices, copy, pytree, stacked
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import Element
 from ..elements.element_state import ElementLoad, ElementState
 from ..loads import load as kinds
+from ..loads.varying import Amplitude, together
 from .bundles import Bundles
 
 
@@ -29,11 +31,14 @@ class LoadStack:
         load: the loads as one, whose numbers have a leading axis, [m].
         phase: number of the phase that adds each load, [m]; -1 if it acts from the beginning.
         late: whether a phase after the first one adds a load.
+        amplitude: their factors in the phase that adds them, [m]; None if all are proportional to
+            its parameter.
     """
 
     load: kinds.Acting
     phase: Int[ArrayLike, " m"]
     late: bool = False
+    amplitude: Amplitude | None = None
 
     @property
     def follows(self) -> bool:
@@ -48,7 +53,19 @@ class LoadStack:
         def known(x):
             return jnp.where((self.phase <= phase).reshape(-1, *(1,) * (x.ndim - 1)), x, 0)
 
-        return copy(self, load=jax.tree.map(known, self.load))
+        load, amplitude = jax.tree.map(known, (self.load, self.amplitude))
+        return copy(self, load=load, amplitude=amplitude)
+
+    def factors(self, parameter: Float[ArrayLike, ""]) -> Float[ArrayLike, " ..."]:
+        """Factors at a parameter of the phase that adds the loads, [m], or one for all of them."""
+        return parameter if self.amplitude is None else self.amplitude.at(parameter)
+
+    def keeps_rules(self) -> Bool[Array, " m"]:
+        """Whether the numbers of each load keep their rules, [m] bool."""
+        good = self.each(lambda load: kept(rules_of(load)))
+        if self.amplitude is None:
+            return good
+        return good & jax.vmap(lambda amplitude: kept(amplitude.rules()))(self.amplitude)
 
     def bundled(self, bundles: Bundles) -> LoadStack:
         """The stack on bundles of groups."""
@@ -103,9 +120,9 @@ class Amounts:
     factors: Float[Array, " m"]
     begun: Float[Array, "m n_row 3"] | None = None
 
-    def added(self, which: Bool[Array, " m"], factor: Float[ArrayLike, ""]) -> Amounts:
-        """The amounts with the loads `which`, [m] bool, at a load factor."""
-        return copy(self, factors=jnp.where(which, factor, self.factors))
+    def added(self, which: Bool[Array, " m"], factors: Float[ArrayLike, " ..."]) -> Amounts:
+        """The amounts with the loads `which`, [m] bool, at load factors, [m] or one for all."""
+        return copy(self, factors=jnp.where(which, factors, self.factors))
 
     def at_start(self, which: Bool[Array, " m"], moved: Float[Array, "n_row 3"]) -> Amounts:
         """The amounts with positions [n_row, 3] at the start of the phase of the loads `which`."""
@@ -114,25 +131,29 @@ class Amounts:
         return copy(self, begun=jnp.where(which[:, None, None], moved, self.begun))
 
 
-def stacks(acting: Sequence[Sequence[kinds.Acting]]) -> list[LoadStack]:
+def stacks(
+    acting: Sequence[Sequence[tuple[kinds.Acting, Amplitude | None]]],
+) -> list[LoadStack]:
     """Stack element loads on the host.
 
     Args:
-        acting: for every phase a list of `loads.Acting`, as `among` makes them for the analysis.
+        acting: for every phase a list of pairs: `loads.Acting`, as `among` makes them for the
+            analysis, and amplitude.
 
     Returns:
         List of `LoadStack`, in the order in which their kinds appear.
     """
     found = {}
     for phase, loads in enumerate(acting):
-        for load in loads:
+        for load, amplitude in loads:
             kind = jax.tree.structure(load), tuple(np.shape(x) for x in jax.tree.leaves(load))
-            found.setdefault(kind, []).append((phase, load))
+            found.setdefault(kind, []).append((phase, load, amplitude))
     return [
         LoadStack(
-            stacked([load for _, load in members]),
-            np.array([phase for phase, _ in members], np.int32),
-            late=any(phase > 0 for phase, _ in members),
+            stacked([load for _, load, _ in members]),
+            np.array([phase for phase, _, _ in members], np.int32),
+            late=any(phase > 0 for phase, _, _ in members),
+            amplitude=together([amplitude for _, _, amplitude in members]),
         )
         for members in found.values()
     ]

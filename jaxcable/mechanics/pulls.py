@@ -72,8 +72,9 @@ class Pulls:
         sizes = [size[..., None] for size in system.end_sizes(self.forces, x)]
         pairs = zip(self.forces, sizes, strict=True)
         rows = system.at_rows([jnp.concatenate(pair, axis=-1) for pair in pairs])
-        scale = jnp.max(rows[:, 3] + system.space.size(system.load))
-        residual = system.space.collected(rows[:, :3] - system.load, x)
+        load = system.external_force(x)
+        scale = jnp.max(rows[:, 3] + system.space.size(load))
+        residual = system.space.collected(rows[:, :3] - load, x)
         return residual, scale, jnp.abs(system.space.collected(system.at_rows(unsure), x))
 
     def under(self, system: System, tensions: Float[Array, " n"]) -> Under:
@@ -151,7 +152,7 @@ class Under:
                 ends.append(whole[:, None, None] * along)
             else:
                 ends.append(forces + change[:, None, None] * along)
-        return system.space.collected(system.at_rows(ends) - system.load, x)
+        return system.space.collected(system.at_rows(ends) - system.external_force(x), x)
 
 
 def stiffness(
@@ -226,12 +227,12 @@ def held(system: System) -> Bool[Array, " n"] | None:
     return jnp.concatenate(found)
 
 
-def loaded(system: System) -> Bool[Array, ""]:
-    """Whether any load or jack acts."""
+def loaded(system: System, x: Motion) -> Bool[Array, ""]:
+    """Whether any load or jack acts at `x`."""
     jacks = [
         jnp.any(state.jack_force != 0) for state in system.states if state.jack_force is not None
     ]
-    return jnp.any(jnp.stack([jnp.any(system.load != 0), *jacks]))
+    return jnp.any(jnp.stack([jnp.any(system.external_force(x) != 0), *jacks]))
 
 
 def _split(system, values):

@@ -1,4 +1,7 @@
-"""A phase as a function of its load factor: the system that has to be in equilibrium.
+"""A phase as a function of its parameter: the system that has to be in equilibrium.
+
+The parameter is the load factor, from 0 to 1. Prestress and loads are proportional to it, but for
+loads with an amplitude (`loads.varying`).
 
 The phase begins with what earlier phases left (`carry.Carry`) and adds new data (`PhaseData`), both
 with index arrays in place of topology. `Ramp.build` converts the prestress statements into start
@@ -9,14 +12,17 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
+from jax import lax
 
 from ..common.tree import copy, pytree, where
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..elements.abilities import mixed
+from ..elements.abilities import mixed, statements_of
 from ..elements.element import Element
 from ..elements.element_state import ElementState, with_fields
 from ..elements.stated import Stated
+from ..loads.varying import Amplitude
 from ..spaces import space_of
 from ..spaces.freedoms import Freedoms, along, combined
 from ..spaces.space import Motion
@@ -27,14 +33,34 @@ from .elementwise import Memory, PerGroup, each
 
 
 @pytree
+class Added:
+    """Loads on nodes, or movements of supports, that a phase adds.
+
+    Attributes:
+        values: their sum, [n_row, 3 or 6], N and N m, or m and rad; with an amplitude those that
+            are proportional to the parameter, and one by one the others, [m, n_row, 3 or 6].
+        amplitude: factors of these m arrays; None if all are proportional to the parameter.
+    """
+
+    values: Float[ArrayLike, "... n_row n_freedom"]
+    amplitude: Amplitude | None = None
+
+    def at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
+        """What they add up to at a parameter, [n_row, 3 or 6]."""
+        if self.amplitude is None:
+            return parameter * self.values
+        return jnp.sum(self.amplitude.at(parameter)[:, None, None] * self.values, axis=0)
+
+
+@pytree
 class PhaseData:
     """A phase, prepared on the host.
 
     Attributes:
         number: of the phase.
-        inputs: prestress statements, a dict from name to `Stated` for every group.
-        added_load: sum of the nodal loads that it adds, [n_node, 3 or 6], N and N m, or None.
-        moved: sum of its movements of supports, [n_node, 3 or 6], m and rad, or None.
+        statements: prestress statements, a dict from name to `Stated` for every group.
+        added_load: the nodal loads that it adds, or None.
+        moved: its movements of supports, or None.
         freedoms: numbering of the unknowns, with the supports of this phase.
         freedoms_before: the same with the supports of the phase before, if supports change in any
             phase, else None.
@@ -44,9 +70,9 @@ class PhaseData:
     """
 
     number: Int[ArrayLike, ""]
-    inputs: list[dict[str, Stated]]
-    added_load: Float[ArrayLike, "n_node n_freedom"] | None
-    moved: Float[ArrayLike, "n_node n_freedom"] | None
+    statements: list[dict[str, Stated]]
+    added_load: Added | None
+    moved: Added | None
     freedoms: Freedoms
     freedoms_before: Freedoms | None
     present: presence.Present | None = None
@@ -55,16 +81,16 @@ class PhaseData:
 
 @pytree
 class Ramp:
-    """The phase between load factor 0 and 1.
+    """The phase between 0 and 1, the values of its parameter at its beginning and its end.
 
     Attributes:
         nodes, groups: the structure.
         begin: `Carry` at the start of the phase (without loads on newly supported freedoms).
-        end_states: element states at load factor 1; None for a group that does not change.
+        end_states: element states at the end; None for a group that does not change.
         jacks: (force at the start, `Stated` at the end) for a jacked group, else None.
-        added_load: nodal loads of this phase, as `Carry.nodal_load`, or None.
+        added_load: nodal loads of this phase, or None.
         added: which loads of every stack in `begin` this phase adds, list of [m] bool.
-        moved: movements of the supports in this phase, [n_node, 3 or 6], or None.
+        moved: movements of the supports in this phase, or None.
         released: reactions of newly freed freedoms, and what elements that come and go leave
             unbalanced, reduced to zero in this phase, as `Carry.nodal_load`, or None.
         freedoms: numbering of the unknowns.
@@ -75,9 +101,9 @@ class Ramp:
     begin: Carry
     end_states: list[ElementState | None]
     jacks: list[tuple[Float[Array, " n_elem"], Stated] | None]
-    added_load: Float[ArrayLike, "n_node n_freedom"] | None
+    added_load: Added | None
     added: list[Bool[Array, " m"]]
-    moved: Float[Array, "n_node n_freedom"] | None
+    moved: Added | None
     released: Float[Array, "n_row n_freedom"] | None
     freedoms: Freedoms
 
@@ -98,23 +124,37 @@ class Ramp:
                 at = data.present, data.freedoms_before, data.freedoms, data.attached
                 carry, left = presence.changed(nodes, groups, carry, *at)
                 released = released + jnp.where(data.freedoms.fixed, 0.0, left)
-        end_states, jacks = [], []
-        for group, state, inputs in zip(groups, carry.states, data.inputs, strict=True):
+        states, end_states, jacks = [], [], []
+        for group, state, statements in zip(groups, carry.states, data.statements, strict=True):
             end_state = jack = None
-            if "jacking" in inputs:
+            known = statements_of(group)
+            if "jacking" in statements:
                 force = each("tension", group, state, nodes, carry.motion)
-                jack = (force, inputs["jacking"])
-            statements = {name: stated for name, stated in inputs.items() if name != "jacking"}
-            if statements:
-                stateable: Any = group  # a `Prestressable`: other groups accept no statement
-                end_state = stateable.restate(state, nodes[group.links], statements)
+                jack = (force, statements["jacking"])
+            stateable: Any = group  # a `Prestressable`: other groups accept no statement
+            sudden = {n: stated for n, stated in statements.items() if not known[n].ramped}
+            if sudden:
+                state = stateable.restate(state, nodes[group.links], sudden)
+            ramped = {
+                n: stated for n, stated in statements.items() if n not in ("jacking", *sudden)
+            }
+            if ramped:
+                end_state = stateable.restate(state, nodes[group.links], ramped)
+            states.append(state)
             end_states.append(end_state)
             jacks.append(jack)
+        carry = copy(carry, states=states)
         steps = None if data.moved is None else _supported(data.moved, data.freedoms)
         return cls(
             *(nodes, groups, carry, end_states, jacks, data.added_load, added, steps, released),
             data.freedoms,
         )
+
+    @property
+    def varies(self) -> bool:
+        """Whether a load follows an amplitude, in this phase or in another one of the analysis."""
+        parts = [self.added_load, self.moved, *self.begin.loads]
+        return any(part is not None and part.amplitude is not None for part in parts)
 
     @property
     def memory(self) -> Memory | None:
@@ -124,17 +164,17 @@ class Ramp:
         return [state.memory for state in self.begin.states]
 
     def states(
-        self, factor: Float[ArrayLike, ""], memory: Memory | None = None
+        self, parameter: Float[ArrayLike, ""], memory: Memory | None = None
     ) -> list[ElementState]:
-        """Element states at a load factor; a `memory` per group replaces that of the start."""
+        """Element states at a parameter; a `memory` per group replaces that of the start."""
         now = []
         groups: list[Any] = self.groups  # `Prestressable` where there is an end state
         parts = groups, self.begin.states, self.end_states, self.jacks
         for group, start, end, jack in zip(*parts, strict=True):
-            state = start if end is None else group.between(start, end, factor)
+            state = start if end is None else group.between(start, end, parameter)
             if jack is not None:
                 force, stated = jack
-                force = mixed(force, stated.values, factor)
+                force = mixed(force, stated.values, parameter)
                 state = with_fields(state, jack_force=force, jacked=stated.chosen)
             now.append(state)
         if memory is not None:
@@ -144,33 +184,45 @@ class Ramp:
             ]
         return now
 
-    def nodal_load(self, factor: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
-        """Nodal loads, and what is left of reactions of freed freedoms, at a load factor."""
+    def nodal_load(self, parameter: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
+        """Nodal loads, and what is left of reactions of freed freedoms, at a parameter."""
         load = self.begin.nodal_load
         if self.added_load is not None:
-            load = load + factor * self.added_load
+            load = load + self.added_load.at(parameter)
         if self.released is not None:
-            load = load + (1 - factor) * self.released
+            load = load + (1 - parameter) * self.released
         return load
 
-    def amounts(self, factor: Float[ArrayLike, ""]) -> list[load_stacks.Amounts]:
-        """How much of the element loads acts at a load factor."""
-        pairs = zip(self.begin.amounts, self.added, strict=True)
-        return [amounts.added(which, factor) for amounts, which in pairs]
+    def amounts(self, parameter: Float[ArrayLike, ""]) -> list[load_stacks.Amounts]:
+        """How much of the element loads acts at a parameter."""
+        parts = zip(self.begin.loads, self.begin.amounts, self.added, strict=True)
+        return [amounts.added(which, stack.factors(parameter)) for stack, amounts, which in parts]
 
-    def prescribed_motion(self, factor: Float[ArrayLike, ""]) -> Motion:
-        """Motion of all nodes as the supports prescribe it at a load factor."""
+    def prescribed_motion(self, parameter: Float[ArrayLike, ""]) -> Motion:
+        """Motion of all nodes as the supports prescribe it at a parameter."""
         begin = self.begin.motion
         if self.moved is None:
             return begin
-        return space_of(self.groups).advanced(begin, factor * self.moved)
+        return space_of(self.groups).advanced(begin, self.moved.at(parameter))
 
-    def at(self, factor: Float[ArrayLike, ""], memory: Memory | None = None) -> System:
-        """The system at a load factor."""
-        now = self._loaded(self.begin.motion, self.states(factor, memory), factor)
+    def at(self, parameter: Float[ArrayLike, ""], memory: Memory | None = None) -> System:
+        """The system at a parameter."""
+        now = self._loaded(self.begin.motion, self.states(parameter, memory), parameter)
         return make_system(
-            self.nodes, self.groups, now, self.prescribed_motion(factor), self.freedoms
+            self.nodes, self.groups, now, self.prescribed_motion(parameter), self.freedoms
         )
+
+    def most_added(self, begun: System, parameters: Float[Array, " n"]) -> Float[Array, ""]:
+        """The largest dead load that the phase adds at a node at any of the parameters, N.
+
+        `begun` is the system at the start of the phase.
+        """
+
+        def added(parameter):
+            system = self.at(parameter)
+            return jnp.max(system.space.size(system.load - begun.load))
+
+        return jnp.max(lax.map(added, parameters))
 
     def settle(
         self,
@@ -191,28 +243,32 @@ class Ramp:
         return make_system(self.nodes, self.groups, self.begin, None, self.freedoms)
 
     def leave(
-        self, factor: Float[ArrayLike, ""], motion: Motion, memory: Memory | None = None
+        self, parameter: Float[ArrayLike, ""], motion: Motion, memory: Memory | None = None
     ) -> Carry:
-        """`Carry` at the end of the phase, if it ends at `factor`; its jacks are anchored."""
+        """`Carry` at the end of the phase, if it ends at `parameter`; its jacks are anchored."""
         states = []
-        for group, state in zip(self.groups, self.states(factor, memory), strict=True):
+        for group, state in zip(self.groups, self.states(parameter, memory), strict=True):
             locked = state.jack_force is not None
             states.append(each("lock", group, state, self.nodes, motion) if locked else state)
-        return self._loaded(motion, states, factor)
+        return self._loaded(motion, states, parameter)
 
     def _loaded(
-        self, motion: Motion, states: list[ElementState], factor: Float[ArrayLike, ""]
+        self, motion: Motion, states: list[ElementState], parameter: Float[ArrayLike, ""]
     ) -> Carry:
-        """`Carry` with the loads of a load factor."""
-        loads = self.nodal_load(factor), self.begin.loads, self.amounts(factor)
+        """`Carry` with the loads of a parameter."""
+        loads = self.nodal_load(parameter), self.begin.loads, self.amounts(parameter)
         return Carry(motion, states, *loads, self.begin.bearing)
 
 
-def _supported(moved, freedoms):
-    """Movements of the supports, [n_row, 3 or 6]; NaN if a traced one moves a free freedom.
+def _supported(added, freedoms):
+    """Movements of the supports on all rows; NaN if a traced one moves a free freedom.
 
     A support cannot move a freedom that it does not hold.
     """
+    if added.amplitude is not None:
+        one_by_one = jax.vmap(lambda moved: _supported(Added(moved), freedoms).values)
+        return copy(added, values=one_by_one(added.values))
+    moved = added.values
     if freedoms.rows is not None:
         moved = moved[freedoms.rows]
     if freedoms.inner is not None:
@@ -223,7 +279,7 @@ def _supported(moved, freedoms):
         shift = along(freedoms.axes, shift)
         shift = jnp.where(jnp.abs(shift) <= rounding, 0.0, shift)
     loose = ~freedoms.fixed[:, :3] & (shift != 0)
-    return jnp.where(jnp.any(loose), jnp.nan, moved)
+    return Added(jnp.where(jnp.any(loose), jnp.nan, moved))
 
 
 def _change_supports(nodes, groups, carry, data):

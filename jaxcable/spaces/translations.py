@@ -72,12 +72,13 @@ class Translations(Space):
     @classmethod
     def advanced(cls, motion: Motion, step: Forces) -> Motion:
         """Return the motion after a step of all rows: their sum."""
-        return motion + step
+        return _add_compensated(motion, step) if is_fine(motion) else motion + step
 
     @classmethod
     def between(cls, before: Motion, after: Motion) -> Forces:
-        """Return the displacement from one motion to another."""
-        return after - before
+        """Return the displacement from one motion, without a low-order part, to another."""
+        shift = coarse(after) - before
+        return shift + after[:, 3:] if is_fine(after) else shift
 
     @classmethod
     def borne(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
@@ -110,8 +111,7 @@ class Translations(Space):
 
     def move(self, x: Motion, step: Step) -> Motion:
         """Return the motion after a step of the unknowns from `x`."""
-        spread = self.spread(x, step)
-        return _add_compensated(x, spread) if is_fine(x) else x + spread
+        return self.advanced(x, self.spread(x, step))
 
     def size(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
         """Return the norms of forces, N."""

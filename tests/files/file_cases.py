@@ -106,6 +106,7 @@ def everything():
             increments=3,
         ),
         jc.Phase(loads=jc.SupportMovement([2], (0.01, 0.0, 0.0))),
+        jc.Phase(loads=jc.Varying(jc.SelfWeight(), [0.0, 0.5, 1.0], [0.0, 0.1, 0.2])),
     ]
     return jc.scenes.Scene(jc.Structure(nodes, elements, jc.Supports(mask)), phases)
 

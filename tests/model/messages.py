@@ -26,6 +26,7 @@ PLAN = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 ROUND = [[0, 1], [1, 2], [2, 3], [3, 0]]
 SPIRAL = [[2.0, 2, 0], [0, 2, 0], [0, 0, 0], [4, 0, 0], [4, 4, 0], [-2, 4, 0], [-2, 1, 0]]
 UP, AXIS = (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)
+HALF = [0.0, 0.5, 1.0]
 Loads, Phase, Target = jc.NodalLoads, jc.Phase, design.Target
 
 
@@ -311,6 +312,13 @@ jc.LineLoads(UP, per="current")  # per = 'current': expected one of
 jc.AreaLoads([[0, 1, 2]], UP, per="x")  # per = 'x'
 jc.AreaLoads([[0, 1, 2]], 1.0)  # forces: expected shape (3,) or (1, 3), got ()
 loaded(jc.AreaLoads([[1, 2, 4]], UP))  # phases[0].loads[0]: faces[0] = [1, 2, 4]: ... subtract 1
+jc.AreaLoads([[0, 1, 2]])  # forces: missing; AreaLoads needs a value of it
+jc.AreaLoads(forces=(1.0, 2.0))  # forces: expected shape (3,) or (2, 3), got (2,)
+jc.AreaLoads([[0, 1, 2]], UP, elements=jc.only([0]))  # faces, elements: give faces, or a group
+jc.AreaLoads(forces=UP, on="net", elements=[0])  # elements: expected a selection such as only
+framed(jc.AreaLoads(forces=UP, on="beam"))  # ...on = 'beam': elements['beam'] (Beams) has no faces
+loaded(jc.FacePressure(pressure=1.0))  # ...faces: missing: elements (Cables) has no faces; give
+jc.FacePressure([[0, 1, 2]], 1.0, on="net")  # faces, on: give faces, or a group
 jc.FacePressure([[0, 1]], 1.0)  # faces: expected node numbers [n, 3]
 jc.FacePressure([[0, 1, 2], [0, 1, 0]], 1.0)  # faces[1] = [0, 1, 0]: a face has at least 3
 loaded(jc.FacePressure([[0, 1, 9]], 1.0))  # ...faces[0] = [0, 1, 9]: the structure has nodes 0 to 3
@@ -334,6 +342,15 @@ framed(jc.SupportMovement([0], None, rotations=(0, 0.1, 0)), supports=jc.pinned(
         jc.restrained([0], about="x"))
     # ...rotations[0]: node 0 is not clamped
 framed(jc.SupportMovement([3], None, rotations=(0, 0.1, 0)))  # ...rotations: node 3 has no rotation
+jc.Varying([push()], HALF, HALF)  # load: expected one load without an amplitude, got list
+jc.Varying(jc.Varying(push(), HALF, HALF), HALF, HALF)
+    # load: expected one load without an amplitude, got Varying
+jc.Varying(push(), [0.0], [1.0])  # parameters: expected shape [n] with n >= 2, got (1,)
+jc.Varying(push(), HALF, [0.0, 1.0])  # factors: expected shape (3,), got (2,)
+loaded(jc.Varying(jc.SupportMovement([1], UP), HALF, HALF))
+    # phases[0].loads[0]: displacements[0]: node 1 is free along z
+jc.trace_path(net(), [Phase(loads=[push(), jc.Varying(push(), HALF, HALF)])])
+    # phases[0].loads[1]: has an amplitude; the path of the last phase is
 
 ## faces of nets
 jc.net_faces(PLAN, ROUND, border="hull")  # border = 'hull': expected None, 'ends' or 'links'
@@ -403,9 +420,9 @@ jc.describe(design.Design(*[0] * 9))  # code: got a Design; give its status
 jc.describe(np.zeros(2, int))  # code: expected one code, got shape (2,); take one
 jc.raise_if_failed(0)  # raise_if_failed: expected a solution, got int; ... describe(code)
 traced(jc.raise_if_failed, solution())  # ...the solution is being traced
-jc.energy_balance(HUNG, PHASES[:1], solution())  # phases: 1 of them, the solution has 2
+jc.energy_balance(HUNG, PHASES[:1], solution())  # phases: got 1, the solution has 2
 jc.energy_balance(HUNG, [PHASES[0], jc.replace(PHASES[1], increments=3)], solution())
-    # phases[1]: 3 increments, in the solution 1
+    # phases[1]: has 3 increments, in the solution 1
 jc.energy_balance(HUNG, PHASES, twice(solution()))  # solution: is a batch
 jc.report(HUNG, solution(), energy=True)  # energy: the balance needs the phases
 
@@ -430,23 +447,23 @@ aimed(Target("positions", on="net"))  # ...on = 'net': the result of = 'position
 aimed(Target("tensions"))  # ...of = 'tensions': a phase has no such...mean 'tension'
 aimed(Target("status"))  # ...of = 'status': a phase has no such result
 aimed(Target("section_forces"))  # ...of = 'section_forces': this structure has no such
-aimed(Target("tension", [1.0, 2, 3], on="net"))  # ...value: has 3 numbers, but 2 numbers
-aimed(Target("positions", np.eye(2), at=(1, 2)))  # ...value: has 4 numbers, but 1 num
+aimed(Target("tension", [1.0, 2, 3], on="net"))  # ...value: has 3 numbers, but ... select 2
+aimed(Target("positions", np.eye(2), at=(1, 2)))  # ...value: has 4 numbers, but ... select 1
 aimed(Target("tension", on="net", at=5))  # ...at: index 5 is out of bounds...shape [2]
-aimed(Target("tension", on="net", at=np.zeros(2, bool)))  # ...at: means no number
+aimed(Target("tension", on="net", at=np.zeros(2, bool)))  # ...at: selects no entry
 aimed(Target(lambda result: "a"))  # ...of: expected an array of floats, got str
 aimed(Target(lambda result: result.status))  # ...of: expected an array of floats, got int32
 tuned([PAIR, PAIR], Target("tension"))  # unknowns[1] = (0, 'pretension'): is there twice
-tuned([(0, "pretensions")], Target("tension"))  # ...not a statement; ... did you mean 'pretension'
+tuned([(0, "pretensions")], Target("tension"))  # ...did you mean 'pretension'
 tuned(5, Target("tension"))  # unknowns: expected a list of pairs
 tuned([PAIR], 5)  # targets: expected a list of Target, got int
 jc.influence(HUNG, PHASES, of="tensions")  # of = 'tensions': ...did you mean 'tension'
 jc.influence(HUNG, PHASES, wrt="shortenings")  # wrt = 'shortenings': ...did you mean 'shortening'
 jc.influence(HUNG, PHASES, phase=0.5)  # phase = 0.5: there are phases 0 to 1
 design.adjustment(jnp.eye(2), jnp.ones(3))
-    # jacobian: has shape [2, 2], which is not one by 3 inputs
-design.scatter(jnp.eye(2), jnp.ones(3))
-    # tolerance: expected shape (2,), that of the inputs, got (3,)
+    # jacobian: has shape [2, 2], which does not end with 3 inputs
+design.propagate_tolerances(jnp.eye(2), jnp.ones(3))
+    # tolerance: expected shape (2,), as the inputs have, got (3,)
 design.confidence(3)  # fit: expected the result of fit, got int
 design.confidence(twice(a_fit()))  # fit: a batch of shape (2,)
 design.confidence(a_fit(), deviation=0.0)  # deviation = 0.0: must be posi
@@ -458,11 +475,11 @@ design.shape_distance(solution(), np.zeros((2, 3)), nodes=[1])
 design.tension_distance(solution(), {"net": np.ones(3), "mast": 1.0})
     # tension['net']: expected a number or shape (2,), one value per element
 design.tension_distance(solution(), {"nett": 1.0, "mast": 1.0})
-    # tension: expected a number, or the shape of the elements
+    # tension: expected a number, or a pytree like the elements
 design.envelope(3.0)  # values: expected arrays with the cases
-design.utilisation(HUNG, {"net": np.ones(3), "mast": np.ones(1)})  # tension: group 1 has 2 elements
-design.utilisation(HUNG, np.ones(2))  # tension: has 1 arrays, the structure 2 groups
-design.utilisation(3, 1.0)  # structure: expected a Structure, got int
+design.utilization(HUNG, {"net": np.ones(3), "mast": np.ones(1)})  # tension: group 1 has 2 elements
+design.utilization(HUNG, np.ones(2))  # tension: has 1 arrays, the structure 2 groups
+design.utilization(3, 1.0)  # structure: expected a Structure, got int
 design.slack_distance(net(), solution())  # solution: is of another structure
 design.nearest_kink(3, jnp.ones(2), jnp.ones(2))  # distance: expected a function, got int
 design.nearest_kink(lambda x: x, jnp.ones(2), jnp.ones(3))
@@ -498,6 +515,10 @@ stated(cables(expansion=12.0), temperature=30.0)
 stated({"net": cables(strength=[20.0, 5.0, 20.0])}, pretension=10.0)
     # pretension['net'][1] = 10: more than the strength of the element
 
+## what no increment sees
+loaded(jc.Varying(push(), HALF, [0.0, 1.0, 0.0]))
+    # phases[0].loads[0]: factors[1] = 1 is passed by, ... from 0 to 0; ...load factor 0.5
+
 ## what acts on nothing
 loaded(push([2, 3]))
     # loads of phases[0]: all of them act on supports (node 2) ... look at the numbers
@@ -508,6 +529,7 @@ net(NODES[[0, 1, 2, 3, 1]], cables([[0, 1], [4, 2], [1, 3]]))
 """)
 
 ODD = rows("""
+loaded(jc.Varying(push(), HALF, [0.5, 0.7, 1.0]))  # a load step
 loaded(push([1, 2]))  # loads on supports as well
 stated(pretension=1.0, loads=push([2]))  # loads on supports beside prestress
 loaded(push([2], (0.0, 0, 0)))  # no load at all

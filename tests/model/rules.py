@@ -15,10 +15,10 @@ from jaxcable import design, forms
 from jaxcable.analysis.preparation import prepare, verdicts
 from jaxcable.analysis.solution import State
 from jaxcable.common.tree import fill, thaw
-from jaxcable.design.arguments import is_tolerance, tolerance, width_of
-from jaxcable.design.box import spread
+from jaxcable.design.arguments import check_tolerance, check_width, is_valid_tolerance
+from jaxcable.design.bounds import broadcast_to_params
 from jaxcable.mechanics.carry import unloaded
-from jaxcable.paths.trace import _settings
+from jaxcable.paths.trace import check_path_settings
 
 NODES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.2], [2.0, 0.0, 0.0]])
 LINKS = np.array([[0, 1], [1, 2]])
@@ -29,6 +29,7 @@ DISC = jc.Section.disc(0.1, jc.Elastic(2e11), shape=(2, 2))
 LAW = jc.Polygonal([0.0, 1e-3], [0.0, 1e6])
 STOCKY = jc.Polygonal([-1e-3, 0.0, 2e-3], [-1e6, 0.0, 2e6])
 AXIS = (0.0, 1.0, 0.0)
+RISING = [0.0, 0.5, 1.0]
 
 
 def code(structure, phases=None, method=None):
@@ -132,10 +133,20 @@ def pressed(axis):
     return code(net(), jc.Phase(loads=jc.CablePressure(1.0, axis)))
 
 
+def varying(load):
+    """A load by parameters `v` in the second phase, of which the first knows nothing."""
+
+    def make(v):
+        more = jc.Phase(loads=[PULL, jc.Varying(load, v, [0.0, 0.2, 1.0])], increments=2)
+        return code(net(weight=1.0), [jc.Phase(loads=jc.SelfWeight()), more])
+
+    return make
+
+
 def of_path(name):
     def make(v):
         numbers = {"until": 1.0, "down_to": -1.0, "step": 0.1, "largest": 0.1, "tol": 1e-9}
-        own = _settings(net(), *(numbers | {name: v}).values(), True)
+        own = check_path_settings(net(), *(numbers | {name: v}).values(), True)
         task = prepare(net(), jc.Phase(loads=PULL), None, None)
         return verdicts(fill(task.thawed, task.arrays), task.method, own)[1][0]
 
@@ -196,11 +207,11 @@ def prestressed(v):
 
 
 def scaled(v):
-    return spread(v, jnp.ones(2), "scale", positive=True)
+    return broadcast_to_params(v, jnp.ones(2), "scale", positive=True)
 
 
 def tolerated(v):
-    return jnp.where(is_tolerance(tolerance(v, 1e-3)), 1.0, jnp.nan)
+    return jnp.where(is_valid_tolerance(check_tolerance(v, 1e-3)), 1.0, jnp.nan)
 
 
 def adjusted(v):
@@ -208,14 +219,14 @@ def adjusted(v):
 
 
 def scattered(v):
-    return design.scatter(jnp.eye(2), v)[0]
+    return design.propagate_tolerances(jnp.eye(2), v)[0]
 
 
 def used(v):
     return design.material_use(STRESSED, v)
 
 
-width = width_of
+width = check_width
 STRESSED = jc.solve(net(), jc.Phase(pretension=1.0))
 
 
@@ -294,6 +305,13 @@ stated("pretension", jc.Bars, area=1.0, law=STOCKY), -1e6, -1000001.0
 plumb, 1.0, 0.0  # span_rules: ...sag[0]: the nodes of the element lie
 ## loads/pressure.py
 pressed, AXIS, (0.0, 0.0, 0.0)  # axis: axis: is zero
+## loads/varying.py
+varying(PULL), RISING, [0.1, 0.5, 1.0]  # parameters: parameters[0] = 0.1: must be 0
+varying(PULL), RISING, [0.0, 0.5, 0.9]  # parameters: parameters[2] = 0.9: must be 1
+varying(jc.SelfWeight()), RISING, [0.0, 1.0, 1.0]
+    # parameters: parameters[2] = 1.0: must be above parameters[1] = 1.0
+varying(jc.SupportMovement([2], AXIS)), RISING, [0.0, -0.1, 1.0]
+    # parameters: parameters[1] = -0.1: must be above parameters[0] = 0.0
 ## equilibrium/newton.py
 of_method(jc.Newton, "tol"), 1e-9, -1.0  # tol: tol = -1.0: must be pos
 of_method(jc.Newton, "tol"), 1e-9, 1.0  # tol: tol = 1.0: relative ... any state would pass
@@ -301,7 +319,7 @@ of_method(jc.Newton, "max_steps"), 3.0, 0.0  # max_steps: max_steps = 0.0: must 
 of_method(jc.Newton, "max_steps"), 3.0, 2.5  # max_steps: max_steps = 2.5: expected a whole
 ## equilibrium/incremental.py
 of_method(jc.Incremental, "tol"), 0.1, np.nan  # tol: tol = nan
-## paths/run.py
+## paths/path_state.py
 of_path("until"),  # until: until = -1.0
 of_path("down_to"), -1.0, 1.0  # down_to: down_to = 1.0
 of_path("step"), 0.1, -0.1  # step: step = -0.1
@@ -328,7 +346,7 @@ chain, [0.1, 1.0, 1e6], [0.1, 1.0, -1.0]  # hanging_chain: axial_stiffness = -1.
 hung_to, (1.0, 0.0, 0.2), (0.0, 0.0, 0.2)  # second: first, second: the ends lie above each other
 ## forms/feasible.py
 prestressed,  # tension: tension = -1.0: with group ... so
-## design/box.py
+## design/bounds.py
 scaled, [1.0, 1.0], [1.0, -1.0]  # fill: scale[1] = -1.0
 ## design/arguments.py
 tolerated, 0.5, 1.0  # tol: tol = 1.0
@@ -348,9 +366,12 @@ used, 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
 OTHERWISE = {
     "analysis/absent.py:_states_nothing": "a traced increment may be other than zero: it counts",
     "analysis/absent.py:_judge_array": "a warning",
+    "analysis/absent.py:_loaded": "a warning",
     "analysis/preparation.py:_may_warn": "no rule: whether a warning can be given",
     "loads/groups.py:scattered": "no rule: which library computes",
     "loads/nodal.py:__str__": "no rule: what is said of it",
+    "loads/varying.py:__str__": "no rule: what is said of it",
+    "loads/varying.py:apart": "a warning",
     "elements/beam.py:unused_columns": "no rule: layers on one line have nothing across it",
     "elements/beam.py:_differs": "a lean without `up` is NaN in `Beams.start`",
     "materials/polygonal.py:__post_init__": "no rule: puts the origin among known points",
@@ -360,12 +381,12 @@ OTHERWISE = {
     "sections/outlines.py:checked_corners": "traced outlines are refused",
     "sections/composites.py:_sum_torsion": "NaN where it is traced",
     "model/structure.py:__post_init__": "warnings; the rules of places are asked in any case",
-    "design/box.py:check": "bounds that are traced end in the status OUTSIDE (`Box.holds`)",
-    "stiffness/vibration.py:_with_mass": "no rule: how many modes have mass",
+    "design/bounds.py:check": "bounds that are traced end in the status OUTSIDE",
+    "stiffness/vibration.py:_without_massless_modes": "no rule: how many modes have mass",
     "stiffness/vibration.py:natural_frequencies": "NaN where it is traced: an unsymmetric tangent",
-    "stiffness/vibration.py:_suspect_catenaries": "no rule: a warning",
+    "stiffness/vibration.py:_warn_of_modes_within_spans": "no rule: a warning",
     "stiffness/buckling.py:buckling_factor": "NaN where it is traced",
-    "stiffness/buckling.py:_have_unstressed": "NaN where it is traced",
+    "stiffness/buckling.py:_can_be_unstressed": "NaN where it is traced",
     "model/supports.py:_directions": "traced directions are refused",
     "model/spins.py:free_spins": "a warning",
     "model/spins.py:warn": "a warning",

@@ -1,0 +1,204 @@
+"""Loads that follow an amplitude: a piecewise linear function of the parameter of their phase."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..common import checks
+from ..common.rules import Rule, refuse
+from ..common.tree import computed, joined, put, pytree, stacked
+from ..common.types import Array, ArrayLike, Float
+from ..model.structure import Structure
+from .load import Load
+
+_SHOWN = 8  # points of an amplitude that are shown
+
+
+@pytree
+class Amplitude:
+    """Factors of a load at values of the parameter of a phase, with straight lines between them.
+
+    Attributes:
+        parameters: increasing from 0 to 1, [..., n_point].
+        factors: of the load at these, [..., n_point].
+    """
+
+    parameters: Float[ArrayLike, "... n_point"]
+    factors: Float[ArrayLike, "... n_point"]
+
+    def at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, " ..."]:
+        """Interpolate the factor at a parameter.
+
+        At 0 it is zero, whatever the first factor: a phase begins with what earlier ones left.
+        """
+        begin, end = self.parameters[..., :-1], self.parameters[..., 1:]
+        width = jnp.where(end > begin, end - begin, 1.0)  # points of later phases are all zero
+        # no index is looked up: its derivative would scatter, which ends a fused program
+        passed = jnp.clip((parameter - begin) / width, 0.0, 1.0)
+        rises = self.factors[..., 1:] - self.factors[..., :-1]
+        factor = self.factors[..., 0] + jnp.sum(rises * passed, axis=-1)
+        return jnp.where(parameter > 0, factor, 0.0)
+
+    def padded(self, n_point: int) -> Amplitude:
+        """Return the same function with `n_point` points, more of them on its last line."""
+        count = n_point - len(self.parameters)
+        if not count:
+            return self
+        parts = np.arange(1, count + 1) / (count + 1)
+
+        def more(values):
+            before, last = values[-2], values[-1]
+            return joined([values[:-1], before + parts * (last - before), values[-1:]])
+
+        return jax.tree.map(more, self)
+
+    def rules(self) -> list[Rule]:
+        """The rules of the parameters, see `common.rules`."""
+        given = self.parameters
+        return [
+            Rule("parameters", given, lambda v: abs(v[..., :1]) > 0, _first),
+            Rule("parameters", given, lambda v: abs(v[..., -1:] - 1) > 0, _last),
+            Rule("parameters", given, lambda v: v[..., 1:] <= v[..., :-1], _not_increasing),
+        ]
+
+
+def together(amplitudes: Sequence[Amplitude | None]) -> Amplitude | None:
+    """Stack amplitudes with a leading axis and equally many points; None if no load has any.
+
+    A load without an amplitude is proportional to the parameter.
+    """
+    if all(amplitude is None for amplitude in amplitudes):
+        return None
+    line = np.array([0.0, 1.0])
+    given = [Amplitude(line, line) if one is None else one for one in amplitudes]
+    n_point = max(len(one.parameters) for one in given)
+    return stacked([one.padded(n_point) for one in given])
+
+
+@pytree
+class Varying(Load):
+    """A load that follows an amplitude within its phase, not the load factor itself.
+
+    Other loads of a phase grow in proportion to its load factor. This one is multiplied by a
+    piecewise linear function of it (an amplitude, or time series): snow before wind, a wind that
+    rises and falls, a load that moves from node to node, loading and unloading in one phase.
+
+    A phase begins in the equilibrium that earlier phases left. A first factor that is not zero is a
+    load step: the first increment applies it. After the phase the load goes on acting with its
+    last factor. Equilibrium is found at the ends of increments only: choose their number so that
+    they end at the points of the amplitude. A warning says if they pass by its largest or smallest
+    factor.
+
+    Args:
+        load: any load, or a `SupportMovement`.
+        parameters: load factors of the phase, [n], n >= 2, increasing from 0 to 1.
+        factors: of the load at these, [n], of any sign, without unit. Derivatives by the parameter
+            of a point at which an increment ends are the mean of those on both sides.
+
+    Raises:
+        ValueError: no load, or one that varies already; wrong shapes; parameters that do not
+            increase from 0 to 1 (traced ones end in INVALID_INPUT); in `trace_path`, a load of the
+            last phase that varies: its path is that of a single load factor.
+
+    Example:
+        A bar of 1 m, EA = 1 MN, under 1 kN which is then reduced to a fifth:
+
+        >>> nodes = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+        >>> bar = jc.Bars([[0, 1]], axial_stiffness=1e6)
+        >>> guide = jc.pinned([0]) + jc.restrained([1], "yz")
+        >>> structure = jc.Structure(nodes, bar, supports=guide)
+        >>> pull = jc.NodalLoads([1], (1e3, 0.0, 0.0))
+        >>> load = jc.Varying(pull, parameters=[0.0, 0.5, 1.0], factors=[0.0, 1.0, 0.2])
+        >>> solution = jc.solve(structure, jc.Phase(loads=load, increments=4))
+        >>> path = solution.phases[0].path
+        >>> print(solution.status, path.tension[:, 0].round(3))  # N
+        0 [ 500. 1000.  600.  200.]
+    """
+
+    load: Load
+    parameters: Float[ArrayLike, "2+"]
+    factors: Float[ArrayLike, "2+"]
+
+    scales = ("factors",)
+
+    def __post_init__(self):
+        if not isinstance(self.load, Load) or isinstance(self.load, Varying):
+            kind = checks.kind(self.load, "NodalLoads(nodes, forces)")
+            raise ValueError(f"load: expected one load without an amplitude, got {kind}")
+        for name in ("parameters", "factors"):
+            put(self, **{name: checks.floats(getattr(self, name), name)})
+        shape = self.parameters.shape
+        if len(shape) != 1 or shape[0] < 2:
+            raise ValueError(f"parameters: expected shape [n] with n >= 2, got {shape}")
+        checks.shaped(self.factors, "factors", shape)
+        refuse(self.amplitude.rules())
+
+    @property
+    def amplitude(self) -> Amplitude:
+        """Its factors as a function of the parameter of the phase."""
+        return Amplitude(self.parameters, self.factors)
+
+    def check(self, structure: Structure) -> None:
+        """Raise ValueError if the load does not fit a structure."""
+        self.load.check(structure)
+
+    def __str__(self) -> str:
+        parameters, factors = (checks.concrete(x) for x in (self.parameters, self.factors))
+        told = f"{len(self.parameters)} points"
+        if parameters is not None and factors is not None and len(parameters) <= _SHOWN:
+            pairs = zip(factors, parameters, strict=True)
+            told = ", ".join(f"{factor:.6g} at {parameter:.6g}" for factor, parameter in pairs)
+        return f"{self.load}; amplitude: {told}"
+
+
+def apart(load: Load, where: str, increments: int) -> tuple[Load, Amplitude | None]:
+    """Return a load of a phase without its amplitude, and the amplitude, None if it has none.
+
+    Warn if no increment ends at the largest or the smallest factor of the amplitude.
+
+    Args:
+        load: any load.
+        where: its place, for the warning.
+        increments: number of increments of the phase.
+    """
+    if not isinstance(load, Varying):
+        return load, None
+    parameters, factors = (checks.concrete(x) for x in (load.parameters, load.factors))
+    if parameters is not None and factors is not None:
+        seen = np.interp(np.arange(1, increments + 1) / increments, parameters, factors)
+        seen = np.append(seen, 0.0)  # of the beginning
+        low, high, near = seen.min(), seen.max(), 1e-6 * np.abs(factors).max()
+        missed = (factors > high + near) | (factors < low - near)
+        missed[0] = False  # no increment ends at the beginning
+        if missed.any():
+            k = int(missed.argmax())
+            checks.suspect(
+                f"{where}: factors[{k}] = {factors[k]:.6g} is passed by, increments go through "
+                f"factors from {low:.6g} to {high:.6g}; let one of them end at load factor "
+                f"{parameters[k]:.6g} by another number of increments"
+            )
+    return load.load, load.amplitude
+
+
+def at_peak(load: Load, amplitude: Amplitude | None) -> Load:
+    """Return a load times the largest absolute factor of its amplitude, if it can be scaled."""
+    if amplitude is None or not load.scales:
+        return load
+    return load.scaled(computed(lambda xp, factors: xp.max(xp.abs(factors)), amplitude.factors))
+
+
+def _first(index, values):
+    return f"parameters[0] = {values[0]}: must be 0, where the phase begins"
+
+
+def _last(index, values):
+    return f"parameters[{len(values) - 1}] = {values[-1]}: must be 1, where the phase ends"
+
+
+def _not_increasing(index, values):
+    k = index[0] + 1
+    return f"parameters[{k}] = {values[k]}: must be above parameters[{k - 1}] = {values[k - 1]}"

@@ -1,0 +1,173 @@
+"""Motion in time, written outside of the package: a `System` with inertia and damping.
+
+Time steps by the generalized-alpha method (Chung, Hulbert 1993): with the spectral radius rho of
+very short waves from 0 to 1; without one the average acceleration (Newmark 1959).
+"""
+
+import dataclasses
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+import jaxcable as jc
+from jaxcable.common.tree import copy, fill, pytree, thaw
+from jaxcable.elements.element_state import with_fields
+from jaxcable.equilibrium.newton import equilibrate
+from jaxcable.mechanics.assembly import System
+from jaxcable.mechanics.carry import make_system
+from jaxcable.numerics import implicit
+from jaxcable.stiffness import tangent
+
+GRAVITY = 9.80665
+
+
+@pytree
+class InMotion:
+    """What a step in time hands to the next one, beside the states of elements.
+
+    From phase to phase only the velocity needs a place, in `Carry`: loads may jump there, so that
+    the acceleration begins anew from balance (`let_go`). A phase in equilibrium leaves it zero.
+
+    Attributes:
+        motion: of all rows, [n_row, n_motion].
+        velocity, acceleration: of all rows, translations and spins, [n_row, n_freedom].
+        unbalanced: internal less external force without inertia, [n_row, n_freedom], N.
+    """
+
+    motion: object
+    velocity: object
+    acceleration: object
+    unbalanced: object
+
+
+@pytree(static=("rho",), kw_only=True)
+class Moving(System):
+    """A system at the end of a time step, whose external force includes inertia and damping.
+
+    Elements with inner numbers are not foreseen.
+
+    Attributes:
+        begun: `InMotion` at the start of the step.
+        masses: of elements, as `System.masses` gives them; they do not turn with the elements.
+        damping: damping over mass, 1/s.
+        duration: of the step, s.
+        rho: spectral radius, or None.
+    """
+
+    begun: InMotion
+    masses: list
+    damping: object
+    duration: object
+    rho: object = None
+
+    def _numbers(self):
+        """Numbers alpha_m, alpha_f, beta, gamma of the method."""
+        if self.rho is None:
+            return 0.0, 0.0, 0.25, 0.5
+        m, f = (2 * self.rho - 1) / (self.rho + 1), self.rho / (self.rho + 1)
+        return m, f, 0.25 * (1 - m + f) ** 2, 0.5 - m + f
+
+    def rates(self, begun, x):
+        """Velocity and acceleration at a motion `x` of rows at the end of the step."""
+        (_, _, beta, gamma), h = self._numbers(), self.duration
+        mean = self.space.between(begun.motion, x) / h
+        now = (mean - begun.velocity) / (beta * h) - (0.5 / beta - 1) * begun.acceleration
+        return begun.velocity + h * ((1 - gamma) * begun.acceleration + gamma * now), now
+
+    def _resistance(self, mass, begun, x):
+        """Inertia and damping of one element by the motion of its ends, in their shape, N."""
+        m, f, *_ = self._numbers()
+        velocity, acceleration = self.rates(begun, x)
+        total = (1 - m) * acceleration + m * begun.acceleration
+        total = total + self.damping * ((1 - f) * velocity + f * begun.velocity)
+        total = total[:, : len(mass) // len(x)]
+        return self.space.padded((mass @ total.reshape(-1)).reshape(total.shape)) / (1 - f)
+
+    def external_force(self, x, spread=None):
+        at = x if spread is None else self.space.advanced(x, spread)
+        ends = []
+        for group, mass in zip(self.groups, self.masses, strict=True):
+            placed = jax.tree.map(lambda a, links=group.links: a[links], (self.begun, at))
+            ends.append(jax.vmap(self._resistance)(mass, *placed))
+        f = self._numbers()[1]
+        against = self.at_rows(ends) + f / (1 - f) * self.begun.unbalanced
+        against = against if spread is None else self.space.conjugate(against, spread)
+        return super().external_force(x, spread) - against
+
+    def external_parts(self, x):
+        def of_element(mass, begun, x):
+            def force(step):
+                step = self.space.padded(step)
+                resistance = self._resistance(mass, begun, self.space.advanced(x, step))
+                return self.space.conjugate(resistance, step)[:, :width]
+
+            width = len(mass) // len(x)
+            return jax.jacfwd(force)(jnp.zeros((len(x), width)))
+
+        blocks = []
+        for group, mass in zip(self.groups, self.masses, strict=True):
+            placed = jax.tree.map(lambda a, links=group.links: a[links], (self.begun, x))
+            blocks.append(jax.vmap(of_element)(mass, *placed))
+        return [*super().external_parts(x), *self.parts(blocks, x)]
+
+    def loose_nodes(self, motion, slack=None):
+        return jnp.zeros(len(motion), bool)  # a node that only slack cables touch has a mass
+
+
+def moving(system, begun, masses, duration, damping=0.0, rho=None):
+    """The `Moving` of a system at the end of a step."""
+    given = {field.name: getattr(system, field.name) for field in dataclasses.fields(system)}
+    numbers = {"damping": damping, "duration": duration, "rho": rho}
+    return Moving(**given, begun=begun, masses=masses, **numbers)
+
+
+def step_in_time(system, begun, masses, duration, damping=0.0, rho=None, method=None):
+    """A step in time: the system with the memory after it, `InMotion`, and the status."""
+    end = moving(system, begun, masses, duration, damping, rho)
+    method = jc.Newton() if method is None else method
+    outcome, _ = equilibrate(lax.stop_gradient(end), begun.motion, method, True)
+    x = implicit.attach(end, outcome.x, outcome.equilibrated)
+    ended = InMotion(x, *end.rates(begun, x), system.unbalanced(x))
+    if system.remembers:
+        pairs = zip(system.states, system.settle(x, duration=duration), strict=True)
+        states = [state if new is None else with_fields(state, memory=new) for state, new in pairs]
+        system = copy(system, states=states)
+    return system, ended, outcome.code
+
+
+def at_rest(structure, solution):
+    """The system of a solution, and its motion."""
+    thawed, arrays, freedoms = tangent.split_state(structure, solution)
+    nodes, groups, carry = tangent.merge_state(thawed, arrays)
+    return make_system(nodes, groups, carry, carry.motion, freedoms), carry.motion
+
+
+def let_go(system, x, velocity, damping=0.0, distribution=None):
+    """`InMotion` at a motion `x` with a velocity [n_row, n_freedom]; masses of the elements."""
+    mass = system.mass(x, GRAVITY, distribution)
+    pulled = jnp.linalg.lstsq(mass, -system.residual(x))[0]  # a spin may have no mass
+    acceleration = system.space.spread(x, pulled) - damping * velocity
+    begun = InMotion(x, velocity, acceleration, system.unbalanced(x))
+    return begun, system.masses(x, GRAVITY, distribution)
+
+
+@partial(jax.jit, static_argnames=("rho",))
+def _program(thawed, arrays, states, *numbers, rho):
+    system = copy(fill(thawed, arrays), states=states)
+    system, ended, code = step_in_time(system, *numbers, rho)
+    return system.states, ended, code
+
+
+def history(system, start, duration, count, damping=0.0, rho=None):
+    """A number of steps: `InMotion` at the start (of `let_go`) and after each, and statuses."""
+    (thawed, arrays), states = thaw(copy(system, states=None)), system.states
+    (begun, masses), codes = start, []
+    found = [begun]
+    for _ in range(count):
+        given = thawed, arrays, states, found[-1], masses, duration, damping
+        states, ended, code = _program(*given, rho=rho)
+        found.append(ended)
+        codes.append(int(code))
+    return found, codes
