@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 
 # scripts in experiments/ that `make studies` runs, two at a time, and then the one that takes times
-STUDIES := accession_curves bar_bank cable_bank slack_regions fuzz to_failure saddle_net hard_cases accuracy_cable flat_net_path hypar_net
+STUDIES := accession_curves bar_bank unsymmetric_bank cable_bank slack_regions fuzz to_failure saddle_net hard_cases accuracy_cable flat_net_path hypar_net
 
 .PHONY: demo test test-all test-more lint studies docs notebooks notebooks-test clean
 

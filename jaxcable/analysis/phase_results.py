@@ -93,8 +93,10 @@ class PhaseResult(Results):
         stable: whether the tangent stiffness at the end of the phase has no negative eigenvalue (to
             rounding): a structure that is pushed aside a little comes back. In cable nets under
             dead load it is True without a check, because their energy is convex. False where the
-            phase has not been reached. Where nodal moments or following loads make the tangent
-            unsymmetric, its symmetric part is judged, which is on the safe side (Hill 1958).
+            phase has not been reached. Where nodal moments, following loads or elements make the
+            tangent unsymmetric, its symmetric part is judged (Hill 1958): True excludes that the
+            structure diverges, for all eigenvalues have positive real parts, but not that it
+            flutters; False does not prove that it is unstable.
         displacement: from the geometry in which the phase began, [n_node, 3], m.
         positions, tension, peak_tension, rest_length, reactions, load, rotation,
             reaction_moments, section_forces: as of `Solution`.

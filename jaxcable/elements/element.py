@@ -90,7 +90,8 @@ class Element(abc.ABC):
             gradient of its energy. Where it is False (forces that follow the element without a
             potential) the tangent is solved by LU, its transpose in derivatives; then the analysis
             warns of no unstable state, `stable` means that the symmetric part of the tangent is
-            definite, and `natural_frequencies`, `buckling_factor` and `modes` raise ValueError.
+            definite (see `PhaseResult`), and `natural_frequencies`, `buckling_factor` and `modes`
+            raise ValueError.
         tension_only: whether an element carries tension only.
         rising: whether its force is known not to fall with strain. The energy of groups that are
             `tension_only` and `rising` is convex.

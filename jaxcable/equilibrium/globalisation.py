@@ -11,9 +11,11 @@ from jax.typing import DTypeLike
 
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int
+from .newton_step import largest
 
 _KAPPA = 1e-3  # initial shift: harmless in a taut net, a step of 1000 lengths in a slack one
 _KAPPA_MIN, _KAPPA_MAX = 1e-10, 1e14
+_FALLS = 0.9  # part of the residual that a step leaves at most, where nothing else proves it
 _SPRINT = 20  # number of plain Newton steps that are tried first, at most
 ASTRAY = 10.0  # displacement, in structure sizes, at which a sprint counts as failed
 
@@ -55,14 +57,39 @@ class Sprint:
 
     Attributes:
         on: whether the iteration is sprinting.
+        unproven: whether, after the sprint, the symmetric part of an unsymmetric tangent is not
+            positive definite, so that the step need not lead downhill: it is tried whole, and taken
+            if it decreases the residual. None where all tangents are symmetric.
     """
 
     on: Bool[Array, ""]
+    unproven: Bool[Array, ""] | None = None
 
     @classmethod
-    def init(cls) -> Sprint:
+    def init(cls, may_be_unsymmetric: bool) -> Sprint:
         """The sprint at the start of an iteration: on."""
-        return cls(jnp.ones((), bool))
+        return cls(jnp.ones((), bool), jnp.zeros((), bool) if may_be_unsymmetric else None)
+
+    def accept(
+        self,
+        searched: tuple[Bool[Array, ""], Bool[Array, ""]],
+        finite: Bool[Array, ""],
+        residuals: tuple[Float[Array, " n_free"], Float[Array, " n_free"]],
+    ) -> tuple[Bool[Array, ""], Bool[Array, ""]]:
+        """Decide whether a point is accepted, and whether a shorter step is tried if not.
+
+        Args:
+            searched: what the line search says of both; it does not decide about whole steps.
+            finite: whether the forces at the point are finite.
+            residuals: before the step and at the point, N.
+        """
+        fine, again = searched
+        fine, again = jnp.where(self.on, finite, fine), again & ~self.on
+        if self.unproven is None:
+            return fine, again
+        before, after = map(largest, residuals)
+        falls = finite & (after < _FALLS * before)
+        return jnp.where(self.unproven, falls, fine), again & ~self.unproven
 
     def update(
         self,
@@ -83,4 +110,4 @@ class Sprint:
         """
         astray = reach > ASTRAY * extent
         on = self.on & found & ~astray & (steps < _SPRINT)
-        return Sprint(on), self.on & ~on & ~converged
+        return Sprint(on, self.unproven), self.on & ~on & ~converged

@@ -136,7 +136,7 @@ class Task:
             arrival=~no,
             stepless=no,
             shift=Shift.init(zero.dtype),
-            sprint=Sprint.init() if self.sprints else None,
+            sprint=Sprint.init(self.system.may_be_unsymmetric) if self.sprints else None,
             tensions=Tensions.init(self.system, self.begin) if self.net else None,
             predicted=Predicted.init(self.system, zero.dtype) if self.predicts else None,
             begun=zero,
@@ -169,14 +169,13 @@ class Task:
             found: whether a step was taken.
             over: whether the search along the step has ended.
         """
-        x = self.system.move(it.x, it.search.length * it.step)
-        x = where(it.arrival, it.x, x)
+        x = where(it.arrival, it.x, self.system.move(it.x, it.search.length * it.step))
         residual, scale, rounding, elements = self._evaluated(x, it.steps, exact)
         finite = jnp.isfinite(scale)
         slope = self._slope(it, x, residual, elements)
         search, fine, again = it.search.update(jnp.where(finite, slope, jnp.inf))
-        if self.sprints:  # plain steps are accepted whole if the forces there are finite
-            fine, again = jnp.where(it.sprint.on, finite, fine), again & ~it.sprint.on
+        if self.sprints:
+            fine, again = it.sprint.accept((fine, again), finite, (it.residual, residual))
         if self.net:
             searching = it.tensions.searching
             fine, again = jnp.where(searching, fine, finite), again & searching
@@ -238,9 +237,9 @@ class Task:
         """
         first = it.code < 0
         finite = jnp.all(jnp.isfinite(it.residual)) & jnp.isfinite(it.scale)
-        code = jnp.where(finite, status.OK, status.NONFINITE)
-        it = copy(it, code=jnp.where(first, code, it.code).astype(jnp.int32))
-        it = copy(it, begun=jnp.where(first, largest(it.residual), it.begun))
+        code = jnp.where(first, jnp.where(finite, status.OK, status.NONFINITE), it.code)
+        begun = jnp.where(first, largest(it.residual), it.begun)
+        it = copy(it, code=code.astype(jnp.int32), begun=begun)
         if self.net:
             # forces that rounding hides are not found; without any load they may all be lost
             known = jnp.where(self.loaded, _KNOWN * it.scale, jnp.inf)
@@ -280,8 +279,7 @@ class Task:
         if self.sprints:
             new, again = sprint.update(found, reach, it.steps, self.extent, converged)
             sprint, again = where(moved, new, sprint), moved & again
-            x = where(again, self.begin, x)
-            shift = where(again, Shift.init(x.dtype), shift)
+            x, shift = where(again, (self.begin, Shift.init(x.dtype)), (x, shift))
         tensions = it.tensions
         if self.net:
             shift = where(tensions.searching, shift, Shift.init(x.dtype))
@@ -293,8 +291,7 @@ class Task:
             steered = moved & ~converged & ~it.tensions.searching
             tensions, again = where(steered, new, tensions), steered & elsewhere
             x = where(steered, point, x)
-        far = _ADRIFT if self.net else _RUNAWAY
-        runaway = over & (reach > far * self.extent) & ~again
+        runaway = over & (reach > (_ADRIFT if self.net else _RUNAWAY) * self.extent) & ~again
         code = jnp.where((it.code == status.OK) & runaway, status.MECHANISM, it.code)
         stop = over & ((code != status.OK) | spent)
         reevaluate = again & ~stop
@@ -331,9 +328,7 @@ class Task:
                     sprinting = it.sprint.on & ~converged
                 matrix, shift, on, slopes = self._equations(it, sprinting, converged)
             matrix = linear.plus_diagonal(matrix, shift)
-            step, definite, factored = direction(
-                self.system, matrix, it, rhs, sprinting & (not self.net), self.tol, wanted
-            )
+            step, definite, factored = direction(self.system, matrix, it, rhs, self.tol, wanted)
             again, stays = jnp.zeros((), bool), converged
             if self.net:
                 taken, part, halfway = equations.taken(self.system, it.x, step, definite)
@@ -348,13 +343,18 @@ class Task:
                 predicted, part, cut = self._predict(it, step, slopes, on)
                 slope = slope - cut
             step, slope = part * step, part * slope
-            usable = definite & jnp.isfinite(slope) & ((slope < 0) | sprinting) & ~stays
+            usable, sprint = definite & ((slope < 0) | sprinting), it.sprint
+            if self.system.may_be_unsymmetric:
+                unsure = self.system.unsymmetric() & ~definite
+                usable, sprint = usable | unsure, copy(sprint, unproven=unsure & ~sprinting)
+            usable = usable & jnp.isfinite(slope) & ~stays
             return copy(
                 it,
                 step=jnp.where(usable, step, 0.0),
                 search=Search.init(slope),
                 arrival=~usable,
                 stepless=~usable & ~again,
+                sprint=sprint,
                 tensions=tensions,
                 predicted=where(usable, predicted, it.predicted),
                 steps=it.steps + ~stays,

@@ -19,8 +19,10 @@ others:
    cables that the next step tightens. The energy rises, although the next full step corrects this;
    a line search would allow tiny steps only. Structures with rotations, those under following
    loads, and cables along which loads slide therefore start with up to 20 full Newton steps. If
-   these fail, the iteration begins again with line search. (Where nodal moments or following loads
-   act, which have no potential, a sprint may pass an indefinite tangent.)
+   these fail, the iteration begins again with line search. (Where nodal moments, following loads
+   or elements without a potential make the tangent unsymmetric, all steps are by the whole of it.
+   A sprint may pass an indefinite tangent; after it, a step by one whose symmetric part is
+   indefinite is taken whole if it decreases the residual, or else the shift grows.)
 4. Sparse matrices: the factor of an earlier step, increment or phase serves as preconditioner of
    conjugate gradients, which stop at the residual that Newton's method leaves anyway. A new factor
    is made where they do not reach it in a few steps (`linear.solve_next`).

@@ -24,7 +24,6 @@ def direction(
     matrix: Matrix,
     it: Any,  # an `iteration.Iterate`; that module imports this one
     rhs: Float[Array, " n_free"],
-    sprinting: Bool[Array, ""],
     tol: Float[Array, ""],
     wanted: Bool[Array, ""],
 ) -> tuple[Float[Array, " n_free"], Bool[Array, ""], Factored | None]:
@@ -35,12 +34,12 @@ def direction(
         matrix: its tangent with the Levenberg shift.
         it: `iteration.Iterate`.
         rhs: right side of the equations, the negative residual or a similar one, [n_free], N.
-        sprinting: whether an indefinite tangent is allowed under moments and following loads.
         tol: relative residual that counts as converged.
         wanted: False if the result does not matter (a finished case of a batch).
 
     Returns:
-        step, whether it can be used, what was factored.
+        step, NaN if an unsymmetric matrix is singular; whether the symmetric part of the matrix is
+        positive definite; what was factored.
     """
     # Conjugate gradients cannot see that a matrix is indefinite, so they are used only where the
     # energy is convex. Their tolerance is about the residual that the next Newton step leaves
@@ -53,18 +52,19 @@ def direction(
     limit = jnp.where(similar, WORTH, least)
     step, definite, factored = linear.solve_next(matrix, rhs, it.factored, forcing, limit, wanted)
     if system.may_be_unsymmetric:
-        # Moments, following loads and elements that say so have no potential: a tangent with them
-        # need not be definite.
+        # Moments, following loads and elements that say so have no potential. Where the symmetric
+        # part is definite, the step by the whole tangent leads downhill, too: R.p = -p.(sym K)p.
+        # Steps by the symmetric part alone converge linearly, or not at all beside a large rest.
         # In a batch both branches are computed. The barrier puts them one after the other, because
         # batched calls of LAPACK can wait for each other for ever.
         after, _ = lax.optimization_barrier((rhs, step))
-        step, definite = lax.cond(
-            sprinting & system.unsymmetric(),
-            lambda matrix, rhs, _: linear.solve_general(matrix, rhs),
+        step = lax.cond(
+            system.unsymmetric(),
+            lambda matrix, rhs, _: linear.solve_general(matrix, rhs)[0],
             lambda matrix, rhs, found: found,
             matrix,
             after,
-            (step, definite),
+            step,
         )
     return step, definite, factored
 

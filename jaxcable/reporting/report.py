@@ -273,9 +273,9 @@ def _summary(structure, solution, failed, heads):
             text += f"; {sum(int(m.sum()) for m in masks)} of {sum(map(len, masks))} elements there"
         if int(phase.status) == status.OK and not bool(phase.stable):
             text += (
-                "; UNSTABLE at its end: the tangent stiffness (under moments and following loads, "
-                "and with elements that are not symmetric, its symmetric part) has a negative "
-                "eigenvalue"
+                "; UNSTABLE at its end: the tangent stiffness has a negative eigenvalue (where "
+                "moments, following loads or elements make it unsymmetric, its symmetric part has: "
+                "then the state may be stable all the same)"
             )
         lines.append(text)
     if code != status.OK:

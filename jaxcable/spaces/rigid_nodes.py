@@ -8,8 +8,8 @@ lengths, all residuals are forces, and one tolerance serves for all.
 The residual about ``x`` is the derivative of the energy with respect to a step from ``x``, at this
 step. The derivative of the residual is a Hessian, symmetric also off equilibrium. A nodal moment
 that keeps its direction in space has no potential; it enters by its work on the step and makes the
-tangent unsymmetric (of the order of the moment). Plain Newton steps and derivatives of the result
-use the whole tangent, steps with a line search its symmetric part.
+tangent unsymmetric (of the order of the moment). Newton steps and derivatives of the result use the
+whole tangent.
 """
 
 from __future__ import annotations
