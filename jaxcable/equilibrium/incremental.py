@@ -78,12 +78,12 @@ class Incremental:
 
     def __post_init__(self):
         if not isinstance(self.corrections, int | np.integer) or self.corrections < 0:
-            raise ValueError(f"corrections = {self.corrections!r}: expected an integer >= 0")
+            raise ValueError(f"corrections = {self.corrections!r}: expected a whole number >= 0")
         if self.stiffness not in ("tangent", "secant"):
             raise ValueError(f'stiffness = {self.stiffness!r}: expected "tangent" or "secant"')
         tol = checks.floats(self.tol, "tol")
         if tol.shape != ():
-            raise ValueError(f"tol: expected a scalar, got shape {tol.shape}")
+            raise ValueError(f"tol: expected one number, got an array of shape {tol.shape}")
         refuse(self.rules())
         linear.check(self.linear_solver)
 

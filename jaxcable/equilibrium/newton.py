@@ -110,7 +110,7 @@ class Newton:
 
     def rules(self) -> list[Rule]:
         """Return the rules of its numbers, see `common.rules`; a NaN breaks them."""
-        large = "must be below 1: relative to the forces, and from 1 on any state would pass"
+        large = "must be below 1: it is relative to the forces, and any state would meet 1"
         return [
             Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive"),
             Rule("tol", self.tol, lambda v: v >= 1, large),
