@@ -150,6 +150,6 @@ class ConvergenceCriterion:
         return met, ~met & lost
 
 
-def is_stagnant(steps: Int[Array, ""]) -> Bool[Array, ""]:
+def is_stagnant(steps_without_halving: Int[Array, ""]) -> Bool[Array, ""]:
     """Return whether so many steps without halving the residual are enough to give up."""
-    return steps >= _STAGNANT_STEPS
+    return steps_without_halving >= _STAGNANT_STEPS

@@ -36,13 +36,13 @@ _SHIFT = 1e-6  # Levenberg shift over tension per length
 
 @pytree
 class ConicEquations:
-    """The linear equations of a step.
+    """Linear equations of a step of a net of straight and sliding cables.
 
     They lead to the tensions ``base_tension + slope`` times the change of length. That is the sum
     over the pieces of a cable of ``r c`` times the change of their vectors.
 
     Attributes:
-        policy: `tension_unknowns.TensionUnknowns` with the numbers that its mode begins with.
+        unknowns: `tension_unknowns.TensionUnknowns` with the numbers that its mode begins with.
         base_tension, slope: tensions without a change of length, and k, [n], N and N/m.
         vector: X of every piece, [n_piece, 3], m.
         stiff, across, ratio, spring: `numerics.cones.Scaling`, or what takes its place.
@@ -53,7 +53,7 @@ class ConicEquations:
         length: of elements, m.
     """
 
-    policy: PyTree[Array]
+    unknowns: PyTree[Array]
     base_tension: Float[Array, " n"]
     slope: Float[Array, " n"]
     vector: Float[Array, "n_piece 3"]
@@ -70,7 +70,7 @@ class ConicEquations:
     @classmethod
     def at_point(
         cls,
-        policy: Any,
+        unknowns: Any,
         system: System,
         x: Motion,
         pulls: Pulls,
@@ -79,10 +79,10 @@ class ConicEquations:
         load: Float[Array, ""],
         length: Float[Array, ""],
     ) -> ConicEquations:
-        """Return the equations of the next step from x.
+        """Return the equations of the next step from x, for the present mode.
 
         Args:
-            policy: `tension_unknowns.TensionUnknowns`.
+            unknowns: `tension_unknowns.TensionUnknowns`.
             system: `System`.
             x: the point.
             pulls, residual: those of the system at x.
@@ -93,7 +93,7 @@ class ConicEquations:
         size = jnp.where(size > 0, size, 1.0)
         none = jnp.zeros_like(size)
         mixed = cls(
-            policy=policy,
+            unknowns=unknowns,
             base_tension=pulls.tension,
             slope=pulls.slope,
             vector=vector,
@@ -109,7 +109,7 @@ class ConicEquations:
         )
         given = system, x, pulls, size
         return lax.cond(
-            policy.has_interior_matrix,
+            unknowns.has_interior_matrix,
             lambda: mixed._with_interior_matrix(*given),
             lambda: mixed,
         )
@@ -119,18 +119,20 @@ class ConicEquations:
 
         `pulls` are those at x, `size` [n_piece], m, the lengths of pieces.
         """
-        policy = self.policy
-        inner = policy.interior_point
-        inner = lax.cond(policy.is_new_mode, lambda: inner.at_start(self, system, x), lambda: inner)
-        new = copy(self, policy=copy(policy, interior_point=inner))
-        guess = jnp.where(policy.is_interior, inner.tension, policy.guess)
+        unknowns = self.unknowns
+        inner = unknowns.interior_point
+        inner = lax.cond(
+            unknowns.is_new_mode, lambda: inner.at_start(self, system, x), lambda: inner
+        )
+        new = copy(self, unknowns=copy(unknowns, interior_point=inner))
+        guess = jnp.where(unknowns.is_interior, inner.tension, unknowns.guess)
         under = pulls.under(system, jnp.maximum(guess, 0.0))
         given = system, guess, under.gap, under.compliance
         ways = (
             (lambda: new._interior_equations(*given)),
             (lambda: new._finish_equations(*given, size)),
         )
-        new, pull = lax.cond(policy.is_interior, *ways)
+        new, pull = lax.cond(unknowns.is_interior, *ways)
         unbalanced = system.external_force(x) - pieces.at_nodes(system, pull)
         return copy(new, rhs=system.space.collected(unbalanced, x))
 
@@ -139,7 +141,7 @@ class ConicEquations:
 
         At `tension`, straight cables could be longer by `gap`, with derivative `compliance`.
         """
-        inner = self.policy.interior_point
+        inner = self.unknowns.interior_point
         single = pieces.repeated(system, tension)
         points = inner.length_slack + norm(self.vector), self.vector, single, inner.pull
         scaled = scaling(*points, inner.length_slack, inner.force_slack)
@@ -158,14 +160,14 @@ class ConicEquations:
 
         `guess` are tensions that may be negative; other arguments as of `_interior_equations`.
         """
-        policy, eps = self.policy, jnp.finfo(gap.dtype).eps
-        force_per_length = policy.interior_point.force_scale / self.length
-        net_stiffness = _NET_STIFFNESS * force_per_length / policy.finish_threshold
+        unknowns, eps = self.unknowns, jnp.finfo(gap.dtype).eps
+        force_per_length = unknowns.interior_point.force_scale / self.length
+        net_stiffness = _NET_STIFFNESS * force_per_length / unknowns.finish_threshold
         positive = jnp.maximum(guess, 0.0)
         lacks = gap + compliance * (guess - positive)
         stiff = jnp.where(compliance > 0, 1 / compliance, self.slope)  # 0 on a plateau of the law
         # rounding of more would hide what the tensions resist; a softer law ends at the same point
-        growth = _LIMIT_GROWTH ** policy.steps_in_mode.astype(gap.dtype)
+        growth = _LIMIT_GROWTH ** unknowns.steps_in_mode.astype(gap.dtype)
         most = force_per_length * (growth / (_STIFFNESS_LIMIT * eps))
         stiff = jnp.minimum(stiff, most)
         active = guess > jnp.minimum(net_stiffness, stiff) * lacks
@@ -185,7 +187,7 @@ class ConicEquations:
 
     def matrix(self, system: System, x: Motion, residual: Float[Array, ""]) -> Matrix:
         """Return the matrix of the equations, regularized; `residual` is the largest, N."""
-        policy = self.policy
+        unknowns = self.unknowns
         blocks = pieces.matrices(system, self.slope, self.stiff, self.across, self.ratio)
         matrix = system.tangent(x, [*blocks])
         size = largest(linear.diagonal(matrix))
@@ -193,9 +195,9 @@ class ConicEquations:
         # rounding of the forces then moves nodes without stiffness by some part of a length only
         least = _MIN_SHIFT * jnp.finfo(force.dtype).eps * force
         shift = jnp.maximum(_SHIFT * jnp.minimum(residual, force), least) / self.length
-        shift = jnp.where(policy.is_interior, 0.0, shift)
+        shift = jnp.where(unknowns.is_interior, 0.0, shift)
         eps, tiny = jnp.finfo(size.dtype).eps, jnp.finfo(size.dtype).tiny
-        rounding = policy.shift_in_roundings * (eps * size) + tiny
+        rounding = unknowns.shift_in_roundings * (eps * size) + tiny
         return linear.plus_diagonal(matrix, jnp.maximum(shift, rounding))
 
     def take_step(
@@ -205,7 +207,7 @@ class ConicEquations:
         step: Float[Array, " n_free"],
         definite: Bool[Array, ""],
     ) -> tuple[Any, Float[Array, ""], Bool[ArrayLike, ""]]:
-        """Return the policy after a step, the fraction that is taken, whether it was a predictor.
+        """Return the state after a step, the fraction that is taken, if it was a predictor.
 
         Args:
             system: `System`.
@@ -213,30 +215,30 @@ class ConicEquations:
             step: solution of the equations.
             definite: whether their matrix is.
         """
-        policy = self.policy
+        unknowns = self.unknowns
         moved = pieces.differences(system, system.space.spread(x, step))
         across = jnp.sum(self.across * moved, axis=-1)
         now = self.base_tension + self.slope * pieces.total(system, self.ratio * across)
 
         def newton_step():
             far = jnp.max(norm(moved)) / (_MAX_MOTION * self.length)
-            fraction = jnp.where(policy.is_finishing, 1 / jnp.maximum(far, 1.0), 1.0)
-            guess = jnp.where(policy.is_finishing, now, jnp.maximum(now, 0.0))
-            after = copy(policy, guess=guess, steps_in_mode=policy.steps_in_mode + 1)
+            fraction = jnp.where(unknowns.is_finishing, 1 / jnp.maximum(far, 1.0), 1.0)
+            guess = jnp.where(unknowns.is_finishing, now, jnp.maximum(now, 0.0))
+            after = copy(unknowns, guess=guess, steps_in_mode=unknowns.steps_in_mode + 1)
             return after, fraction, jnp.zeros((), bool)
 
         def interior_step():
             given = self, system, now, across, moved, definite
-            inner, fraction, predicted = policy.interior_point.take_half_step(*given)
-            blocked = policy.blocked_steps
+            inner, fraction, predicted = unknowns.interior_point.take_half_step(*given)
+            blocked = unknowns.blocked_steps
             short = jnp.where(fraction < _BLOCKED, blocked + 1, jnp.minimum(blocked, 0))
             after = copy(
-                policy,
+                unknowns,
                 interior_point=inner,
                 blocked_steps=jnp.where(predicted, blocked, short),
-                steps_in_mode=policy.steps_in_mode + ~predicted,
+                steps_in_mode=unknowns.steps_in_mode + ~predicted,
             )
             return after, fraction, predicted
 
-        after, fraction, predicted = lax.cond(policy.is_interior, interior_step, newton_step)
+        after, fraction, predicted = lax.cond(unknowns.is_interior, interior_step, newton_step)
         return copy(after, is_new_mode=jnp.zeros((), bool)), fraction, predicted

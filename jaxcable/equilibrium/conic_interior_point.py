@@ -151,7 +151,7 @@ class ConicInteriorPoint:
 
     def decide_finish(
         self,
-        policy: Any,
+        unknowns: Any,
         finite: Bool[Array, ""],
         steps_since_halved: Int[Array, ""],
         relative: Float[Array, ""],
@@ -164,9 +164,9 @@ class ConicInteriorPoint:
         least = float(jnp.finfo(relative.dtype).eps) ** _FINISH_POWER
         remaining = self.product / (least * length * self.force_scale)
         most = max(_STUCK[0] / least, _STUCK[1])
-        stuck = (policy.blocked_steps >= 2) & (remaining < most)
-        final = ~finite | (policy.steps_in_mode >= _MAX_STEPS)
-        now = (remaining <= policy.finish_threshold) | stuck | final
+        stuck = (unknowns.blocked_steps >= 2) & (remaining < most)
+        final = ~finite | (unknowns.steps_in_mode >= _MAX_STEPS)
+        now = (remaining <= unknowns.finish_threshold) | stuck | final
         return FinishDecision(now, stuck, remaining, final=final)
 
     def take_half_step(

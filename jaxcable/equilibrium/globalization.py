@@ -1,4 +1,4 @@
-"""Globalization of Newton's method: two small policies, independent of each other.
+"""Globalization of Newton's method: two small strategies, independent of each other.
 
 Each is a pytree of numbers with ``initial`` for its first value and ``update`` for the value after
 an iteration of `newton.equilibrate`. They change the steps, never the equilibrium that is found.

@@ -47,15 +47,15 @@ class Outcome:
     stable: Bool[Array, ""]
 
     @property
-    def log(self) -> Float[Array, " n_log"]:
+    def log_row(self) -> Float[Array, " n_log"]:
         """All fields but the point, an array: the first eight numbers of `solution.LOG`."""
         noted = (self.code, self.steps, self.factorizations, self.residual, self.scale)
         rest = (self.rounding, self.equilibrated, self.stable)
         return jnp.stack([jnp.asarray(x, self.x.dtype) for x in (*noted, *rest)])
 
 
-def _find_cause(system, end, residual, rounding):
-    """Return the status of an iteration, with COLLAPSED or AT_ROUNDING where that is the cause.
+def _find_failure_cause(system, end, residual, rounding):
+    """Return the status of an iteration: COLLAPSED or AT_ROUNDING if that is why it stopped.
 
     `residual` and `rounding` are the largest, N.
     """
@@ -82,7 +82,7 @@ def is_at_rounding(
     return residual <= _NEAR_ROUNDING * rounding / plain
 
 
-def outcome_of(
+def make_outcome(
     system: System,
     end: NewtonState,
     x: Float[Array, "n_row n_motion"],
@@ -90,7 +90,7 @@ def outcome_of(
     ruptured: Bool[ArrayLike, ""],
     factored: Factored | None,
 ) -> Outcome:
-    """Return the outcome of an iteration.
+    """Return the outcome of an increment from the end of its iteration.
 
     Args:
         system: `System`.
@@ -101,7 +101,7 @@ def outcome_of(
         factored: what was factored at its start.
     """
     forces = largest(end.residual), _largest_rounding(end)
-    code = jnp.maximum(_find_cause(system, end, *forces), status.OK)
+    code = jnp.maximum(_find_failure_cause(system, end, *forces), status.OK)
     if system.breaks:
         ruptured = active & (code != status.NONFINITE) & ruptured
         code = jnp.where(ruptured, status.MATERIAL_FAILURE, code)

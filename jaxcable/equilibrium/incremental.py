@@ -123,7 +123,7 @@ def march(
             return Outcome(x, code, none, none, zero, zero, zero, no, no), memory
 
         outcome, memory = lax.cond(live, solve, skip, x, code, memory)
-        return (outcome.x, outcome.code, memory), (outcome.x, outcome.log)
+        return (outcome.x, outcome.code, memory), (outcome.x, outcome.log_row)
 
     first = jnp.arange(len(increments[0])) == 0
     return lax.scan(solve_if_live, (x, code, ramp.memory), (*increments, first))[1]
@@ -136,7 +136,7 @@ def _solve_increment(ramp, factor, x, method, code, memory, first):
     """
     active, system, begin = code == status.OK, ramp.at(factor, memory), x
     frozen = lax.stop_gradient(system)
-    x, regular = _solve_once(system, x, ramp, method)
+    x, regular = _solve_linear_step(system, x, ramp, method)
 
     def iterate_to_equilibrium(x):
         point, newton = lax.stop_gradient(begin), Newton(linear_solver=method.linear_solver)
@@ -151,7 +151,7 @@ def _solve_increment(ramp, factor, x, method, code, memory, first):
     x, iterated, steps = lax.cond(first, iterate_to_equilibrium, keep, x)
     regular = regular | iterated
     for _ in range(method.corrections):
-        corrected, ok = _solve_once(system, x, ramp, method)
+        corrected, ok = _solve_linear_step(system, x, ramp, method)
         x = jnp.where(iterated, x, corrected)
         steps = steps + jnp.where(iterated, 0, 1)
         regular = regular & (ok | iterated)
@@ -181,7 +181,7 @@ def _solve_increment(ramp, factor, x, method, code, memory, first):
     return outcome, memory
 
 
-def _solve_once(system, x, ramp, method):
+def _solve_linear_step(system, x, ramp, method):
     """Return the next point by one linear solve, and whether the stiffness was regular."""
     if method.stiffness == "tangent":
         function, numbers, back = system.chart(x)

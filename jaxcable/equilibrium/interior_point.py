@@ -78,7 +78,7 @@ class InteriorPoint:
 
     def decide_finish(
         self,
-        policy: Any,
+        unknowns: Any,
         finite: Bool[Array, ""],
         steps_since_halved: Int[Array, ""],
         relative: Float[Array, ""],
@@ -87,22 +87,22 @@ class InteriorPoint:
         """Return whether to try finishing steps.
 
         Args:
-            policy: `tension_unknowns.TensionUnknowns`.
+            unknowns: `tension_unknowns.TensionUnknowns`.
             finite: whether the last step led to finite forces.
             steps_since_halved: steps since the residual was halved.
             relative: residual over the force it is compared with.
             length: of elements, m.
         """
         stalled = (steps_since_halved >= _STALLED_STEPS) & (relative <= _STALLED_BELOW)
-        stuck = (policy.blocked_steps >= 2) | stalled
-        now = finite & ((relative <= policy.finish_threshold) | stuck)
-        failed = ((policy.steps_in_mode >= _MAX_STEPS) | ~finite) & ~now
+        stuck = (unknowns.blocked_steps >= 2) | stalled
+        now = finite & ((relative <= unknowns.finish_threshold) | stuck)
+        failed = ((unknowns.steps_in_mode >= _MAX_STEPS) | ~finite) & ~now
         return FinishDecision(now, stuck, relative, failed=failed)
 
 
 @pytree
 class LengthBoundEquations:
-    """The linear equations of a step.
+    """Linear equations of a step of a net with hanging cables or curved laws.
 
     Attributes:
         base_tension, slope: B and k of every cable, [n], N and N/m.
@@ -112,7 +112,7 @@ class LengthBoundEquations:
         gap, compliance: L(N) - l and L'(N), [n], m and m/N.
         load: largest dead load at a node or force of a jack, N.
         length: of elements, m.
-        policy: `tension_unknowns.TensionUnknowns` with the numbers that its mode begins with.
+        unknowns: `tension_unknowns.TensionUnknowns` with the numbers that its mode begins with.
     """
 
     base_tension: Float[Array, " n"]
@@ -124,12 +124,12 @@ class LengthBoundEquations:
     compliance: Float[Array, " n"]
     load: Float[Array, ""]
     length: Float[Array, ""]
-    policy: PyTree[Array]
+    unknowns: PyTree[Array]
 
     @classmethod
     def at_point(
         cls,
-        policy: Any,
+        unknowns: Any,
         system: System,
         x: Motion,
         pulls: Pulls,
@@ -150,29 +150,29 @@ class LengthBoundEquations:
             compliance=none,
             load=load,
             length=length,
-            policy=copy(policy, guess=guess),
+            unknowns=copy(unknowns, guess=guess),
         )
         interior = mixed._interior_equations
-        return lax.cond(policy.is_interior, lambda: interior(system, x, pulls), lambda: mixed)
+        return lax.cond(unknowns.is_interior, lambda: interior(system, x, pulls), lambda: mixed)
 
     def _interior_equations(self, system, x, pulls):
         """Return the equations of an interior step, from these of a mixed step; `pulls` at x."""
-        policy, free = self.policy, ~self.jacked
+        unknowns, free = self.unknowns, ~self.jacked
         first = jnp.maximum(self.load, _UNLOADED * jnp.max(pulls.tension))
         least, most = (part * first for part in _FIRST_TENSION)
         # a first guess only: steps change it freely
         start = jnp.clip(pulls.tension, least, most)
-        tension = where(policy.is_new_mode, start, policy.interior_point.tension)
+        tension = where(unknowns.is_new_mode, start, unknowns.interior_point.tension)
         under = pulls.under(system, tension)
         first_slack = jnp.maximum(under.gap, _FIRST_SLACK * rest_lengths(system))
         if under.sag is not None:
             first_slack = jnp.maximum(first_slack, under.sag)
-        slack = where(policy.is_new_mode, first_slack, policy.interior_point.length_slack)
+        slack = where(unknowns.is_new_mode, first_slack, unknowns.interior_point.length_slack)
         product = jnp.where(free, tension * under.spare(slack), 0.0)
-        centering = policy.interior_point.centering
-        centering = jnp.where(policy.is_new_mode, _FIRST_CENTERING, centering)
+        centering = unknowns.interior_point.centering
+        centering = jnp.where(unknowns.is_new_mode, _FIRST_CENTERING, centering)
         target, falls = under.aim(centering * jnp.sum(product) / jnp.maximum(jnp.sum(free), 1))
-        damping = jnp.where(policy.is_new_mode, 0.0, policy.interior_point.damping)
+        damping = jnp.where(unknowns.is_new_mode, 0.0, unknowns.interior_point.damping)
         width = falls * slack + tension * under.compliance
         width = jnp.where(width > 0, width, 1.0)
         base = tension + (target - tension * under.gap) / width
@@ -185,7 +185,9 @@ class LengthBoundEquations:
             rhs=-under.residual(system, x, base),
             gap=under.gap,
             compliance=under.compliance,
-            policy=copy(policy, interior_point=InteriorPoint(tension, slack, centering, damping)),
+            unknowns=copy(
+                unknowns, interior_point=InteriorPoint(tension, slack, centering, damping)
+            ),
         )
 
     def matrix(
@@ -195,14 +197,14 @@ class LengthBoundEquations:
         residual: Float[Array, ""],
     ) -> Matrix:
         """Return the matrix of the equations, regularized; `residual` is the largest, N."""
-        policy = self.policy
-        tensions = where(policy.is_interior, policy.interior_point.tension, policy.guess)
+        unknowns = self.unknowns
+        tensions = where(unknowns.is_interior, unknowns.interior_point.tension, unknowns.guess)
         matrix = system.tangent(x, [*stiffness(system, x, self.along, self.slope, tensions)])
         size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
         eps, tiny = jnp.finfo(x.dtype).eps, jnp.finfo(x.dtype).tiny
-        rounding = policy.shift_in_roundings * (eps * size) + tiny
+        rounding = unknowns.shift_in_roundings * (eps * size) + tiny
         shift = _SHIFT * jnp.minimum(residual, jnp.max(tensions) + self.load) / self.length
-        shift = jnp.where(policy.is_interior, policy.interior_point.damping, shift)
+        shift = jnp.where(unknowns.is_interior, unknowns.interior_point.damping, shift)
         return linear.plus_diagonal(matrix, jnp.maximum(shift, rounding))
 
     def take_step(
@@ -212,28 +214,28 @@ class LengthBoundEquations:
         step: Float[Array, " n_free"],
         definite: Bool[Array, ""],
     ) -> tuple[Any, Float[Array, ""], Bool[ArrayLike, ""]]:
-        """Return what `ConicEquations.take_step` does; no step is a predictor."""
-        spread, policy = system.space.spread(x, step), self.policy
+        """Return the state after a step, the fraction that is taken, and False: no predictor."""
+        spread, unknowns = system.space.spread(x, step), self.unknowns
         longer = lengthened(system, self.along, spread)
         now = self.base_tension + self.slope * longer
-        mixed = copy(policy, guess=jnp.maximum(now, 0.0)), jnp.ones_like(self.length)
+        mixed = copy(unknowns, guess=jnp.maximum(now, 0.0)), jnp.ones_like(self.length)
         after, fraction = lax.cond(
-            policy.is_interior,
+            unknowns.is_interior,
             lambda: self._take_interior_step(now, longer, jnp.max(turned(system, spread))),
             lambda: mixed,
         )
-        new, count = jnp.zeros((), bool), policy.steps_in_mode + 1
+        new, count = jnp.zeros((), bool), unknowns.steps_in_mode + 1
         return copy(after, is_new_mode=new, steps_in_mode=count), fraction, jnp.zeros((), bool)
 
     def _take_interior_step(self, tension, longer, motion):
-        """Return the policy after an interior step, and the fraction of it that is taken.
+        """Return the state after an interior step, and the fraction of it that is taken.
 
         Args:
             tension: tensions to which the whole step leads, [n], N.
             longer: changes of the lengths by the whole step, [n], m.
             motion: largest relative motion of the ends of a cable, in its lengths.
         """
-        policy, inner = self.policy, self.policy.interior_point
+        unknowns, inner = self.unknowns, self.unknowns.interior_point
         change = jnp.where(self.jacked, 0.0, tension - inner.tension)
         slack = self.gap + self.compliance * change - longer
         wider = jnp.where(self.jacked, 0.0, slack - inner.length_slack)
@@ -245,7 +247,7 @@ class LengthBoundEquations:
         far_fraction = jnp.where(far, _MAX_MOTION / jnp.where(far, motion, 1.0), 1.0)
         fraction = jnp.minimum(fraction, far_fraction)
         shorter = jnp.minimum(of_tension, fraction)
-        blocked = policy.blocked_steps
+        blocked = unknowns.blocked_steps
         blocked = jnp.where(shorter < _BLOCKED, blocked + 1, jnp.minimum(blocked, 0))
         inner = InteriorPoint(
             tension=inner.tension + of_tension * change,
@@ -253,12 +255,12 @@ class LengthBoundEquations:
             centering=jnp.maximum((1 - shorter) ** 2, _MIN_CENTERING),
             damping=self._next_damping(far),
         )
-        after = copy(policy, interior_point=inner, blocked_steps=blocked.astype(jnp.int32))
+        after = copy(unknowns, interior_point=inner, blocked_steps=blocked.astype(jnp.int32))
         return after, fraction
 
     def _next_damping(self, far):
         """Return the shift for the next interior step: larger after one that was too long."""
-        inner = self.policy.interior_point
+        inner = self.unknowns.interior_point
         least = _MIN_DAMPING * jnp.max(inner.tension) / self.length
         more = jnp.maximum(_DAMPING_FACTOR * inner.damping, least)
         less = inner.damping / _DAMPING_FACTOR

@@ -19,7 +19,7 @@ from .balance import ConvergenceCriterion, IterationSettings, is_stagnant, limit
 from .globalization import ASTRAY, FullStepPhase, LevenbergShift
 from .newton_state import NewtonState
 from .newton_step import largest, newton_direction, zero_eigenvalue_bound
-from .predicted_forces import PredictedForces, fraction_within_length, is_prediction_step
+from .predicted_forces import PredictedForces, is_prediction_step, step_fraction_within_length
 from .tension_unknowns import TensionUnknowns
 
 # Residual allowed without load, in roundings (eps) of the forces at the start.
@@ -96,7 +96,9 @@ class EquilibriumSearch:
             has_no_step=no,
             shift=LevenbergShift.initial(zero.dtype),
             full_steps=full_steps,
-            tensions=TensionUnknowns.initial(self.system, self.begin) if self.is_net else None,
+            tension_unknowns=TensionUnknowns.initial(self.system, self.begin)
+            if self.is_net
+            else None,
             predicted=PredictedForces.initial(self.system, zero.dtype) if self.predicts else None,
             start_residual=zero,
             stagnant_steps=jnp.int32(0),
@@ -116,7 +118,7 @@ class EquilibriumSearch:
         it, converged = self._check_convergence(it, over, before)
         if self.is_net:  # a long step may lead to where the fine part matters after all
             converged = converged & (exact | ~self._needs_fine_part(it))
-        it, reevaluate = self._update_policies(it, fraction, accepted, over, converged)
+        it, reevaluate = self._update_strategies(it, fraction, accepted, over, converged)
         return self._compute_step(it, over & ~it.done & ~reevaluate, converged)
 
     def _evaluate_trial(self, it, exact):
@@ -136,7 +138,7 @@ class EquilibriumSearch:
         if self.has_full_steps:
             fine, again = it.full_steps.accept((fine, again), finite, (it.residual, residual))
         if self.is_net:
-            searching = it.tensions.uses_line_search
+            searching = it.tension_unknowns.uses_line_search
             fine, again = jnp.where(searching, fine, finite), again & searching
         fine, again = fine | it.stays_at_x, again & ~it.stays_at_x
 
@@ -173,7 +175,7 @@ class EquilibriumSearch:
         return self.criterion.carried_residual(scale, self.tol, steps)
 
     def _energy_slope(self, it, x, residual, elements):
-        """Return the derivative of the energy along the step at x, J, under forces as cut there."""
+        """Return the derivative of the energy along the step at x, J, with predicted forces cut."""
         slope = residual @ it.step
         if it.predicted is None:
             return slope
@@ -192,7 +194,7 @@ class EquilibriumSearch:
         return (it.code < 0) | (largest(it.rounding) > _FINE_PART_FROM * eps * self.tol * least)
 
     def _check_convergence(self, it, over, before):
-        """Return the state with what the evaluation tells, and whether x is an equilibrium.
+        """Judge the residual: return the state with its status, and whether x is an equilibrium.
 
         `before` is the largest residual at the point before, N.
         """
@@ -225,8 +227,8 @@ class EquilibriumSearch:
         code = jnp.where(ends & lost, status.AT_ROUNDING, it.code)
         return copy(it, stagnant_steps=stagnant, code=code.astype(jnp.int32)), ends
 
-    def _update_policies(self, it, fraction, accepted, over, converged):
-        """Update the policies and the status after an evaluation.
+    def _update_strategies(self, it, fraction, accepted, over, converged):
+        """Update shift, full steps, mode and status after an evaluation.
 
         Arguments as `_evaluate_trial` and `_check_convergence` return them.
 
@@ -245,15 +247,15 @@ class EquilibriumSearch:
             new, again = full_steps.update(*given)
             full_steps, again = where(moved, new, full_steps), moved & again
             x, shift = where(again, (self.begin, LevenbergShift.initial(x.dtype)), (x, shift))
-        tensions = it.tensions
+        unknowns = it.tension_unknowns
         if self.is_net:
-            shift = where(tensions.uses_line_search, shift, LevenbergShift.initial(x.dtype))
+            shift = where(unknowns.uses_line_search, shift, LevenbergShift.initial(x.dtype))
             astray = reach > ASTRAY * self.extent
             size = largest(it.residual), it.scale
             given = x, self.begin, accepted, *size, astray, self.length
-            new, point, elsewhere = tensions.switch_mode(*given)
-            may_switch = moved & ~converged & ~it.tensions.uses_line_search
-            tensions, again = where(may_switch, new, tensions), may_switch & elsewhere
+            new, point, elsewhere = unknowns.switch_mode(*given)
+            may_switch = moved & ~converged & ~it.tension_unknowns.uses_line_search
+            unknowns, again = where(may_switch, new, unknowns), may_switch & elsewhere
             x = where(may_switch, point, x)
         farthest = _NET_RUNAWAY if self.is_net else _RUNAWAY
         runaway = over & (reach > farthest * self.extent) & ~again
@@ -269,7 +271,7 @@ class EquilibriumSearch:
             has_no_step=jnp.zeros((), bool),
             shift=shift,
             full_steps=full_steps,
-            tensions=tensions,
+            tension_unknowns=unknowns,
             code=jnp.where(stuck, status.NOT_CONVERGED, code).astype(jnp.int32),
             done=stop | self.only_evaluates | (over & converged & ~judging & ~reevaluate),
         )
@@ -279,12 +281,12 @@ class EquilibriumSearch:
         """Compute the next step if `wanted`; at an equilibrium only judge whether it is stable."""
 
         def compute(it):
-            tensions, predicted, fraction = it.tensions, it.predicted, 1.0
+            unknowns, predicted, fraction = it.tension_unknowns, it.predicted, 1.0
             if self.is_net:
                 known, size = (it.elements, it.residual, self.length), largest(it.residual)
-                equations = tensions.step_equations(self.system, it.x, *known)
-                it = copy(it, tensions=equations.policy)
-                rhs, full = equations.rhs, ~tensions.uses_line_search
+                equations = unknowns.step_equations(self.system, it.x, *known)
+                it = copy(it, tension_unknowns=equations.unknowns)
+                rhs, full = equations.rhs, ~unknowns.uses_line_search
                 matrix = equations.matrix(self.system, it.x, size)
                 shift = jnp.where(full, 0.0, it.shift.value(size, self.length))
             else:
@@ -300,10 +302,12 @@ class EquilibriumSearch:
                 given = self.system, it.x, step, definite
                 after, fraction, predictor = equations.take_step(*given)
                 if factored is not None:  # a corrector has the factor of its predictor
-                    count = where(it.tensions.awaits_corrector, it.factored.count, factored.count)
+                    count = where(
+                        it.tension_unknowns.awaits_corrector, it.factored.count, factored.count
+                    )
                     factored = copy(factored, count=count)
                 stays = converged | predictor
-                tensions, again = it.tensions.repeat_if_indefinite(after, definite)
+                unknowns, again = it.tension_unknowns.repeat_if_indefinite(after, definite)
                 again = again | predictor
             slope = it.residual @ step
             if self.predicts:
@@ -323,7 +327,7 @@ class EquilibriumSearch:
                 stays_at_x=~usable,
                 has_no_step=~usable & ~again,
                 full_steps=full_steps,
-                tensions=tensions,
+                tension_unknowns=unknowns,
                 predicted=where(usable, predicted, it.predicted),
                 steps=it.steps + ~stays,
                 factored=factored,
@@ -372,5 +376,5 @@ class EquilibriumSearch:
         apart = relative(system, system.space.spread(it.x, step))
         longer = chords.elongation(apart)
         predicted = it.predicted.for_step(system, chords.force + slopes * longer, predicting)
-        fraction = jnp.where(predicting, fraction_within_length(chords.turn(apart)), 1.0)
+        fraction = jnp.where(predicting, step_fraction_within_length(chords.turn(apart)), 1.0)
         return predicted, fraction, predicted.excess_force(chords.force) @ longer

@@ -54,7 +54,7 @@ from ..mechanics.ramp import Ramp
 from ..mechanics.reading import Reading, read
 from ..spaces.translations import coarse
 from .balance import ConvergenceCriterion, IterationSettings, limit
-from .increment_outcome import Outcome, is_at_rounding, outcome_of
+from .increment_outcome import Outcome, is_at_rounding, make_outcome
 from .iteration import EquilibriumSearch
 from .newton_step import CG_LIMIT, largest, zero_eigenvalue_bound
 
@@ -158,7 +158,7 @@ def equilibrate(
     # the iteration may pass beyond the end of a law's curve, the equilibrium must not be there
     ruptured = system.breaks and system.beyond(end.x)
     end = copy(end, x=end.x[:, : x.shape[1]])  # with a fine part only if x has one
-    return outcome_of(system, end, x, active, ruptured, factored), end.factored
+    return make_outcome(system, end, x, active, ruptured, factored), end.factored
 
 
 def _iterate_until_done(
@@ -262,7 +262,7 @@ def march(
 
     Returns:
         xs: points, [1 + n_inc, ...]; those of nets with a fine part (`spaces.translations`).
-        log: `Outcome.log` of every increment, with latched status.
+        log: `Outcome.log_row` of every increment, with latched status.
         readings: `Reading.of_path` at every increment, or at the last good one after a failure.
         last_reading: `Reading` of the last good increment.
         memory: history variables at the end.
@@ -292,7 +292,7 @@ def march(
         )
         if system.breaks:
             ruptured = jnp.any(system.broken(reading.strains))
-        outcome = outcome_of(system, end, x, active, ruptured, factored)
+        outcome = make_outcome(system, end, x, active, ruptured, factored)
         if system.breaks:
             reading = where(begins | outcome.equilibrated, reading, last_reading)
         code = status.first_failure(code, outcome.code)
@@ -303,7 +303,7 @@ def march(
         if report is not None:
             lax.cond(live, lambda: report(factor, outcome), lambda: None)
         carry = outcome.x, code, memory, end.factored, reading, end.residual
-        return carry, (outcome.x, outcome.log, reading.of_path)
+        return carry, (outcome.x, outcome.log_row, reading.of_path)
 
     none = jnp.zeros(ramp.freedoms.free.shape[0], x.dtype)
     start = x, code, ramp.memory, factored, last_reading, none

@@ -13,7 +13,7 @@ from .tension_unknowns import TensionUnknowns
 
 @pytree
 class NewtonState:
-    """The state of an iteration: the last accepted point, the next step, and all policies.
+    """The state of an iteration: the last accepted point, the next step, and the globalization.
 
     Attributes:
         x, residual, scale: last accepted point, R(x), and the force that R is compared with, N.
@@ -26,7 +26,7 @@ class NewtonState:
         has_no_step: whether the reason for `stays_at_x` is that no usable step was found.
         shift: Levenberg shift of the tangent.
         full_steps: phase of full steps, where there is one (`FullStepPhase`), else None.
-        tensions: tensions of a net of cables as unknowns; None for other structures.
+        tension_unknowns: tensions of a net as unknowns; None for other structures.
         predicted: predicted axial forces of others; None where no element has a chord.
         start_residual: largest residual at the start of the increment, N.
         stagnant_steps: steps that met the criterion of forces without halving the residual.
@@ -51,7 +51,7 @@ class NewtonState:
     has_no_step: Bool[Array, ""]
     shift: LevenbergShift
     full_steps: FullStepPhase | None
-    tensions: TensionUnknowns | None
+    tension_unknowns: TensionUnknowns | None
     predicted: PredictedForces | None
     start_residual: Float[Array, ""]
     stagnant_steps: Int[Array, ""]

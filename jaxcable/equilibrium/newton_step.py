@@ -51,9 +51,11 @@ def newton_direction(
     relative = largest(it.residual) / it.scale
     forcing = jnp.clip(relative, 0.1 * tol / relative, _MAX_FORCING)
     similar, min_limit = system.convex, 0
-    if it.tensions is not None:  # matrices of interior steps differ too much from each other
-        similar = similar & ~it.tensions.has_interior_matrix
-        min_limit = it.tensions.interior_point.min_cg_limit
+    if (
+        it.tension_unknowns is not None
+    ):  # matrices of interior steps differ too much from each other
+        similar = similar & ~it.tension_unknowns.has_interior_matrix
+        min_limit = it.tension_unknowns.interior_point.min_cg_limit
     limit = jnp.where(similar, CG_LIMIT, min_limit)
     step, definite, factored = linear.solve_next(matrix, rhs, it.factored, forcing, limit, wanted)
     if system.may_be_unsymmetric:

@@ -74,7 +74,7 @@ class PredictedForces:
     def for_step(
         self, system: System, force: Float[Array, " n"], predicting: Bool[Array, ""]
     ) -> PredictedForces:
-        """Return the state for a step.
+        """Return the predicted forces, and where to cut true ones, for a step.
 
         Args:
             system: `System`.
@@ -95,7 +95,7 @@ def is_prediction_step(steps: Int[Array, ""]) -> Bool[Array, ""]:
     return steps % cycle < predicted
 
 
-def fraction_within_length(squared_motion: Float[Array, ""]) -> Float[Array, ""]:
+def step_fraction_within_length(squared_motion: Float[Array, ""]) -> Float[Array, ""]:
     """Return the fraction of a step that moves no element's ends apart by more than its length.
 
     Args:

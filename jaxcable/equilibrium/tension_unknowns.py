@@ -262,10 +262,10 @@ class TensionUnknowns:
         guess = where(self.is_new_mode | self.uses_line_search, tension, self.guess)
         guess = jnp.where(tension <= _OWN_TENSION * (guess + load), tension, guess)
         best = jnp.where(self.is_new_mode, largest(residual), self.best_residual)
-        policy = copy(self, best_residual=best)
+        unknowns = copy(self, best_residual=best)
         kind: Any = LengthBoundEquations
         if self.has_cones:
             kind = ConicEquations
             slack = self.is_new_mode & (self.mode == MIXED) & (jnp.max(tension) <= _SLACK * load)
-            policy = copy(policy, mode=jnp.where(slack, INTERIOR, self.mode))
-        return kind.at_point(policy, system, x, pulls, residual, guess, load, length)
+            unknowns = copy(unknowns, mode=jnp.where(slack, INTERIOR, self.mode))
+        return kind.at_point(unknowns, system, x, pulls, residual, guess, load, length)
