@@ -411,7 +411,7 @@ jc.solve(net(), [PUSHED], jc.Newton)
     # method: ... got the class Newton itself; call it, as in Newton()
 jc.solve(net(), [PUSHED], "newton")  # method: expected Newton
 jc.solve(net(), [PUSHED], start=1)  # start: expected a Solution
-jc.Incremental(-1)  # corrections = -1: expected an integer >= 0
+jc.Incremental(-1)  # corrections = -1: expected a whole number >= 0
 jc.Incremental(stiffness="x")  # stiffness = 'x': expected
 jc.Newton(linear_solver="lu")  # linear_solver = 'lu'
 

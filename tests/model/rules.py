@@ -314,7 +314,7 @@ varying(jc.SupportMovement([2], AXIS)), RISING, [0.0, -0.1, 1.0]
     # parameters: parameters[1] = -0.1: must be above parameters[0] = 0.0
 ## equilibrium/newton.py
 of_method(jc.Newton, "tol"), 1e-9, -1.0  # tol: tol = -1.0: must be pos
-of_method(jc.Newton, "tol"), 1e-9, 1.0  # tol: tol = 1.0: relative ... any state would pass
+of_method(jc.Newton, "tol"), 1e-9, 1.0  # tol: tol = 1.0: must be below 1: it is ... to the forces
 of_method(jc.Newton, "max_steps"), 3.0, 0.0  # max_steps: max_steps = 0.0: must be pos
 of_method(jc.Newton, "max_steps"), 3.0, 2.5  # max_steps: max_steps = 2.5: expected a whole
 ## equilibrium/incremental.py
