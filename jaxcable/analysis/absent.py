@@ -23,14 +23,14 @@ from ..loads.groups import OnGroups
 from ..loads.load import Acting
 from ..model.structure import Structure
 from .by_group import is_scalar, spread
-from .phases import ABSOLUTE, INCREMENTS, Phase
+from .phases import ABSOLUTE, INCREMENTS, Phase, all_stated
 from .presence import Presence
 
 
 def require_present(
     structure: Structure,
     phases: Sequence[Phase],
-    inputs: Sequence[Sequence[dict[str, Stated]]],
+    statements: Sequence[Sequence[dict[str, Stated]]],
     presence: Presence,
     earlier: int = 0,
 ) -> Presence:
@@ -38,7 +38,7 @@ def require_present(
 
     Args:
         structure, phases: of the analysis.
-        inputs: statements of every phase and group, as `Phase.inputs` gives them.
+        statements: statements of every phase and group, as `Phase.statements` gives them.
         presence: which elements are there in which phase.
         earlier: number of phases solved before, by which messages number the phases.
 
@@ -48,12 +48,10 @@ def require_present(
     sound = presence.sound
     for k, phase in enumerate(phases):
         there = [present[k] for present in presence.present]
-        for name in (*ABSOLUTE, *INCREMENTS):
-            value, label = getattr(phase, name), f"phases[{earlier + k}].{name}"
-            if value is None:
-                continue
+        for name, value in all_stated(phase).items():
+            label = f"phases[{earlier + k}].{name}"
             if is_scalar(value):
-                _judge_scalar(name, label, [name in own for own in inputs[k]], there)
+                _judge_scalar(name, label, [name in own for own in statements[k]], there)
                 continue
             values = spread(value, structure, name)
             parts = zip(values, structure.named_groups(), there, strict=True)
@@ -64,7 +62,7 @@ def require_present(
                 if isinstance(wrong, jax.core.Tracer):
                     sound = jnp.ones(len(phases), bool) if sound is None else sound
                     sound = sound.at[k].set(sound[k] & ~wrong)
-                later = [statements[number] for statements in inputs[k + 1 :]]
+                later = [of_phase[number] for of_phase in statements[k + 1 :]]
                 _judge_array(name, label, where, given, presence.present[number][k:], later)
     return presence._replace(sound=sound)
 
@@ -158,7 +156,7 @@ def _judge_array(name, label, where, given, present, later):
                 waits = waits & ~(comes & chosen)
         lost |= waits & comes
         waits = waits & ~comes
-    lost &= nonzero if name in INCREMENTS else True
+    lost &= True if name in ABSOLUTE else nonzero
     if lost.any():
         k = int(lost.argmax())
         shown = ", ".join(f"{number:.6g}" for number in np.atleast_1d(values[k]))

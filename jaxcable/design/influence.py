@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
-from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase, as_phases
+from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase, as_phases, restated
 from ..analysis.presence import presence_of
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
@@ -50,8 +50,9 @@ def influence(
 
             - "shortening" or "temperature": of every element, added to what the phases have; m, K.
               By default after the last phase, as turnbuckles adjusted in the final state.
-            - "pretension", "jacking", "force_density", "prestrain" or "rest_length": of every
-              element for which a phase gives it; by default in the first phase that does.
+            - "pretension", "jacking", "force_density", "prestrain", "rest_length" or a name in
+              `Phase.own`: of every element for which a phase gives it; by default in the first
+              phase that does.
             - "load": force on every node, [n_node, 3], N; by default in the last phase.
             - "nodes": initial positions, [n_node, 3], m.
 
@@ -137,10 +138,12 @@ def _input_and_setter(structure, phases, wrt, phase, start):
             return structure, _replace_in_phase(phases, number, loads=loads)
 
         return jnp.zeros_like(jnp.asarray(structure.nodes)), set_input
-    if wrt not in (*INCREMENTS, *ABSOLUTE):
-        there = checks.meant(wrt, (*INCREMENTS, *ABSOLUTE, "load", "nodes"))
+    own = dict.fromkeys(name for each in phases for name in each.own or ())
+    known = (*INCREMENTS, *ABSOLUTE, *own)
+    if wrt not in known:
+        there = checks.meant(wrt, (*known, "load", "nodes"))
         raise ValueError(f"wrt = {wrt!r}: no input{there}")
-    if wrt in ABSOLUTE:
+    if wrt not in INCREMENTS:
         for number in range(len(phases)) if phase is None else [phase]:
             if any(
                 value is not None
@@ -164,7 +167,11 @@ def _input_and_setter(structure, phases, wrt, phase, start):
     if all(value is None for value in values):
         raise ValueError(f"wrt = {wrt!r}: no group of elements can have one")
     values = structure.arrange([jax.tree.map(jnp.asarray, v) for v in values])
-    return values, lambda v: (structure, _replace_in_phase(phases, phase, **{wrt: v}))
+
+    def set_statement(v):
+        return structure, [restated(p, wrt, v) if k == phase else p for k, p in enumerate(phases)]
+
+    return values, set_statement
 
 
 def _groups_with_present_elements(structure, phases, phase, start):
@@ -182,7 +189,7 @@ def _prestress_input_values(phase, structure, name):
 
     An item is an array [n_elem]; `Only` for an absolute input of some elements; None without one.
     """
-    stated = [inputs.get(name) for inputs in phase.inputs(structure)]
+    stated = [own.get(name) for own in phase.statements(structure)]
     return [
         s
         if s is None

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase, as_phases
+from ..analysis.phases import Phase, all_stated, as_phases, restated
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, status
@@ -21,6 +21,7 @@ from ..common.progress import Trial, hearing, listener
 from ..common.tree import copy, pytree, replace, where
 from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements import Bars, Cables
+from ..elements.abilities import STATEMENTS
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.parts import groups_by_name, per_group
@@ -33,7 +34,6 @@ from .trials import Evaluation
 _SAME = 1e-3  # part of a target's tolerance within which cables and bars in their place agree
 _MAX_FORWARD = 256  # unknowns up to which forward mode is used; beyond, `fit` takes reverse mode
 _NEARLY_SLACK = 0.05  # part of the largest force of a group below which a cable is nearly slack
-_INPUTS = (*ABSOLUTE, *INCREMENTS)
 
 
 @pytree(static=("remarks",))
@@ -190,7 +190,7 @@ def tune(
     def phases_with(values):
         found = list(phases)
         for (k, name), value in zip(unknowns, values, strict=True):
-            found[k] = replace(found[k], **{name: value})
+            found[k] = restated(found[k], name, value)
         return found
 
     listen, solution, spent = listener(progress), None, jnp.int32(0)
@@ -325,12 +325,13 @@ def _check_unknowns(phases, unknowns):
             raise ValueError(
                 f"unknowns[{number}]: phase {k!r}; there are phases 0 to {len(phases) - 1}"
             )
-        if name not in _INPUTS:
-            there = checks.meant(name, _INPUTS)
+        known = [*STATEMENTS, *(phases[k].own or ())]
+        if name not in known:
+            there = checks.meant(name, known)
             raise ValueError(f"unknowns[{number}] = {name!r}: not a prestress input{there}")
         if unknown in unknowns[:number]:
             raise ValueError(f"unknowns[{number}] = {unknown!r}: is there twice")
-        value = getattr(phases[k], name)
+        value = all_stated(phases[k]).get(name)
         if value is None:
             raise ValueError(
                 f"unknowns[{number}]: phases[{k}] has no {name}; give start values there"

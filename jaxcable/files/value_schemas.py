@@ -112,6 +112,9 @@ def value_schema(
         elif word in _NAMED or word in classes:
             types, name = _NAMED.get(word, (["object"], word))
             ways.append({"type": [*types, *null], "if": {"type": types}, "then": reference(name)})
+        elif word.startswith("Mapping[str, PyTree[Float"):
+            values = reference("statement")
+            ways.append({"type": ["object", *null], "additionalProperties": values})
         elif word.startswith(("PyTree[Float", "PyTree[Bool")):
             ways.append(reference("statement" if word.startswith("PyTree[Float") else "change"))
         elif word != "None" and _ARRAY.match(word) is None:

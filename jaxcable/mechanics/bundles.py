@@ -114,7 +114,7 @@ class Bundles(NamedTuple):
             found[b] = jnp.concatenate(parts)
         return found
 
-    def inputs(self, per_group: list[dict[str, Stated]]) -> list[dict[str, Stated]]:
+    def statements(self, per_group: list[dict[str, Stated]]) -> list[dict[str, Stated]]:
         """Prestress statements of a phase, a dict from name to `Stated` for every bundle."""
         found = []
         for numbers in self.members:

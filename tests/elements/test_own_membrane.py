@@ -127,10 +127,12 @@ def test_a_pretension_of_two_components():
     for wrong in (np.full(9, 300.0), both, np.ones((9, 3))):
         with pytest.raises(ValueError, match=r"pretension: expected a scalar or shape \(9, 2\)"):
             stretched({"one": wrong})
+    with pytest.raises(ValueError, match=r"the columns of \[n_elem, 2\]: warp, weft"):
+        stretched({"one": {"warp": 300.0, "weft": 120.0}})
     cable = jc.Cables([[0, 1]], axial_stiffness=ET)
     structure = jc.Structure(np.eye(3)[:2], cable, jc.pinned([0]))
     with pytest.raises(ValueError, match="pretension: expected a scalar or shape"):
-        jc.Phase(pretension=jc.only([0], [[1.0, 2.0]])).inputs(structure)
+        jc.Phase(pretension=jc.only([0], [[1.0, 2.0]])).statements(structure)
 
 
 def test_components_are_refused_where_nothing_takes_them():
@@ -149,7 +151,7 @@ def test_files_and_commands_know_components(tmp_path, capsys):
     path = tmp_path / "cloth.json"
     jc.save_scene(path, (structure, [jc.Phase(pretension={"cloth": stated})]))
     read, phases = jc.load_scene(path)
-    assert_allclose(phases[0].inputs(read)[0]["pretension"].values, stated, rtol=0)
+    assert_allclose(phases[0].statements(read)[0]["pretension"].values, stated, rtol=0)
     jsonschema.validate(json.loads(path.read_text()), jc.files.scene_schema())
     main(["info", str(path)])
     assert "pretension 120 to 300 N" in capsys.readouterr().out
@@ -162,7 +164,7 @@ def test_one_number_is_for_cables_and_not_for_cloth():
         "edge": jc.Cables([[0, 1]], axial_stiffness=ET),
     }
     structure = jc.Structure(nodes, elements, jc.pinned(range(4)))
-    cloth, edge = jc.Phase(pretension=50.0).inputs(structure)
+    cloth, edge = jc.Phase(pretension=50.0).statements(structure)
     assert not cloth and edge["pretension"].values == 50.0
 
 

@@ -10,11 +10,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-import jaxcable as jc
-from jaxcable.common import checks
-from jaxcable.common.tree import Indices, copy, pytree
-from jaxcable.elements.abilities import Prestressable
-from jaxcable.elements.element import ElementState, Result
+from jaxcable.extend import (
+    ElementState,
+    Indices,
+    Prestressable,
+    Result,
+    copy,
+    per_element,
+    put,
+    pytree,
+    register,
+)
 
 
 @pytree
@@ -31,7 +37,7 @@ class Strained(ElementState):
     present: object = None
 
 
-@jc.files.register
+@register
 @pytree(indices=("links",))
 class Membranes(Prestressable):
     """Triangles of a membrane.
@@ -55,10 +61,10 @@ class Membranes(Prestressable):
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            object.__setattr__(self, "links", Indices(np.asarray(self.links, np.int32)))
+            put(self, links=Indices(np.asarray(self.links, np.int32)))
         for name in self.per_element:
-            own = checks.per_element(getattr(self, name), len(self.links), name)
-            object.__setattr__(self, name, own)
+            own = per_element(getattr(self, name), len(self.links), name)
+            put(self, **{name: own})
 
     def start(self, ends):
         area = jax.vmap(lambda own: self._place(own)[2])(ends)
@@ -68,8 +74,8 @@ class Membranes(Prestressable):
         none = jax.tree.map(jnp.zeros_like, state)
         return copy(none, area=self._place(ends + motion)[2], moved=motion, present=state.present)
 
-    def restate(self, state, ends, inputs):
-        stated = inputs["prestrain"]
+    def restate(self, state, ends, statements):
+        stated = statements["prestrain"]
         return copy(state, prestrain=stated.over(stated.values, state.prestrain))
 
     def weights(self, state):
@@ -126,7 +132,7 @@ class Stressed(Strained):
     stress: object = None
 
 
-@jc.files.register
+@register
 @pytree(indices=("links",))
 class Cloth(Membranes):
     """Triangles in the plane x, y, with warp along x and weft along y."""
@@ -139,8 +145,8 @@ class Cloth(Membranes):
         stress = jnp.zeros((len(ends), 2))
         return Stressed(before.prestrain, before.area, before.moved, stress=stress)
 
-    def restate(self, state, ends, inputs):
-        stated = inputs["pretension"]
+    def restate(self, state, ends, statements):
+        stated = statements["pretension"]
         return copy(state, stress=stated.over(stated.values, state.stress))
 
     def _strain(self, state, ends, motion):

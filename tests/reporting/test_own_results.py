@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from extensions.own_membrane import Membranes, Strained, sheet
+from extensions.own_membrane import Membranes, sheet
 
 import jaxcable as jc
 from jaxcable.common.tree import pytree
@@ -23,13 +23,6 @@ SHARE = {"top": 2.0, "bottom": -0.5}  # of N, 1/m: stresses of a coated membrane
 NEAR = 1e-9  # relative; the tolerance of an analysis is 1e-10
 
 
-@pytree
-class Coat(Strained):
-    """That of a membrane that may be taken away."""
-
-    present: object = None
-
-
 @pytree(indices=("links",))
 class Coated(Membranes):
     """A membrane that tells stresses of both sides, and its principal forces, without names."""
@@ -38,13 +31,6 @@ class Coated(Membranes):
         Result("skin_stress", "Pa", ("xx", "yy", "xy"), places=("top", "bottom")),
         Result("principal", "N/m"),
     )
-
-    def start(self, ends):
-        before = super().start(ends)
-        return Coat(before.prestrain, before.area)
-
-    def found(self, state, ends, motion):
-        return state
 
     def skin_stress(self, state, ends, motion):
         forces = self.membrane_forces(state, ends, motion)
