@@ -105,7 +105,7 @@ def read_csv(
         kinds=tuple(kinds),
         groups=tuple(groups) if any(groups) else None,
         names=tuple(names),
-        omissions=table.table(),
+        omissions=table.rows(),
     )
 
 

@@ -113,8 +113,8 @@ def doubts(
         )
         told.append(
             f"{counted(len(found.pairs), 'crossing')} of links in plan without a node, and "
-            f"{counted(len(found.joints.link), 'node')} on a link that it is no end of, such as at "
-            f"{place(some[0])}; to join them there, use Net.split (--split)"
+            f"{counted(len(found.joints.link), 'node')} on a link that it is no end of, such as "
+            f"at {place(some[0])}; to join them there, use Net.split (--split)"
         )
     on_nodes = {k for pair in pairs.tolist() for k in pair} | set(found.joints.node.tolist())
     gaps = [
@@ -123,8 +123,8 @@ def doubts(
     if gaps:
         gap = min(gaps, key=lambda gap: gap.distance)
         told.append(
-            f"{counted(len(gaps), 'end')} closer to a link than {NEAR_FRACTION:.0%} of its length: "
-            f"node {gap.node} at {place(nodes[gap.node])}, "
+            f"{counted(len(gaps), 'end')} closer to a link than {NEAR_FRACTION:.0%} of its "
+            f"length: node {gap.node} at {place(nodes[gap.node])}, "
             f"{_format_millimetres(gap.distance)} from {gap.other}; to join them, "
             "use Net.split (--split) with a larger tolerance (--tol)"
         )

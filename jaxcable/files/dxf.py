@@ -124,7 +124,7 @@ def read_dxf(
             )
         net = _net_of_entities(entities, metres, tol, supports, table)
         bars = [("bar" if (BARS_PROPERTY, group) in own else "cable") for group in net.groups or ()]
-        return dataclasses.replace(net, kinds=tuple(bars), omissions=table.table())
+        return dataclasses.replace(net, kinds=tuple(bars), omissions=table.rows())
 
 
 def _read_visible_entities(document, sagitta, hidden, table):
@@ -250,7 +250,7 @@ def _net_of_entities(entities, metres, tol, supports, table):
             lines.append(Polyline(where, layer, range(len(places), len(places) + len(points))))
             places += points
     if not lines:
-        told = "".join(f"; {row}" for row in table.table())
+        told = "".join(f"; {row}" for row in table.rows())
         raise FileError(f"has no lines or polylines in model space: {len(marks)} POINT{told:.500}")
     net = net_from_polylines(metres * np.array(places, float), lines, tol, table, "link")
     distance, node = np.array([]), np.array([], int)

@@ -334,9 +334,10 @@ class Net:
         if adrift.any():
             node = int(adrift.argmax())
             hint = "; ".join(told) or "support it, or join it to the rest"
+            where = doubts.place(self.nodes[node])
             raise ValueError(
-                f"anchors: {int((part == part[node]).sum())} nodes, with node {node} at "
-                f"{doubts.place(self.nodes[node])}, are not connected to a support: {hint}"
+                f"anchors: {int((part == part[node]).sum())} nodes, with node {node} at {where}, "
+                f"are not connected to a support: {hint}"
             )
         for text in told:
             checks.suspect(text)

@@ -116,7 +116,7 @@ def _net_from_data(found: FoundNet, table: Omissions) -> Net:
         values=_edge_properties(edges, densities, table),
         **_kinds_and_groups(edges, densities, table),
         names=tuple(names),
-        omissions=table.table(),
+        omissions=table.rows(),
     )
 
 

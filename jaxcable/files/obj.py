@@ -73,7 +73,7 @@ def read_obj(
     with Omissions(path) as table:
         points, lines = _parse_points_and_lines(text, table)
         if not points or not lines:
-            rows = "".join(f"; {row}" for row in table.table())
+            rows = "".join(f"; {row}" for row in table.rows())
             count = sum(len(line.points) - 1 for line in lines)
             raise FileError(
                 f"has {len(points)} points (v) and {count} lines (l): no net{rows:.300}"
@@ -82,7 +82,7 @@ def read_obj(
             places = scale * np.array(points)
         net = net_from_polylines(places, lines, tolerance, table, "line")
         groups = net.groups if len(set(net.groups or ())) > 1 else None
-        return dataclasses.replace(net, groups=groups, omissions=table.table())
+        return dataclasses.replace(net, groups=groups, omissions=table.rows())
 
 
 def _parse_points_and_lines(text, table):

@@ -68,7 +68,7 @@ class Omissions:
             self._counts[key] = self._counts.get(key, 0) + count
             self._places.setdefault(key, {}).update({where: None} if where else {})
 
-    def table(self) -> tuple[Omission, ...]:
+    def rows(self) -> tuple[Omission, ...]:
         """Return the rows, a tuple sorted by kind."""
         rows = []
         for what, why in sorted(self._counts):
@@ -94,7 +94,7 @@ class Omissions:
 
     def warn(self) -> None:
         """Issue one `InputWarning` with the rows of the file, if there are any."""
-        rows = self.table()
+        rows = self.rows()
         if rows:
             shown = [f"\n  {row}" for row in rows[:_ROWS]]
             if len(rows) > _ROWS:
