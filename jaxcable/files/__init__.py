@@ -1,7 +1,6 @@
 """Scenes and results in files: JSON, NPZ, CSV, DXF; ParaView, OpenSees; nets of other programs.
 
-Nets that other programs drew are read by ``read_*``; scenes and results by ``load_*``; all is
-written by ``save_*``:
+``read_*`` reads nets of other programs, ``load_*`` our scenes and results, and ``save_*`` writes:
 
 ===========================  ======================================  ===========================
 file                         read                                    written
@@ -19,8 +18,8 @@ OpenSees, ``.py``                                                    `save_opens
 A `Net` is completed to a scene by its method ``scene``, with supports and stiffnesses; its method
 ``split`` makes nodes where links cross.
 
-What a reader leaves out of a file is told in one `InputWarning` and listed in ``Net.omissions``, a
-table of `Omission`; scene files have no field that is not read, other than comments.
+One `InputWarning` shows what a reader has left out of a file, and ``Net.omissions`` lists it, a
+table of `Omission`. Of scene files everything is read but comments.
 
 Files are data: nothing in them is executed. A file with wrong contents raises a `FileError` that
 names the file and the line or field. `scene_schema` describes scene files to editors.

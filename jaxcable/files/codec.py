@@ -332,7 +332,8 @@ def has_no_default(field: dataclasses.Field) -> bool:
 
 def _suggest_name(name, known):
     """Return the end of a message on an unknown name: the most similar known one, or all."""
-    near = difflib.get_close_matches(str(name), list(known), n=1)
+    # 0.6, Python's default, takes "stays" for "backstay"
+    near = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.7)
     return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known)}"
 
 

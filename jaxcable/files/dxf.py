@@ -49,11 +49,11 @@ def read_dxf(
 ) -> Net:
     """Read the lines and polylines of a drawing; its layers become groups.
 
-    LINE, LWPOLYLINE and POLYLINE in model space become links, one for each straight piece; ends
-    nearer than `tol` become one node, and a link that occurs twice is taken once. What is left out
-    (arcs, faces, texts, blocks, layers that are off or frozen, paper space, links that occur again)
-    is counted in an `InputWarning` and in ``Net.omissions``. Lines that cross or touch have no node
-    there: see `Net.split`.
+    Each straight piece of a LINE, LWPOLYLINE or POLYLINE in model space becomes a link. Ends closer
+    than `tol` become one node, and a link that occurs twice is taken once. Lines that cross or
+    touch have no node there: see `Net.split`. What is left out (arcs, faces, texts, blocks, layers
+    that are off or frozen, paper space, links that occur again) is counted in an `InputWarning` and
+    in ``Net.omissions``.
 
     Args:
         path: path of the file, DXF in ASCII.
@@ -62,8 +62,8 @@ def read_dxf(
 
     Options:
         tol: largest distance of points that become one node, m.
-        supports: layer whose POINTs are supports, "*" for those of all layers; None for those that
-            `save_dxf` has written, if the drawing is its own, and else for no support.
+        supports: layer whose POINTs are supports, "*" for all layers. None takes the supports of a
+            drawing that `save_dxf` has written, and none from other drawings.
         sagitta: largest distance of arcs (ARC, and polylines with bulges) from the chords that take
             their place, m; None leaves them out.
         hidden: whether to read layers that are off or frozen, and invisible entities, too.
@@ -71,12 +71,11 @@ def read_dxf(
 
     Returns:
         `Net`, without stiffness; ``net.scene(axial_stiffness=...)`` makes a scene of it. Its
-        `marks` are the nodes with POINTs, by layer. Bars that `save_dxf` has written stay bars.
+        `marks` are the nodes at POINTs, by layer. Bars that `save_dxf` has written stay bars.
 
     Raises:
         FileError: no drawing, no lines, no unit, a line without length, a number that is not
-        finite, a
-            support off the nodes; the message names the entity by its handle.
+            finite, a support that is not at a node; the message names the entity by its handle.
         ValueError: ezdxf is not installed; a wrong `scale`, `tol` or `sagitta`.
         OSError: there is no such file, or it cannot be read.
 

@@ -29,16 +29,15 @@ def save_dxf(
 ) -> list[Path]:
     """Write a structure as a drawing, with a layer and a color for each group.
 
-    Elements are lines, cables over several nodes polylines, and elements with faces 3DFACEs, which
-    `read_dxf` leaves out. Nodes are points: those that are
-    held on the layer ``supports``, others on the layer ``nodes``. Properties of the drawing say
-    which layers are bars, and which one has supports that are held in all directions, so that
-    `read_dxf` finds both.
+    Elements are drawn as lines, cables over several nodes as polylines, and elements with faces as
+    3DFACEs, which `read_dxf` leaves out. Nodes are points: supported ones on the layer
+    ``supports``, others on the layer ``nodes``. Properties of the drawing tell `read_dxf` which
+    layers are bars, and which one has the supports, if all of them hold all displacements.
 
     Args:
         path: path of the file, ending with .dxf.
         structure: `Structure`.
-        solution: its `Solution`, for the positions in its end; if it has failed, those of the last
+        solution: its `Solution`, for the positions at its end; if it has failed, those of the last
             converged state. None draws the nodes as they are in the structure.
         scale: metres per unit of the drawing: 1 for metres, 1e-3 for mm, 1e-2 for cm, 0.0254 for
             inches, 0.3048 for feet.
@@ -47,8 +46,8 @@ def save_dxf(
         Paths of the files written, a list.
 
     Raises:
-        ValueError: another suffix or scale, groups whose names are one layer, a batch, another
-            structure than that of the solution; ezdxf is not installed.
+        ValueError: another suffix or scale, groups whose names give the same layer, a batch,
+            another structure than that of the solution; ezdxf is not installed.
         OSError: the file cannot be written.
 
     Example:

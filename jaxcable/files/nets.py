@@ -34,7 +34,7 @@ class Net:
     Attributes:
         nodes: positions, [n_node, 3], m.
         links: node numbers, [n_elem, 2].
-        fixed: True where a freedom is held, [n_node, 3]; all False if the file has no supports.
+        fixed: True where a displacement is held, [n_node, 3]; all False without supports.
         loads: force on every node, [n_node, 3], N, or None.
         values: dict from the name of a property of `Cables` or of a prestress of `Phase` to
             [n_elem]; NaN for elements without a value in the file.
@@ -77,8 +77,9 @@ class Net:
     ) -> Scene:
         """Complete the net to a `Scene`: prestress in a first phase, the loads in a second.
 
-        What is doubtful in a drawing is told by an `InputWarning` each: pairs of nodes nearer than
-        1 % of the shortest link at them; links that cross in plan or meet without a node (`split`).
+        An `InputWarning` names each kind of likely mistake in the drawing: pairs of nodes closer
+        than 1 % of the shortest link at them; links that cross or touch in plan without a node
+        (`split` joins them).
 
         Args:
             anchors: numbers of nodes that are pinned, [n], in addition to the supports in the file;
@@ -87,17 +88,17 @@ class Net:
             bars: names of groups that are `Bars`, such as masts.
             given: properties of `Cables` (``axial_stiffness=...``) and prestress of `Phase`
                 (``pretension=...``, ``force_density=...``), for elements without a value in the
-                file: a scalar, or a dict from names of groups to scalars. A group without any value
-                has none, but for the axial stiffness, which all need.
+                file: a scalar, or a dict from names of groups to scalars. Every group needs an
+                axial stiffness; other values may be missing.
 
         Returns:
             `Scene`.
 
         Raises:
             ValueError: an unknown property or group, a missing one, no supports, a part of the net
-                that reaches none; an end that lies within 1 % of the shortest link there at another
-                node or link, and is neither named by its number nor a support in the file: it is a
-                gap in the drawing rather than an anchor.
+                without a support; an end that is closer to another node or link than 1 % of the
+                shortest link there, and is neither named by its number nor a support in the file:
+                this is a gap in the drawing rather than an anchor.
 
         Example:
             Two cables and a tie, by groups:
@@ -166,24 +167,24 @@ class Net:
     ) -> Net:
         """Return the net with nodes where its links cross in plan, and where a node lies on a link.
 
-        The node of a crossing has the mean of the heights of all links there, each taken straight
-        from end to end. At a T-joint the node that is there stays where it is, and the link goes
-        through it; a node above or below the link only if it is an end that nothing holds. Pieces
-        keep group, kind and properties of their link, its pretension and its prestrain; they share
-        its unstressed length, and force densities grow so that the force is kept. Of pieces that
-        lie on each other the one of the first link is left. Nodes keep their numbers, new ones
-        follow; they are free and without load.
+        - The node of a crossing has the mean height of all links there.
+        - A node on a link (T-joint) stays where it is, and the link is led through it. If it is
+          above or below the link, it is joined only if it is the free end of a single link.
+        - Pieces keep group, kind, properties, pretension and prestrain of their link. They share
+          its unstressed length, and their force density is higher, so that the force stays.
+        - Of pieces that coincide, the one of the first link stays.
+        - Nodes keep their numbers; new ones follow, free and without load.
 
         Args:
             groups: names of the groups that take part; None for all. Leave out what crosses in plan
                 without being joined, such as stays below a net.
 
         Options:
-            tolerance: distance in plan within which a node lies on a link, m; of chords in place of
-                arcs at least their sagitta.
-            gap: largest height between two links, over the length of the shorter one, at which they
-                are joined; with nodes, their shortest link counts. What is left is counted in an
-                `InputWarning`.
+            tolerance: distance in plan within which a node lies on a link, m; if arcs were replaced
+                by chords, at least their sagitta.
+            gap: largest height between two links that are joined, over the length of the shorter
+                one (of a node, the shortest link at it). An `InputWarning` counts places that are
+                not joined.
 
         Returns:
             `Net`.

@@ -28,22 +28,22 @@ def save_network(
 ) -> list[Path]:
     """Write a structure as a Graph, or a Mesh, that compas 2 opens and `read_network` reads.
 
-    Nodes have ``x, y, z`` (m), ``is_support`` where all displacements are held (supports in some
-    directions only are left out, with an `InputWarning`), and the load
-    ``px, py, pz`` (N). Edges are the straight pieces of elements, with ``group`` and the length
-    ``l`` (m); with a solution also the force ``f`` (N), the force density ``q = f / l`` (N/m) and,
-    for elements of two nodes, the unstressed length ``l0`` (m). Of a catenary, ``f`` is the mean of
-    the tensions at its ends.
+    - Nodes have ``x, y, z`` (m), ``is_support`` where all displacements are held, and the load
+      ``px, py, pz`` (N). Supports in some directions only are left out, with an `InputWarning`.
+    - Edges are the straight pieces of elements, with ``group`` and the length ``l`` (m). With a
+      solution they also have the force ``f`` (N), the force density ``q = f / l`` (N/m) and, for
+      elements of two nodes, the unstressed length ``l0`` (m). The force of a catenary is the mean
+      of the tensions at its ends.
 
     Args:
-        path: path of the file, ending with .json. structure: `Structure`. solution: its `Solution`,
-        for positions and forces in its end; if it has failed, those of the
-            last converged state. None writes the nodes as they are in the structure.
+        path: path of the file, ending with .json.
+        structure: `Structure`.
+        solution: its `Solution`, for positions and forces at its end; if it has failed, those of
+            the last converged state. None writes the nodes as they are in the structure.
 
     Options:
         faces: node numbers around the faces of a net, as from `net_faces`; every link must be a
-        side
-            of one. None writes a Graph.
+            side of one. None writes a Graph.
 
     Returns:
         Paths of the files written, a list.

@@ -25,19 +25,19 @@ _ORDER = frozenset("max_node max_vertex max_face max_edge adjacency halfedge nam
 def read_network(path: str | PathLike[str], largest: int = LARGEST) -> Net:
     """Read a network, graph or mesh that compas 1 or 2, compas_fd or jax_fdm has written as JSON.
 
-    The file may also be the session of a program, such as compas_fofin: its first net is read. The
-    net has
+    The file may also be the session of a program, such as compas_fofin: its first net is read.
 
-    - positions of nodes, and supports: ``is_support``, ``is_anchor`` or ``is_fixed`` (true or 1);
-    - edges (of a mesh those of its faces) with force densities ``q``, N/m; zero is none. Of an edge
-      without one a force ``f`` or ``force``, N, over its length in the file is it. Edges with a
-      negative force density become bars. If none has one, unstressed lengths ``l0``, m, are
-      read. ``group`` names the group of an edge;
-    - loads ``px, py, pz``: of nodes in newtons, of edges in N/m, of faces in N/m2, along x, y, z.
-      Loads of edges and faces become loads of nodes as in jax_fdm, in the positions of the file:
-      half of the load of an edge acts at each end; the load of a face acts through its edges, each
-      with the triangle up to the mean of the corners. Files of results have these loads in those of
-      nodes already: if the loads of nodes alone are in balance with ``q``, none is added.
+    - **Nodes** have positions and supports: ``is_support``, ``is_anchor`` or ``is_fixed`` (true or
+      1).
+    - **Edges** (in a mesh, the sides of its faces) have force densities ``q``, N/m; zero means
+      none. Without ``q``, a force ``f`` or ``force``, N, is divided by the length in the file.
+      Edges with a negative force density become bars. If no edge has a force density, unstressed
+      lengths ``l0``, m, are read. ``group`` names the group of an edge.
+    - **Loads** ``px, py, pz`` along x, y, z are in N of nodes, in N/m of edges, in N/m2 of faces.
+      Those of edges and faces become loads of nodes as in jax_fdm, in the positions of the file.
+      Half of the load of an edge acts at each end. Each side of a face takes the load on the
+      triangle between it and the mean of the corners. Files of results contain these loads in
+      those of nodes already: if the loads of nodes alone are in balance with ``q``, none is added.
 
     Everything else that is not empty is counted in an `InputWarning` and in ``Net.omissions``. Not
     counted are names, colors, and results: forces and lengths that agree with ``q`` and the

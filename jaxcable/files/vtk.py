@@ -22,11 +22,10 @@ def save_vtk(
 ) -> list[Path]:
     """Write a result as lines, and as faces where elements have some, for ParaView.
 
-    Points have their ``displacement`` (over all phases), ``reaction`` and ``load``; elements have
+    Points have their ``displacement`` (over all phases), ``reaction`` and ``load``. Elements have
     ``tension``, ``peak_tension``, other results of elements with an array for every place and
-    component (``skin_stress_top_xx``), ``rest_length``, and the numbers of their ``element`` and
-    ``group``. A cable over several nodes is written as
-    several lines.
+    component (``skin_stress_top_xx``), ``rest_length``, and the indices of their ``element`` and
+    ``group``. A cable over several nodes is written as several lines.
 
     Args:
         path: path of the file, ending with .vtk.

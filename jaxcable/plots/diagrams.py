@@ -60,11 +60,11 @@ def diagram(
 ) -> Figure:
     """Draw a section force of all beams on the structure, with values at ends and extremes.
 
-    Positive values are drawn to the side of the section's axis z (of "Vy" and "Mz" to that of y; of
-    -y for "Mz"), so that moments lie on the side that is in tension (`section_forces` has the
-    signs, and says how exact the values at the end of a phase are, which are drawn). In a plane
-    picture the side is that of the axis, drawn at right angles to the beam. With a `structure`
-    beams are bent and catenaries hang, as in `net`.
+    Positive values are drawn to the side of the section axis z; those of "Vy" to that of y, those
+    of "Mz" to that of -y. So moments lie on the side in tension. In a plane picture they are drawn
+    at right angles to the beam, on that side. `section_forces` explains the signs, and how exact
+    the values at the end of a phase are. With a `structure` beams are bent and catenaries hang, as
+    in `net`.
 
     Args:
         solution: `Solution` of a structure with beams.

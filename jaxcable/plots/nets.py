@@ -60,17 +60,20 @@ def net(
             phase both pictures are of its end).
         path: where to save the picture, in the format of the suffix, or None.
         magnify: factor on the displacement after the first phase, in the second picture; None for a
-            round factor that makes the largest displacement a tenth of the structure. What curves
-            differ by from their chords changes by the same factor, and they end in the nodes.
-            Before a single phase beams are straight; catenaries, whose shape is not known there,
-            differ from their chords by as much as at its end, not magnified.
+            round factor that makes the largest displacement a tenth of the structure. Deflections
+            of beams and catenaries from their chords are magnified by the same factor. Before a
+            single phase beams are straight; the shape of catenaries is not known there, and they
+            are drawn with the sag of its end, not magnified.
 
     Options:
-        color: values that color elements: "tension" (of catenaries the mean of both ends; the
-            first result of elements if none has a tension); "utilization", the largest force along
-            an element over its breaking strength, which needs `structure`, from 0 to 100 % and red
-            above; or another name in ``solution.told``, followed by those of a place and of a
-            component if the result has several: ``skin_stress top xx``.
+        color: values that color the elements:
+
+            - "tension" (of catenaries the mean of both ends; if no element has a tension, the first
+              result of elements);
+            - "utilization", the largest force along an element over its breaking force, from 0 to
+              100 % and red above; needs `structure`;
+            - another name in ``solution.told``, followed by a place and a component if the result
+              has several: ``skin_stress top xx``.
         structure: the `Structure` that was analysed. It says which elements are cables, which
             nodes rotate, and where elements are curved: without it every element with zero tension
             is drawn as slack, and no support as clamped.
@@ -79,13 +82,12 @@ def net(
         view: "plan", "elevation" or "space" for the first picture; default: as described above.
         names: titles, one for each phase, such as the names of load cases.
         supports: whether to mark supports.
-        loads, reactions: whether to draw them in the second picture, as arrows: loads end at their
-            node, reactions begin there. An arrow that would lie on an element lies on the other
-            side of its node, or under the elements if there is one, too. Both have a scale of their
-            own, so that the longest arrow, whose force the legend says, takes at most 0.3 of the
-            structure's size in each direction of the picture, and is shorter if there are many. Of
-            more than 250 the largest in each cell of a grid are drawn, and the legend counts them.
-            Moments are not drawn.
+        loads, reactions: whether to draw them in the second picture, as arrows. Loads end at their
+            node, reactions begin there. An arrow that would cover an element is drawn on the other
+            side of its node, or under the elements if there is one, too. Loads and reactions have
+            their own scales; the legend has the largest force. If there are more than 250, only the
+            largest in each cell of a grid is drawn, and the legend counts them. Moments are not
+            drawn.
         axes: whether to draw the axes x, y and z of the sections of beams at their middles, a dot
             for an axis that is seen end on; needs `structure`.
 
@@ -93,9 +95,9 @@ def net(
         The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
 
     Raises:
-        ValueError: the solution has failed and no state is given, it is a batch, the structure is
-            another one, or is needed, no group has a strength, another number of names than of
-            phases, or an unknown option.
+        ValueError: the solution has failed and no state is given; it is a batch; the structure is
+            missing or another one; no group has a breaking force; another number of names than of
+            phases; an unknown option.
 
     >>> import jax; jax.config.update("jax_enable_x64", True)
     >>> import jaxcable as jc

@@ -53,9 +53,8 @@ def sequence(
     Args:
         solution: `Solution`; of a failed analysis the phases that have converged are drawn.
         path: where to save the picture, in the format of the suffix, or None.
-        magnify: factor on the displacement from the initial geometry, in which beams are straight:
-            they bend by this factor, too. Catenaries, whose shape is not known there, differ from
-            their chords by as much as they do, not magnified.
+        magnify: factor on the displacement from the initial geometry, and on the bending of beams.
+            The sag of catenaries is not magnified, because their initial shape is not known.
 
     Options:
         color, structure: as of `net`.

@@ -47,20 +47,20 @@ def view(
     dashed, elements in compression have a casing, inactive elements are not drawn. Browsers need
     WebGL 2.
 
-    With `structure` beams are bent (cubics through the rotations of their ends, in all increments)
-    and have their axes and diagrams of section forces; catenaries hang, exactly at the ends of
-    phases and interpolated between these. Loads, reactions, moments and diagrams of beams are known
-    at the ends of phases, and drawn there.
+    With `structure` beams are bent (cubics with the rotations of their ends, in all increments) and
+    have their axes and diagrams of section forces. Catenaries hang: exactly at the ends of phases,
+    interpolated between them. Loads, reactions, moments and diagrams of beams are only available at
+    the end of a phase.
 
     Args:
-        solution: `Solution` of one case. Of a failed analysis the slider goes through what has
-            converged, up to ``solution.last``, and the page says so.
+        solution: `Solution` of one case. Of a failed analysis the page shows the converged
+            increments, up to ``solution.last``, and says so.
         path: where to write the page, with the suffix ".html", or None.
 
     Options:
         structure: the `Structure` that was analysed. Without it every element is straight, there
             is no utilization, and elements with zero tension are drawn as slack.
-        color: values that color elements at first, as for `net`; the page offers the others.
+        color: values that color elements when the page opens, as for `net`; it offers the others.
         title: title of the page.
         names: names of the phases, one for each, as of `net`.
         frames: largest number of increments in the page, taken evenly from all of them; the ends

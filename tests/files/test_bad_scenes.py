@@ -173,13 +173,31 @@ TEXT = json.dumps(MAST, indent=0)
             TEXT.replace('"version": 1,', '"version": 1'),
             r"line 3: not valid JSON: a comma is missing at the end",
         ),
+        (
+            TEXT.replace('"version": 1,', '"version": 1,,'),
+            r"line 3, column 14: not .* expected the na",
+        ),
+        (
+            TEXT.replace('"version": 1,', '"version" 1,'),
+            r"line 3, column 11: not .* a colon is missing",
+        ),
+        (TEXT[:-1], "not valid JSON: the file ends before all brackets are closed"),
+        (TEXT + "}", "not valid JSON: there is text after the end of the object"),
+        (TEXT[:-1].rstrip() + ",}", "not valid JSON: remove the comma before }"),
+        (TEXT.replace('"version"', '"version'), "line 3, .*: not valid JSON"),
+        (
+            HEAD + "[1 2]}",
+            "line 1, column 38: not valid JSON: a comma is missing before this place",
+        ),
         ("", "not a JSON object"),
         ("[1, 2]", "not a JSON object"),
         (HEAD + "[" * 100_000, "nested too deeply"),
         (HEAD + '{"b": ' * 100_000 + "1" + "}" * 100_001, "nested too deeply"),
         (  # Python 3.13 reads this depth, and what is wrong then is that the version is missing
             HEAD + '{"b": ' * 5000 + "1" + "}" * 5001,
-            "nested too deeply" if sys.version_info < (3, 13) else "version: expected a whole",
+            "nested too deeply"
+            if sys.version_info < (3, 13)
+            else "version: missing; expected a whole",
         ),
         ("\0\1\2", "a binary file"),
         ('{\n"a": "\udcff"}', "line 2: not UTF-8"),
