@@ -142,9 +142,10 @@ def scene_schema() -> dict[str, Any]:
 
 def _class_schema(cls, defs):
     """Return the schema of the objects of a class; the class is described at its `type`."""
-    name, told, bounds = cls.__name__, field_descriptions(cls, TYPES), _number_bounds(cls)
+    name, descriptions, bounds = cls.__name__, field_descriptions(cls, TYPES), _number_bounds(cls)
     fields = {
-        field.name: _field_schema(cls, field, told, bounds, defs) for field in user_fields(cls)
+        field.name: _field_schema(cls, field, descriptions, bounds, defs)
+        for field in user_fields(cls)
     }
     needs = [f.name for f in user_fields(cls) if has_no_default(f) or (name, f.name) in _NEEDED]
     named = cls not in (*IMPLIED_CLASSES.values(), Phase)
@@ -187,10 +188,10 @@ def _number_bounds(cls):
     return found
 
 
-def _field_schema(cls, field, told, bounds, defs):
+def _field_schema(cls, field, descriptions, bounds, defs):
     """Return the schema of a field of a class, with its description."""
     annotation = _field_annotation(cls, field)
-    text = told.get(field.name) or f"of the {cls.__name__}"
+    text = descriptions.get(field.name) or f"of the {cls.__name__}"
     text += "".join(more for words, more in _BY_GROUP.items() if words in annotation)
     about: Schema = {"description": text}
     if isinstance(field.default, bool | int | str):

@@ -23,7 +23,7 @@ from .style import OVER, SLACK, accepts_old_spelling, color_map
 from .symbols import draw_supports, support_legend
 from .views import choose_view
 
-_LAST_FRAME_FACTOR = 10  # how many times longer the last frame is shown
+_LAST_FRAME_FACTOR = 10  # times longer is the last frame shown: a second, before it repeats
 
 
 @accepts_old_spelling
@@ -84,31 +84,31 @@ def animation(
         raise ValueError(f'path = {str(path)!r}: expected the suffix ".gif" or ".html"')
     if not rate > 0:
         raise ValueError(f"rate = {rate}: must be positive")
-    found = Snapshots(solution, structure, color, names)
-    shots = found.increments(frames)
+    snapshots = Snapshots(solution, structure, color, names)
+    shots = snapshots.increments(frames)
     start, single = shots[0].in_initial_geometry(), len(solution.phases) == 1
-    origin = start if single else found.after_phase(0)
+    origin = start if single else snapshots.after_phase(0)
     shots = [s.magnified(origin, magnify) if single or s.phase > 0 else s for s in shots]
     everything = np.concatenate([start.positions, *(shot.points() for shot in shots)])
     seen = choose_view(everything, view, space=True)
-    images = _draw_frames(found, start, shots, seen, everything, dpi)
+    images = _draw_frames(snapshots, start, shots, seen, everything, dpi)
     (_save_gif if path.suffix.lower() == ".gif" else _save_html)(images, path, rate)
     return path
 
 
-def _draw_frames(found, start, shots, seen, everything, dpi):
+def _draw_frames(snapshots, start, shots, seen, everything, dpi):
     """Draw all frames as images with one palette, so that colors do not flicker."""
     palette = Image.new("P", (1, 1))
     palette.putpalette(_shared_palette())
     forces = [shot.forces for shot in shots]
     scale = ColorScale(forces)
-    names = found.names or [f"Phase {k + 1}" for k in range(len(found.solution.phases))]
+    names = snapshots.names or [f"Phase {k + 1}" for k in range(len(snapshots.solution.phases))]
     titles = [f"{names[shot.phase]}, load factor {shot.load_factor:.2f}" for shot in shots]
     figure, slots = arrange_pictures([seen], [everything], titles[:1])
     figure.set_dpi(dpi)
     (axes,) = figure.axes
-    draw_ghost(axes, seen, found.links, start)
-    lines = ElementLines(axes, seen, found, scale)
+    draw_ghost(axes, seen, snapshots.links, start)
+    lines = ElementLines(axes, seen, snapshots, scale)
     lines.show(shots[0])
     held = [shot.support_kinds(seen.normal) for shot in shots]
     handles = line_legend(forces, bool(start.has_known_shape().any()), counted=False)

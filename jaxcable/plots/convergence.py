@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from ..common.types import ArrayLike, Float
 from .style import GRID, finish_figure, legend_below, new_figure, series_style
 
-_LIMIT_RATIO = 2.0  # ratio of the limits of axes and the extreme values
+_LIMIT_RATIO = 2.0  # of the limits of axes to the extreme values: room for marks at the edges
 _DECADES = 60.0  # range of values below which powers of ten alone are too few ticks
 _OPEN = {"markerfacecolor": "white"}
 _EDGE = 0.03  # distance of marks at the edge from it, over the size of the axes

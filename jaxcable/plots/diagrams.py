@@ -36,6 +36,7 @@ from .style import GHOST, INK, SERIES, SIZE, finish_figure, force_unit
 from .symbols import draw_supports, support_legend
 from .views import View, choose_view
 
+# sizes in a picture 10 cm wide: longer diagrams and more numbers run into each other
 _HIGH = 0.12  # length of the largest value over the extent of the structure
 _LABELS = 9  # values that are written
 _APART = 0.12  # distance of written values over the extent

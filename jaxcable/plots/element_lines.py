@@ -21,7 +21,7 @@ from .views import View
 
 DASHES = (0, (3, 1.5))
 _ROUNDING = 1e-9  # compression over the largest force up to which it is rounding
-_REACHED = 1e-6  # utilization above 1 up to which the strength is reached, and not exceeded
+_REACHED = 1e-6  # utilization above 1 that is rounding: the breaking force is just reached
 
 
 class ColorScale:
@@ -72,7 +72,7 @@ class ElementLines:
     Args:
         axes: axes to draw in.
         view: `View` of these axes.
-        found: `Snapshots`, which know the pieces and the faces of elements.
+        snapshots: `Snapshots`, which know the pieces and the faces of elements.
         scale: `ColorScale` of the colors.
     """
 
@@ -80,12 +80,12 @@ class ElementLines:
         self,
         axes: Axes,
         view: View,
-        found: Snapshots,
+        snapshots: Snapshots,
         scale: ColorScale,
     ):
-        self.view, self.faces, self.scale = view, found.faces, scale
-        lines = ~np.isin(found.links[1], self.faces[1])  # faces are drawn with their edges
-        self.links = found.links[0][lines], found.links[1][lines]
+        self.view, self.faces, self.scale = view, snapshots.faces, scale
+        lines = ~np.isin(snapshots.links[1], self.faces[1])  # faces are drawn with their edges
+        self.links = snapshots.links[0][lines], snapshots.links[1][lines]
         width = line_width(len(self.links[0]))
         add = functools.partial(view.add_lines, axes, np.zeros((0, 2, 2 if view.flat else 3)))
         self.casing = add(colors="black", linewidths=2.2 * width, zorder=2)

@@ -11,7 +11,7 @@ from ..design.fit import Fit
 from ..design.minimize import Design
 from .style import FAILED, GRID, SERIES, finish_figure, legend_below, new_figure
 
-_LOG = 30.0  # largest over smallest value from which the axis is logarithmic
+_LOG = 30.0  # largest over smallest value from which small ones would lie on a linear axis
 
 
 def history(

@@ -109,14 +109,14 @@ def net(
     """
     if axes and structure is None:
         raise ValueError("structure: needed for axes; the beams are in it")
-    found = Snapshots(solution, structure, color, names)
-    shown = found.state_to_draw(state, phase)
-    stages = _stages_before_and_after(found, shown, magnify)
+    snapshots = Snapshots(solution, structure, color, names)
+    shown = snapshots.state_to_draw(state, phase)
+    stages = _stages_before_and_after(snapshots, shown, magnify)
     views = _choose_views(stages, view)
     if views[0] is views[1] and stages[0].title == stages[1].title:
         views, stages = views[1:], stages[1:]  # the first picture would be the same
 
-    arrows = _force_arrows(stages[-1].now, shown, views[-1], found.links, loads, reactions)
+    arrows = _force_arrows(stages[-1].now, shown, views[-1], snapshots.links, loads, reactions)
     points = [stage.points() for stage in stages]
     points[-1] = np.concatenate([points[-1], *(kind.ends for kind in arrows)])
     sections = [stage.now.section_axes() for stage in stages] if axes else []
@@ -129,8 +129,8 @@ def net(
     figure, slots = arrange_pictures(views, points, titles)
     held = [stage.now.support_kinds(seen.normal) for seen, stage in zip(views, stages, strict=True)]
     for number, (seen, stage, space) in enumerate(zip(views, stages, figure.axes, strict=True)):
-        draw_ghost(space, seen, found.links, stage.before)
-        lines = ElementLines(space, seen, found, scale)
+        draw_ghost(space, seen, snapshots.links, stage.before)
+        lines = ElementLines(space, seen, snapshots, scale)
         lines.show(stage.now)
         if supports:
             draw_supports(space, seen, stage.now.positions, held[number])
@@ -161,14 +161,14 @@ class Stage(NamedTuple):
         return np.concatenate([self.before.points(), self.now.points()])
 
 
-def _stages_before_and_after(found, state, magnify):
+def _stages_before_and_after(snapshots, state, magnify):
     """Return the stages before and after loading, a list of two."""
-    end, title = found.of_state(state), found.title(int(state.phase), state)
+    end, title = snapshots.of_state(state), snapshots.title(int(state.phase), state)
     if end.phase < 1:  # a single phase: both pictures are of its end
         before, origin = Stage(title, end, end.in_initial_geometry()), end.in_initial_geometry()
     else:
-        origin = found.after_phase(0)
-        before = Stage(found.title(0), origin, origin)
+        origin = snapshots.after_phase(0)
+        before = Stage(snapshots.title(0), origin, origin)
     factor = magnify
     if factor is None:
         factor = round_magnification(

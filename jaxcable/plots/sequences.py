@@ -21,6 +21,7 @@ from .style import SIZE, accepts_old_spelling, finish_figure
 from .symbols import draw_supports, support_legend
 from .views import choose_view
 
+# pictures are small here: longer diagrams than alone, with fewer numbers, farther apart
 _HIGH = 0.15  # length of the largest value of a diagram over the extent of the structure
 _LABELS = 3  # values that are written in a picture
 _APART = 0.4  # their distance over the extent of the structure
@@ -81,14 +82,14 @@ def sequence(
     >>> [axes.get_title() for axes in figure.axes[:2]]
     ['prestress', 'loads']
     """
-    found = Snapshots(solution, structure, color, names)
-    stages = _stages_of_phases(found, magnify)
+    snapshots = Snapshots(solution, structure, color, names)
+    stages = _stages_of_phases(snapshots, magnify)
     everything = np.concatenate([stage.points() for stage in stages])
     seen = choose_view(everything, view)
-    content: Any = _ElementPictures(stages, found, seen)
+    content: Any = _ElementPictures(stages, snapshots, seen)
     if diagram is not None:
         instants = [stage.now for stage in stages]
-        content = Diagrams(found, instants, diagram, high, seen, _LABELS, _APART, _LEAST)
+        content = Diagrams(snapshots, instants, diagram, high, seen, _LABELS, _APART, _LEAST)
         everything = np.concatenate([everything, content.points()])
     if columns is None:
         columns = 2 if seen.height_over_width(everything) < _WIDE else 3
@@ -121,15 +122,15 @@ def sequence(
     return finish_figure(figure, path)
 
 
-def _stages_of_phases(found, magnify):
+def _stages_of_phases(snapshots, magnify):
     """Return a `Stage` for each phase that has converged."""
     stages: list[Stage] = []
-    for k, phase in enumerate(found.solution.phases):
+    for k, phase in enumerate(snapshots.solution.phases):
         if int(phase.status) != 0:
             break
-        end = found.after_phase(k)
+        end = snapshots.after_phase(k)
         now = end.magnified(end.in_initial_geometry(), magnify)
-        title = f"phase {k + 1}" if found.names is None else str(found.names[k])
+        title = f"phase {k + 1}" if snapshots.names is None else str(snapshots.names[k])
         stages.append(Stage(title, now, stages[-1].now if stages else now.in_initial_geometry()))
     if not stages:
         raise ValueError("solution: no phase has converged; see raise_if_failed")
@@ -139,15 +140,15 @@ def _stages_of_phases(found, magnify):
 class _ElementPictures:
     """The pictures of a sequence with colored elements; it has the methods of `Diagrams`."""
 
-    def __init__(self, stages, found, view):
-        self.stages, self.found, self.view = stages, found, view
+    def __init__(self, stages, snapshots, view):
+        self.stages, self.snapshots, self.view = stages, snapshots, view
         self.scale = ColorScale([stage.now.forces for stage in stages])
 
     def draw(self, axes, number):
         """Draw one of the pictures."""
         _, now, before = self.stages[number]
-        draw_ghost(axes, self.view, self.found.links, before, now.forces.present)
-        self.lines = ElementLines(axes, self.view, self.found, self.scale)
+        draw_ghost(axes, self.view, self.snapshots.links, before, now.forces.present)
+        self.lines = ElementLines(axes, self.view, self.snapshots, self.scale)
         self.lines.show(now)
 
     def legend(self):

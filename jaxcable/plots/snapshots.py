@@ -18,7 +18,7 @@ from .element_curves import PLACES, Curves, SolutionCurves
 from .element_forces import ElementForces
 from .symbols import section_axis_tips, support_kinds
 
-_SEEN = 2e-3  # least visible displacement over the extent
+_SEEN = 2e-3  # least visible displacement over the extent: some two pixels of a picture
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -88,13 +88,13 @@ class Snapshot:
 
     def magnified(self, origin: Snapshot, factor: float) -> Snapshot:
         """Return the snapshot with its differences from another instant multiplied by a factor."""
-        moved, curves = (
+        displacement, curves = (
             origin.displacement + factor * (self.displacement - origin.displacement),
             self.curves,
         )
         if curves is not None and origin.curves is not None:
             curves = curves.magnified(origin.curves, factor)
-        return dataclasses.replace(self, displacement=moved, curves=curves)
+        return dataclasses.replace(self, displacement=displacement, curves=curves)
 
     def in_initial_geometry(self) -> Snapshot:
         """Return the snapshot in the geometry before the first phase, with the same forces."""
@@ -162,9 +162,11 @@ class Snapshots:
 
     def of_state(self, state: State) -> Snapshot:
         """Return the snapshot of a `State`."""
-        moved = np.asarray(state.positions) - self._curves.initial_positions
+        displacement = np.asarray(state.positions) - self._curves.initial_positions
         place = int(state.phase), None, float(state.load_factor)
-        return self._make_snapshot(place, moved, state.told, self._curves.of_state(state), state)
+        return self._make_snapshot(
+            place, displacement, state.told, self._curves.of_state(state), state
+        )
 
     def after_phase(self, phase: int) -> Snapshot:
         """Return the snapshot at the end of a phase that has converged."""
@@ -197,28 +199,30 @@ class Snapshots:
         for j in chosen.tolist():
             phase, number = good[j]
             path = jax.tree.map(lambda x, n=number: x[n], paths[phase])
-            moved, told = path.displacement, path.told
+            displacement, element_results = path.displacement, path.told
             if phase > 0:
-                moved = (
-                    np.asarray(phases[phase - 1].positions) - self._curves.initial_positions + moved
+                displacement = (
+                    np.asarray(phases[phase - 1].positions)
+                    - self._curves.initial_positions
+                    + displacement
                 )
             end: PhaseResult | State | None = None
             if j in last:
                 end = self.solution.last if j + 1 == len(good) else phases[phase]
-                told |= end.told
+                element_results |= end.told
             place = phase, number, float(path.load_factor)
             curves = self._curves.in_increment(phase, number)
-            found.append(self._make_snapshot(place, moved, told, curves, end))
+            found.append(self._make_snapshot(place, displacement, element_results, curves, end))
         return found
 
-    def _make_snapshot(self, place, moved, told, curves, end):
+    def _make_snapshot(self, place, displacement, element_results, curves, end):
         """Make the `Snapshot` at a place: phase, increment, load factor."""
-        forces = ElementForces(told, self.parts, self.structure, self.color)
-        fixed = self.solution.last.fixed[place[0] + 1].array[: len(moved)]
+        forces = ElementForces(element_results, self.parts, self.structure, self.color)
+        fixed = self.solution.last.fixed[place[0] + 1].array[: len(displacement)]
         within = (
             self._curves.initial_positions,
-            moved,
-            told,
+            displacement,
+            element_results,
             forces,
             fixed,
             self._rotates,
@@ -306,8 +310,8 @@ def refuse_batch(solution: Solution) -> None:
 
 def _require_known_color(parts, solution, color):
     """Return the name of the values that color elements; refuse an unknown one."""
-    told = columns(parts, solution.last.told)
-    names = [column.label for column in told if any(x is not None for x in column.values)]
+    known = columns(parts, solution.last.told)
+    names = [column.label for column in known if any(x is not None for x in column.values)]
     if color == "tension" and names and "tension" not in names:
         color = names[0]
     if color not in ("tension", "utilization", *names):

@@ -12,11 +12,12 @@ from ..common.types import ArrayLike, Bool, Float, Int
 from .style import AXES, INK, LOAD, REACTION, format_force
 from .views import View
 
+# sizes in a picture 10 cm wide: larger symbols hide elements, smaller ones are lost in print
 _ARROW = 0.14  # length of the longest arrow over the extent of the structure, for few arrows
 _SHARE = 0.3  # what it takes of the structure's size in each direction of the picture, at most
 _LEAST = {True: 0.15, False: 0.4}  # least of these sizes over the extent, in flat views and space
-_MOST = 250  # arrows of a kind; of more, only the largest in each cell of a grid are drawn
-_ON = 0.9  # cosine between an arrow and an element from which on one lies on the other
+_MOST = 250  # arrows of a kind; more would touch: the largest in each cell of a grid are drawn
+_ON = 0.9  # cosine between arrow and element above which one hides the other: some 25 degrees
 _AXIS = 0.05  # length of the axes of a section over the extent of the structure, at most
 _AXIS_SHARE = 0.4  # and over the length of the beam
 _SMALL = 1e-9  # force over the largest one up to which it is not drawn

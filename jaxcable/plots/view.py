@@ -23,8 +23,8 @@ from .snapshots import Snapshots
 from .style import LOAD, REACTION, SLACK, accepts_old_spelling, color_map
 from .views import choose_view
 
-_PLACES = 17  # along hanging cables, ends included
-_DIAGRAM = 13  # along beams, of their section forces
+_PLACES = 17  # along hanging cables, ends included; fewer than in pictures, for small pages
+_DIAGRAM = 13  # places along beams for their section forces
 
 
 @accepts_old_spelling
@@ -88,16 +88,16 @@ def view(
     if path is not None and Path(path).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f'path = {str(path)!r}: expected the suffix ".html"')
     _refuse_other_results(solution)
-    found = Snapshots(solution, structure, color, names, _PLACES)
-    shots = found.increments(frames, ends=True)
+    snapshots = Snapshots(solution, structure, color, names, _PLACES)
+    shots = snapshots.increments(frames, ends=True)
     arrays = PageArrays()
     description: dict[str, Any] = {"title": title, "note": _failure_note(solution)}
     count = len(solution.phases)
     phases = [f"Phase {k}" for k in range(1, count + 1)] if names is None else [*names]
     description["phases"] = phases
-    _add_geometry(description, arrays, found, shots)
-    _add_curves(arrays, found, shots)
-    _add_results(description, arrays, found, shots)
+    _add_geometry(description, arrays, snapshots, shots)
+    _add_curves(arrays, snapshots, shots)
+    _add_results(description, arrays, snapshots, shots)
     _add_nodes(arrays, shots)
     description["colors"] = _page_colors()
     return write_page(title, description, arrays, path)
@@ -132,9 +132,9 @@ def _failure_note(solution):
     return ""
 
 
-def _add_geometry(description, arrays, found, shots):
+def _add_geometry(description, arrays, snapshots, shots):
     """Add groups, straight pieces, faces and positions to the page."""
-    parts, structure = found.parts, found.structure
+    parts, structure = snapshots.parts, snapshots.structure
     names = [part.name for part in parts]
     if structure is not None:
         names = [name for name, _ in groups_by_name(structure)]
@@ -153,10 +153,10 @@ def _add_geometry(description, arrays, found, shots):
         }
         for s in shots
     ]
-    ends, element = found.links
+    ends, element = snapshots.links
     arrays.add("pieces", "u", ends)
     arrays.add("element", "u", element)
-    corners, element = found.faces
+    corners, element = snapshots.faces
     if len(corners):
         thirds = corners[:, [[0, 1, 2], [0, 2, 3]]]  # of a triangle the second has no area
         real = thirds[..., 1] != thirds[..., 2]
@@ -168,14 +168,14 @@ def _add_geometry(description, arrays, found, shots):
     arrays.add("moved", "f", [shot.displacement for shot in shots])
 
 
-def _add_curves(arrays, found, shots):
+def _add_curves(arrays, snapshots, shots):
     """Add the shapes of bent beams and hanging cables, and section forces along beams."""
     if shots[0].curves is None:
         return
     curves, ends = [shot.curves for shot in shots], [shot for shot in shots if shot.end is not None]
     beam, sagging = np.split(curves[0].element, [len(curves[0].bend)])
     if len(beam):
-        diagrams = [forces_along_beams(found.parts, shot.end, _DIAGRAM)[0] for shot in ends]
+        diagrams = [forces_along_beams(snapshots.parts, shot.end, _DIAGRAM)[0] for shot in ends]
         if any(len(values) != len(beam) for values in diagrams):  # a group tells none
             diagrams = np.zeros((len(ends), len(beam), 0, 6))
         arrays.add("beam", "u", beam)
@@ -188,11 +188,11 @@ def _add_curves(arrays, found, shots):
         arrays.add("sag", "f", [np.nan_to_num(shot.curves.sag) for shot in ends])
 
 
-def _add_results(description, arrays, found, shots):
+def _add_results(description, arrays, snapshots, shots):
     """Add the results of elements at all instants, NaN where unknown, and how elements look."""
-    parts, columns = found.parts, {}
+    parts, columns = snapshots.parts, {}
     for at, shot in enumerate(shots):
-        for column in result_columns(shot.element_results, parts, found.structure):
+        for column in result_columns(shot.element_results, parts, snapshots.structure):
             nothing = np.full((len(shots), len(shot.forces.present)), np.nan, np.float32)
             values = columns.setdefault(column.label, (column.unit, nothing))[1]
             values[at] = concatenate_values(column.values, parts)
@@ -204,7 +204,9 @@ def _add_results(description, arrays, found, shots):
         {"label": label, "unit": unit, "array": f"column {k}"}
         for k, (label, (unit, _)) in enumerate(columns.items())
     ]
-    description["color"] = found.color if found.color in columns else next(iter(columns), "")
+    description["color"] = (
+        snapshots.color if snapshots.color in columns else next(iter(columns), "")
+    )
     for k, (_, values) in enumerate(columns.values()):
         arrays.add(f"column {k}", "f", values)
     looks = [1 * f.slack + 2 * f.compressed + 4 * ~f.present for f in (s.forces for s in shots)]
