@@ -225,8 +225,8 @@ FAULTS = (
     Fault("files/nets.py",
         '("force_density", -1.0)', '("force_density", 1.0)',
         "the force in a link falls when crossings split it"),
-    Fault("reporting/members.py",
-        'envelope("lowest", "N", over, names, -1)', 'envelope("lowest", "N", over, names, 1)',
+    Fault("reporting/axial_forces.py",
+        '"lowest", "N", over, names, -1', '"lowest", "N", over, names, 1',
         "the lowest force of all load cases, and its case, are those of the highest"),
     Fault("reporting/lengths.py",
         "np.where(turned[:, None], span[:, ::-1], span)", "span",
@@ -235,8 +235,8 @@ FAULTS = (
         "enumerate(per_phase) if loads][:1]", "enumerate(per_phase) if loads]",
         "the loads of all phases act in the form, not of the first that has any"),
     Fault("cli/solve.py",
-        'parts = {last: solution.phases[-1], "in all phases": solution}',
-        'parts = {last: solution, "in all phases": solution.phases[-1]}',
+        'parts = {f"in phase {last} alone": solution.phases[-1], total: solution}',
+        'parts = {f"in phase {last} alone": solution, total: solution.phases[-1]}',
         "displacements of the last phase are printed as those of all"),
 )
 # fmt: on

@@ -19,7 +19,7 @@ _PICTURE = "hypar_net.png"
 
 def run(options: Namespace) -> None:
     """Prestress and load the net, print a table of deflections, write a picture."""
-    picture = outputs.target(options.plot, outputs.PICTURES, "--plot", usual=_PICTURE)
+    picture = outputs.require_target(options.plot, outputs.PICTURES, "--plot", usual=_PICTURE)
     structure, phases = scenes.hypar_net()
     free = hypar.plan()[2]
     offsets = np.linalg.norm(np.asarray(structure.nodes)[free] - hypar.plan()[0][free], axis=1)
@@ -62,5 +62,5 @@ def run(options: Namespace) -> None:
         "The plan of this net is not published; it was identified from these deflections, so the "
         "agreement is no validation."
     )
-    outputs.picture(plots.net(solution, magnify=5.0), picture)
+    outputs.save_picture(plots.net(solution, magnify=5.0), picture)
     print(f"\npicture   {picture}")

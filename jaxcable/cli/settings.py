@@ -10,19 +10,19 @@ import jax
 import matplotlib
 
 from ..common import fusion, keeping
-from .guard import say
+from .guard import print_message
 
 _PRECISION = "jax_enable_x64"
 
 
 @contextlib.contextmanager
-def of_command(quiet: bool, whole_process: bool) -> Iterator[None]:
-    """Set what commands need; at the end everything is as before.
+def command_settings(quiet: bool, whole_process: bool) -> Iterator[None]:
+    """Set precision, kept programs and warnings for a command; restore all at the end.
 
     Args:
         quiet: whether to leave out warnings.
-        whole_process: whether the process has been started for the command, so that XLA is asked to
-            fuse loops. It reads its flags once and keeps them: this one is not taken back.
+        whole_process: whether the process was started for the command, so that XLA is asked to fuse
+            loops. XLA reads its flags once: this one is not taken back.
     """
     if whole_process:
         fusion.ask()
@@ -36,7 +36,7 @@ def of_command(quiet: bool, whole_process: bool) -> Iterator[None]:
         text = "Error (reading|writing) persistent compilation cache entry"
         warnings.filterwarnings("ignore", text)
         for warning in () if quiet else refused:
-            say(f"warning: {warning.message}")
+            print_message(f"warning: {warning.message}")
         jax.config.update(_PRECISION, True)
         try:
             yield

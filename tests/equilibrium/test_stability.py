@@ -186,7 +186,7 @@ def test_who_is_told(tmp_path, capsys):
     result = tmp_path / "result.json"
     assert main(["solve", str(scene), "--save", str(result)]) == 0
     told = capsys.readouterr()
-    assert "warning: phases[0] ends in an unstable equilibrium" in told.err
+    assert "warning: phase 1 (phases[0]) ends in an unstable equilibrium" in told.err
     assert "UNSTABLE" in told.out
     assert json.loads(result.read_text())["stable"] is False
     assert jc.files.load_result(result)["stable"].dtype == bool

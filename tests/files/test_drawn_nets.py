@@ -296,7 +296,7 @@ def test_cables_that_end_on_an_arc_are_joined_to_it(tmp_path, capsys):
     assert main([*words, "--split"]) == 0
     out = capsys.readouterr().out
     assert f"split: 0 nodes made, {chords + 6} links of {chords + 3}" in out
-    assert "nodes with one link: 2\n" in out and "doubtful" not in out
+    assert "end nodes: 2\n" in out and "doubtful" not in out
 
 
 def test_properties_by_layer(tmp_path):
@@ -331,7 +331,7 @@ def test_the_command_line_splits_and_takes_layers(tmp_path, monkeypatch, capsys)
     assert main(["info", "roof.dxf"]) == 0
     out = capsys.readouterr().out
     assert "groups: NET 10, EDGE 4" in out and "nodes with points, by layer: SUPPORT 4" in out
-    assert "nodes with one link: 20\n  node 0 at (2, 0, 0) m" in out and "  and 8 more" in out
+    assert "end nodes: 20\n  node 0 at (2, 0, 0) m" in out and "  and 8 more" in out
     assert "corners of groups in plan: 4\n" in out and "at (12, 12, 4) m" in out
     assert "doubtful: 25 crossings of links in plan without a node, and 20 nodes on the" in out
     stiff = ["--axial-stiffness", "NET=2e7", "EDGE=1e8", "--strength", "NET=2e5"]

@@ -149,4 +149,4 @@ def test_the_command_line_counts_them(hung, tmp_path, capsys):
     main(["info", str(tmp_path / "hung.json")])
     text = capsys.readouterr().out
     assert "adds 1 of row" in text and "removes 1 of aid" in text
-    assert text.count("3 of 3 elements there") == 1
+    assert text.count("3 of 3 elements active") == 1

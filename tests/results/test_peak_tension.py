@@ -11,7 +11,7 @@ import scipy.optimize
 from oracles.taylor import slope
 
 import jaxcable as jc
-from jaxcable.cli.solve import highlights
+from jaxcable.cli.solve import largest_values
 from jaxcable.common.tree import copy
 from jaxcable.elements.element_state import ElementLoad
 from jaxcable.mechanics.elementwise import each
@@ -201,7 +201,7 @@ def test_reports_pictures_and_files_use_it(hung, tmp_path):
     used = Forces(told, structure.groups, structure, "utilisation").value[0]
     assert used == mean / STRENGTH  # forces as they are
 
-    assert highlights(solution)[1] == f"forces: -100000 to {peak:.6g} N"
+    assert largest_values(solution)[1] == f"final axial forces: -100000 to {peak:.6g} N"
 
     for name in ("r.npz", "r.json"):
         jc.files.save_result(tmp_path / name, structure, solution)

@@ -105,7 +105,7 @@ def test_reports_tell_of_buckling():
     def told(solution, buckling):
         return jc.report(STRUT, solution, buckling=buckling).summary[-1]
 
-    start = "buckling: at 4 times what has come since the reference, by linear theory"
+    start = "buckling: at 4 times the loads since the reference state (linear theory"
     assert told(solution, reference).startswith(start)
     moved = jc.replace(solution.last, positions=solution.positions.at[1, 0].add(HEIGHT / 10))
     leaning = told(jc.replace(solution, last=moved), reference.last)

@@ -1,4 +1,4 @@
-"""The analysis of a scene, for commands that show it."""
+"""The analysis of a scene, for commands that show its result."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from ..analysis import solver
 from ..analysis.solution import Solution
 from ..model.structure import Structure
 from . import inputs
-from .guard import refusing
+from .guard import refuse_value_errors
 
 _Shown = TypeVar("_Shown")
 
 
-def shown(
+def solve_and_show(
     options: Namespace, show: Callable[[Structure, Solution], _Shown]
 ) -> tuple[Solution, _Shown]:
-    """The solution of the scene of a command, and what `show` makes of structure and solution."""
-    structure, phases = inputs.scene(options)
-    with refusing(options.scene):
+    """Analyse the scene of a command; return the solution, and `show(structure, solution)`."""
+    structure, phases = inputs.read_scene(options)
+    with refuse_value_errors(options.scene):
         solution = solver.solve(structure, phases, progress=not options.quiet)
         return solution, show(structure, solution)

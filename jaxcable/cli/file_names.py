@@ -1,7 +1,7 @@
-"""Names of files that a command makes from another name: tables beside each other, pictures.
+"""Names of files that a command derives from another name: tables of a CSV, pictures of a scene.
 
-Nobody has named such a file, so that one of somebody else can be there. It is replaced if it is one
-that this program has written, which a table shows by its first line.
+The user has not given these names, so that a file of somebody else may be there. It is replaced
+only if this program has written it, which the first line of a table shows.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from .guard import Refused
+from .guard import BadInput
 
 RESULT = {
     "nodes": "node,support,x (m)",
@@ -21,6 +21,8 @@ RESULT = {
 _FORCES = "group,element,first,last,at first ("
 REPORT = {
     "summary": "of,note",
+    "displacements": "node,phase,ux (m),",
+    "displacement_envelope": "node,min ux (m),",
     "groups": "group,elements,lowest (N),",
     "reactions": "node,R",
     "equilibrium": "of,x (N),",
@@ -39,27 +41,27 @@ REPORT = {
 _UNITLESS = "summary", "slack", "loose"  # no column has a unit: the whole line must be that
 
 
-def beside(path: str, suffix: str) -> Path:
-    """The path with another suffix, for a file beside that of a scene.
+def path_beside(path: str, suffix: str) -> Path:
+    """Return the path with another suffix, for a file beside that of a scene.
 
     Raises:
-        Refused: the path has no name, as "." has none.
+        BadInput: the path has no file name, as "." has none.
     """
     try:
         return Path(path).with_suffix(suffix)
     except ValueError:
-        raise Refused(f"{path or 'scene'}: is no name of a file") from None
+        raise BadInput(f"{path or 'scene'}: is not the name of a file") from None
 
 
-def files(path: str | None, tables: Mapping[str, str]) -> list[Path]:
-    """Files that are written for a path: itself, or the tables that are made of the name of a CSV.
+def files_to_write(path: str | None, tables: Mapping[str, str]) -> list[Path]:
+    """Return the files that are written for a path: itself, or the tables of a CSV.
 
     Args:
         path: as on the command line; None is no file.
         tables: `RESULT` or `REPORT`.
 
     Raises:
-        Refused: a table would take the place of a file that this program has not written.
+        BadInput: a table would replace a file that this program has not written.
     """
     if path is None:
         return []
@@ -68,16 +70,16 @@ def files(path: str | None, tables: Mapping[str, str]) -> list[Path]:
         return [named]
     found = {name: named.with_name(f"{named.stem}-{name}.csv") for name in tables}
     for name, file in found.items():
-        if file.is_file() and not _is_ours(file, tables[name], name in _UNITLESS):
-            raise Refused(
-                f"{file}: there already, and no table of this program; {path} would replace it: "
-                "give another name"
+        if file.is_file() and not _is_own_table(file, tables[name], name in _UNITLESS):
+            raise BadInput(
+                f"{file}: exists and was not written by jaxcable; {path} would replace it: give "
+                "another name"
             )
     return list(found.values())
 
 
-def _is_ours(file, begin, whole):
-    """Whether the first line of a file is that of a table, which has columns with units."""
+def _is_own_table(file, begin, whole_line):
+    """Return whether the first line of a file is that of a table of this program."""
     with file.open("rb") as stream:
         line = stream.readline(10_000).decode("utf-8", "replace").rstrip("\r\n")
-    return line == begin if whole else line.startswith(begin) and " (" in line
+    return line == begin if whole_line else line.startswith(begin) and " (" in line
