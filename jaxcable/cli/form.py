@@ -81,7 +81,9 @@ def run(options: Namespace) -> None:
         )
     moved = np.linalg.norm(np.asarray(positions) - np.asarray(structure.nodes), axis=1)
     found = replace(structure, nodes=np.asarray(positions))
-    flat = "" if acting.loads or not _is_planar(positions) else "; the form is plane (no loads)"
+    flat = (
+        "" if acting.loads or not _is_planar(positions) else "; it lies in a plane, without loads"
+    )
     print(f"nodes moved by up to {inputs.format_number(float(moved.max()))} m{flat}")
     _print_group_tensions(found, stated)
     first = Phase(**stated, loads=acting.loads or None, increments=phases[0].increments)
@@ -126,7 +128,7 @@ def _phase_indices(words, count):
     except ValueError:
         numbers = {0}
     if not numbers <= set(range(1, count + 1)):
-        raise BadInput(f"--loads: expected phase numbers from 1 to {count}, or none")
+        raise BadInput(f"--loads: expected numbers of phases, 1 to {count}, or none")
     return sorted(number - 1 for number in numbers)
 
 

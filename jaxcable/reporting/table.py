@@ -18,14 +18,16 @@ Nets of models in the laboratory carry hundreds of newtons, structures tens of k
 the limit a number has at most four digits before its point.
 """
 _WIDTH = 110  # columns of notes, as of the widest table; a landscape page has 120 of 9 points
+_OVERHANG = 4  # characters by which a heading may be wider than the values below it
 _SHARED = 4
 """Number of columns from which a unit that all of them have is in the title, not in each heading.
 
 Two or three units make no line too long; section forces have seven."""
-_NEGLIGIBLE = 1e-9
-"""Share of the largest number of a unit, or of 1 N, J, Pa, up to which a number is rounding.
+_NEGLIGIBLE = 1e-7
+"""Share of the largest number of a unit, or of 1 N, J, Pa, up to which a text gives zero.
 
-Analyses end with a residual of 1e-10 of the forces (`Newton.tol`).
+Analyses end with a residual of 1e-10 of the forces (`Newton.tol`), which makes moments of up to
+1e-8 of the largest in slender beams. CSV and JSON have all digits.
 """
 _LEVER = 1e-3
 """Lever, m, at which the largest force of a table makes the least moment that is shown beside it.
@@ -201,25 +203,29 @@ def table_text(table: Table, most: int, scales: Scales) -> str:
 
 
 def _wrap_headings(headings, widths):
-    """Break headings into two lines at most, a list of lists.
+    """Break headings into lines, a list of lists.
 
-    If one is wider than the values of its column, `widths`, all break before their units; those
-    without a unit break only if they are too wide, where the longer line is shortest.
+    If one is wider than the values of its column, `widths`, all break before their units; names
+    break if they are too wide.
     """
     if all(len(heading) <= width for heading, width in zip(headings, widths, strict=True)):
         return [[heading] for heading in headings]
     wrapped = []
     for heading, width in zip(headings, widths, strict=True):
         name, _, unit = heading.rpartition(" (")
-        words = heading.split()
-        breaks = [[" ".join(words[:k]), " ".join(words[k:])] for k in range(1, len(words))]
         if name:
-            wrapped.append([name, f"({unit}"])
-        elif len(heading) > width and breaks:
-            wrapped.append(min(breaks, key=lambda lines: max(map(len, lines))))
+            lines = _break_in_two(name) if len(name) > width + _OVERHANG else [name]
+            wrapped.append([*lines, f"({unit}"])
         else:
-            wrapped.append([heading])
+            wrapped.append(_break_in_two(heading) if len(heading) > width else [heading])
     return wrapped
+
+
+def _break_in_two(heading):
+    """Break a heading of several words where the longer line is shortest, a list of lines."""
+    words = heading.split()
+    breaks = [[" ".join(words[:k]), " ".join(words[k:])] for k in range(1, len(words))]
+    return min(breaks, key=lambda lines: max(map(len, lines)), default=[heading])
 
 
 def _governing_size(table, row):

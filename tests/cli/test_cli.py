@@ -125,6 +125,53 @@ def test_an_analysis_that_fails_ends_with_status_1_and_its_text(scene, capsys):
     assert np.isfinite(jc.files.load_result("r.npz")["last.tension"]).all()
 
 
+def test_the_cause_of_a_failure_is_said_once(scene, capsys):
+    """A net of bars without prestress: what is likely and what to try, without words of Python."""
+    assert command("new net --save bars.json --quiet") == 0
+    data = json.loads(Path("bars.json").read_text())
+    for group in data["structure"]["elements"].values():
+        group["type"] = "Bars"
+    del data["phases"][0]["pretension"]
+    Path("bars.json").write_text(json.dumps(data))
+    assert command("solve bars.json --report r.txt") == 1
+    out, err = capsys.readouterr()
+    assert out.startswith("status 1: the analysis failed in phase 1\n")
+    assert "FAILED: no results: phase 1 did not converge" in out
+    line = err.strip().splitlines()[-1].removeprefix("jaxcable: ")
+    assert line.startswith(
+        "bars.json: phase 1, increment 1 of 1 (load factor 1): no equilibrium found"
+    )
+    assert "Likely: a mechanism" in line and "Try: more increments" in line
+    said = out + err
+    assert said.count("equilibrium found") == 1
+    assert not [word for word in ("trace_path", "max_steps", "residual") if word in said]
+    text = Path("r.txt").read_text()  # the report has no table of zeros, and says why itself
+    assert "Reactions" not in text and "no equilibrium found" in text
+
+
+def test_forces_above_the_strength_are_said_on_the_screen(scene, capsys):
+    weak = jc.replace(NET.structure.elements, strength=150.0)
+    jc.save_scene("weak.json", (jc.replace(NET.structure, elements=weak), NET.phases))
+    assert command("solve weak.json") == 0
+    out = capsys.readouterr().out
+    assert "STRENGTH EXCEEDED: 12 elements above the breaking force (elements: 12 of 12)" in out
+    # of `optimize`, whose pretension is no force that acts
+    assert command("optimize weak.json --deflection 0.0125 --same-in-group") == 0
+    out = capsys.readouterr().out
+    assert "STRENGTH EXCEEDED: 12 elements above the breaking force, by up to" in out
+    assert "it fixes the cutting length, and is not the jacking force" in out
+
+
+@pytest.mark.parametrize("name", ["solve", "info"])
+def test_nodes_in_millimeters_are_doubted(name, scene, capsys):
+    large = jc.replace(NET.structure, nodes=1e3 * np.asarray(NET.structure.nodes))
+    jc.save_scene("mm.json", (large, NET.phases))
+    command(f"{name} mm.json")
+    said = capsys.readouterr().err
+    assert "warning: mm.json: the structure extends over 1.2 km; nodes are in m" in said
+    assert command(f"{name} net.json") == 0 and "extends" not in capsys.readouterr().err
+
+
 # --- form
 
 
@@ -234,6 +281,15 @@ def test_optimize_finds_a_pretension_that_can_be_checked(scene, capsys, refused)
         ("none.json --target 1", "no phase has a pretension"),
     ):
         assert message in refused(f"optimize {words}")
+
+
+def test_optimize_says_that_no_pretension_is_needed(scene, capsys):
+    jc.save_scene("net.json", (NET.structure, [NET.phases[0], jc.replace(LOADED, increments=1)]))
+    for option in ("--one", "--same-in-group"):  # the old name still works
+        assert command(f"optimize net.json --deflection 0.5 {option}") == 0
+        out = capsys.readouterr().out
+        assert "no pretension is needed: the limits below are met without any" in out
+        assert "\npretension 0 N\n" in out and "KKT" not in out
 
 
 def test_optimize_that_fails_writes_nothing_unasked(scene, capsys):

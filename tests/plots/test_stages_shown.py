@@ -75,9 +75,9 @@ def test_reports_leave_out_what_is_not_there(hung):
     structure, _, solution = hung
     report = jc.report(structure, solution)
     assert [line.split("; ")[-1] for line in report.summary if line.startswith("phase")] == [
-        "2 of 3 elements there",
-        "3 of 3 elements there",
-        "2 of 3 elements there",
+        "2 of 3 elements active",
+        "3 of 3 elements active",
+        "2 of 3 elements active",
     ]
     table = report.tables["members"]
     rows = {(row[0], row[1]): dict(zip(table.columns, row, strict=True)) for row in table.rows}
