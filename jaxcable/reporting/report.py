@@ -44,12 +44,12 @@ class Report:
         summary: sentences on the whole analysis.
         tables: dict from name to `Table`; empty if nothing has converged:
 
-            - ``displacements``: of every node that moves, from the start, after every phase (in
-              every case), and ``displacement_envelope``;
             - ``reactions``: of supports on the structure, along x, y, z; ``equilibrium``: their
               sum, and that of the loads;
             - ``groups``: smallest and largest force of every group, if there are several;
             - ``members``: axial force, utilization and envelope of every element;
+            - ``displacements``: of every node that moves, from the start, after every phase (in
+              every case), and ``displacement_envelope``;
             - ``N``, ``Vy``, ``Vz``, ``T``, ``My``, ``Mz``: section forces of beams, with the signs
               of `section_forces`; without those that are zero everywhere;
             - ``stresses``, ``stress_envelope``: smallest and largest stress of fibres, and of bars
@@ -272,11 +272,11 @@ def _make_tables(structure, solution, counted, cases, labels):
     kind = "ends of phases" if cases is None else "cases"
     forces = axial_force_table(structure, state, counted, several)
     return {
-        **displacement_tables(structure, solution, counted, cases is not None),
         **group_tables(forces),
         "reactions": reaction_table(structure, state, end.fixed, counted, several),
         "equilibrium": equilibrium_table(structure, state),
         "members": forces,
+        **displacement_tables(structure, solution, counted, cases is not None),
         **section_force_tables(structure, end, counted if several else {}, kind),
         **stress_tables(structure, solution, cases, labels),
         "cutting_list": cutting_list_table(structure, solution),

@@ -11,6 +11,8 @@ from ..common import status
 from ..model.parts import groups_by_name, there
 from ..model.structure import Structure
 
+_TOLERANCE = 1e-10  # default of `Newton.tol`; a larger residual is explained
+
 
 def no_result(solution: Solution) -> bool:
     """Return whether an analysis has failed before any of its increments has converged."""
@@ -60,7 +62,10 @@ def _phase_sentence(structure, last, head, phase):
         k = np.flatnonzero(good)[-1]
         count = int(path.n_slack[k])
         slack = "no slack cables" if count == 0 else f"{count} slack cable{'s' * (count > 1)}"
-        text += f", relative residual {float(path.relative_residual[k]):.1e}; {slack}"
+        relative = float(path.relative_residual[k])
+        by_rounding = relative > _TOLERANCE and path.residual[k] <= path.rounding[k]
+        text += f", relative residual {relative:.1e}{' (limited by rounding)' * by_rounding}"
+        text += f"; {slack}"
     if int(phase.status) != status.OK:
         return text
     if phase.present is not None:
@@ -69,7 +74,8 @@ def _phase_sentence(structure, last, head, phase):
     if not bool(phase.stable):
         text += "; UNSTABLE at its end: negative eigenvalue of the tangent stiffness"
         if _may_be_unsymmetric(structure, last):
-            text += " (no proof here: moments or follower loads act)"
+            text += " of its symmetric part (the state may be stable all the same: moments, "
+            text += "follower loads or unsymmetric elements act)"
     return text
 
 
