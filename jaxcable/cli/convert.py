@@ -22,7 +22,7 @@ _OMITTED = {
 
 def run(options: Namespace) -> None:
     """Read the net or scene that `options` name and write it in the format of the suffix."""
-    outputs.require_target(options.save, (".json", ".dxf"), inputs=options.files)
+    outputs.check_output_file(options.save, (".json", ".dxf"), inputs=options.files)
     name, scale = options.save.lower(), 1.0
     if name.endswith((".dxf", ".compas.json")) and inputs.is_scene_file(options):
         others = ("anchors", "bars", "split", "tol", "supports", "sagitta", "hidden", "columns")

@@ -48,7 +48,7 @@ class _FormLoads(NamedTuple):
 
 def run(options: Namespace) -> None:
     """Find the form that `options` ask for, print its numbers, write it."""
-    outputs.require_target(options.save, (".json",), inputs=[options.scene])
+    outputs.check_output_file(options.save, (".json",), inputs=[options.scene])
     structure, phases = inputs.read_scene(options)
     table = Omissions(options.scene)
     if phases[0].supports is not None:
@@ -76,8 +76,8 @@ def run(options: Namespace) -> None:
         positions, stated = form.positions, {"pretension": form.tension}
         print(
             f"status {int(form.status)}: {status.describe(form.status)}, "
-            f"{int(form.iterations)} iterations, residual {float(form.residual):.1e} N "
-            f"({float(form.relative_residual):.1e})"
+            f"{int(form.iterations)} iterations, relative residual "
+            f"{float(form.relative_residual):.1e}"
         )
     moved = np.linalg.norm(np.asarray(positions) - np.asarray(structure.nodes), axis=1)
     found = replace(structure, nodes=np.asarray(positions))

@@ -129,7 +129,7 @@ def _describe_load(load):
     if isinstance(load, SelfWeight):
         direction = np.asarray(load.direction, float)
         plain = np.array_equal(direction, [0.0, 0.0, -1.0])
-        return f"self-weight{where}" + ("" if plain else f", times {_vector(direction)}")
+        return f"self-weight{where}" + ("" if plain else f", times {_vector_text(direction)}")
     if isinstance(load, LineLoads):
         forces = np.asarray(load.forces, float) * np.asarray(load.factor, float)[..., None]
         size = _with_prefix(forces, "N/m", is_vector=forces.ndim == 1)
@@ -144,11 +144,11 @@ def _with_prefix(values, unit, is_vector=False):
     prefix, factor = "", 1.0
     if unit.startswith("N") and largest >= 1e3:
         prefix, factor = ("M", 1e-6) if largest >= 1e6 else ("k", 1e-3)
-    write = _vector if is_vector else inputs.format_range
+    write = _vector_text if is_vector else inputs.format_range
     return f"{write(factor * values)} {prefix}{unit}"
 
 
-def _vector(values):
+def _vector_text(values):
     """Return the components of a vector as text."""
     return f"({', '.join(inputs.format_number(float(value)) for value in values)})"
 

@@ -48,19 +48,19 @@ def run(options: Namespace) -> None:
             raise BadInput("optimize: give --target, or --deflection and/or --lowest")
     elif options.target is not None:
         raise BadInput("optimize: --target cannot be combined with --deflection or --lowest")
-    outputs.require_target(options.save, (".json",), inputs=[options.scene])
+    outputs.check_output_file(options.save, (".json",), inputs=[options.scene])
     structure, phases = inputs.read_scene(options)
     number = next((k for k, p in enumerate(phases) if p.pretension is not None), None)
     if number is None:
         raise BadInput(f"{options.scene}: no phase has a pretension to optimize")
-    start, spread_out = _search_parameters(structure, phases[number], options)
+    start, pretension_of = _search_parameters(structure, phases[number], options)
 
-    def changed(pretension):
+    def phases_with(pretension):
         phase = replace(phases[number], pretension=pretension)
         return [*phases[:number], phase, *phases[number + 1 :]]
 
-    def analysed(parameters, progress=False):
-        return solve(structure, changed(spread_out(parameters)), progress=progress)
+    def analyse(parameters, progress=False):
+        return solve(structure, phases_with(pretension_of(parameters)), progress=progress)
 
     low, high = options.bounds
     if not low <= high:
@@ -68,15 +68,15 @@ def run(options: Namespace) -> None:
     inside = jnp.clip(start, low, high)
     if (inside != start).any():
         text = (
-            f"the pretension of the scene is outside the bounds; the search starts at the nearest "
+            "the pretension of the scene is outside the bounds; the search starts at the nearest "
             f"values within {low:g} to {high:g} N"
         )
         warnings.warn(text, InputWarning, stacklevel=1)
     start = inside
     with refuse_value_errors(options.scene):
         search = _minimize_pretension if options.target is None else _match_target_tension
-        found, description = search(analysed, start, (low, high), options)
-        solution = analysed(found.params, progress=not options.quiet)
+        found, description = search(analyse, start, (low, high), options)
+        solution = analyse(found.params, progress=not options.quiet)
     code = int(found.status)
     if code in (status.STATIONARY, status.STALLED) and _target_is_met(found, start, options):
         code = status.OK
@@ -92,15 +92,15 @@ def run(options: Namespace) -> None:
         f"pretension {inputs.format_range(_without_rounding(found.params, start))} N",
         f"final axial forces {inputs.format_range(solution.last.peak_tension)} N",
         *_describe_limits(solution, options),
-        *_describe_strength(structure, solution),
+        *_describe_exceeded_strength(structure, solution),
         _MEANING,
     ]
     good = code == status.OK or options.keep
     violated = code == status.CONSTRAINTS_VIOLATED
-    cause = "the limits are violated" if violated else "the search has not come to its end"
+    cause = "the limits are violated" if violated else "the search did not converge"
     if options.save is not None and good:
-        best = jax.tree.map(np.asarray, spread_out(found.params))
-        save_scene(options.save, Scene(structure, changed(best)))
+        best = jax.tree.map(np.asarray, pretension_of(found.params))
+        save_scene(options.save, Scene(structure, phases_with(best)))
         ended = "the scene with this pretension"
         if code != status.OK:
             ended += f", the best one found: {cause}"
@@ -123,7 +123,7 @@ def _search_parameters(structure, phase, options):
         values = [None if value is None else value.mean(keepdims=True) for value in values]
     start, by_group = ravel_pytree(values)
 
-    def spread_out(parameters):
+    def pretension_of(parameters):
         parts = zip(by_group(parameters), structure.groups, strict=True)
         return structure.arrange(
             [
@@ -132,14 +132,14 @@ def _search_parameters(structure, phase, options):
             ]
         )
 
-    return start, spread_out
+    return start, pretension_of
 
 
-def _match_target_tension(analysed, start, bounds, options):
+def _match_target_tension(analyse, start, bounds, options):
     """Find the pretension with which the final tensions are nearest to a target.
 
     Args:
-        analysed: function from parameters to a `Solution`.
+        analyse: function from parameters to a `Solution`.
         start: parameters at the start, [n].
         bounds: smallest and largest parameter.
         options: of the command.
@@ -149,11 +149,11 @@ def _match_target_tension(analysed, start, bounds, options):
     """
 
     def loss(parameters):
-        solution = analysed(parameters)
+        solution = analyse(parameters)
         return design.tension_distance(solution, options.target), solution
 
     found = design.minimize(loss, start, bounds, steps=options.steps, progress=not options.quiet)
-    n = sum(v.size for v in jax.tree.leaves(jax.eval_shape(analysed, start).tension))
+    n = sum(v.size for v in jax.tree.leaves(jax.eval_shape(analyse, start).tension))
     distance = float(np.sqrt(float(found.loss) / n))
     return found, f"root mean square distance from {options.target:g} N: {distance:.6g} N"
 
@@ -165,7 +165,7 @@ def _target_is_met(found, start, options):
     return float(found.loss) <= start.size * (_ROUNDING * options.target) ** 2
 
 
-def _minimize_pretension(analysed, start, bounds, options):
+def _minimize_pretension(analyse, start, bounds, options):
     """Find the smallest sum of pretensions that keeps deflections and tensions within limits.
 
     Args, Returns: as of `_match_target_tension`.
@@ -173,7 +173,7 @@ def _minimize_pretension(analysed, start, bounds, options):
     limits = options.deflection, options.lowest
 
     def problem(parameters):
-        solution = analysed(parameters)
+        solution = analyse(parameters)
         broken = []
         if limits[0] is not None:
             deflection = design.largest_deflection(solution, _WIDTH * limits[0])
@@ -221,7 +221,7 @@ def _without_rounding(pretension, start):
     return np.where(np.abs(pretension) <= _NO_PRESTRESS * np.abs(start).max(), 0.0, pretension)
 
 
-def _describe_strength(structure, solution):
+def _describe_exceeded_strength(structure, solution):
     """Return a line on elements above their strength in the final state; none if there are none."""
     try:
         used = design.utilization(structure, solution.last)

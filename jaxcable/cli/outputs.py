@@ -78,7 +78,7 @@ def check_suffix(path: str | None, known: Sequence[str], option: str) -> None:
         raise BadInput(f"{option} {path}: expected a name that ends with {', '.join(known)}")
 
 
-def require_target(
+def check_output_file(
     given: str | None,
     known: Sequence[str],
     option: str = "--save",
@@ -126,7 +126,7 @@ def save_solution(path: str | Path, structure: Structure, solution: Solution) ->
         return save(path, structure, solution)
 
 
-def exit_status(options: Namespace, solution: Solution) -> int | None:
+def report_failure(options: Namespace, solution: Solution) -> int | None:
     """Return the exit status of a command after its analysis; if that failed, print why.
 
     The texts of `status` name arguments of Python; here they name what a user of the command line

@@ -27,7 +27,7 @@ def run(options: Namespace) -> int | None:
     if options.sequence and options.reactions:
         raise BadInput("--reactions: not with --sequence")
     usual = file_names.path_beside(options.scene, ".png")
-    path = outputs.require_target(
+    path = outputs.check_output_file(
         options.save, outputs.PICTURES, usual=usual, inputs=[options.scene]
     )
 
@@ -49,4 +49,4 @@ def run(options: Namespace) -> int | None:
     else:
         outputs.save_picture(figure, path)
         print(f"wrote {path}")
-    return outputs.exit_status(options, solution)
+    return outputs.report_failure(options, solution)

@@ -13,7 +13,7 @@ from . import outputs
 
 def run(options: Namespace) -> None:
     """Print the schema, or write it to the file that `options` name."""
-    outputs.require_target(options.save, (".json",))
+    outputs.check_output_file(options.save, (".json",))
     text = laid_out(scene_schema())
     if options.save is None:
         print(text)

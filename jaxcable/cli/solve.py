@@ -51,7 +51,7 @@ def run(options: Namespace) -> int | None:
     findings = replace(findings, summary=_without_cause(findings.summary, solution))
     print(findings.text() if options.report == "-" else "\n".join(findings.summary))
     print("\n".join([*largest_values(solution), *(f"wrote {path}" for path in wrote)]))
-    return outputs.exit_status(options, solution)
+    return outputs.report_failure(options, solution)
 
 
 def _write_files(options, structure, solution, findings):

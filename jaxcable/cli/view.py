@@ -14,7 +14,9 @@ from .solving import solve_and_show
 def run(options: Namespace) -> int | None:
     """Write and open the page; return the exit status, 1 if the analysis fails."""
     usual = file_names.path_beside(options.scene, ".html").name
-    out = outputs.require_target(options.save, outputs.PAGES, usual=usual, inputs=[options.scene])
+    out = outputs.check_output_file(
+        options.save, outputs.PAGES, usual=usual, inputs=[options.scene]
+    )
     title = Path(options.scene).stem
     solution, page = solve_and_show(
         options,
@@ -23,4 +25,4 @@ def run(options: Namespace) -> int | None:
     print(f"wrote {page.path}")
     if not options.no_open:
         webbrowser.open(page.path.resolve().as_uri())
-    return outputs.exit_status(options, solution)
+    return outputs.report_failure(options, solution)

@@ -147,7 +147,7 @@ def group_tables(table: Table) -> dict[str, Table]:
     return {"groups": make_table(title, columns)}
 
 
-def exceeded_strengths(table: Table) -> str | None:
+def exceeded_strength_sentence(table: Table) -> str | None:
     """Return a sentence on elements whose force exceeds their strength; None if there are none.
 
     Args:

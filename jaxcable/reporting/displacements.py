@@ -47,7 +47,7 @@ def displacement_tables(
     moved = np.array([np.asarray(other.result.positions, float) for other in states.values()])
     moved = moved - np.asarray(structure.nodes, float)
     sizes = np.linalg.norm(moved, axis=2)
-    nodes = np.flatnonzero(sizes.max(axis=0) > _NEGLIGIBLE * _extent(structure))
+    nodes = np.flatnonzero(sizes.max(axis=0) > _NEGLIGIBLE * _largest_side(structure))
     if not len(nodes):
         return {}
     names, moved, sizes = list(states), moved[:, nodes], sizes[:, nodes]
@@ -55,12 +55,14 @@ def displacement_tables(
     columns = [
         Column("node", "", np.repeat(nodes, count)),
         Column("case" if cases else "phase", "", names * len(nodes)),
-        *(_length(axis, moved[..., k].T.ravel()) for k, axis in enumerate(_AXES)),
-        _length("u", sizes.T.ravel())._replace(heading="total u", governs=True),
+        *(_displacement_column(axis, moved[..., k].T.ravel()) for k, axis in enumerate(_AXES)),
+        _displacement_column("u", sizes.T.ravel())._replace(heading="total u", governs=True),
     ]
     if not cases:
-        within = _within_phases(solution, names)[:, nodes]
-        columns.append(_length("u in phase", within.T.ravel())._replace(heading="u of this phase"))
+        within = _displacements_within_phases(solution, names)[:, nodes]
+        columns.append(
+            _displacement_column("u in phase", within.T.ravel())._replace(heading="u of this phase")
+        )
     notes = ["from the start: from the nodes of the input, with all phases so far"]
     notes.append("nodes that do not move have no row")
     tables = {"displacements": make_table("Displacements from the start", columns, notes)}
@@ -72,12 +74,12 @@ def displacement_tables(
     return tables
 
 
-def _length(name, values):
+def _displacement_column(name, values):
     """Return a column of displacements, m, which the text gives in mm."""
     return Column(name, "m", values, millimeters=True)
 
 
-def _within_phases(solution, names):
+def _displacements_within_phases(solution, names):
     """Return the sizes of displacements in the converged phases, [n_phase, n_node], m."""
     good = [phase for phase in solution.phases if int(phase.status) == status.OK]
     assert len(good) == len(names)
@@ -98,15 +100,15 @@ def _envelope_columns(nodes, names, moved, sizes):
     return [*columns, largest._replace(millimeters=True, governs=True), when]
 
 
-def _extent(structure):
+def _largest_side(structure):
     """Return the largest side of the bounding box of the nodes, m."""
     return float(np.ptp(np.asarray(structure.nodes, float), axis=0).max())
 
 
-def large_displacement(structure: Structure, solution: Solution) -> str | None:
+def large_displacement_sentence(structure: Structure, solution: Solution) -> str | None:
     """Return a sentence on displacements that are large beside the structure; None if none is."""
     moved = np.linalg.norm(np.asarray(solution.last.displacement, float), axis=1)
-    extent = _extent(structure)
+    extent = _largest_side(structure)
     if not moved.max() > _LARGE * extent:
         return None
     return (

@@ -18,8 +18,8 @@ from ..model.parts import one_case
 from ..model.structure import Structure
 from ..model.topology import require_same
 from . import stability, states
-from .axial_forces import axial_force_table, exceeded_strengths, group_tables
-from .displacements import displacement_tables, large_displacement
+from .axial_forces import axial_force_table, exceeded_strength_sentence, group_tables
+from .displacements import displacement_tables, large_displacement_sentence
 from .element_results import element_result_tables
 from .energies import energy_table
 from .lengths import cable_tables, cutting_list_table
@@ -27,7 +27,7 @@ from .reactions import equilibrium_table, reaction_table
 from .section_forces import section_force_tables
 from .slackness import loose_node_table, slack_cable_table
 from .stresses import stress_tables
-from .summary import no_result, summary_sentences
+from .summary import has_no_result, summary_sentences
 from .surfaces import surface_tables
 from .table import Table, common_scales, csv_header, finite_or_none, table_text
 
@@ -224,13 +224,16 @@ def report(
     if own_names is not None:
         heads = [f"{head}, {name}" for head, name in zip(heads, labels, strict=True)]
     summary = summary_sentences(structure, solution, heads, failed)
-    if no_result(solution):
+    if has_no_result(solution):
         return Report(int(solution.status), tuple(summary), {})
     if buckling is not False and buckling is not None:
         reference = None if buckling is True else buckling
         summary.append(stability.buckling_sentence(structure, solution.last, reference))
     tables = _make_tables(structure, solution, counted, good, labels)
-    findings = exceeded_strengths(tables["members"]), large_displacement(structure, solution)
+    findings = (
+        exceeded_strength_sentence(tables["members"]),
+        large_displacement_sentence(structure, solution),
+    )
     summary += [sentence for sentence in findings if sentence is not None]
     if balanced:
         tables["energy"] = energy_table(

@@ -14,7 +14,7 @@ from ..model.structure import Structure
 _TOLERANCE = 1e-10  # default of `Newton.tol`; a larger residual is explained
 
 
-def no_result(solution: Solution) -> bool:
+def has_no_result(solution: Solution) -> bool:
     """Return whether an analysis has failed before any of its increments has converged."""
     return int(solution.status) != status.OK and int(solution.last.phase) < 0
 
@@ -37,7 +37,7 @@ def summary_sentences(
     lines.append(f"{structure.n_node} nodes; {', '.join(counts)}")
     for head, phase in zip(heads, solution.phases, strict=True):
         lines.append(_phase_sentence(structure, solution.last, head, phase))
-    if no_result(solution):
+    if has_no_result(solution):
         first = next(h for h, p in zip(heads, solution.phases, strict=True) if int(p.status) != 0)
         return [*lines, f"FAILED: no results: {first} did not converge in its first increment"]
     if code != status.OK:

@@ -301,9 +301,7 @@ def test_optimize_that_fails_writes_nothing_unasked(scene, capsys):
     out, err = capsys.readouterr()
     assert out == "" and Path("t.json").read_text() == "mine"
     first, second = err.strip().splitlines()  # and no warning of the start
-    assert first == (
-        "jaxcable: t.json: not written: the search has not come to its end; --keep writes it"
-    )
+    assert first == ("jaxcable: t.json: not written: the search did not converge; --keep writes it")
     assert "maximum number of optimization steps reached" in second
     assert command(f"{words} --keep") == 1
     out, err = capsys.readouterr()
