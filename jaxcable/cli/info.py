@@ -9,6 +9,7 @@ import numpy as np
 from ..analysis.phases import all_stated
 from ..analysis.preparation import prepare
 from ..analysis.presence import presence_of
+from ..elements import Bars, Cables
 from ..elements.abilities import STATEMENTS, statements_of
 from ..files.doubts import counted, doubts, place
 from ..loads import LineLoads, SelfWeight, as_list
@@ -82,9 +83,9 @@ def _print_scene(structure, phases):
             weight = float(group.weights(group.start(nodes[group.links.array])).sum())
             mass = inputs.format_number(weight / STANDARD_GRAVITY / float(sizes.sum()))
             print(f"  weighs {inputs.format_number(weight)} N in total, {mass} kg/m2")
-        if getattr(group, "law", None) is not None:
+        if isinstance(group, Cables | Bars) and group.law is not None:
             print(f"  stress-strain law {type(group.law).__name__}")
-        if getattr(group, "section", None) is not None:
+        if group.section is not None:
             print(f"  section of {counted(len(np.ravel(group.section.y)), 'fibre')}")
     presence = presence_of(structure, phases, None)
     for number, phase in enumerate(phases, 1):
@@ -123,9 +124,9 @@ def _print_phase(number, phase, structure):
 
 def _describe_load(load):
     """Return a load in words, with its values where these are a single vector."""
-    where = "" if getattr(load, "on", None) is None else f" on {load.on}"
-    if getattr(load, "elements", None) is not None:
-        where += " (some elements)"
+    if isinstance(load, SelfWeight | LineLoads):
+        where = "" if load.on is None else f" on {load.on}"
+        where += "" if load.elements is None else " (some elements)"
     if isinstance(load, SelfWeight):
         direction = np.asarray(load.direction, float)
         plain = np.array_equal(direction, [0.0, 0.0, -1.0])
