@@ -295,7 +295,7 @@ def test_cables_that_end_on_an_arc_are_joined_to_it(tmp_path, capsys):
     assert "doubtful: 3 crossings of links in plan without a node" in capsys.readouterr().out
     assert main([*words, "--split"]) == 0
     out = capsys.readouterr().out
-    assert f"split: 0 nodes made, {chords + 6} links of {chords + 3}" in out
+    assert f"split: 0 nodes added, {chords + 6} links instead of {chords + 3}" in out
     assert "end nodes: 2\n" in out and "doubtful" not in out
 
 
@@ -339,7 +339,7 @@ def test_the_command_line_splits_and_takes_layers(tmp_path, monkeypatch, capsys)
     assert main(words) == 2
     assert "reach no support by links: 25 crossings of links" in capsys.readouterr().err
     assert main([*words, "--split"]) == 0
-    assert "split: 25 nodes made, 84 links of 14" in capsys.readouterr().out
+    assert "split: 25 nodes added, 84 links instead of 14" in capsys.readouterr().out
     structure, _ = jc.load_scene("roof.json")
     assert structure.elements["EDGE"].axial_stiffness.tolist() == [1e8] * 24
     assert structure.elements["EDGE"].strength is None
