@@ -68,11 +68,12 @@ class Newton:
             absolute end forces + load); at least 64 eps. Default 1e-10, in float32 1e-5. Where a
             phase adds dead loads below 1 % of this force, the residual is at most 50 tol of the
             largest of these, too, and what earlier increments have left is carried along; if
-            rounding leaves less than half of the digits of the load, the status is AT_ROUNDING
-            (`balance`; not in float32). The residual that the rounding of the displacements leaves,
-            ``8 eps u/L (EA along, 12 EI/L^2 across)``, is allowed, too (`path.rounding`). Nets of
-            cables are iterated with nearly twice the digits: there it is ``8 eps^2 u/L EA``. Where
-            it is more than 1 % of the forces of a net under load, the status is AT_ROUNDING.
+            rounding leaves less than half of the digits of the load, the status is AT_ROUNDING (see
+            `balance`; not in float32). The residual that the rounding of the displacements
+            leaves, ``8 eps u/L (EA along, 12 EI/L^2 across)``, is allowed, too (`path.rounding`).
+            Nets of cables are iterated with nearly twice the digits: there it is ``8 eps^2 u/L
+            EA``. Where it is more than 1 % of the forces of a net under load, the status is
+            AT_ROUNDING.
         max_steps: steps allowed per increment; after them the status is NOT_CONVERGED, or says
             more exactly why: AT_ROUNDING, COLLAPSED.
         linear_solver: "dense", "superlu" (SciPy), "cholmod" (if `cvxopt` is installed) or "pardiso"
@@ -257,8 +258,8 @@ def march(
         factored: as for `equilibrate`.
         last_reading: `Reading` of the last good increment.
         is_first: whether no increment has been good so far: then the start is read.
-        report: function of a load factor and its `Outcome` that is called after every increment,
-            or None.
+        report: function that is called after every increment with its load factor and its
+            `Outcome`, or None.
 
     Returns:
         xs: points, [1 + n_inc, ...]; those of nets with a fine part (`spaces.translations`).
