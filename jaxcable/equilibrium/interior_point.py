@@ -81,7 +81,7 @@ class InteriorPoint:
         unknowns: Any,
         finite: Bool[Array, ""],
         steps_since_halved: Int[Array, ""],
-        relative: Float[Array, ""],
+        relative_residual: Float[Array, ""],
         length: Float[Array, ""],
     ) -> FinishDecision:
         """Return whether to try finishing steps.
@@ -90,14 +90,14 @@ class InteriorPoint:
             unknowns: `tension_unknowns.TensionUnknowns`.
             finite: whether the last step led to finite forces.
             steps_since_halved: steps since the residual was halved.
-            relative: residual over the force it is compared with.
+            relative_residual: residual over the force it is compared with.
             length: of elements, m.
         """
-        stalled = (steps_since_halved >= _STALLED_STEPS) & (relative <= _STALLED_BELOW)
+        stalled = (steps_since_halved >= _STALLED_STEPS) & (relative_residual <= _STALLED_BELOW)
         stuck = (unknowns.blocked_steps >= 2) | stalled
-        now = finite & ((relative <= unknowns.finish_threshold) | stuck)
+        now = finite & ((relative_residual <= unknowns.finish_threshold) | stuck)
         failed = ((unknowns.steps_in_mode >= _MAX_STEPS) | ~finite) & ~now
-        return FinishDecision(now, stuck, relative, failed=failed)
+        return FinishDecision(now, stuck, relative_residual, failed=failed)
 
 
 @pytree
@@ -202,7 +202,7 @@ class LengthBoundEquations:
         matrix = system.tangent(x, [*stiffness(system, x, self.unit_forces, self.slope, tensions)])
         size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
         eps, tiny = jnp.finfo(x.dtype).eps, jnp.finfo(x.dtype).tiny
-        rounding = unknowns.shift_in_roundings * (eps * size) + tiny
+        rounding = unknowns.min_shift_in_eps * (eps * size) + tiny
         shift = _SHIFT * jnp.minimum(residual, jnp.max(tensions) + self.load) / self.length
         shift = jnp.where(unknowns.is_interior, unknowns.interior_point.damping, shift)
         return linear.plus_diagonal(matrix, jnp.maximum(shift, rounding))
@@ -258,13 +258,13 @@ class LengthBoundEquations:
         after = copy(unknowns, interior_point=inner, blocked_steps=blocked.astype(jnp.int32))
         return after, fraction
 
-    def _next_damping(self, far):
+    def _next_damping(self, was_too_long):
         """Return the shift for the next interior step: larger after one that was too long."""
         inner = self.unknowns.interior_point
         least = _MIN_DAMPING * jnp.max(inner.tension) / self.length
         more = jnp.maximum(_DAMPING_FACTOR * inner.damping, least)
         less = inner.damping / _DAMPING_FACTOR
-        return jnp.where(far, more, jnp.where(less > _UNDAMPED * least, less, 0.0))
+        return jnp.where(was_too_long, more, jnp.where(less > _UNDAMPED * least, less, 0.0))
 
 
 def _fraction_to_zero(values, changes):
