@@ -118,9 +118,8 @@ class EquilibriumSearch:
         state, converged = self._check_convergence(state, search_over, residual_before)
         if self.is_net:  # a long step may lead to where the fine part matters after all
             converged = converged & (exact | ~self._needs_fine_part(state))
-        state, reevaluate = self._update_strategies(
-            state, fraction, accepted, search_over, converged
-        )
+        given = fraction, accepted, search_over, converged
+        state, reevaluate = self._update_strategies(state, *given)
         return self._compute_step(state, search_over & ~state.done & ~reevaluate, converged)
 
     def _evaluate_trial(self, state, exact):
@@ -173,13 +172,16 @@ class EquilibriumSearch:
     def carried_residual(
         self, scale: Float[Array, ""], steps: Int[Array, ""]
     ) -> Float[ArrayLike, " n_free"]:
-        """Return the residual that is carried along as a load, see `balance`, [n_free], N."""
+        """Return the earlier residual that counts as a load, see `balance`, [n_free], N."""
         if self.criterion is None:
             return 0.0
         return self.criterion.carried_residual(scale, self.tol, steps)
 
     def _energy_slope(self, state, x, residual, elements):
-        """Return the derivative of the energy along the step at x, J, with predicted forces cut."""
+        """Return the derivative of the energy along the step at x, J.
+
+        Axial forces count up to the cut-off of `PredictedForces` only.
+        """
         slope = residual @ state.step
         if state.predicted is None:
             return slope
@@ -214,14 +216,12 @@ class EquilibriumSearch:
             known = jnp.where(self.is_loaded, _MAX_ROUNDING * state.scale, jnp.inf)
             # a net that is under load has others to be judged by
             released = _RELEASED_ROUNDINGS * jnp.finfo(state.scale.dtype).eps * state.scale
-            state = copy(
-                state, released=jnp.where(first & ~self.is_loaded, released, state.released)
-            )
+            released = jnp.where(first & ~self.is_loaded, released, state.released)
+            state = copy(state, released=released)
             granted = jnp.maximum(jnp.minimum(state.rounding, known), state.released)
         elif state.rounding is not None:
-            state = copy(
-                state, start_rounding=jnp.where(first, state.rounding, state.start_rounding)
-            )
+            rounding = jnp.where(first, state.rounding, state.start_rounding)
+            state = copy(state, start_rounding=rounding)
             granted = jnp.maximum(state.rounding, state.start_rounding)
         else:
             granted = jnp.zeros_like(state.residual)
