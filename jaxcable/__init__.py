@@ -20,6 +20,7 @@ A net is prestressed, then loaded:
 from .common import interrupt as _interrupt  # noqa: F401, isort: skip - before jax, which loads for seconds
 from . import (
     design,
+    extend,
     files,
     forms,
     loads,
@@ -105,6 +106,7 @@ __all__ = [
     "describe",
     "design",
     "energy_balance",
+    "extend",
     "fibre_stress",
     "files",
     "find_form",

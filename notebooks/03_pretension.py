@@ -79,7 +79,7 @@ def measure(T):
     values = {
         "deflection": jc.design.smooth_max(moved, 5e-4),  # m
         "strain": jc.design.slack_margin(structure, solutions, 2e-5),
-        "use": jc.design.smooth_max(jc.design.utilisation(structure, solutions.tension), 2e-3),
+        "use": jc.design.smooth_max(jc.design.utilization(structure, solutions.tension), 2e-3),
     }
     return values, solutions
 

@@ -19,18 +19,18 @@ from ..common import checks
 from ..common.selection import Only
 from ..common.types import Bool
 from ..elements.stated import Stated
-from ..loads import CablePressure, LineLoads, SelfWeight
+from ..loads.groups import OnGroups
 from ..loads.load import Acting
 from ..model.structure import Structure
 from .by_group import is_scalar, spread
-from .phases import ABSOLUTE, INCREMENTS, Phase
+from .phases import ABSOLUTE, INCREMENTS, Phase, all_stated
 from .presence import Presence
 
 
 def require_present(
     structure: Structure,
     phases: Sequence[Phase],
-    inputs: Sequence[Sequence[dict[str, Stated]]],
+    statements: Sequence[Sequence[dict[str, Stated]]],
     presence: Presence,
     earlier: int = 0,
 ) -> Presence:
@@ -38,7 +38,7 @@ def require_present(
 
     Args:
         structure, phases: of the analysis.
-        inputs: statements of every phase and group, as `Phase.inputs` gives them.
+        statements: statements of every phase and group, as `Phase.statements` gives them.
         presence: which elements are there in which phase.
         earlier: number of phases solved before, by which messages number the phases.
 
@@ -48,12 +48,10 @@ def require_present(
     sound = presence.sound
     for k, phase in enumerate(phases):
         there = [present[k] for present in presence.present]
-        for name in (*ABSOLUTE, *INCREMENTS):
-            value, label = getattr(phase, name), f"phases[{earlier + k}].{name}"
-            if value is None:
-                continue
+        for name, value in all_stated(phase).items():
+            label = f"phases[{earlier + k}].{name}"
             if is_scalar(value):
-                _judge_scalar(name, label, [name in own for own in inputs[k]], there)
+                _judge_scalar(name, label, [name in own for own in statements[k]], there)
                 continue
             values = spread(value, structure, name)
             parts = zip(values, structure.named_groups(), there, strict=True)
@@ -64,7 +62,7 @@ def require_present(
                 if isinstance(wrong, jax.core.Tracer):
                     sound = jnp.ones(len(phases), bool) if sound is None else sound
                     sound = sound.at[k].set(sound[k] & ~wrong)
-                later = [statements[number] for statements in inputs[k + 1 :]]
+                later = [of_phase[number] for of_phase in statements[k + 1 :]]
                 _judge_array(name, label, where, given, presence.present[number][k:], later)
     return presence._replace(sound=sound)
 
@@ -72,7 +70,7 @@ def require_present(
 def loads_that_never_act(
     along: Sequence[Sequence[Acting]], presence: Presence, earlier: int = 0
 ) -> None:
-    """Warn of loads along elements none of which is there from the phase of the load on.
+    """Warn of loads on elements none of which is there from the phase of the load on.
 
     Args:
         along: element loads of every phase, after `among`.
@@ -81,18 +79,24 @@ def loads_that_never_act(
     """
     for k, loads in enumerate(along):
         for acting in loads:
-            if not isinstance(acting, SelfWeight | LineLoads | CablePressure):
+            if not isinstance(acting, OnGroups) or not acting.on:  # or a load on stated faces
                 continue
             on: Any = acting.on  # numbers of groups, after `among`
             if any(isinstance(presence.present[number], jax.core.Tracer) for number in on):
                 continue
             part = acting.part or {}
-            acts = [presence.present[n][k:] & (np.asarray(part.get(n, 1.0)) != 0) for n in on]
+            acts = [presence.present[n][k:] & _loaded(part.get(n)) for n in on]
             if not any(np.any(one) for one in acts):
                 checks.suspect(
                     f"loads of phases[{earlier + k}]: {acting} acts on elements that are not "
                     "there, neither in this phase nor in a later one"
                 )
+
+
+def _loaded(factors):
+    """Which elements a load acts on by its factors, [n_elem, ...] or None: all if not known."""
+    known = checks.concrete(factors)
+    return True if known is None else (known != 0).reshape(len(known), -1).any(axis=1)
 
 
 def _states_nothing(name, given):
@@ -152,7 +156,7 @@ def _judge_array(name, label, where, given, present, later):
                 waits = waits & ~(comes & chosen)
         lost |= waits & comes
         waits = waits & ~comes
-    lost &= nonzero if name in INCREMENTS else True
+    lost &= True if name in ABSOLUTE else nonzero
     if lost.any():
         k = int(lost.argmax())
         shown = ", ".join(f"{number:.6g}" for number in np.atleast_1d(values[k]))

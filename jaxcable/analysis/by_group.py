@@ -10,6 +10,7 @@ import numpy as np
 from ..common import checks
 from ..common.selection import Named, Only, Selection
 from ..common.types import PyTree
+from ..elements.abilities import components_of
 from ..model.structure import Structure
 
 
@@ -55,9 +56,15 @@ def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
         except (ValueError, TypeError, KeyError):
             continue
         return values
+    known = [components_of(group, name) for group in structure.groups]
+    columns = [
+        f"; components are the columns of [n_elem, {len(names)}]: {', '.join(names)}"
+        for names in known
+        if names
+    ]
     raise ValueError(
         f"{name}: expected one number, numbers [n_elem] of the only group, or these by group: "
-        f"the structure has {_told(numbers)}, got {_told(value)}"
+        f"the structure has {_told(numbers)}, got {_told(value)}{''.join(dict.fromkeys(columns))}"
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import jax
@@ -12,9 +13,16 @@ import numpy as np
 from ..common import checks
 from ..common.rules import refuse
 from ..common.selection import Named, Only, Selection
-from ..common.tree import pytree
+from ..common.tree import pytree, replace
 from ..common.types import ArrayLike, Bool, Float, PyTree
-from ..elements.abilities import Jacked, Prestressable, Sagging
+from ..elements.abilities import (
+    STATEMENTS,
+    Jacked,
+    Prestressable,
+    Sagging,
+    components_of,
+    statements_of,
+)
 from ..elements.prestress import Stated
 from ..loads import as_list
 from ..loads.load import Load
@@ -73,6 +81,10 @@ class Phase:
     stays as warm as it was: cooled again, it is shorter than stated. A shortening is measured at
     the temperature of its phase, too. Heat changes no weight, and no load per unstressed length.
 
+    Classes of elements that you write may know further statements (`elements.stated.Statement`),
+    such as the friction of a saddle, or a clamp: ``own={"clamped": {"saddles": 1}}``. They are
+    numbers, given in the same ways; the class says whether they are ramped, and how long they last.
+
     A statement acts on elements that are there (see `adds`). ``only(elements, values)`` for an
     element that is not there, or a statement for a group without any that is, raises ValueError,
     or ends in INVALID_INPUT where the masks are traced. One number for the structure or a group is
@@ -101,12 +113,14 @@ class Phase:
         placed: where nodes wait that no element touches: "drawn", where they are, so that new
             elements reach from where others have moved; or "attached": they go along with the node
             that their first element joins them to, as if rigidly, with its rotation.
+        own: statements of your own classes of elements, by name: ``{"clamped": {"saddles": 1}}``.
 
     Raises:
         ValueError: `increments` is no positive integer, `loads` has something else than loads,
             `supports` is no `Supports`, `placed` is unknown; in an analysis, two absolute
-            statements for one element, a value that an element cannot take, elements that are added
-            twice. The message names statement and element.
+            statements for one element, a value that an element cannot take, a statement of `own`
+            that no element knows, elements that are added twice. The message names statement and
+            element.
 
     Example:
         A flat net with 200 N in every cable, then loads on its free nodes in ten increments:
@@ -146,6 +160,9 @@ class Phase:
     adds: str | Sequence[str] | PyTree[Bool[ArrayLike, " n_elem"] | Selection] | None = None
     removes: str | Sequence[str] | PyTree[Bool[ArrayLike, " n_elem"] | Selection] | None = None
     placed: Literal["drawn", "attached"] = "drawn"
+    own: Mapping[str, PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only]] | None = (
+        None
+    )
 
     def __post_init__(self):
         for name in ("adds", "removes"):
@@ -165,25 +182,27 @@ class Phase:
             kind = checks.kind(self.supports, "pinned(nodes)")
             raise ValueError(f"supports: expected pinned(nodes) or Supports(mask), got {kind}")
         as_list(self.loads)
-        for name in ABSOLUTE + INCREMENTS:
-            for leaf in jax.tree.leaves(getattr(self, name)):
+        self._check_own()
+        for name, given in all_stated(self).items():
+            for leaf in jax.tree.leaves(given):
                 checks.floats(leaf, name)
 
-    def inputs(self, structure: Structure) -> list[dict[str, Stated]]:
+    def _check_own(self):
+        """Raise ValueError if `own` is no dict of statements that `Phase` does not have itself."""
+        if self.own is not None and not isinstance(self.own, Mapping):
+            kind = checks.kind(self.own, '{"clamped": values}')
+            raise ValueError(f"own: expected a dict of statements by name, got {kind}")
+        fields = {field.name for field in dataclasses.fields(self)}
+        for name in self.own or ():
+            if name in fields:
+                raise ValueError(f"own: {name!r} is an argument of Phase: Phase({name}=...)")
+
+    def statements(self, structure: Structure) -> list[dict[str, Stated]]:
         """Prestress statements per group: a list of dicts from name to `Stated`."""
         named = structure.named_groups()
         per_group = [{} for _ in named]
-        for name in ABSOLUTE + INCREMENTS:
-            given = getattr(self, name)
-            if given is None:
-                continue
-            if is_scalar(given):
-                values = [
-                    None if _passes_by(group, name, structure) else given
-                    for group in structure.groups
-                ]
-            else:
-                values = spread(given, structure, name)
+        for name, given in all_stated(self).items():
+            values = _by_group(given, structure, name)
             for statements, (where, group), value in zip(per_group, named, values, strict=True):
                 if value is not None:
                     try:
@@ -194,9 +213,22 @@ class Phase:
         for statements, (where, group) in zip(per_group, named, strict=True):
             _require_apart(statements, where, group)
             for name, stated in statements.items():
-                if not _has_components(group, name):
+                if not components_of(group, name):
                     plausibility.prestress(name, stated, group, where, structure.nodes)
         return per_group
+
+
+def all_stated(phase: Phase) -> dict[str, Any]:
+    """What a phase states of elements, by the names of statements, as it is given."""
+    fields = {name: getattr(phase, name) for name in (*ABSOLUTE, *INCREMENTS)}
+    return {n: given for n, given in {**fields, **(phase.own or {})}.items() if given is not None}
+
+
+def restated(phase: Phase, name: str, given: PyTree[Any]) -> Phase:
+    """The phase with another value of one statement."""
+    if name in STATEMENTS:
+        return replace(phase, **{name: given})
+    return replace(phase, own={**(phase.own or {}), name: given})
 
 
 def by_name(value: Any) -> Any:
@@ -208,6 +240,25 @@ def by_name(value: Any) -> Any:
     if isinstance(value, list | tuple) and value and all(isinstance(v, str) for v in value):
         return Named(value)
     return value
+
+
+def _by_group(given, structure, name):
+    """The values of a statement, a list with an entry per group, None if it has none of it."""
+    groups = structure.groups
+    if name not in STATEMENTS:
+        _require_known(name, groups)
+    if is_scalar(given):
+        return [None if _passes_by(group, name, structure) else given for group in groups]
+    return spread(given, structure, name)
+
+
+def _require_known(name, groups):
+    """Raise ValueError if no group has a statement of this name."""
+    known = {statement: type(group) for group in groups for statement in statements_of(group)}
+    if name not in known:
+        own = [f"{s!r} of {kind.__name__}" for s, kind in known.items() if s not in STATEMENTS]
+        there = f"; there are {', '.join(own)}" if own else ""
+        raise ValueError(f"own: no group of the structure has a statement {name!r}{there}")
 
 
 def _require_apart(statements, where, group):
@@ -252,31 +303,33 @@ def _passes_by(group, name, structure):
     """
 
     def takes(any_group):
-        return isinstance(any_group, Prestressable) and name in any_group.statements
+        return name in statements_of(any_group)
 
     def differs(any_group):  # its numbers mean something else than those of cables and bars
-        return any_group.rotates or _has_components(any_group, name)
+        return any_group.rotates or bool(components_of(any_group, name))
 
     if not takes(group):
         return any(map(takes, structure.groups))
+    if name not in STATEMENTS:
+        return False
     mixed = any(takes(other) and not differs(other) for other in structure.groups)
     warms = name == "temperature" and group.expansion is not None
     return differs(group) and mixed and not warms
-
-
-def _has_components(group, name):
-    """Whether a statement has several numbers for an element of a group."""
-    return isinstance(group, Prestressable) and name in group.components
 
 
 def _checked(value, group, name, structure):
     """The value of a statement for a group as `Stated`; ValueError if the group cannot take it."""
     if isinstance(value, Selection):
         raise ValueError(f"{name}: only(...) has no values here; give only(elements, values)")
+    known = statements_of(group)
+    if name not in known and name not in STATEMENTS:
+        having = [type(g).__name__ for g in structure.groups if name in statements_of(g)]
+        kinds = ", ".join(dict.fromkeys(having))
+        raise ValueError(f"{name}: a statement of {kinds}, not of {type(group).__name__}")
     if not isinstance(group, Prestressable):
         raise ValueError(f"{name}: a group of {type(group).__name__} cannot be prestressed")
-    if name not in group.statements:
-        possible = ", ".join(group.statements)
+    if name not in known:
+        possible = ", ".join(known)
         raise ValueError(f"{name}: of a group of {type(group).__name__} state {possible}")
     if name == "sag" and (not isinstance(group, Sagging) or group.weight is None):
         raise ValueError(
@@ -287,7 +340,7 @@ def _checked(value, group, name, structure):
         raise ValueError(f"jacking: a group of {type(group).__name__} has no jack")
     if name == "temperature" and group.expansion is None:
         raise ValueError("temperature: the group has no expansion coefficient; give expansion=...")
-    count, components = len(group.links), group.components.get(name, ())
+    count, components = len(group.links), components_of(group, name)
     if isinstance(value, Only):
         chosen = value.chosen(count, name)
         given = _per_element(value.values, len(value.elements), name, components)

@@ -104,10 +104,10 @@ def prepare(
         for k, (phase, held) in enumerate(zip(phases, sets[1:], strict=True))
     ]
     nodal, movements, along = ([kinds[k] for kinds in loads] for k in range(3))
-    inputs = []
+    statements = []
     for k, phase in enumerate(phases):
         with _named(f"phases[{earlier + k}]."):
-            inputs.append(phase.inputs(structure))
+            statements.append(phase.statements(structure))
     stacks = load_stacks.stacks(along)
     everything = [*([] if carry is None else carry.loads), *stacks]
     bundled = bundles.groups(groups)
@@ -116,13 +116,13 @@ def prepare(
     presence = presence_of(structure, phases, None if carry is None else carry.states, earlier)
     idle = attached = None
     if presence is not None:
-        presence = require_present(structure, phases, inputs, presence, earlier)
+        presence = require_present(structure, phases, statements, presence, earlier)
         loads_that_never_act(_alone(along), presence, earlier)
         presence, attached = presence.bundled(bundles), attached_of(phases)
         idle = presence.idle(structure, bundled)
     for k, phase in enumerate(phases):
         moving = along[k] or movements[k]
-        alone = not (moving or any(inputs[k])) and phase.supports is None
+        alone = not (moving or any(statements[k])) and phase.supports is None
         mask = sets[k + 1].array
         waits = None if idle is None or isinstance(idle, jax.core.Tracer) else idle[k + 1]
         peaks = [at_peak(*pair) for pair in nodal[k]]
@@ -133,13 +133,12 @@ def prepare(
         weighed = any(isinstance(stack.load, SelfWeight) for stack in everything)
         plausibility.weights(structure.named_groups(), weighed)
     freedoms, changes, before = numbering(sets, numbered, idle)
+    together = statements if bundles.plain else [bundles.statements(each) for each in statements]
     nodes = structure.nodes if rows is None else structure.nodes[rows.node]
     shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
     schedule = Schedule(
         number=np.arange(len(phases), dtype=np.int32),
-        inputs=stated(
-            inputs if bundles.plain else [bundles.inputs(each) for each in inputs], bundled
-        ),
+        statements=stated(together, bundled),
         added_load=on_rows(nodal, "nodal_forces", shape, dtype),
         moved=on_rows(movements, "steps", shape, dtype),
         freedoms=freedoms,
@@ -367,8 +366,8 @@ def verdicts(parameters: Frame, *others: Any) -> tuple[Bool[Array, ""], Int[Arra
     good = jnp.broadcast_to(structure_ok & kept(rules_of(others)), len(schedule))
     if schedule.sound is not None:
         good = good & schedule.sound
-    if jax.tree.leaves(schedule.inputs):
-        good = good & jax.vmap(lambda inputs: keeps_rules(inputs, groups, nodes))(schedule.inputs)
+    if jax.tree.leaves(schedule.statements):
+        good = good & jax.vmap(lambda own: keeps_rules(own, groups, nodes))(schedule.statements)
     for added in (schedule.added_load, schedule.moved):
         if added is not None and added.amplitude is not None:
             good = good & jax.vmap(lambda own: kept(own.rules()))(added.amplitude)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..common.rules import Rule, kept, not_negative, positive
 from ..common.types import Array, ArrayLike, Bool, Float
+from ..elements.abilities import STATEMENTS, statements_of
 from ..elements.element import Element
 from ..elements.prestress import Stated, of_each
 
@@ -16,20 +17,20 @@ _TENSIONS = ("pretension", "force_density", "jacking")
 
 
 def keeps_rules(
-    inputs: Sequence[dict[str, Stated]],
+    statements: Sequence[dict[str, Stated]],
     groups: Sequence[Element],
     nodes: Float[ArrayLike, "n_row 3"],
 ) -> Bool[Array, ""]:
     """Whether the prestress statements of a phase keep their rules, scalar bool, traced.
 
     Args:
-        inputs: for every group a dict from name to `Stated`.
+        statements: for every group a dict from name to `Stated`.
         groups: element groups, before `extended`.
         nodes: initial positions of the rows, [n_row, 3].
     """
     all_kept = kept([])
-    for group, statements in zip(groups, inputs, strict=True):
-        for name, stated in statements.items():
+    for group, own in zip(groups, statements, strict=True):
+        for name, stated in own.items():
             rules = value_rules(name, stated.values, group)
             if np.ndim(stated.values) > 1:  # a law of one strain says nothing of them
                 chosen = None if stated.chosen is None else stated.chosen[:, None]
@@ -44,6 +45,8 @@ def keeps_rules(
 
 def value_rules(name: str, values: Float[ArrayLike, " ..."], group: Element) -> list[Rule]:
     """Rules of the values of a statement, whatever the law can carry, see `common.rules`."""
+    if name not in STATEMENTS:
+        return [rule(name, values) for rule in statements_of(group)[name].rules]
     if name == "rest_length":
         return [positive(name, values, "an unstressed length must be positive")]
     if name == "prestrain":

@@ -31,7 +31,7 @@ class Schedule:
 
     Attributes:
         number: numbers of the phases.
-        inputs, added_load, moved: as in `PhaseData`.
+        statements, added_load, moved: as in `PhaseData`.
         freedoms: numbering of all unknowns, without the axis of phases.
         changes: fields of `freedoms` that change from phase to phase, by name, or None.
         before: fields of `freedoms` as the supports before every phase have them, by name; None if
@@ -47,7 +47,7 @@ class Schedule:
     """
 
     number: Int[ArrayLike, " n_phase"]
-    inputs: list[dict[str, Stated]]
+    statements: list[dict[str, Stated]]
     added_load: Added | None
     moved: Added | None
     freedoms: Freedoms
@@ -73,15 +73,15 @@ class Schedule:
     @property
     def rows(self) -> tuple[Any, ...]:
         """All arrays with an axis of phases, a tuple to be scanned; see `of`."""
-        data = self.inputs, self.added_load, self.moved, self.changes, self.before
+        data = self.statements, self.added_load, self.moved, self.changes, self.before
         return self.number, *data, self.present, self.attached
 
     def of(self, row: tuple[Any, ...]) -> PhaseData:
         """The `PhaseData` of one phase from its entry in `rows`."""
-        number, inputs, added, moved, changes, before, present, attached = row
+        number, statements, added, moved, changes, before, present, attached = row
         freedoms = self.freedoms if changes is None else copy(self.freedoms, **changes)
         was = None if before is None else copy(self.freedoms.of_supports, **before)
-        return PhaseData(number, inputs, added, moved, freedoms, was, present, attached)
+        return PhaseData(number, statements, added, moved, freedoms, was, present, attached)
 
     def phase(self, k: int) -> PhaseData:
         """The `PhaseData` of the phase `k`."""
@@ -89,29 +89,29 @@ class Schedule:
 
 
 def stated(
-    inputs: Sequence[Sequence[dict[str, Stated]]], groups: Sequence[Element]
+    statements: Sequence[Sequence[dict[str, Stated]]], groups: Sequence[Element]
 ) -> list[dict[str, Stated]]:
     """Prestress statements of all phases stacked: for every group a dict from name to `Stated`.
 
     Args:
-        inputs: for every phase a list with a dict for every group.
+        statements: for every phase a list with a dict for every group.
         groups: element groups.
     """
     found = []
     for k, group in enumerate(groups):
-        names = list(dict.fromkeys(name for phase in inputs for name in phase[k]))
-        count, statements = len(group.links), {}
+        names = list(dict.fromkeys(name for phase in statements for name in phase[k]))
+        count, of_group = len(group.links), {}
         for name in names:
-            some = next(phase[k][name] for phase in inputs if name in phase[k])
+            some = next(phase[k][name] for phase in statements if name in phase[k])
             nothing = Stated(np.zeros(np.shape(some.values)), np.zeros(count, bool))
-            parts = [phase[k].get(name, nothing) for phase in inputs]
+            parts = [phase[k].get(name, nothing) for phase in statements]
             if any(part.chosen is not None for part in parts):
                 parts = [
                     copy(part, chosen=np.ones(count, bool)) if part.chosen is None else part
                     for part in parts
                 ]
-            statements[name] = stacked(parts)
-        found.append(statements)
+            of_group[name] = stacked(parts)
+        found.append(of_group)
     return found
 
 

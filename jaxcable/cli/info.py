@@ -6,13 +6,16 @@ from argparse import Namespace
 
 import numpy as np
 
-from ..analysis.phases import ABSOLUTE, INCREMENTS
+from ..analysis.phases import all_stated
 from ..analysis.preparation import prepare
 from ..analysis.presence import presence_of
+from ..elements.abilities import STATEMENTS, statements_of
 from ..files.doubts import counted, doubts, place
 from ..loads import as_list
+from ..loads.faces import areas
 from ..model.parts import groups_by_name
 from ..spaces.freedoms import number_freedoms
+from ..stiffness.vibration import STANDARD_GRAVITY
 from . import inputs
 
 _MOST = 12  # nodes that are listed of a kind
@@ -49,14 +52,21 @@ def _scene(structure, phases):
     print(f"unknowns: {len(freedoms.free)}")
     named = groups_by_name(structure)
     for (label, group), lengths in zip(named, inputs.lengths(structure), strict=True):
+        sizes, kind, unit = lengths, "lengths", "m"
+        if group.face is not None:
+            sizes, kind, unit = areas(nodes[group.links.array[:, group.face]]), "areas", "m2"
         print(
             f"{type(group).__name__} {label}".strip() + f": {counted(len(lengths), 'element')}, "
-            f"lengths {inputs.spread(lengths)} m, {inputs.short(lengths.sum())} m in total"
+            f"{kind} {inputs.spread(sizes)} {unit}, {inputs.short(sizes.sum())} {unit} in total"
         )
         for field in ("axial_stiffness", "area", "rest_length", "weight", "strength", "expansion"):
             value = getattr(group, field, None)
             if value is not None:
                 print(f"  {field} {inputs.spread(value)}")
+        if group.face is not None and group.weight is not None:
+            weight = float(group.weights(group.start(nodes[group.links.array])).sum())
+            mass = inputs.short(weight / STANDARD_GRAVITY / float(sizes.sum()))
+            print(f"  weighs {inputs.short(weight)} N in total, {mass} kg/m2")
         for field in ("law", "section"):
             if getattr(group, field, None) is not None:
                 print(f"  {field} {type(getattr(group, field)).__name__}")
@@ -83,20 +93,12 @@ def _changes(k, structure, presence):
     print(f"  {sum(int(p[k].sum()) for p in presence.present)} of {total} elements there")
 
 
-_UNITS = {
-    **dict.fromkeys(("pretension", "jacking"), " N"),
-    **dict.fromkeys(("rest_length", "sag", "shortening"), " m"),
-    **{"force_density": " N/m", "prestrain": "", "temperature": " K"},
-}
-
-
 def _phase(number, phase, structure):
     """Print the contents of a phase."""
     print(f"phase {number}: {counted(phase.increments, 'increment')}")
-    stated = phase.inputs(structure)
-    for field in (*ABSOLUTE, *INCREMENTS):
-        if getattr(phase, field) is not None:
-            print(f"  {field} {_stated(field, [of.get(field) for of in stated], structure)}")
+    stated = phase.statements(structure)
+    for name in all_stated(phase):
+        print(f"  {name} {_stated(name, [of.get(name) for of in stated], structure)}")
     for load in as_list(phase.loads):
         print(f"  {load}")
     if phase.supports is not None:
@@ -108,13 +110,16 @@ def _stated(field, statements, structure):
     parts: dict[str, list[str]] = {}
     without, cold = [], []
     for (label, group), stated in zip(groups_by_name(structure), statements, strict=True):
+        if stated is None and field not in STATEMENTS and field not in statements_of(group):
+            continue  # only groups of one class may know it
         if stated is None:
             lacks = field == "temperature" and group.expansion is None
             (cold if lacks else without).append(label)
             continue
         values = np.asarray(stated.values)
         meant = np.ones(len(values), bool) if stated.chosen is None else stated.chosen
-        text = f"{inputs.spread(values[meant])}{_UNITS[field]}"
+        unit = statements_of(group)[field].unit
+        text = f"{inputs.spread(values[meant])} {unit}".removesuffix(" -")
         some = "" if meant.all() else f" ({int(meant.sum())} of {len(meant)} elements)"
         parts.setdefault(text, []).append(f"{label}{some}".strip())
     told = [f"{text} on {', '.join(names)}" for text, names in parts.items()]

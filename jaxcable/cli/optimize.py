@@ -97,7 +97,7 @@ def run(options: Namespace) -> None:
 
 def _parameters(structure, phase, options):
     """Start of the search, a vector, and the function from such a vector to a pretension."""
-    stated = [statements.get("pretension") for statements in phase.inputs(structure)]
+    stated = [statements.get("pretension") for statements in phase.statements(structure)]
     if any(statement is not None and statement.chosen is not None for statement in stated):
         raise Refused(f"{options.scene}: a pretension of some elements only cannot be optimized")
     values = [None if one is None else np.asarray(one.values, float) for one in stated]

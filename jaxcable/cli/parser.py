@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import re
+import sys
 from collections.abc import Sequence
 from importlib import metadata
+from pathlib import Path
 
 from .. import linear
 from ..files.reading import number, whole
 from . import convert, demo, form, info, new, optimize, plot, schema, settings, solve, view
-from .guard import guarded
+from .guard import Refused, guarded
 
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
 """Negative numbers, which are no options; Python's own pattern has no exponents (-4e3)."""
@@ -28,7 +31,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = parser().parse_args(arguments)
     with settings.of_command(options.quiet, whole_process=arguments is None):
-        return guarded(options.run, options)
+        return guarded(_run, options)
+
+
+def _run(options):
+    """Import the modules of the user's own classes that `options` name, then run the command."""
+    sys.path.insert(0, str(Path.cwd()))  # where scripts, unlike `python -m`, do not look
+    try:
+        for name in options.modules:
+            importlib.import_module(name)
+    except ImportError as error:
+        raise Refused(f"--import: {error}") from None
+    finally:
+        sys.path.remove(str(Path.cwd()))
+    return options.run(options)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -58,6 +74,10 @@ def parser() -> argparse.ArgumentParser:
     _demo(commands)
     for command in commands.choices.values():
         _flag(command, "--quiet", "print errors only: no results, no warnings, no progress")
+        text = "module to run first, installed or in this folder, that registers your own classes"
+        command.add_argument(
+            "--import", dest="modules", action="append", default=[], metavar="MODULE", help=text
+        )
     return top
 
 

@@ -1,10 +1,14 @@
 """Design: objectives on solutions, and ways to reach them by exact gradients."""
 
+import warnings
+from typing import Any
+
 from .confidence import Confidence, confidence
 from .constrained import ConstrainedDesign, minimize_subject_to
 from .fit import Fit, FitHistory, fit
-from .influence import adjustment, flat_matrix, influence, scatter
+from .influence import adjustment, flat_matrix, influence, propagate_tolerances
 from .kinks import nearest_kink, slack_distance, slack_margin
+from .load_cases import Envelope, envelope, solve_cases, utilization
 from .minimize import Design, History, minimize
 from .objectives import (
     largest_deflection,
@@ -17,7 +21,6 @@ from .objectives import (
     tension_spread,
     total_prestress,
 )
-from .reports import Envelope, envelope, solve_cases, utilisation
 from .targets import Target
 from .tune import Tuned, tune
 
@@ -43,7 +46,7 @@ __all__ = [
     "minimize",
     "minimize_subject_to",
     "nearest_kink",
-    "scatter",
+    "propagate_tolerances",
     "shape_distance",
     "slack_distance",
     "slack_margin",
@@ -54,5 +57,16 @@ __all__ = [
     "tension_spread",
     "total_prestress",
     "tune",
-    "utilisation",
+    "utilization",
 ]
+
+_RENAMED = {"scatter": "propagate_tolerances", "utilisation": "utilization"}
+
+
+def __getattr__(name: str) -> Any:
+    """Give a name of before its new one, with a warning, until the next release."""
+    if name not in _RENAMED:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    text = f"design.{name} is called {_RENAMED[name]} now"
+    warnings.warn(text, DeprecationWarning, stacklevel=2)
+    return globals()[_RENAMED[name]]

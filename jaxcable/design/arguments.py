@@ -1,4 +1,4 @@
-"""Checks of arguments of the functions of this room: tolerances, phases, values of elements."""
+"""Check arguments of the functions of this room: tolerances, phases, values of elements."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..model.structure import Structure
 
 
-def tolerance(tol: Float[ArrayLike, ""] | None, default: float) -> Float[ArrayLike, ""]:
-    """Return a tolerance of 0 or more and below 1, or the default for None; traced ones pass."""
+def check_tolerance(tol: Float[ArrayLike, ""] | None, default: float) -> Float[ArrayLike, ""]:
+    """Return a tolerance, checked to be at least 0 and below 1, or the default for None.
+
+    Traced values are not checked here: see `is_valid_tolerance`.
+    """
     if tol is None:
         return default
     tol = checks.scalar(tol, "tol")
@@ -23,14 +26,14 @@ def tolerance(tol: Float[ArrayLike, ""] | None, default: float) -> Float[ArrayLi
     return tol
 
 
-def is_tolerance(tol: Float[ArrayLike, ""]) -> Bool[Array, ""]:
-    """Whether a tolerance, which may be traced, keeps the rule of `tolerance`."""
+def is_valid_tolerance(tol: Float[ArrayLike, ""]) -> Bool[Array, ""]:
+    """Whether a tolerance, which may be traced, is at least 0 and below 1."""
     tol = jnp.asarray(tol)
     return (tol >= 0) & (tol < 1)
 
 
-def width_of(width: Float[ArrayLike, ""]) -> Float[ArrayLike, ""]:
-    """Return the width of a smoothing, positive; NaN if it is traced and is not."""
+def check_width(width: Float[ArrayLike, ""]) -> Float[ArrayLike, ""]:
+    """Return the width of a smoothing, checked to be positive; NaN if a traced one is not."""
     return or_nan(positive("width", checks.scalar(width, "width")))
 
 
@@ -48,24 +51,24 @@ def require_structure(structure: Any) -> None:
         raise ValueError(f"structure: expected a Structure, got {got}")
 
 
-def phase_of(solution: Any, phase: int) -> Any:
-    """Return the result of a phase of a solution; ValueError if there is no such phase."""
+def result_of_phase(solution: Any, phase: int) -> Any:
+    """Return the result of phase number `phase` of a solution; ValueError if there is none."""
     require_result(solution, "phases")
-    require_phase(phase, len(solution.phases), -len(solution.phases))
+    require_phase_index(phase, len(solution.phases), -len(solution.phases))
     return solution.phases[phase]
 
 
-def require_phase(phase: Any, count: int, least: int = 0) -> None:
-    """Raise ValueError unless `phase` is the number of one of `count` phases."""
+def require_phase_index(phase: Any, count: int, least: int = 0) -> None:
+    """Raise ValueError unless `phase` is an integer from `least` to below `count`."""
     whole = isinstance(phase, int | np.integer) and not isinstance(phase, bool)
     if not whole or not least <= phase < count:
         raise ValueError(f"phase = {phase!r}: there are phases 0 to {count - 1}")
 
 
-def like(
+def broadcast_to_elements(
     value: PyTree[Float[ArrayLike, " ..."]], tree: PyTree[Float[Array, " ..."]], name: str
 ) -> PyTree[Float[ArrayLike, " ..."]]:
-    """Return `value` in the shape of `tree`, results of elements: scalars, or as many numbers.
+    """Broadcast `value` to the pytree of results `tree`: a scalar or array [n_elem] for each group.
 
     Args:
         value: a scalar, an array or a prefix pytree of `tree`.
@@ -73,7 +76,7 @@ def like(
         name: the argument, for messages.
 
     Raises:
-        ValueError: another structure, or another number of elements.
+        ValueError: another pytree structure, or another number of elements.
     """
     if isinstance(value, list | tuple) and isinstance(tree, jax.Array | np.ndarray):
         value = checks.floats(value, name)
@@ -82,7 +85,7 @@ def like(
     except ValueError:
         shape = jax.tree.structure(tree)
         raise ValueError(
-            f"{name}: expected a number, or the shape of the elements, {shape}; got "
+            f"{name}: expected a number, or a pytree like the elements, {shape}; got "
             f"{jax.tree.structure(value)}"
         ) from None
 

@@ -1,4 +1,4 @@
-"""How well data determine parameters: confidence intervals, and combinations left undetermined."""
+"""How well data determine parameters: confidence intervals, undetermined combinations."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Confidence:
 
     Attributes:
         half_width: half width of the confidence interval of every parameter, in the shape of the
-            parameters; infinite if the data do not determine it (as for all in
+            parameters; infinite if the data do not determine it (as for those of
             `Fit.without_influence`), NaN if a bound blocks it.
         standard_error: standard error of every parameter, likewise.
         correlation: correlation of the flattened parameters, [n_param, n_param]; NaN where not
@@ -31,7 +31,7 @@ class Confidence:
         directions: these combinations, [n_free, n_param], in units of the parameters, each with a
             largest entry of 1.
         rank: number of combinations that are determined.
-        degrees: degrees of freedom, n_residual - rank.
+        degrees: statistical degrees of freedom, n_residual - rank.
 
     Example:
         >>> strain, force = jnp.array([1e-3, 2e-3, 3e-3]), jnp.array([101.0, 199.0, 301.0])  # -, N
@@ -56,7 +56,7 @@ class Confidence:
 def confidence(
     fit: Fit, level: float = 0.95, deviation: float | None = None, *, rcond: float = 1e-6
 ) -> Confidence:
-    """Confidence intervals from the Jacobian of a `Fit`; on the host, not to be traced.
+    """Compute confidence intervals from the Jacobian of a `Fit`; on the host, not to be traced.
 
     The covariance is ``C = s^2 (J^T J)^-1`` over the parameters that no bound blocks, with
     ``s^2 = |r|^2 / (n - rank)`` unless `deviation` is given; half widths are Student's t (the
@@ -109,8 +109,8 @@ def confidence(
     back = ravel_pytree(jax.tree.map(lambda x: np.asarray(x, float), fit.params))[1]
     n_residual, n_param = jacobian.shape
     varied = np.concatenate([np.ravel(f) for f in jax.tree.leaves(fit.free)]).astype(bool)
-    idle = [np.ravel(f) for f in jax.tree.leaves(fit.without_influence)]
-    jacobian[:, np.concatenate(idle).astype(bool)] = 0.0  # their columns are rounding
+    no_influence = [np.ravel(f) for f in jax.tree.leaves(fit.without_influence)]
+    jacobian[:, np.concatenate(no_influence).astype(bool)] = 0.0  # their columns are rounding
     columns = np.linalg.norm(jacobian[:, varied], axis=0)
     unit = np.where(columns > 0, columns, 1.0)
     _, values, combinations = np.linalg.svd(jacobian[:, varied] / unit, full_matrices=True)
@@ -122,8 +122,8 @@ def confidence(
     if deviation is None:
         if degrees < 1:
             raise ValueError(
-                f"deviation: {n_residual} residuals cannot tell their scatter beside {rank} "
-                "determined combinations of parameters; give it"
+                f"deviation: {n_residual} residuals cannot tell their own scatter besides {rank} "
+                "combinations of parameters; give the standard deviation of the data"
             )
         deviation = float(np.linalg.norm(fit.residual)) / np.sqrt(degrees)
         quantile = special.stdtrit(degrees, 0.5 + level / 2)

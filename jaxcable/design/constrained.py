@@ -1,4 +1,4 @@
-"""Minimise a loss subject to inequalities and bounds, by a library whose points are verified."""
+"""Minimize a loss subject to inequalities and bounds, by a library whose points are verified."""
 
 from __future__ import annotations
 
@@ -16,30 +16,31 @@ from ..common import checks, status
 from ..common.progress import Step, compiling, listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from .box import checked_call, prepared, spread
-from .optimality import kkt_conditions
-from .outcome import split_loss
-from .programs import Programs
-from .solvers import solver_named
-from .trials import Point, RunEnd, Trials, values_and_jacobian
+from .bounds import broadcast_to_params, check_call_arguments, prepare_search
+from .nlp_solvers import solver_named
+from .optimality import solve_kkt_conditions
+from .program_cache import ProgramCache
+from .returned_values import split_loss
+from .trials import RunEnded, ScaledProblem, TrialPoint, values_and_jacobian
 
-_FIRST = 0.1  # part of the loss at the start that changes are compared with
-_TRIALS = 20  # evaluations for each step that a run may take, at most
-_WORTH = 0.5  # KKT residual, or violation, after a run that is of use, over that before it
+_FIRST = 0.1  # part of the first loss that changes are compared with, see `minimum_criteria`
+_MAX_TRIALS = 20  # largest number of evaluations per allowed step, so that a library cannot loop
+# A run was of use if the KKT residual, or the violation, has fallen to below this part.
+_USEFUL = 0.5
 _SHORTER = 0.1  # first step of a run over that of the run before it
 
 
 @pytree
 class ConstrainedDesign:
-    """Result of `minimize_subject_to`.
+    """Result of `minimize_subject_to`: parameters, loss, constraints and multipliers.
 
     Attributes:
         params: parameters found, in the shape of the start: those of the lowest loss that meet the
             constraints; if none do, those of the smallest violation.
         loss: loss at `params`.
         constraints: constraints at `params`, [n]; all at most 0 if the status is OK.
-        multipliers: [n]; by how much the smallest loss would fall if a constraint were relaxed by
-            1; zero for a constraint without influence.
+        multipliers: Lagrange multipliers, [n]: by how much the smallest loss would fall if a
+            constraint were relaxed by 1; zero for a constraint that is not active.
         status: 0 if converged: the constraints are met and `kkt_residual` is at most `tol`;
             CONSTRAINTS_VIOLATED if a constraint is above 0; `describe` has the texts.
         rounds: number of runs of the library.
@@ -90,12 +91,12 @@ def minimize_subject_to(
     scale: PyTree[Float[ArrayLike, " ..."]] | None = None,
     progress: bool | Callable[[Step], Any] | None = None,
 ) -> ConstrainedDesign:
-    """Minimise a loss subject to ``constraints <= 0`` and bounds, by SciPy or IPOPT.
+    """Minimize a loss subject to ``constraints <= 0`` and bounds, by SciPy or IPOPT.
 
     Args:
         problem: function ``problem(params, *args)`` that returns (loss, constraints) or (loss,
-            constraints, `Solution` or status codes). The constraints are floats [n] without
-            dimension, scaled so that a violation of 1 is a gross one: ``deflection / limit - 1``.
+            constraints, `Solution` or status codes). The constraints are dimensionless floats [n],
+            scaled so that 1 is a gross violation: ``deflection / limit - 1``.
         params, bounds: as for `minimize`.
 
     Options:
@@ -105,9 +106,9 @@ def minimize_subject_to(
         rounds: largest number of runs of the library, each from the best point of the one before
             with a shorter first step; one run is enough where no analysis fails.
         steps: largest number of steps in every run; it takes 20 times as many evaluations at most.
-        tol: tolerance of the KKT residual, see below, and of the constraints, which are met on
-            their safe side: within ``[-2 tol, 0]`` where they are active. Default: 1e-6 in float64,
-            1e-3 in float32.
+        tol: tolerance of the KKT residual, see below, and of the constraints: where they are
+            active they end on the safe side, within ``[-2 tol, 0]``. Default: 1e-6 in float64, 1e-3
+            in float32.
         args, progress: as for `minimize`.
         scale: size of a typical change of every parameter, in the forms that a bound can have.
             Default: its size.
@@ -117,19 +118,18 @@ def minimize_subject_to(
         constraints the status is CONSTRAINTS_VIOLATED and `constraints` shows by how much.
 
     Raises:
-        ValueError: as `minimize`; a solver that there is not, or that is not installed.
+        ValueError: as `minimize`; an unknown solver, or one that is not installed.
 
-    Every point that the library accepts is judged here, whatever the library says: the status is OK
-    if all constraints are at most 0 and the KKT residual is at most `tol`, and STATIONARY if that
-    is the start, and the gradient is zero there. With the multipliers
-    ``m >= 0`` that fit best, the residual is the largest of ``|g_i + sum_j m_j dc_j/dp_i| s`` and
-    ``m_j |c_j + tol|``, of bounds likewise, over the size of the loss. That and the size ``s`` of a
-    parameter are those of `minimize`.
+    Every point that the library accepts is verified here, whatever the library says: the status is
+    OK if all constraints are at most 0 and the KKT residual is at most `tol`, and STATIONARY if
+    that is the start, and the gradient is zero there. With the multipliers ``m >= 0`` that fit
+    best, the residual is the largest of ``|g_i + sum_j m_j dc_j/dp_i| s`` and ``m_j |c_j + tol|``,
+    of bounds likewise, over the size of the loss. That and the size ``s`` of a parameter are those
+    of `minimize`.
 
-    These are conditions of first order: a saddle meets them, too. A minimum is a local one: where
-    there may be several, try several starts. At a trial point where
-    the analysis fails the library meets a loss that it does not accept, so that it shortens the
-    step.
+    These are conditions of first order: a saddle point meets them, too. A minimum is a local one:
+    where there may be several, try several starts. At a trial point where the analysis fails the
+    library is given a loss that it does not accept, so that it shortens the step.
 
     Source: Kraft, A software package for sequential quadratic programming (1988); Byrd, Hribar and
     Nocedal, SIAM J. Optim. 9 (1999); Waechter and Biegler, Math. Program. 106 (2006).
@@ -142,28 +142,30 @@ def minimize_subject_to(
         >>> print(f"{jc.describe(found.status)}: {found.params:.2f} mm2")
         converged: 250.00 mm2
     """
-    args = checked_call(problem, args, rounds, "problem", "rounds")
+    args = check_call_arguments(problem, args, rounds, "problem", "rounds")
     checks.whole(steps, "steps")
-    params, box, tol = prepared(params, bounds, tol)
+    params, box, tol = prepare_search(params, bounds, tol)
     solve, listen, program = solver_named(solver), listener(progress), _programs(problem)
     start, back = ravel_pytree(params)
-    least = box.sizes(start)
+    least = box.typical_sizes(start)
     step = least
     if scale is not None:
-        step = ravel_pytree(spread(scale, params, "scale", absent=1.0, positive=True))[0]
+        step = ravel_pytree(broadcast_to_params(scale, params, "scale", absent=1.0, positive=True))[
+            0
+        ]
 
     def sizes(x):
-        return np.asarray(jnp.maximum(least, box.largest(x)), float)
+        return np.asarray(jnp.maximum(least, box.largest_per_array(x)), float)
 
     def evaluate(x):
         return program(jnp.asarray(x, start.dtype), params, args)
 
     limits = np.asarray(box.lower, float), np.asarray(box.upper, float)
-    search = _Search(evaluate, limits, sizes, float(tol), int(steps), listen)
+    search = _ConstrainedSearch(evaluate, limits, sizes, float(tol), int(steps), listen)
     with compiling(listen):  # most of the time before the first report
-        search.at(np.asarray(start, float))
+        search.evaluate_at(np.asarray(start, float))
     end, code, count = search.run(solve, np.asarray(step, float), int(rounds))
-    multipliers, residual = search.judged(end)
+    multipliers, residual = search.multipliers_and_residual(end)
     return ConstrainedDesign(
         params=back(jnp.asarray(end.x, start.dtype)),
         loss=jnp.asarray(end.loss, start.dtype),
@@ -177,28 +179,28 @@ def minimize_subject_to(
     )
 
 
-class _Search(Trials):
-    """Runs of a library, each from the best point before it, until one meets the KKT conditions.
+class _ConstrainedSearch(ScaledProblem):
+    """Run a library again and again, from the best point so far, until the KKT conditions hold.
 
     Args:
-        evaluate, bounds: as for `Trials`.
-        sizes: function of the parameters to the largest entries of their arrays, [n].
+        evaluate, bounds: as for `ScaledProblem`.
+        sizes: function that returns typical sizes of given parameters, [n].
         tol, steps, listen: as for `minimize_subject_to`.
     """
 
     def __init__(self, evaluate, bounds, sizes, tol, steps, listen):
-        super().__init__(evaluate, bounds, tol, self.converged)
-        self.sizes, self.tol, self.steps, self.listen = sizes, tol, steps, listen
+        super().__init__(evaluate, bounds, tol, self.report_accepted_point)
+        self.typical_sizes, self.tol, self.steps, self.listen = sizes, tol, steps, listen
         self.first = self.number = self.known = 0
 
     def run(
-        self, solve: Callable[[Trials, int, float], None], step: np.ndarray, rounds: int
-    ) -> tuple[Point, int, int]:
-        """Search from the last trial point: return the end, the status and the number of runs.
+        self, solve: Callable[[ScaledProblem, int, float], None], step: np.ndarray, rounds: int
+    ) -> tuple[TrialPoint, int, int]:
+        """Search from the last trial point; return the end, the status and the number of runs.
 
         Args:
             solve: a function of `solvers`.
-            step: typical changes of the parameters, [n]; those of the first step.
+            step: typical changes of the parameters in the first step, [n].
             rounds: largest number of runs.
         """
         missing = np.inf
@@ -206,47 +208,47 @@ class _Search(Trials):
         self.first = abs(best.loss)
         if best.failed:
             return best, status.BAD_START, 0
-        self.converged(best)
+        self.report_accepted_point(best)
         for number in range(1, rounds + 1):
             steep = float(np.linalg.norm(best.gradient * step))
-            unit = 1 / (steep if steep > 0 else self.against(best))
-            self.begin(best, step, unit, _TRIALS * self.steps)
-            with contextlib.suppress(RunEnd):
+            unit = 1 / (steep if steep > 0 else self.loss_size(best))
+            self.begin_run(best, step, unit, _MAX_TRIALS * self.steps)
+            with contextlib.suppress(RunEnded):
                 solve(self, self.steps, self.tol)
             for point in (self.reached, self.best):
-                left = self.judged(point)[1]
+                left = self.multipliers_and_residual(point)[1]
                 if point.violation <= 0 and left <= self.tol:
-                    return point, self._outcome(point, first), number
+                    return point, self._success_status(point, first), number
             before, best = best, self.best
-            if best.violation > _WORTH * before.violation > 0:
+            if best.violation > _USEFUL * before.violation > 0:
                 return best, status.CONSTRAINTS_VIOLATED, number
-            fallen = before.loss - best.loss > self.tol**2 * self.against(best)
-            if not (fallen or left <= _WORTH * missing or before.violation > 0):
+            fallen = before.loss - best.loss > self.tol**2 * self.loss_size(best)
+            if not (fallen or left <= _USEFUL * missing or before.violation > 0):
                 return best, status.STALLED, number
             missing, step = min(left, missing), _SHORTER * step
         code = status.CONSTRAINTS_VIOLATED if best.violation > 0 else status.OUT_OF_STEPS
         return best, code, rounds
 
-    def _outcome(self, point, first):
-        """The status of a point that meets the conditions; nothing is known where nothing moved."""
+    def _success_status(self, point, first):
+        """Return the status of a point that meets the conditions: STATIONARY if nothing moved."""
         free = (point.x > self.bounds[0]) & (point.x < self.bounds[1])
         blind = not point.gradient[free].any() and free.any() and np.array_equal(point.x, first.x)
         return status.STATIONARY if blind else status.OK
 
-    def judged(self, point: Point) -> tuple[np.ndarray, float]:
-        """Return the multipliers at a point, and its KKT residual over the size of the loss."""
-        size = self.sizes(point.x)
-        multipliers, residual = kkt_conditions(point, self.bounds, size, self.tol)
-        return multipliers, residual / self.against(point)
+    def multipliers_and_residual(self, point: TrialPoint) -> tuple[np.ndarray, float]:
+        """Return the Lagrange multipliers at a point, and its KKT residual over the loss's size."""
+        size = self.typical_sizes(point.x)
+        multipliers, residual = solve_kkt_conditions(point, self.bounds, size, self.tol)
+        return multipliers, residual / self.loss_size(point)
 
-    def against(self, point: Point) -> float:
-        """Return the size of the loss: the present one, or a part of the first, or its change."""
+    def loss_size(self, point: TrialPoint) -> float:
+        """Return the size of the loss: its value here, a part of the first one, or its change."""
         size = max(abs(point.loss), _FIRST * self.first)
-        return size or float(np.abs(point.gradient * self.sizes(point.x)).max()) or 1.0
+        return size or float(np.abs(point.gradient * self.typical_sizes(point.x)).max()) or 1.0
 
-    def converged(self, point: Point) -> bool:
-        """Report a point that the library has accepted; return whether it meets the conditions."""
-        residual = self.judged(point)[1]
+    def report_accepted_point(self, point: TrialPoint) -> bool:
+        """Report a point that the library has accepted; return whether it meets all conditions."""
+        residual = self.multipliers_and_residual(point)[1]
         if self.listen is not None:
             failures, self.known = self.failures - self.known, self.failures
             self.listen(Step(self.number, self.steps, point.loss, residual, failures))
@@ -254,8 +256,8 @@ class _Search(Trials):
         return point.violation <= 0 and residual <= self.tol
 
 
-def _make(reference):
-    """The compiled loss and constraints, with their Jacobian, of what `reference()` returns."""
+def _compile_problem(reference):
+    """Compile loss, constraints and Jacobian of the function that `reference()` returns."""
 
     @jax.jit
     def evaluate(x, params, args):
@@ -275,9 +277,9 @@ def _make(reference):
             return jnp.append(value, constraints).astype(x.dtype), code
 
         count = jax.eval_shape(flattened, x)[0].size
-        return values_and_jacobian(flattened, x, count).judged()
+        return values_and_jacobian(flattened, x, count).mark_nonfinite()
 
     return evaluate
 
 
-_programs = Programs(_make)
+_programs = ProgramCache(_compile_problem)

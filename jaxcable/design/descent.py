@@ -1,8 +1,7 @@
-"""The search of `minimize`: accept a trial point or shorten the step, and ask for the next one.
+"""The search of `minimize`: accept a trial point or shorten the step, and propose the next one.
 
-The state says whether the search shortens the present step, avoids a failed analysis or asks the
-optimizer for the next step. Parameters are one flat vector here; only the optimizer gets them in
-the shape that users gave.
+Where no optimizer is given, this is L-BFGS with a backtracking line search (Armijo). Parameters are
+one flat vector here; only the optimizer gets them in the shape that users gave.
 """
 
 from __future__ import annotations
@@ -21,22 +20,24 @@ from ..common import status
 from ..common.progress import Step, tell
 from ..common.tree import pytree, where
 from ..common.types import Array, Bool, Float, Int, PyTree
-from .box import Box
-from .criteria import Criteria
-from .trials import Evaluation, ending
+from .bounds import BoxBounds
+from .minimum_criteria import MinimumCriteria
+from .trials import Evaluation, final_status
 
 _LBFGS = optax.lbfgs(linesearch=None)  # without a line search: the loop has one
-_SHORTEST = 40  # how often a step is shortened before the loop gives up
-_PATIENCE = 10  # how often a step is shortened before the default optimizer forgets its memory
-_DECREASE = 1e-4  # least decrease of the loss over the one that the slope promises
-_FLAT = 0.8  # slope at the end of a step over that at its beginning, at most, near the minimum
-_GROWTH = 4.0  # factor on the longest step allowed, from step to step
-_NOISE = 1e-9  # changes of the loss, relative to it, within the tolerance of an analysis
+_MAX_SHORTENED = 40  # how often a step is shortened before the search stalls: to below 1e-12 of it
+_PATIENCE = 10  # how often a step is shortened before L-BFGS starts again without its memory
+_ARMIJO = 1e-4  # least decrease of the loss over that predicted by the slope, the usual value
+# Slope at the end of a step over that at its beginning, at most, where the loss has no digits left
+# to show a decrease (Hager and Zhang 2006, with delta = 0.1: 2 delta - 1 = -0.8).
+_FLATTER = 0.8
+_GROWTH = 4.0  # factor on the longest step allowed, from step to step, after a failed analysis
+_NOISE = 1e-9  # changes of the loss, relative to it, within the tolerance of an analysis (1e-10)
 
 
 @pytree
 class History:
-    """Record of the accepted points, the start first; NaN or -1 after the last one.
+    """History of the accepted points, the start first; NaN or -1 after the last one.
 
     Attributes:
         loss: loss at the point, [steps + 1].
@@ -62,10 +63,15 @@ class History:
     shortened: Int[Array, " steps+1"]
 
 
-class Point(NamedTuple):
-    """Parameters, loss, gradient, the same without blocked entries, and its measure.
+class AcceptedPoint(NamedTuple):
+    """An accepted point of the search.
 
-    `at_rest` is True if the gradient is small enough for a minimum, if no step lowers the loss.
+    Attributes:
+        x: parameters.
+        loss, gradient: loss and its gradient.
+        inside: gradient without entries that a bound blocks.
+        measure: measure of the gradient, see `MinimumCriteria.measure_gradient`.
+        at_rest: whether the gradient is small enough for a minimum if no step lowers the loss.
     """
 
     x: Float[Array, " n"]
@@ -76,26 +82,26 @@ class Point(NamedTuple):
     at_rest: Bool[Array, ""]
 
 
-class State(NamedTuple):
-    """State of the search.
+class DescentState(NamedTuple):
+    """State of the search of `minimize` between two evaluations.
 
     Attributes:
-        trial: point to be evaluated: ``at.x + length step``, projected into the bounds.
+        trial: point to be evaluated: ``current.x + length step``, projected into the bounds.
         step, length: step that the optimizer proposed, and the part of it that is tried.
-        at, best: last accepted point, and the accepted point of lowest loss.
+        current, best: last accepted point, and the accepted point of lowest loss.
         blocked: entries at a bound that this step must not move.
         optimizer: state of the optimizer.
-        fresh: whether the optimizer has started without memory in this step.
-        unit: factor on the loss that the optimizer gets.
-        first: loss at the start.
-        steepest: largest size that each entry of the gradient has had, [n].
-        reach: longest step allowed for now, over `scale`, because an analysis has failed beyond.
-        n: number of accepted steps; -1 before the start is evaluated.
+        memory_is_fresh: whether the optimizer has started without memory in this step.
+        loss_factor: factor on the loss that the optimizer gets.
+        first_loss: loss at the start.
+        largest_gradient: largest size that each entry of the gradient has had, [n].
+        longest_step: longest step allowed for now, over `scale`: an analysis has failed beyond.
+        n_accepted: number of accepted steps; -1 before the start is evaluated.
         evaluations: number of evaluations of the loss and its gradient.
-        tries: number of trial points of this step that were not accepted.
-        failures, failure: number of trial points of this step at which the analysis failed, and the
-            status code of the last failure.
-        log: `History`.
+        n_refused: number of trial points of this step that were not accepted.
+        failures, last_failure: number of trial points of this step at which the analysis failed,
+            and the status code of the last failure.
+        history: `History`.
         code: status.
         running: whether the search goes on.
     """
@@ -103,36 +109,36 @@ class State(NamedTuple):
     trial: Float[Array, " n"]
     step: Float[Array, " n"]
     length: Float[Array, ""]
-    at: Point
-    best: Point
+    current: AcceptedPoint
+    best: AcceptedPoint
     blocked: Bool[Array, " n"]
     optimizer: optax.OptState
-    fresh: Bool[Array, ""]
-    unit: Float[Array, ""]
-    first: Float[Array, ""]
-    steepest: Float[Array, " n"]
-    reach: Float[Array, ""]
-    n: Int[Array, ""]
+    memory_is_fresh: Bool[Array, ""]
+    loss_factor: Float[Array, ""]
+    first_loss: Float[Array, ""]
+    largest_gradient: Float[Array, " n"]
+    longest_step: Float[Array, ""]
+    n_accepted: Int[Array, ""]
     evaluations: Int[Array, ""]
-    tries: Int[Array, ""]
+    n_refused: Int[Array, ""]
     failures: Int[Array, ""]
-    failure: Int[Array, ""]
-    log: History
+    last_failure: Int[Array, ""]
+    history: History
     code: Int[Array, ""]
     running: Bool[Array, ""]
 
 
 @dataclasses.dataclass(frozen=True)
 class Descent:
-    """The search for one problem.
+    """Search for the minimum of one loss: evaluate, accept or shorten, propose the next step.
 
     Args:
         loss: function of the parameters, in the shape that users gave, to (value, status code).
-        back: function from the flat vector to that shape.
-        optimizer: optax transformation, or None for L-BFGS with a search for a lower loss.
+        back: function from the flat vector to parameters in that shape.
+        optimizer: optax transformation, or None for L-BFGS with a line search.
         steps: largest number of accepted steps.
-        box: `Box` of flat bounds.
-        criteria: the `Criteria` of convergence.
+        box: `BoxBounds` of flat bounds.
+        criteria: `MinimumCriteria`, the criteria of convergence.
         scale: the optimizer gets the parameters divided by it, [n].
         listen: function of a `progress.Step`, called after every accepted step, or None.
     """
@@ -141,212 +147,228 @@ class Descent:
     back: Callable[[Float[Array, " n"]], PyTree[Float[Array, " ..."]]]
     optimizer: optax.GradientTransformation | None
     steps: int
-    box: Box
-    criteria: Criteria
+    box: BoxBounds
+    criteria: MinimumCriteria
     scale: Float[Array, " n"]
     listen: Callable[[Step], Any] | None = None
 
     @property
-    def searched(self) -> bool:
-        """Whether the loop searches for a lower loss: where no optimizer is given."""
+    def has_line_search(self) -> bool:
+        """Whether steps are accepted only if they lower the loss: where no optimizer is given."""
         return self.optimizer is None
 
     @property
-    def method(self) -> optax.GradientTransformationExtraArgs:
-        """The optimizer, given or not."""
-        return optax.with_extra_args_support(_LBFGS if self.searched else self.optimizer)
+    def effective_optimizer(self) -> optax.GradientTransformationExtraArgs:
+        """The optimizer that was given, or L-BFGS."""
+        return optax.with_extra_args_support(_LBFGS if self.has_line_search else self.optimizer)
 
     @property
-    def noise(self) -> float:
-        """Changes of the loss, relative to it, that cannot be judged."""
+    def loss_noise(self) -> float:
+        """Relative changes of the loss that are within its numerical noise."""
         return max(_NOISE, 64 * float(jnp.finfo(self.scale.dtype).eps))
 
-    def begin(self, x: Float[Array, " n"]) -> State:
-        """The state before the start `x`, [n], is evaluated."""
+    def initial_state(self, x: Float[Array, " n"]) -> DescentState:
+        """Return the state before the start `x`, [n], is evaluated."""
         nothing, none = jnp.zeros_like(x), jnp.int32(0)
         unknown, one = jnp.asarray(jnp.nan, x.dtype), jnp.ones((), x.dtype)
-        start = Point(x, unknown, nothing, nothing, unknown, jnp.zeros((), bool))
+        start = AcceptedPoint(x, unknown, nothing, nothing, unknown, jnp.zeros((), bool))
         reals, integers = jnp.full(self.steps + 1, unknown), jnp.full(self.steps + 1, jnp.int32(-1))
-        return State(
+        return DescentState(
             trial=x,
             step=nothing,
             length=one,
-            at=start,
+            current=start,
             best=start,
             blocked=jnp.zeros(x.shape, bool),
-            optimizer=self._anew(x),
-            fresh=jnp.ones((), bool),
-            unit=one,
-            first=one,
-            steepest=nothing,
-            reach=jnp.inf * one,
-            n=jnp.int32(-1),
+            optimizer=self._fresh_optimizer_state(x),
+            memory_is_fresh=jnp.ones((), bool),
+            loss_factor=one,
+            first_loss=one,
+            largest_gradient=nothing,
+            longest_step=jnp.inf * one,
+            n_accepted=jnp.int32(-1),
             evaluations=none,
-            tries=none,
+            n_refused=none,
             failures=none,
-            failure=none,
-            log=History(reals, reals, integers, integers, integers),
+            last_failure=none,
+            history=History(reals, reals, integers, integers, integers),
             code=none,
             running=jnp.ones((), bool),
         )
 
-    def advance(self, s: State, found: Evaluation) -> State:
-        """Accept the trial point, at which `found` was evaluated, or not, and find the next one."""
-        value, gradient, code = found.judged()
-        sound, begun = code == status.OK, s.n >= 0
-        accepted, factor = self._judged(s, value, gradient, sound, begun)
+    def advance(self, s: DescentState, found: Evaluation) -> DescentState:
+        """Accept or refuse the trial point, given its evaluation `found`; choose the next one."""
+        value, gradient, code = found.mark_nonfinite()
+        sound, begun = code == status.OK, s.n_accepted >= 0
+        accepted, factor = self._judge_trial(s, value, gradient, sound, begun)
 
-        first = jnp.where(begun, s.first, value)
-        blocked = self.box.blocked(s.trial, gradient)
+        first_loss = jnp.where(begun, s.first_loss, value)
+        blocked = self.box.blocked_entries(s.trial, gradient)
         inside = jnp.where(blocked, 0.0, gradient)
-        steepest = jnp.where(sound, jnp.maximum(s.steepest, jnp.abs(gradient)), s.steepest)
-        measure, level, at_rest = self.criteria.measured(s.trial, inside, value, first, steepest)
-        moved = s.trial - s.at.x
+        steepest = jnp.where(
+            sound, jnp.maximum(s.largest_gradient, jnp.abs(gradient)), s.largest_gradient
+        )
+        measure, level, at_rest = self.criteria.measure_gradient(
+            s.trial, inside, value, first_loss, steepest
+        )
+        moved = s.trial - s.current.x
         along = jnp.where(blocked, 0.0, moved)
-        slopes = gradient @ along, s.at.gradient @ along
-        near = (measure == 0) | self.criteria.near(s.trial, along, *slopes, value, first)
-        last = self.criteria.short(moved, s.at.x)  # whether the trial was next to the point
-        at = where(accepted, Point(s.trial, value, gradient, inside, measure, at_rest), s.at)
-        best = where(accepted & ~(at.loss >= s.best.loss), at, s.best)
+        slopes = gradient @ along, s.current.gradient @ along
+        near = self.criteria.minimum_is_near(s.trial, along, *slopes, value, first_loss)
+        near |= measure == 0
+        was_short = self.criteria.step_is_short(moved, s.current.x)
+        point = AcceptedPoint(s.trial, value, gradient, inside, measure, at_rest)
+        current = where(accepted, point, s.current)
+        best = where(accepted & ~(current.loss >= s.best.loss), current, s.best)
         s = s._replace(
-            at=at,
+            current=current,
             best=best,
-            first=first,
-            steepest=steepest,
-            n=s.n + accepted,
+            first_loss=first_loss,
+            largest_gradient=steepest,
+            n_accepted=s.n_accepted + accepted,
             evaluations=s.evaluations + 1,
             failures=s.failures + ~sound,
-            failure=jnp.where(sound, s.failure, code),
+            last_failure=jnp.where(sound, s.last_failure, code),
         )
         logged = accepted | ~begun
-        entry = jnp.where(logged, jnp.maximum(s.n, 0), self.steps + 1)  # beyond the end: dropped
-        entries = History(value, measure, s.failure, s.failures, s.tries)
-        log = jax.tree.map(lambda h, e: h.at[entry].set(e, mode="drop"), s.log, entries)
+        beyond = self.steps + 1  # where entries are dropped
+        entry = jnp.where(logged, jnp.maximum(s.n_accepted, 0), beyond)
+        entries = History(value, measure, s.last_failure, s.failures, s.n_refused)
+        log = jax.tree.map(lambda h, e: h.at[entry].set(e, mode="drop"), s.history, entries)
         listen, known = self.listen, {"count": self.steps}
         if listen is not None:
-            news = {"number": jnp.maximum(s.n, 0), "failures": s.failures}
+            news = {"number": jnp.maximum(s.n_accepted, 0), "failures": s.failures}
             news |= {"loss": value, "gradient_norm": measure}
             lax.cond(logged, lambda: tell(listen, Step, known, news), lambda: None)
 
-        tries = jnp.where(accepted, 0, s.tries + 1)
+        tries = jnp.where(accepted, 0, s.n_refused + 1)
         # restart the optimizer when its step leads nowhere, or when other entries are blocked than
         # those with which its memory was made
-        restart = self.searched & ~accepted & begun & ~s.fresh & (tries >= _PATIENCE)
-        changed = self.searched & begun & jnp.any(blocked != s.blocked)
-        if self.searched:
+        restart = self.has_line_search & ~accepted & begun & ~s.memory_is_fresh
+        restart &= tries >= _PATIENCE
+        changed = self.has_line_search & begun & jnp.any(blocked != s.blocked)
+        if self.has_line_search:
             norm = jnp.linalg.norm(inside * self.scale)
-            s = s._replace(unit=jnp.where(begun | (norm == 0), s.unit, 1 / norm))
+            s = s._replace(loss_factor=jnp.where(begun | (norm == 0), s.loss_factor, 1 / norm))
 
         # At the start the sizes of the parameters may be meaningless, and a small measure with
         # them: ask for one accepted step. A point above the best one is no minimum.
-        lowest = value <= best.loss + self.noise * jnp.abs(best.loss)
-        small = accepted & level & lowest & ((s.n > 0) | (measure == 0))
-        converged = small & (measure == 0 if self.searched else near)
-        used_up = s.n >= self.steps
-        at_rest = at.at_rest & last  # if no step lowers the loss then, this is the minimum
+        lowest = value <= best.loss + self.loss_noise * jnp.abs(best.loss)
+        small = accepted & level & lowest & ((s.n_accepted > 0) | (measure == 0))
+        converged = small & (measure == 0 if self.has_line_search else near)
+        used_up = s.n_accepted >= self.steps
+        at_rest = current.at_rest & was_short  # if no step lowers the loss then, it is a minimum
         # where no entry was ever anything but zero, nothing has been learned of the loss
-        blind = converged & (s.n == 0) & jnp.any(~blocked & (gradient == 0))
-        spent = (tries > jnp.where(at_rest, _PATIENCE, _SHORTEST)) & ~restart
+        blind = converged & (s.n_accepted == 0) & jnp.any(~blocked & (gradient == 0))
+        spent = (tries > jnp.where(at_rest, _PATIENCE, _MAX_SHORTENED)) & ~restart
         s = s._replace(
             blocked=jnp.where(accepted, blocked, s.blocked),
-            log=log,
-            code=ending(begun | sound, blind, converged | (spent & at_rest), ~used_up),
+            history=log,
+            code=final_status(begun | sound, blind, converged | (spent & at_rest), ~used_up),
             running=~converged & (begun | sound) & (~used_up | small) & ~spent,
-            fresh=jnp.where(accepted, changed, s.fresh) | restart,
+            memory_is_fresh=jnp.where(accepted, changed, s.memory_is_fresh) | restart,
         )
-        return self._next(s, accepted, logged, restart, small, tries, factor)
+        return self._next_trial(s, accepted, logged, restart, small, tries, factor)
 
-    def _next(self, s, accepted, logged, restart, small, tries, factor):
-        """The state with the next trial point: a new step, or a shorter part of the present one."""
+    def _next_trial(self, s, accepted, logged, restart, small, tries, factor):
+        """Return the state with the next trial point: a new step, or a shorter part of this one."""
         new = accepted | restart
         step, state, fresh = lax.cond(
-            s.running & new, self._advance, lambda s: (s.step, s.optimizer, s.fresh), s
+            s.running & new, self._new_step, lambda s: (s.step, s.optimizer, s.memory_is_fresh), s
         )
-        if self.searched:  # the whole step, made with the curvature, must promise little, too
-            promised = -(s.at.inside @ step)
-            small &= ~fresh & self.criteria.little(promised, s.at.loss, s.first)
-            small &= self.criteria.short(self.box.project(s.at.x + step) - s.at.x, s.at.x)
+        if self.has_line_search:  # the whole step, by the curvature, must promise little, too
+            promised = -(s.current.inside @ step)
+            small &= ~fresh & self.criteria.decrease_is_small(
+                promised, s.current.loss, s.first_loss
+            )
+            small &= self.criteria.step_is_short(
+                self.box.project(s.current.x + step) - s.current.x, s.current.x
+            )
             s = s._replace(
                 code=jnp.where(s.running & small, status.OK, s.code),
-                running=s.running & ~small & (s.n < self.steps),
+                running=s.running & ~small & (s.n_accepted < self.steps),
             )
         # an analysis will fail again where it has failed: bound steps by the last accepted length
         length_before = s.length * jnp.linalg.norm(s.step / self.scale)
-        reach = _GROWTH * jnp.where(s.failures > 0, length_before, s.reach)
-        reach = jnp.where(accepted, reach, s.reach)
+        reach = _GROWTH * jnp.where(s.failures > 0, length_before, s.longest_step)
+        reach = jnp.where(accepted, reach, s.longest_step)
         whole_length = jnp.linalg.norm(step / self.scale)
         whole = jnp.minimum(1.0, reach / jnp.where(whole_length > 0, whole_length, 1.0))
         length = jnp.where(new, whole, s.length * factor)
         return s._replace(
-            trial=self.box.project(s.at.x + length * step),
+            trial=self.box.project(s.current.x + length * step),
             step=step,
             length=length,
             optimizer=state,
-            fresh=fresh,
-            reach=reach,
-            tries=jnp.where(restart, 0, tries),
+            memory_is_fresh=fresh,
+            longest_step=reach,
+            n_refused=jnp.where(restart, 0, tries),
             failures=jnp.where(logged, 0, s.failures),
-            failure=jnp.where(logged, 0, s.failure),
+            last_failure=jnp.where(logged, 0, s.last_failure),
         )
 
-    def _value(self, x):
-        """The loss, and the status of the analysis."""
+    def _loss_and_status(self, x):
+        """Return the loss at a flat vector, and the status of the analysis."""
         value, code = self.loss(self.back(x))
         return value.astype(x.dtype), code
 
     def evaluate(self, x: Float[Array, " n"]) -> Evaluation:
-        """Loss, gradient and status at a point."""
-        (value, code), gradient = jax.value_and_grad(self._value, has_aux=True)(x)
+        """Evaluate loss, gradient and status at a point."""
+        (value, code), gradient = jax.value_and_grad(self._loss_and_status, has_aux=True)(x)
         return Evaluation(value, gradient, code)
 
-    def _judged(self, s, value, gradient, sound, begun):
-        """Whether to accept the trial point, and the factor that shortens the step if not.
+    def _judge_trial(self, s, value, gradient, sound, begun):
+        """Judge whether to accept the trial point; return also the factor to shorten the step by.
 
-        The default optimizer asks for a loss that falls by a part of what the slope promises
-        (Armijo). Where the loss has no digits left for that, it must not rise, and the slope must
-        have become flatter. Other optimizers accept every point at which the analysis succeeds.
+        With the line search the loss has to fall by a part of what the slope predicts (Armijo).
+        Where the loss has no digits left for that, it must not rise, and the slope must have become
+        flatter. With a given optimizer every point at which the analysis succeeds is accepted.
         """
-        if not self.searched:
+        if not self.has_line_search:
             return sound, 0.5
-        moved = s.trial - s.at.x
-        promised = s.at.inside @ moved
-        rise = value - s.at.loss
-        level = rise <= self.noise * jnp.abs(s.at.loss)
-        level &= gradient @ moved <= -_FLAT * promised
-        falls = (promised < 0) & ((rise <= _DECREASE * promised) | level)
+        moved = s.trial - s.current.x
+        promised = s.current.inside @ moved
+        rise = value - s.current.loss
+        level = rise <= self.loss_noise * jnp.abs(s.current.loss)
+        level &= gradient @ moved <= -_FLATTER * promised
+        falls = (promised < 0) & ((rise <= _ARMIJO * promised) | level)
         # curvature of the parabola through loss, slope and trial; the next trial is its minimum
         bend = rise - promised
         shorter = jnp.clip(-0.5 * promised / jnp.where(bend > 0, bend, 1.0), 0.1, 0.5)
         return sound & (falls | ~begun), jnp.where(sound & (bend > 0), shorter, 0.5)
 
-    def _anew(self, x):
-        """State of an optimizer that starts at `x`."""
-        return self.method.init(self.back(x / self.scale))
+    def _fresh_optimizer_state(self, x):
+        """Return the optimizer's state for a start at `x`, without memory of earlier steps."""
+        return self.effective_optimizer.init(self.back(x / self.scale))
 
-    def _advance(self, s):
-        """A new step from `s.at`, the optimizer's state, and whether it started without memory."""
-        if not self.searched:
-            return *self._propose(s, s.optimizer), s.fresh
-        anew = self._anew(s.at.x)
-        step, state = self._propose(s, where(s.fresh, anew, s.optimizer))
-        downward = s.at.inside @ step < 0  # if not, the memory of the curvature is misleading
-        step, state = lax.cond(downward, lambda: (step, state), lambda: self._propose(s, anew))
-        return step, state, s.fresh | ~downward
+    def _new_step(self, s):
+        """Propose a new step; return it, the optimizer's state, and whether its memory is fresh."""
+        if not self.has_line_search:
+            return *self._optimizer_step(s, s.optimizer), s.memory_is_fresh
+        anew = self._fresh_optimizer_state(s.current.x)
+        step, state = self._optimizer_step(s, where(s.memory_is_fresh, anew, s.optimizer))
+        downward = s.current.inside @ step < 0  # if not, the memory of the curvature is misleading
+        step, state = lax.cond(
+            downward, lambda: (step, state), lambda: self._optimizer_step(s, anew)
+        )
+        return step, state, s.memory_is_fresh | ~downward
 
-    def _propose(self, s, state):
-        """The optimizer's step [n] and its state."""
+    def _optimizer_step(self, s, state):
+        """Return the optimizer's step [n] and its new state."""
 
         def value_of(scaled):  # for optimizers with a line search: infinite for a failed analysis
-            value, code = self._value(self.box.project(ravel_pytree(scaled)[0] * self.scale))
+            value, code = self._loss_and_status(
+                self.box.project(ravel_pytree(scaled)[0] * self.scale)
+            )
             sound = (code == status.OK) & jnp.isfinite(value)
-            return jnp.where(sound, s.unit * value, jnp.inf)
+            return jnp.where(sound, s.loss_factor * value, jnp.inf)
 
-        gradient = self.back(s.unit * self.scale * s.at.inside)
-        update, new = self.method.update(
+        gradient = self.back(s.loss_factor * self.scale * s.current.inside)
+        update, new = self.effective_optimizer.update(
             gradient,
             state,
-            self.back(s.at.x / self.scale),
-            value=s.unit * s.at.loss,
+            self.back(s.current.x / self.scale),
+            value=s.loss_factor * s.current.loss,
             grad=gradient,
             value_fn=value_of,
         )

@@ -17,16 +17,16 @@ from ..common.compilation import program
 from ..common.progress import Trial, compiling, listener, tell
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from .box import checked_call, checked_code, prepared
-from .levenberg import FitHistory, LevenbergMarquardt, State
-from .outcome import split_residuals
-from .programs import Programs, underivable
+from .bounds import check_call_arguments, prepare_search, search_status
+from .levenberg import FitHistory, LevenbergMarquardt, LevenbergState
+from .program_cache import ProgramCache, refuse_derivative
+from .returned_values import split_residuals
 from .trials import Evaluation, values_and_jacobian
 
 
 @pytree
 class Fit:
-    """Result of `fit`.
+    """Result of `fit`: parameters of least squares, residuals, Jacobian and status.
 
     Attributes:
         params: parameters found, in the shape of the start.
@@ -78,7 +78,7 @@ def fit(
     args: tuple[Any, ...] = (),
     progress: bool | Callable[[Trial], Any] | None = None,
 ) -> Fit:
-    """Minimise the sum of squared residuals, within bounds.
+    """Minimize the sum of squared residuals, within bounds.
 
     This is the Levenberg-Marquardt method. A step solves ``(J^T J + mu D^2) d = -J^T r`` by a QR
     factorisation of the stacked matrix; ``D`` is the largest norm that each column of J has had, so
@@ -105,8 +105,8 @@ def fit(
         `Fit`. Works under jit and vmap; differentiating it is an error.
 
     Raises:
-        ValueError: residuals that are no floats, bounds that leave no room, or a start outside of
-            them.
+        ValueError: residuals that are no floats, lower bounds above upper ones, or a start
+            outside of the bounds.
 
     The status is OK (converged) if, with the undamped step ``d`` of the parameters that are free of
     bounds, one of these holds:
@@ -142,19 +142,19 @@ def fit(
         >>> print(f"{jc.describe(found.status)}: {found.params:.1f} N")
         converged: 100142.9 N
     """
-    args = checked_call(residuals, args, steps, "residuals")
-    params, box, tol = prepared(params, bounds, tol)
+    args = check_call_arguments(residuals, args, steps, "residuals")
+    params, box, tol = prepare_search(params, bounds, tol)
     listen = listener(progress)
     with compiling(listen):  # most of the time before the first report
         return _programs(residuals, int(steps), listen)(params, args, box, tol)
 
 
-def _make(reference, steps, listen):
-    """The compiled program for the function of residuals that `reference()` returns."""
+def _compile_fit(reference, steps, listen):
+    """Compile the search for the function of residuals that `reference()` returns."""
 
     @jax.jit
     def run(params, args, box, tol):
-        params, args = underivable((params, args))
+        params, args = refuse_derivative((params, args))
         start, back = ravel_pytree(params)
 
         def flattened(x):
@@ -170,16 +170,16 @@ def _make(reference, steps, listen):
         def iterate(state):
             state = search.advance(state, values_and_jacobian(flattened, state.trial, count))
             if listen is not None:
-                tell(listen, Trial, {"count": steps}, trial_of(state))
+                tell(listen, Trial, {"count": steps}, progress_numbers(state))
             return state
 
-        end = lax.while_loop(lambda s: s.running, iterate, search.begin(start, count))
-        return underivable(fit_of(search, end, params))
+        end = lax.while_loop(lambda s: s.running, iterate, search.initial_state(start, count))
+        return refuse_derivative(make_fit(search, end, params))
 
     return run
 
 
-def searched(
+def fit_on_host(
     evaluate: Callable[[Float[Array, " n"]], Evaluation],
     params: PyTree[Float[ArrayLike, " ..."]],
     bounds: tuple[Any, Any] | None,
@@ -187,7 +187,7 @@ def searched(
     tol: float | None,
     listen: Callable[[Trial], Any] | None,
 ) -> Fit:
-    """`fit`, with residuals and their Jacobian by a function that is called, and not compiled.
+    """Fit as `fit` does, but by a loop in Python: `evaluate` is called and not traced.
 
     Args:
         evaluate: function of the flattened parameters to an `Evaluation`.
@@ -195,38 +195,42 @@ def searched(
         listen: function of a `progress.Trial`, or None.
     """
     checks.whole(steps, "steps")
-    params, box, tol = prepared(params, bounds, tol)
+    params, box, tol = prepare_search(params, bounds, tol)
     start, _ = ravel_pytree(params)
     search, found = LevenbergMarquardt(box, tol, int(steps)), evaluate(start)
-    state = search.begin(start, found.values.size)
+    state = search.initial_state(start, found.values.size)
     while True:
-        state = _advanced(search, state, found, size=start.size)
+        state = _advance_compiled(search, state, found, size=start.size)
         if listen is not None:
-            told = {name: np.asarray(value).item() for name, value in trial_of(state).items()}
-            listen(Trial(count=int(steps), **told))
+            numbers = {
+                name: np.asarray(value).item() for name, value in progress_numbers(state).items()
+            }
+            listen(Trial(count=int(steps), **numbers))
         if not state.running:
-            return fit_of(search, state, params)
+            return make_fit(search, state, params)
         found = evaluate(state.trial)
 
 
 @program
-def _advanced(search, state, found):
-    """The state of a search after `found`, as a program."""
+def _advance_compiled(search, state, found):
+    """Return the state of a search after the evaluation `found`; a compiled program."""
     return search.advance(state, found)
 
 
-def trial_of(s: State) -> dict[str, Array]:
-    """The numbers of `progress.Trial`, of the trial point that was evaluated last."""
-    return {"number": s.n} | {
-        name: getattr(s.history, name)[s.n] for name in ("misfit", "accepted", "status")
+def progress_numbers(s: LevenbergState) -> dict[str, Array]:
+    """Return the numbers of a `progress.Trial` for the trial point that was evaluated last."""
+    return {"number": s.n_trial} | {
+        name: getattr(s.history, name)[s.n_trial] for name in ("misfit", "accepted", "status")
     }
 
 
-def fit_of(search: LevenbergMarquardt, end: State, params: PyTree[Float[ArrayLike, " ..."]]) -> Fit:
-    """The `Fit` of the last state of a search from `params`."""
+def make_fit(
+    search: LevenbergMarquardt, end: LevenbergState, params: PyTree[Float[ArrayLike, " ..."]]
+) -> Fit:
+    """Make the `Fit` from the last state of a search that started at `params`."""
     start, back = ravel_pytree(params)
-    blocked = search.box.blocked(end.x, end.residual @ end.jacobian)
-    idle = search.without_influence(end.x, end.residual, end.jacobian)
+    blocked = search.box.blocked_entries(end.x, end.residual @ end.jacobian)
+    no_influence = search.lacks_influence(end.x, end.residual, end.jacobian)
 
     def flags(flat):
         return jax.tree.map(lambda f: f > 0.5, back(flat.astype(start.dtype)))
@@ -237,11 +241,11 @@ def fit_of(search: LevenbergMarquardt, end: State, params: PyTree[Float[ArrayLik
         jacobian=end.jacobian,
         misfit=jnp.linalg.norm(end.residual),
         free=flags(~blocked),
-        without_influence=flags(idle),
+        without_influence=flags(no_influence),
         history=end.history,
-        status=checked_code(end.code, search.box, start, search.tol),
-        steps=jnp.maximum(end.n, 0),
+        status=search_status(end.code, search.box, start, search.tol),
+        steps=jnp.maximum(end.n_trial, 0),
     )
 
 
-_programs = Programs(_make)
+_programs = ProgramCache(_compile_fit)

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
-from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase, as_phases
+from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase, as_phases, restated
 from ..analysis.presence import presence_of
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
@@ -24,9 +24,9 @@ from ..equilibrium.newton import Newton
 from ..linear import unbatched
 from ..loads import NodalLoads, as_list
 from ..model.structure import Structure
-from .arguments import require_phase, require_structure
+from .arguments import require_phase_index, require_structure
 
-_COPIES = 2  # of the matrix: as it is computed, and in its shape
+_COPIES = 2  # of the matrix in memory: as it is computed, and in its final shape
 _OF = ("tension", "displacement", "positions", "reactions", "rest_length")
 
 
@@ -40,7 +40,7 @@ def influence(
     method: Newton | Incremental | None = None,
     start: Solution | State | None = None,
 ) -> PyTree[Float[Array, " ..."]]:
-    """Jacobian of the final state: exact, through all phases, at the end of the last one.
+    """Compute an influence matrix: the exact Jacobian of the final state, through all phases.
 
     Args:
         structure, phases: as for `solve`.
@@ -48,11 +48,11 @@ def influence(
             "reactions" or "rest_length", or a function of the `Solution` to a pytree of arrays.
         wrt: inputs that change:
 
-            - "shortening" or "temperature": of every element, added to the statements of the
-              phases; m, K. By default after the last phase, as turnbuckles adjusted in the final
-              state.
-            - "pretension", "jacking", "force_density", "prestrain" or "rest_length": of every
-              element for which a phase states it; by default in the first phase that does.
+            - "shortening" or "temperature": of every element, added to what the phases have; m, K.
+              By default after the last phase, as turnbuckles adjusted in the final state.
+            - "pretension", "jacking", "force_density", "prestrain", "rest_length" or a name in
+              `Phase.own`: of every element for which a phase gives it; by default in the first
+              phase that does.
             - "load": force on every node, [n_node, 3], N; by default in the last phase.
             - "nodes": initial positions, [n_node, 3], m.
 
@@ -65,10 +65,10 @@ def influence(
         With one group of elements, tension by shortening is [n_elem, n_elem], N/m: column j is the
         change of the tensions if element j were shortened by a metre and the response stayed
         linear. With several groups it is a pytree in the shape of `elements` for `of`, each entry a
-        pytree for `wrt`, with None for groups that do not state `wrt`. NaN if the analysis fails.
+        pytree for `wrt`, with None for groups without `wrt`. NaN if the analysis fails.
 
     Raises:
-        ValueError: unknown `of`, `wrt` or `phase`, or no statement of `wrt` in the phases.
+        ValueError: unknown `of`, `wrt` or `phase`, or no phase that gives `wrt`.
 
     Forward mode if `wrt` has at most as many numbers as `of`, else reverse mode.
 
@@ -90,41 +90,41 @@ def influence(
     require_structure(structure)
     phases = as_phases(structure, phases) if isinstance(phases, Phase) or phases else []
     if not phases and start is None:
-        raise ValueError("phases: none, and no start; there is no state to change")
+        raise ValueError("phases: there are none, and no start: there is no state to change")
     if phase is not None:
-        require_phase(phase, len(phases))
+        require_phase_index(phase, len(phases))
     if (
         phase is None and isinstance(wrt, str) and wrt in INCREMENTS
     ):  # a separate phase at the end, which changes nothing yet
         start = solve(structure, phases, method, start=start) if phases else start
         phases, phase = [Phase()], 0
-    value, put = _changing(structure, phases or [Phase()], wrt, phase, start)
+    value, set_input = _input_and_setter(structure, phases or [Phase()], wrt, phase, start)
 
     def final(value):
-        solution = solve(*put(value), method, start=start)
+        solution = solve(*set_input(value), method, start=start)
         found = of(solution) if callable(of) else getattr(solution, of)
         for leaf in jax.tree.leaves(found):
             if isinstance(leaf, str) or not jnp.issubdtype(jnp.result_type(leaf), jnp.floating):
                 raise ValueError("of: expected a function of the solution to arrays of floats")
         return found
 
-    n_of = _count(jax.eval_shape(final, value))
+    n_of = _count_entries(jax.eval_shape(final, value))
     memory.require(
-        _COPIES * n_of * _count(value) * jnp.zeros(0).dtype.itemsize,
-        f"influence: a dense matrix of {n_of} results by {_count(value)} values",
+        _COPIES * n_of * _count_entries(value) * jnp.zeros(0).dtype.itemsize,
+        f"influence: a dense matrix of {n_of} results by {_count_entries(value)} values",
         "give a function of fewer results as `of`, or jc.only(...) of fewer values",
     )
-    mode = jax.jacfwd if _count(value) <= n_of else jax.jacrev
+    mode = jax.jacfwd if _count_entries(value) <= n_of else jax.jacrev
     return mode(final)(value)
 
 
-def _count(tree):
-    """Number of entries of all arrays of a pytree."""
+def _count_entries(tree):
+    """Count the entries of all arrays of a pytree."""
     return sum(leaf.size for leaf in jax.tree.leaves(tree))
 
 
-def _changing(structure, phases, wrt, phase, start):
-    """The values that `wrt` names, and a function that replaces them: to (structure, phases)."""
+def _input_and_setter(structure, phases, wrt, phase, start):
+    """Return the values that `wrt` names, and a function from others to (structure, phases)."""
     if not isinstance(wrt, str):
         raise ValueError(f"wrt: expected a name such as 'shortening', got {type(wrt).__name__}")
     if wrt == "nodes":
@@ -133,25 +133,30 @@ def _changing(structure, phases, wrt, phase, start):
         number = len(phases) - 1 if phase is None else phase
         every = range(structure.n_node)
 
-        def put(v):
+        def set_input(v):
             loads = [*as_list(phases[number].loads), NodalLoads(every, v)]
-            return structure, _with(phases, number, loads=loads)
+            return structure, _replace_in_phase(phases, number, loads=loads)
 
-        return jnp.zeros_like(jnp.asarray(structure.nodes)), put
-    if wrt not in (*INCREMENTS, *ABSOLUTE):
-        there = checks.meant(wrt, (*INCREMENTS, *ABSOLUTE, "load", "nodes"))
+        return jnp.zeros_like(jnp.asarray(structure.nodes)), set_input
+    own = dict.fromkeys(name for each in phases for name in each.own or ())
+    known = (*INCREMENTS, *ABSOLUTE, *own)
+    if wrt not in known:
+        there = checks.meant(wrt, (*known, "load", "nodes"))
         raise ValueError(f"wrt = {wrt!r}: no input{there}")
-    if wrt in ABSOLUTE:
+    if wrt not in INCREMENTS:
         for number in range(len(phases)) if phase is None else [phase]:
-            if any(value is not None for value in _stated(phases[number], structure, wrt)):
+            if any(
+                value is not None
+                for value in _prestress_input_values(phases[number], structure, wrt)
+            ):
                 phase = number
                 break
         else:
             where = "no phase states" if phase is None else f"phase {phase} does not state"
             raise ValueError(f"wrt = {wrt!r}: {where} a {wrt}")
     dtype = jnp.asarray(structure.nodes).dtype
-    values = _stated(phases[phase], structure, wrt)
-    some_there = _some_there(structure, phases, phase, start)
+    values = _prestress_input_values(phases[phase], structure, wrt)
+    some_there = _groups_with_present_elements(structure, phases, phase, start)
     for k, (group, some) in enumerate(zip(structure.groups, some_there, strict=True)):
         able = isinstance(group, Prestressable)
         able = able and (wrt != "temperature" or group.expansion is not None)
@@ -162,11 +167,15 @@ def _changing(structure, phases, wrt, phase, start):
     if all(value is None for value in values):
         raise ValueError(f"wrt = {wrt!r}: no group of elements can have one")
     values = structure.arrange([jax.tree.map(jnp.asarray, v) for v in values])
-    return values, lambda v: (structure, _with(phases, phase, **{wrt: v}))
+
+    def set_statement(v):
+        return structure, [restated(p, wrt, v) if k == phase else p for k, p in enumerate(phases)]
+
+    return values, set_statement
 
 
-def _some_there(structure, phases, phase, start):
-    """Whether any element of every group is there in a phase: others have no statements."""
+def _groups_with_present_elements(structure, phases, phase, start):
+    """Return for each group whether any of its elements is present in a phase."""
     last = start.last if isinstance(start, Solution) else start
     presence = presence_of(structure, phases, None if last is None else last.carry.states)
     if presence is None:
@@ -175,13 +184,12 @@ def _some_there(structure, phases, phase, start):
     return [isinstance(mask, jax.core.Tracer) or bool(mask.any()) for mask in masks]
 
 
-def _stated(phase, structure, name):
-    """The statement `name` of a phase, a list with an item per group.
+def _prestress_input_values(phase, structure, name):
+    """Return the prestress input `name` of a phase, a list with an item per group.
 
-    An item is an array [n_elem], `Only` where an absolute statement concerns some elements, or None
-    without a statement.
+    An item is an array [n_elem]; `Only` for an absolute input of some elements; None without one.
     """
-    stated = [inputs.get(name) for inputs in phase.inputs(structure)]
+    stated = [own.get(name) for own in phase.statements(structure)]
     return [
         s
         if s is None
@@ -192,15 +200,15 @@ def _stated(phase, structure, name):
     ]
 
 
-def _with(phases, number, **changes):
-    """The phases with some fields of phase `number` replaced."""
+def _replace_in_phase(phases, number, **changes):
+    """Return the phases with some fields of phase `number` replaced."""
     return [replace(p, **changes) if k == number else p for k, p in enumerate(phases)]
 
 
 def flat_matrix(
     jacobian: PyTree[Float[ArrayLike, " ..."]], wrt: PyTree[Float[ArrayLike, " ..."]]
 ) -> Float[Array, "n_of n_wrt"]:
-    """An influence matrix over several groups as one matrix [n_of, n_wrt].
+    """Flatten an influence matrix over several groups into one matrix [n_of, n_wrt].
 
     Args:
         jacobian: result of `influence`.
@@ -223,13 +231,13 @@ def flat_matrix(
     def block(part, size):
         if not size or part.size % size:
             raise ValueError(
-                f"jacobian: has shape {list(part.shape)}, which is not one by {size} inputs"
+                f"jacobian: has shape {list(part.shape)}, which does not end with {size} inputs"
             )
         return part.reshape(-1, size)
 
     entries = jax.tree.leaves(jacobian, is_leaf=lambda t: shape == jax.tree.structure(t))
     if any(shape != jax.tree.structure(entry) for entry in entries):
-        raise ValueError("jacobian: was taken with respect to something of another shape than wrt")
+        raise ValueError("jacobian: is the derivative by inputs of another shape than wrt")
     rows = [map(block, jax.tree.leaves(entry), sizes) for entry in entries]
     return jnp.concatenate([jnp.concatenate([*row], axis=1) for row in rows])
 
@@ -241,12 +249,12 @@ def adjustment(
     *,
     rcond: float = 1e-10,
 ) -> PyTree[Float[Array, " ..."]]:
-    """The smallest adjustments that bring about a wanted change best, by least squares.
+    """Find the smallest adjustments that achieve a wanted change, by least squares.
 
     To retension a net take ``jacobian = influence(structure, phases)`` and
     ``change = target - measured``: the adjustments are turnbuckle shortenings, in m, for one step.
-    A change that the net cannot follow (its tensions are not independent at given lengths) is met
-    as well as possible.
+    A change that the net cannot follow (its tensions are not independent at given lengths) is
+    achieved as well as possible.
 
     Args:
         jacobian: result of `influence`.
@@ -280,16 +288,16 @@ def adjustment(
     wanted = ravel_pytree(change)[0]
     if wanted.size != matrix.shape[0]:
         raise ValueError(
-            f"change: has {wanted.size} numbers, the influence matrix is on {matrix.shape[0]}"
+            f"change: has {wanted.size} numbers, the influence matrix has {matrix.shape[0]} rows"
         )
     flat = unbatched.lstsq(matrix, wanted.astype(matrix.dtype), rcond)
     return ravel_pytree(jax.tree.map(lambda x: jnp.zeros(jnp.shape(x), flat.dtype), like))[1](flat)
 
 
-def scatter(
+def propagate_tolerances(
     jacobian: PyTree[Float[ArrayLike, " ..."]], tolerance: PyTree[Float[ArrayLike, " ..."]]
 ) -> tuple[PyTree[Float[Array, " ..."]], PyTree[Float[Array, " ..."]]]:
-    """Effect of tolerances on results, to first order: the worst case, and the random one.
+    """Estimate the effect of tolerances on results, to first order: worst case and random.
 
     Args:
         jacobian: result of `influence`, for example of tension by shortening in phase 0 for
@@ -319,14 +327,16 @@ def scatter(
         return jax.tree.structure(part) == shape
 
     if any(jnp.ndim(leaf) == 0 for leaf in jax.tree.leaves(tolerance)):
-        raise ValueError("tolerance: expected arrays, one number for each that the influence is of")
+        raise ValueError(
+            "tolerance: expected arrays, one number for each input of the influence matrix"
+        )
     tolerance = jax.tree.map(lambda leaf: or_nan(not_negative("tolerance", leaf)), tolerance)
     for entry in jax.tree.leaves(jacobian, is_leaf=is_entry):
         for part, one in zip(jax.tree.leaves(entry), jax.tree.leaves(tolerance), strict=False):
             inputs = jnp.shape(part)[jnp.ndim(part) - jnp.ndim(one) :]
             if inputs != jnp.shape(one):
                 raise ValueError(
-                    f"tolerance: expected shape {inputs}, that of the inputs, got {jnp.shape(one)}"
+                    f"tolerance: expected shape {inputs}, as the inputs have, got {jnp.shape(one)}"
                 )
 
     def add(function, finish):

@@ -21,14 +21,14 @@ from ..mechanics.elementwise import each
 from ..model.structure import Structure
 from ..numerics import implicit
 from .arguments import require_result, require_structure
-from .box import numbers, spread
+from .bounds import broadcast_to_params, check_params
 from .objectives import smooth_min
 
 
 def slack_distance(
     structure: Structure, solution: Solution | State
 ) -> PyTree[Float[Array, "... n_elem"] | None]:
-    """How far every cable is from slackening: its strain above that of zero force, -.
+    """Return how far every cable is from slackening: its strain above that of zero force, -.
 
     The distance is positive in a taut cable, negative in a slack one and zero at the kink. It is
     smooth through zero, so that a bound on it can lead out of slackness; the tension, which is zero
@@ -71,12 +71,12 @@ def slack_distance(
     if not same or len(nodes) != len(solution.carry.motion):
         raise ValueError("solution: is of another structure")
     thawed, arrays = thaw((groups, solution.carry.states, nodes, solution.carry.motion))
-    return structure.arrange(_above_slack(thawed, arrays))
+    return structure.arrange(_strain_above_slack(thawed, arrays))
 
 
 @jax.jit
-def _above_slack(thawed, arrays):
-    """Strains of the cables of every group, less their strains of zero force, [n_elem] or None."""
+def _strain_above_slack(thawed, arrays):
+    """Return the cables' strains minus their strains of zero force, [n_elem] or None by group."""
     groups, states, nodes, motion = fill(thawed, arrays)
     found = []
     for group, state in zip(groups, states, strict=True):
@@ -91,7 +91,7 @@ def _above_slack(thawed, arrays):
 def slack_margin(
     structure: Structure, solution: Solution | State, width: Float[ArrayLike, ""]
 ) -> Float[Array, ""]:
-    """Smooth lower bound of the smallest `slack_distance`, over all cables and cases, -.
+    """Return a smooth lower bound of the smallest `slack_distance` of all cables and cases, -.
 
     Args:
         structure, solution: as for `slack_distance`.
@@ -111,7 +111,9 @@ def slack_margin(
     """
     distance = slack_distance(structure, solution)
     if not jax.tree.leaves(distance):
-        raise ValueError("structure: no group carries tension only; there is nothing to slacken")
+        raise ValueError(
+            "structure: no group is tension-only; there are no cables that could go slack"
+        )
     return smooth_min(distance, width)
 
 
@@ -120,7 +122,7 @@ def nearest_kink(
     params: PyTree[Float[ArrayLike, " ..."]],
     direction: PyTree[Float[ArrayLike, " ..."]],
 ) -> PyTree[Float[Array, " ..."]]:
-    """Steps along a direction at which cables slacken or tighten, to first order.
+    """Estimate the steps along a direction at which cables go slack or taut, to first order.
 
     A gradient describes the response along ``params + t direction`` for t below the smallest of
     these steps. They are first-order estimates: check them with an analysis.
@@ -144,8 +146,8 @@ def nearest_kink(
     """
     if not callable(distance):
         raise ValueError(f"distance: expected a function, got {type(distance).__name__}")
-    params, direction = numbers(params), numbers(direction, "direction")
-    spread(direction, params, "direction")
+    params, direction = check_params(params), check_params(direction, "direction")
+    broadcast_to_params(direction, params, "direction")
     values, rates = jax.jvp(distance, (params,), (direction,))
 
     def to_kink(value, rate):

@@ -1,4 +1,4 @@
-"""The search of `fit` and `tune`: Levenberg-Marquardt on a flat vector, from point to point.
+"""The search of `fit` and `tune`: the Levenberg-Marquardt method on a flat vector.
 
 Parameters without influence (columns of the Jacobian that are zero or rounding) are left out of the
 steps: scaled by their own norms, as the method scales columns, they would lead anywhere.
@@ -16,23 +16,23 @@ from ..common import status
 from ..common.tree import pytree, where
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..linear import unbatched
-from .box import Box
-from .trials import Evaluation, ending
+from .bounds import BoxBounds
+from .trials import Evaluation, final_status
 
-_DAMPING = 1e-3  # at the start; columns of the scaled Jacobian have norms of at most 1
-_SINGULAR = 1e-12  # damping of a whole step; weaker directions (squared) get no step
-_LARGEST = 1e20  # damping from which a step is too short to matter
-_WORTH = 1e-4  # least part of the promised decrease that makes a step acceptable
-_ROUNDS = 8  # how often a step is computed again because entries have met a bound
+_FIRST_DAMPING = 1e-3  # columns of the scaled Jacobian have norms of at most 1: nearly a whole step
+_SINGULAR = 1e-12  # damping of a whole step: it leaves out smaller squared singular values
+_LARGEST_DAMPING = 1e20  # damping from which a step is too short to matter
+_ACCEPTABLE = 1e-4  # least part of the promised decrease to accept a step, as in MINPACK
+_MAX_ROUNDS = 8  # how often a step is computed again because entries have met a bound
 _NOISE = 1e-9  # changes of the squared misfit, relative to it, within the tolerance of an analysis
-_UNSEEN = 1e-2  # cosine of residuals and Jacobian above which noise is no reason to end
+_COSINE_OF_NOISE = 1e-2  # cosine of residuals and Jacobian above which noise is no reason to end
 _ROUNDING = 2.0**12  # rounding of a Jacobian over eps: an analysis solves ill-conditioned systems
-_QUICKEST = 0.1  # least factor on the damping after an accepted step
+_LEAST_FACTOR = 0.1  # least factor on the damping after an accepted step; Nielsen (1999) has 1 / 3
 
 
 @pytree
 class FitHistory:
-    """Record of the trial points, the start first; NaN or -1 after the last one.
+    """History of the trial points, the start first; NaN or -1 after the last one.
 
     Attributes:
         misfit: Euclidean norm of the residuals at the point, NaN where the analysis failed,
@@ -55,8 +55,8 @@ class FitHistory:
     status: Int[Array, " steps+1"]
 
 
-class State(NamedTuple):
-    """State of the loop.
+class LevenbergState(NamedTuple):
+    """State of the search between two evaluations.
 
     Attributes:
         trial: point to be evaluated.
@@ -64,10 +64,10 @@ class State(NamedTuple):
         size: largest norm that each column of the Jacobian has had.
         damping: damping of the step to the trial point.
         growth: factor on the damping if the trial point is not accepted.
-        promised: decrease of half the squared misfit by the linear model.
+        promised: decrease of half the squared misfit that the linear model predicts.
         first: misfit at the start.
         least: sizes of the parameters below which steps cannot be told from zero, [n].
-        n: number of trial points after the start; -1 before the start is evaluated.
+        n_trial: number of trial points after the start; -1 before the start is evaluated.
         history: `FitHistory`.
         code, running: status, and whether the loop goes on.
     """
@@ -82,7 +82,7 @@ class State(NamedTuple):
     promised: Float[Array, ""]
     first: Float[Array, ""]
     least: Float[Array, " n"]
-    n: Int[Array, ""]
+    n_trial: Int[Array, ""]
     history: FitHistory
     code: Int[Array, ""]
     running: Bool[Array, ""]
@@ -90,58 +90,58 @@ class State(NamedTuple):
 
 @pytree(static=("steps",))
 class LevenbergMarquardt:
-    """The search for one problem: from a state and what was evaluated at its trial to the next one.
+    """Search for the least squares of one problem, from one trial point to the next.
 
     Args:
-        box: `Box` of the parameters.
+        box: `BoxBounds` of the parameters.
         tol: see `fit`.
         steps: largest number of trial points after the start.
     """
 
-    box: Box
+    box: BoxBounds
     tol: Float[ArrayLike, ""]
     steps: int
 
-    def begin(self, x: Float[Array, " n"], count: int) -> State:
-        """The state before the start `x`, [n], is evaluated; `count` is the number of residuals."""
+    def initial_state(self, x: Float[Array, " n"], count: int) -> LevenbergState:
+        """Return the state before the start `x`, [n], is evaluated; `count` residuals."""
         one, none = jnp.ones((), x.dtype), jnp.int32(0)
         real, whole = jnp.full(self.steps + 1, jnp.nan * one), jnp.full(self.steps + 1, none - 1)
-        return State(
+        return LevenbergState(
             trial=x,
             x=x,
             residual=jnp.full(count, jnp.nan * one),
             jacobian=jnp.full((count, x.size), jnp.nan * one),
             size=jnp.zeros_like(x),
-            damping=_DAMPING * one,
+            damping=_FIRST_DAMPING * one,
             growth=2 * one,
             promised=one,
             first=one,
-            least=jnp.finfo(x.dtype).eps * self._sizes(x),
-            n=none - 1,
+            least=jnp.finfo(x.dtype).eps * self._array_norms(x),
+            n_trial=none - 1,
             history=FitHistory(real, whole, real, whole),
             code=none,
             running=jnp.ones((), bool),
         )
 
-    def advance(self, s: State, found: Evaluation) -> State:
-        """Accept the trial point, at which `found` was evaluated, or not, and find the next one."""
-        residual, jacobian, code = found.judged()
-        sound, begun = code == status.OK, s.n >= 0
+    def advance(self, s: LevenbergState, found: Evaluation) -> LevenbergState:
+        """Accept or refuse the trial point, given its evaluation `found`; choose the next one."""
+        residual, jacobian, code = found.mark_nonfinite()
+        sound, begun = code == status.OK, s.n_trial >= 0
         before, after = (0.5 * jnp.sum(r**2) for r in (s.residual, residual))
         gain = jnp.where(begun, (before - after) / s.promised, 1.0)
-        accepted = sound & (~begun | ((gain > _WORTH) & (s.promised > 0)))
+        accepted = sound & (~begun | ((gain > _ACCEPTABLE) & (s.promised > 0)))
         promised = s.promised
         misfit = jnp.where(sound, jnp.sqrt(2 * after), jnp.nan)
         entries = FitHistory(misfit, accepted.astype(jnp.int32), s.damping, code)
-        less = s.damping * jnp.maximum(_QUICKEST, 1 - (2 * gain - 1) ** 3)
-        damping = jnp.where(accepted, jnp.where(begun, less, s.damping), s.damping * s.growth)
+        reduced = s.damping * jnp.maximum(_LEAST_FACTOR, 1 - (2 * gain - 1) ** 3)
+        damping = jnp.where(accepted, jnp.where(begun, reduced, s.damping), s.damping * s.growth)
         new, old = (s.trial, residual, jacobian), (s.x, s.residual, s.jacobian)
         x, residual, jacobian = where(accepted, new, old)
         size = jnp.maximum(s.size, jnp.linalg.norm(jacobian, axis=0))
-        blocked = self.box.blocked(x, residual @ jacobian)
-        idle = self.without_influence(x, residual, jacobian)
-        still = blocked | idle
-        trial = self._step(x, residual, jacobian, size, damping, still)
+        blocked = self.box.blocked_entries(x, residual @ jacobian)
+        no_influence = self.lacks_influence(x, residual, jacobian)
+        still = blocked | no_influence
+        trial = self._bounded_step(x, residual, jacobian, size, damping, still)
         change = jacobian @ (trial - x)
         s = s._replace(
             trial=trial,
@@ -153,54 +153,56 @@ class LevenbergMarquardt:
             growth=jnp.where(accepted, 2.0, 2 * s.growth),
             promised=-(residual @ change) - 0.5 * jnp.sum(change**2),
             first=jnp.where(begun, s.first, misfit),
-            n=s.n + 1,
-            history=jax.tree.map(lambda h, e: h.at[s.n + 1].set(e), s.history, entries),
+            n_trial=s.n_trial + 1,
+            history=jax.tree.map(lambda h, e: h.at[s.n_trial + 1].set(e), s.history, entries),
         )
         # a change within the noise of the analysis cannot be judged
         noise = max(_NOISE, 64 * float(jnp.finfo(x.dtype).eps)) * before
         refused = begun & sound & ~accepted
         unseen = refused & (jnp.abs(before - after) <= noise) & (promised <= noise)
-        converged = (begun | sound) & self._converged(s, still, begun, refused, unseen)
-        # nothing can be changed, and nothing has been: that no parameter matters is no minimum
+        converged = (begun | sound) & self._has_converged(s, still, begun, refused, unseen)
+        # if no parameter can be changed, and none has been, this is no minimum
         moved = jnp.sum(jnp.maximum(s.history.accepted, 0)) > 1
-        useless = sound & ~moved & jnp.all(still) & jnp.any(idle & ~blocked)
+        useless = sound & ~moved & jnp.all(still) & jnp.any(no_influence & ~blocked)
         useless &= jnp.any(s.residual != 0)
         converged &= ~useless
         # a start without slope may as well be a maximum, but for one without a misfit
         level = jnp.all(blocked | (s.residual @ s.jacobian == 0)) & jnp.any(~blocked)
         blind = converged & ~begun & level & jnp.any(s.residual != 0)
-        hopeless = useless | (~accepted & ((damping > _LARGEST) | jnp.all(trial == x)))
+        hopeless = useless | (~accepted & ((damping > _LARGEST_DAMPING) | jnp.all(trial == x)))
         return s._replace(
-            code=ending(begun | sound, blind, converged, hopeless),
-            running=~converged & (begun | sound) & (s.n < self.steps) & ~hopeless,
+            code=final_status(begun | sound, blind, converged, hopeless),
+            running=~converged & (begun | sound) & (s.n_trial < self.steps) & ~hopeless,
         )
 
-    def _converged(self, s, still, begun, refused, unseen):
-        """Whether the point is that of least squares of the linear residuals, by the undamped step.
+    def _has_converged(self, s, still, begun, refused, unseen):
+        """Whether the point has least squares, judged by the step that is not damped.
 
-        A damped step is always short.
+        A damped step may be short anywhere.
 
         Args:
             s: the state, with the last accepted point.
             still: entries that do not move: blocked by a bound, or without influence.
             begun: whether a step has been tried.
-            refused: whether the last trial point was not accepted, its analysis being sound.
-            unseen: whether it changed the squared misfit by no more than noise, as was promised.
+            refused: whether the last trial point was not accepted although its analysis succeeded.
+            unseen: whether it changed the squared misfit by no more than noise, as was predicted.
         """
         size = jnp.linalg.norm(s.jacobian, axis=0)
-        whole = _damped_step(s.residual, s.jacobian, size, _SINGULAR, still)
+        whole = _solve_damped_step(s.residual, s.jacobian, size, _SINGULAR, still)
         misfit = jnp.linalg.norm(s.residual)
         gain = jnp.linalg.norm(s.jacobian @ whole)  # over the misfit: cosine of r and range of J
         stationary = begun & (gain <= self.tol * misfit)
-        settled = jnp.all(jnp.abs(whole) <= self.tol**1.5 * jnp.maximum(self._sizes(s.x), s.least))
+        settled = jnp.all(
+            jnp.abs(whole) <= self.tol**1.5 * jnp.maximum(self._array_norms(s.x), s.least)
+        )
         # zero: beside the misfit at the start, and beside what the parameters contribute
         beside = jnp.minimum(s.first, jnp.max(size * jnp.abs(s.x)))
         zero = misfit <= jnp.maximum(self.tol**2, jnp.finfo(misfit.dtype).eps) * beside
         zero |= refused & (misfit <= _NOISE * beside)
-        return stationary | settled | zero | (unseen & (gain <= _UNSEEN * misfit))
+        return stationary | settled | zero | (unseen & (gain <= _COSINE_OF_NOISE * misfit))
 
-    def _step(self, x, residual, jacobian, size, damping, blocked):
-        """The next trial point: a damped step, computed again while entries meet a bound.
+    def _bounded_step(self, x, residual, jacobian, size, damping, blocked):
+        """Return the next trial point: a damped step, computed again while entries meet a bound.
 
         An entry that meets a bound stops there, and the step of the other entries is computed again
         with that.
@@ -209,41 +211,43 @@ class LevenbergMarquardt:
         def again(s):
             move, stopped, _, count = s
             known = jnp.where(stopped, move, 0.0)
-            others = _damped_step(residual + jacobian @ known, jacobian, size, damping, stopped)
+            others = _solve_damped_step(
+                residual + jacobian @ known, jacobian, size, damping, stopped
+            )
             wanted = x + jnp.where(stopped, known, others)
             trial = self.box.project(wanted)
             return trial - x, stopped | (trial != wanted), jnp.any(trial != wanted), count + 1
 
         start = (jnp.zeros_like(x), blocked, jnp.ones((), bool), 0)
-        move, *_ = lax.while_loop(lambda s: s[2] & (s[3] < _ROUNDS), again, start)
+        move, *_ = lax.while_loop(lambda s: s[2] & (s[3] < _MAX_ROUNDS), again, start)
         return self.box.project(x + move)
 
-    def without_influence(
+    def lacks_influence(
         self,
         x: Float[Array, " n"],
         residual: Float[Array, " n_residual"],
         jacobian: Float[Array, "n_residual n"],
     ) -> Bool[Array, " n"]:
-        """Whether the column of each parameter in the Jacobian is zero or only rounding, [n].
+        """Whether the residuals do not depend on each parameter, to rounding, [n].
 
-        It is rounding if a change by the whole size of the parameter (of its array, or the range
-        that its bounds leave, whichever is more) changes the residuals by less than 4096 eps of
-        their norm and of what any other parameter contributes to them, ``|J_k| |x_k|``. Units do
-        not matter.
+        A column of the Jacobian is rounding if a change by the whole size of the parameter (of its
+        array, or the range that its bounds leave, whichever is larger) changes the residuals by
+        less than 4096 eps of their norm and of what any other parameter contributes to them,
+        ``|J_k| |x_k|``. Units do not matter.
         """
         columns = jnp.linalg.norm(jacobian, axis=0)
         span = self.box.upper - self.box.lower
-        whole = jnp.maximum(self._sizes(x), jnp.where(jnp.isfinite(span), span, 0.0))
+        whole = jnp.maximum(self._array_norms(x), jnp.where(jnp.isfinite(span), span, 0.0))
         beside = jnp.maximum(jnp.linalg.norm(residual), jnp.max(columns * jnp.abs(x)))
         little = columns * whole <= _ROUNDING * jnp.finfo(x.dtype).eps * beside
         return (columns == 0) | ((whole > 0) & little)
 
-    def _sizes(self, x):
-        """For every parameter the norm of its array, to which `tol` is relative."""
-        return self.box.of_arrays(jnp.linalg.norm, x)
+    def _array_norms(self, x):
+        """Return for every parameter the norm of its array, to which `tol` is relative."""
+        return self.box.norm_per_array(jnp.linalg.norm, x)
 
 
-def _damped_step(residual, jacobian, size, damping, blocked):
+def _solve_damped_step(residual, jacobian, size, damping, blocked):
     """Solve ``(J^T J + mu D^2) d = -J^T r`` by QR of ``[J/D; sqrt(mu) I]``; zero where blocked.
 
     `size` is D, [n]. A column of zeros has size 0; 1 is used for it, and its step is zero.
@@ -251,6 +255,6 @@ def _damped_step(residual, jacobian, size, damping, blocked):
     size = jnp.where(size > 0, size, 1.0)
     scaled = jnp.where(blocked[None, :], 0.0, jacobian / size[None, :])
     damper = jnp.sqrt(jnp.asarray(damping, size.dtype)) * jnp.eye(size.size, dtype=size.dtype)
-    # a search has no derivative, and `programs.underivable` says so of its result
+    # a search has no derivative, and `program_cache.refuse_derivative` says so of its result
     q, r = unbatched.qr(lax.stop_gradient(jnp.concatenate([scaled, damper])))
     return unbatched.solve_triangular(r, -(residual @ q[: residual.size]), lower=False) / size

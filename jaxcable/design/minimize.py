@@ -1,4 +1,4 @@
-"""Minimise a loss over any pytree of parameters with any optax transformation, in one program."""
+"""Minimize a loss over any pytree of parameters with any optax transformation, in one program."""
 
 from __future__ import annotations
 
@@ -16,18 +16,20 @@ from ..common import status
 from ..common.progress import Step, compiling, listener
 from ..common.tree import pytree, where
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from .box import checked_call, checked_code, prepared, spread
-from .criteria import Criteria
+from .bounds import broadcast_to_params, check_call_arguments, prepare_search, search_status
 from .descent import Descent, History
-from .outcome import split_loss
-from .programs import Programs, underivable
+from .minimum_criteria import MinimumCriteria
+from .program_cache import ProgramCache, refuse_derivative
+from .returned_values import split_loss
 
-_PART = 0.1  # typical change of a parameter over its size
+# Typical change of a parameter over its size, by which the default optimizer scales: the length of
+# its first step, before L-BFGS has learned the curvature.
+_TYPICAL_CHANGE = 0.1
 
 
 @pytree
 class Design:
-    """Result of `minimize`.
+    """Result of `minimize`: the best parameters, their loss, the status and the history.
 
     Attributes:
         params: parameters of the lowest loss found (if converged, those of the last accepted point,
@@ -82,7 +84,7 @@ def minimize(
     scale: PyTree[Float[ArrayLike, " ..."]] | None = None,
     progress: bool | Callable[[Step], Any] | None = None,
 ) -> Design:
-    """Minimise a loss, within bounds, by an optax transformation.
+    """Minimize a loss, within bounds, by an optax transformation.
 
     Args:
         loss: function ``loss(params, *args)`` that returns a scalar, or (scalar, `Solution`), or
@@ -99,8 +101,8 @@ def minimize(
         steps: largest number of accepted steps.
         tol: tolerance of convergence, see below. Default: 1e-6 in float64, 1e-3 in float32.
         args: tuple of further arguments of the loss, any pytrees. The loss is compiled once per
-            function object, as by `jax.jit`, with the outside values that it uses frozen; pass
-            here what changes from call to call.
+            function object, as by `jax.jit`: variables that the function captures become constants
+            of the compiled program. Pass here what changes from call to call.
         scale: size of a typical change of every parameter, in the forms that a bound can have; the
             optimizer works on the parameters divided by it. Default: a tenth of the size at the
             start for the default optimizer, 1 for others.
@@ -111,12 +113,12 @@ def minimize(
         `Design`. Works under jit and vmap (many starts at once); differentiating it is an error.
 
     Raises:
-        ValueError: no optax transformation, a loss that is no scalar, bounds that leave no room, or
-            a start outside of them. Where the numbers are traced, bounds without room and a start
-            outside of them end in the status OUTSIDE.
+        ValueError: no optax transformation, a loss that is no scalar, lower bounds above upper
+            ones, or a start outside of the bounds. Where the numbers are traced, such bounds or
+            such a start end in the status OUTSIDE.
 
-    The status is OK (converged) if all of these hold, entries at a bound that the step would cross
-    left aside; OUT_OF_STEPS after `steps` accepted steps:
+    The status is OUT_OF_STEPS after `steps` accepted steps, and OK (converged) if all of these
+    hold. Entries at a bound that the step would cross do not count.
 
     - Gradient: ``gradient_norm = max_i |g_i| s / max(|loss|, |loss at the start| / 10)`` is at most
       `tol`. The size ``s`` of a parameter is the largest entry of its array, now or at the start
@@ -132,9 +134,9 @@ def minimize(
     The next step is that of L-BFGS, which must have learned the curvature; of other optimizers it
     is the one to the minimum along the last step, by the slopes at its ends. A gradient of exactly
     zero is converged after a step, and STATIONARY at the start, which may as well be a maximum.
-    Converged is also a point at which the gradient is small (with `tol` in place of tol^2) and no
-    step, down to that length, lowers the loss. That the loss is least in directions in which it has
-    no slope from the start on, as across a plane of symmetry, is not shown.
+    A point has also converged if the gradient is small (with `tol` in place of tol^2) and no step,
+    down to that length, lowers the loss. In directions in which the loss has no slope from the
+    start on, as across a plane of symmetry, the point may be a maximum: this is not checked.
 
     Source: Gill, Murray and Wright, Practical Optimization (1981), section 8.2.3; Dennis and
     Schnabel, Numerical Methods for Unconstrained Optimization (1983), section 7.2.
@@ -160,59 +162,59 @@ def minimize(
         >>> print(f"{jc.describe(found.status)}: {found.params:.1f} N/m")
         converged: 100.0 N/m
     """
-    args = checked_call(loss, args, steps, "loss")
+    args = check_call_arguments(loss, args, steps, "loss")
     if optimizer is not None and not isinstance(optimizer, optax.GradientTransformation):
         raise ValueError(
             "optimizer: expected an optax transformation such as optax.adam(0.1), got "
             f"{type(optimizer).__name__}"
         )
-    params, box, tol = prepared(params, bounds, tol)
+    params, box, tol = prepare_search(params, bounds, tol)
     if scale is not None or optimizer is not None:
-        scale = spread(scale, params, "scale", absent=1.0, positive=True)
+        scale = broadcast_to_params(scale, params, "scale", absent=1.0, positive=True)
     listen = listener(progress)
     with compiling(listen):  # most of the time before the first report
         program = _programs(loss, optimizer, int(steps), listen)
         return program(params, args, box, scale, tol)
 
 
-def _make(reference, optimizer, steps, listen):
-    """The compiled program for the loss that `reference()` returns."""
+def _compile_minimize(reference, optimizer, steps, listen):
+    """Compile the search for the loss that `reference()` returns."""
 
     @jax.jit
     def run(params, args, box, scale, tol):
-        params, args = underivable((params, args))
+        params, args = refuse_derivative((params, args))
         start, back = ravel_pytree(params)
-        floor = box.sizes(start)
-        scale = _PART * floor if scale is None else ravel_pytree(scale)[0]
+        floor = box.typical_sizes(start)
+        scale = _TYPICAL_CHANGE * floor if scale is None else ravel_pytree(scale)[0]
 
         def value(params):
             return split_loss(reference()(params, *args))
 
-        criteria = Criteria(box, floor, tol)
+        criteria = MinimumCriteria(box, floor, tol)
         descent = Descent(value, back, optimizer, steps, box, criteria, scale, listen)
 
         def iterate(state):
             return descent.advance(state, descent.evaluate(state.trial))
 
-        end = lax.while_loop(lambda s: s.running, iterate, descent.begin(start))
+        end = lax.while_loop(lambda s: s.running, iterate, descent.initial_state(start))
         converged = (end.code == status.OK) | (end.code == status.STATIONARY)
-        point = where(converged, end.at, end.best)
-        return underivable(
+        point = where(converged, end.current, end.best)
+        return refuse_derivative(
             Design(
                 params=back(point.x),
                 loss=point.loss,
                 gradient=back(point.gradient),
                 gradient_norm=point.measure,
-                history=end.log,
-                status=checked_code(end.code, box, start, tol),
-                steps=jnp.maximum(end.n, 0),
+                history=end.history,
+                status=search_status(end.code, box, start, tol),
+                steps=jnp.maximum(end.n_accepted, 0),
                 evaluations=end.evaluations,
                 # of accepted steps, and of a last step that was never accepted
-                failures=jnp.sum(jnp.maximum(end.log.failures, 0)) + end.failures,
+                failures=jnp.sum(jnp.maximum(end.history.failures, 0)) + end.failures,
             )
         )
 
     return run
 
 
-_programs = Programs(_make)
+_programs = ProgramCache(_compile_minimize)

@@ -15,13 +15,13 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import or_nan, positive
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from .arguments import like, phase_of, require_result, width_of
+from .arguments import broadcast_to_elements, check_width, require_result, result_of_phase
 
 
 def smooth_max(
     values: PyTree[Float[ArrayLike, " ..."]], width: Float[ArrayLike, ""]
 ) -> Float[Array, ""]:
-    """Smooth upper bound of the largest entry: ``width log sum exp(x / width)``.
+    """Return a smooth upper bound of the largest entry: ``width log sum exp(x / width)``.
 
     The bound is at most ``width log(n)`` above the largest entry.
 
@@ -43,13 +43,13 @@ def smooth_max(
     """
     values = jax.tree.map(lambda v: checks.floats(v, "values"), values)
     if not any(np.size(v) for v in jax.tree.leaves(values)):
-        raise ValueError("values: none; expected at least one number")
-    return _smooth_max(values, width_of(width))
+        raise ValueError("values: are empty; expected at least one number")
+    return _smooth_max_compiled(values, check_width(width))
 
 
 @jax.jit
-def _smooth_max(values, width):
-    """The compiled core."""
+def _smooth_max_compiled(values, width):
+    """Compute `smooth_max` of checked values; compiled."""
     flat = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(values)])
     return width * jax.nn.logsumexp(flat / width)
 
@@ -57,7 +57,7 @@ def _smooth_max(values, width):
 def smooth_min(
     values: PyTree[Float[ArrayLike, " ..."]], width: Float[ArrayLike, ""]
 ) -> Float[Array, ""]:
-    """Smooth lower bound of the smallest entry; see `smooth_max`.
+    """Return a smooth lower bound of the smallest entry; see `smooth_max`.
 
     The bound is at most ``width log(n)`` below the smallest entry.
 
@@ -77,7 +77,7 @@ def smooth_min(
 
 
 def mean_over_cases(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> PyTree[Float[Array, " ..."]]:
-    """Mean over load cases.
+    """Return the mean over load cases.
 
     Args:
         values: a pytree of arrays with the cases on their leading axis.
@@ -100,7 +100,7 @@ def shape_distance(
     positions: Float[ArrayLike, "n 3"],
     nodes: Int[ArrayLike, " n"] | None = None,
 ) -> Float[Array, ""]:
-    """Sum of the squared distances of nodes from wanted positions, m2.
+    """Sum the squared distances of nodes from wanted positions, m2.
 
     Args:
         solution: `Solution`.
@@ -128,13 +128,13 @@ def shape_distance(
         raise ValueError(
             f"positions: expected shape {found.shape[-2:]}, one per node, got {positions.shape}"
         )
-    return _squared_distance(found, positions)
+    return _sum_of_squared_differences(found, positions)
 
 
 def tension_distance(
     solution: Solution | State, tension: PyTree[Float[ArrayLike, " ..."]]
 ) -> Float[Array, ""]:
-    """Sum of the squared differences of the tensions from wanted ones, N2.
+    """Sum the squared differences of the tensions from wanted ones, N2.
 
     Args:
         solution: `Solution`.
@@ -150,12 +150,12 @@ def tension_distance(
         0 1200.000 N2
     """
     require_result(solution, "tension")
-    target = like(tension, solution.tension, "tension")
-    return _added(jax.tree.map(_squared_distance, solution.tension, target))
+    target = broadcast_to_elements(tension, solution.tension, "tension")
+    return _sum_of_leaves(jax.tree.map(_sum_of_squared_differences, solution.tension, target))
 
 
 def tension_spread(solution: Solution | State) -> Float[Array, ""]:
-    """Variance of the tensions over the square of their mean, -; zero if all are equal.
+    """Return the variance of the tensions over the square of their mean, -; 0 if all are equal.
 
     Args:
         solution: `Solution`.
@@ -177,7 +177,7 @@ def tension_spread(solution: Solution | State) -> Float[Array, ""]:
 def largest_deflection(
     solution: Solution, width: Float[ArrayLike, ""], phase: int = -1
 ) -> Float[Array, ""]:
-    """Smooth upper bound of the largest deflection of a node in a phase, m.
+    """Return a smooth upper bound of the largest deflection of a node in a phase, m.
 
     The bound ``width sqrt(log sum exp(d^2 / width^2))`` is smooth at nodes that do not move. It is
     below ``sqrt(d_max^2 + width^2 log(n))``, hence close if deflections are several widths.
@@ -198,12 +198,12 @@ def largest_deflection(
         >>> print(solution.status, f"{1e3 * largest:.2f} mm, at most {1e3 * bound:.2f} mm")
         0 12.84 mm, at most 12.89 mm
     """
-    moved, width = phase_of(solution, phase).displacement, width_of(width)
+    moved, width = result_of_phase(solution, phase).displacement, check_width(width)
     return jnp.sqrt(smooth_max(jnp.sum(moved**2, axis=-1), width**2))
 
 
 def total_prestress(solution: Solution, phase: int = 0) -> Float[Array, ""]:
-    """Sum of the tensions at the end of a phase, by default the first, N.
+    """Sum the tensions at the end of a phase, by default the first, N.
 
     The first phase of load cases from `solve_cases` is their loading: use the solution from which
     they start.
@@ -221,13 +221,13 @@ def total_prestress(solution: Solution, phase: int = 0) -> Float[Array, ""]:
         >>> print(solution.status, f"{jc.design.total_prestress(solution):.3f} N")  # 12 of 200 N
         0 2400.000 N
     """
-    return _added(jax.tree.map(jnp.sum, phase_of(solution, phase).tension))
+    return _sum_of_leaves(jax.tree.map(jnp.sum, result_of_phase(solution, phase).tension))
 
 
 def material_use(
     solution: Solution | State, stress: PyTree[Float[ArrayLike, " ..."]]
 ) -> Float[Array, ""]:
-    """Volume of material if every element were sized for its force: ``sum |N| L0 / stress``, m3.
+    """Return the volume of elements sized for their forces: ``sum |N| L0 / stress``, m3.
 
     N is the largest force along an element, `peak_tension`. The volume is not smooth where another
     load case, or the other end of a catenary, becomes the governing one.
@@ -246,7 +246,7 @@ def material_use(
         0 9580.4 mm3
     """
     require_result(solution, "peak_tension")
-    stress = like(stress, solution.peak_tension, "stress")
+    stress = broadcast_to_elements(stress, solution.peak_tension, "stress")
     stress = jax.tree_util.tree_map_with_path(
         lambda path, value: or_nan(positive("stress" + jax.tree_util.keystr(path), value)), stress
     )
@@ -257,16 +257,16 @@ def material_use(
         return jnp.sum(jnp.max(force, axis=0) * jnp.max(length, axis=0) / stress)
 
     parts = jax.tree.map(volume, solution.peak_tension, solution.rest_length, stress)
-    return _added(parts)
+    return _sum_of_leaves(parts)
 
 
-def _added(parts):
-    """Sum of the leaves of a pytree."""
+def _sum_of_leaves(parts):
+    """Return the sum of the leaves of a pytree."""
     return sum(jax.tree.leaves(parts))
 
 
-def _squared_distance(found, wanted):
-    """Sum of the squared differences; what is wanted of one case is wanted of all in a batch."""
+def _sum_of_squared_differences(found, wanted):
+    """Sum the squared differences; wanted values of one case hold for every case of a batch."""
     wanted = jnp.asarray(wanted)
     wanted = wanted.reshape((1,) * (found.ndim - wanted.ndim) + wanted.shape)
     return jnp.sum((found - wanted) ** 2)

@@ -1,7 +1,7 @@
-"""Conditions of Karush, Kuhn and Tucker at a point: multipliers, and by how much they are missed.
+"""Conditions of Karush, Kuhn and Tucker (KKT) at a point: Lagrange multipliers and residual.
 
-This judges the end of a search from its numbers alone, whatever a library says of it. They are of
-first order: minima meet them, and so do saddles and maxima.
+This verifies the end of a search from its numbers alone, whatever a library says of it. The
+conditions are of first order: minima meet them, and so do saddle points and maxima.
 """
 
 from __future__ import annotations
@@ -10,31 +10,31 @@ import numpy as np
 from scipy import optimize
 
 from ..common.types import Float
-from .trials import Point
+from .trials import TrialPoint
 
-_NEAR = 1e-3  # constraints further below zero, and bounds further away over sizes, have no force
-_TURNS = 30  # of nonnegative least squares for each of these; three times as many are usual
+_NEAR = 1e-3  # constraints further below zero, and bounds further away over sizes, are not active
+_ITERATIONS = 30  # of nonnegative least squares, for each active limit: ten times the usual limit
 
 
-def kkt_conditions(
-    point: Point,
+def solve_kkt_conditions(
+    point: TrialPoint,
     bounds: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]],
     size: Float[np.ndarray, " n"],
     margin: float,
 ) -> tuple[Float[np.ndarray, " m"], float]:
-    """Find the multipliers, none negative, that miss the conditions least, in the least squares.
+    """Find nonnegative multipliers that meet the KKT conditions best, in the least squares.
 
     Args:
         point: the parameters, loss and constraints with their derivatives.
-        bounds: lower and upper ones of the parameters; they have multipliers, too.
+        bounds: lower and upper bounds of the parameters; they have multipliers, too.
         size: sizes of the parameters.
         margin: constraints are active at minus this.
 
     Returns:
-        The multipliers of the constraints, [m], and the KKT residual: the largest of what the
-        gradient of the Lagrangian leaves, times the size of the parameter, and of a multiplier
-        times the distance from its limit. Both are changes of the loss to first order. NaN and
-        infinity if the analysis has failed.
+        The multipliers of the constraints, [m], and the KKT residual: the largest entry of the
+        gradient of the Lagrangian, times the size of the parameter, or of a multiplier times the
+        distance from its limit. Both are changes of the loss to first order. NaN and infinity if
+        the analysis has failed.
     """
     n, m = len(point.x), len(point.constraints)
     if point.failed:
@@ -51,7 +51,9 @@ def kkt_conditions(
         matrix = np.concatenate([rows[near].T, np.diag(slack[near])])
         target = np.concatenate([-gradient / largest, np.zeros(len(near))])
         try:
-            force[near] = largest * optimize.nnls(matrix, target, maxiter=_TURNS * len(near))[0]
+            force[near] = (
+                largest * optimize.nnls(matrix, target, maxiter=_ITERATIONS * len(near))[0]
+            )
         except RuntimeError:  # it has not ended
             return np.full(m, np.nan), np.inf
     left = np.abs(gradient + rows.T @ force).max()

@@ -1,4 +1,4 @@
-"""Targets of `tune`: what results of phases shall be."""
+"""Targets of `tune`: values that results of phases shall have."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int
 
 Part: TypeAlias = "int | slice | EllipsisType | Int[ArrayLike, ' n'] | Bool[ArrayLike, ' n']"
 Index: TypeAlias = "Part | tuple[Part, ...]"
-"""Index of an array: a number, a slice, numbers or booleans, or a tuple of these."""
+"""Index of an array: an integer, a slice, integers or booleans, or a tuple of these."""
 
 WITHIN = {
     **dict.fromkeys(("positions", "displacement", "rest_length"), 1e-3),
@@ -29,37 +29,38 @@ WITHIN = {
     **dict.fromkeys(("section_forces", "reaction_moments"), 1.0),
     "rotation": 0.5e-3,
 }
-"""Tolerances of results by name, if nothing else is said: m, N, N m; half of 1e-3 rad."""
+"""Default tolerances of results by name: m, N, N m; quaternions half of 1e-3 rad."""
 
-_USUAL = "displacement", "positions", "tension", "peak_tension"
+_COMMON = "displacement", "positions", "tension", "peak_tension"
+"""Results that share one compiled program of `tune`."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Target:
-    """What a result of a phase shall be; see `tune`.
+    """Target for a result of a phase: its wanted value and tolerance; see `tune`.
 
     Args:
         of: name of a result of a phase: "positions", "displacement", "tension", "reactions",
             "section_forces" and so on; or a function of the result of the phase,
             `results.PhaseResult`, to an array.
-        value: what it shall be, a number or an array, m, N or N m.
-        at: index of the numbers that are meant, as of a NumPy array: ``[4, 5, 10]`` are those of
-            elements 4, 5 and 10, ``(slice(1, 9), 2)`` or ``np.s_[1:9, 2]`` the z of nodes 1 to 8.
-            Default all.
+        value: wanted value, a number or an array, m, N or N m.
+        at: index into the result, as into a NumPy array: ``[4, 5, 10]`` are elements 4, 5 and 10,
+            ``(slice(1, 9), 2)`` or ``np.s_[1:9, 2]`` the z of nodes 1 to 8. Default all.
         on: key of the group in the structure's elements, for results of elements.
         phase: number of the phase, from 0, or from the end as -1, the default.
-        within: tolerance of the deviation, in the unit of the result; targets that cannot be met
-            all at once are weighed by it. Default by the kind of the result: 1e-3 m for lengths
+        within: tolerance of the deviation, in the unit of the result; targets that cannot all be
+            met are weighted by its inverse. Default by the kind of the result: 1e-3 m for lengths
             ("positions", "displacement", "rest_length"), 1 N for forces ("tension",
             "peak_tension", "reactions", "load"), 1 N and 1 N m for "section_forces", 1 N m for
-            "reaction_moments", 5e-4 for the unit quaternions of "rotation", which is 1e-3 rad. Of
-            a function, and of results of your own elements, the unit is not known: the default is 1
-            in it, which is a metre if that is its unit.
+            "reaction_moments", 5e-4 for the unit quaternions of "rotation", which is 1e-3 rad. The
+            unit of a function, or of results of your own elements, is not known: the default is 1
+            of it, which may be a whole metre.
 
     Raises:
-        ValueError: `within` is not positive, `phase` is no integer, the value is no finite number,
-            `at` is no index, `of` no name or function; once it is measured, a result, a group or an
-            index that is not there, no group where there are several, or another number of values.
+        ValueError: `within` is not positive, `phase` is no integer, the value is not finite, `at`
+            is no index, `of` no name or function. When the target is compared with a solution: an
+            unknown result, group or index, no group where there are several, or another number of
+            values.
 
     Example:
         >>> level = jc.design.Target("positions", 0.0, at=np.s_[1:9, 2], within=1e-4)
@@ -85,16 +86,16 @@ class Target:
             raise ValueError(f"phase = {self.phase!r}: expected the number of a phase")
         finite = Rule("value", value, lambda v: ~(abs(v) < np.inf), "must be finite")
         object.__setattr__(self, "value", owned(or_nan(finite)))
-        object.__setattr__(self, "at", owned(_index(self.at)))
+        object.__setattr__(self, "at", owned(_check_index(self.at)))
         usual = 1.0 if callable(self.of) else WITHIN.get(self.of, 1.0)
         within = checks.scalar(usual if self.within is None else self.within, "within")
         text = "must be positive and finite"
         rule = Rule("within", within, lambda v: ~((v > 0) & (v < np.inf)), text)
         object.__setattr__(self, "within", owned(or_nan(rule)))
 
-    def measured(self, solution: Solution) -> Float[Array, " n"]:
-        """The numbers that are meant, of a solution, [n]."""
-        found = self._result(solution.phases[self.phase])
+    def measured_values(self, solution: Solution) -> Float[Array, " n"]:
+        """Return the entries of a solution's result that the target concerns, [n]."""
+        found = self._find_result(solution.phases[self.phase])
         try:
             np.broadcast_to(0, found.shape)[self.at]  # jax would take the nearest number there is
         except IndexError as error:
@@ -102,11 +103,13 @@ class Target:
             raise ValueError(f"at: {error}; the result has shape {shape}") from None
         chosen = jnp.ravel(found[self.at])
         if not chosen.size:
-            raise ValueError(f"at: means no number of the result of shape {list(found.shape)}")
+            raise ValueError(
+                f"at: selects no entry of the result, which has shape {list(found.shape)}"
+            )
         return chosen
 
-    def _result(self, result):
-        """The array of a result of a phase, of one group if it has one for each."""
+    def _find_result(self, result):
+        """Return the array of a phase's result; that of the target's group if it has several."""
         name = "of" if callable(self.of) else f"of = {self.of!r}"
         if callable(self.of):
             found = self.of(result)
@@ -125,14 +128,14 @@ class Target:
             try:
                 found = found[self.on]
             except (KeyError, IndexError, TypeError):
-                there = checks.meant(self.on, _keys(found))
+                there = checks.meant(self.on, _group_keys(found))
                 raise ValueError(f"on = {self.on!r}: not a group{there}") from None
         if found is None:
             whose = "this structure" if self.on is None else f"group {self.on!r}"
             raise ValueError(f"{name}: {whose} has no such result")
         if isinstance(found, dict | list | tuple):
             text = "there are several groups; give the key of one by `on`"
-            raise ValueError(f"{name}: {text}{checks.meant('', _keys(found))}")
+            raise ValueError(f"{name}: {text}{checks.meant('', _group_keys(found))}")
         if not isinstance(found, jax.Array | np.ndarray | np.generic | float):
             raise ValueError(f"{name}: expected an array of floats, got {type(found).__name__}")
         found = jnp.asarray(found)
@@ -141,17 +144,17 @@ class Target:
         return found
 
     def deviation(self, solution: Solution) -> Float[Array, " n"]:
-        """How much more than the value these numbers are, [n]."""
-        measured = self.measured(solution)
+        """Return the entries minus their wanted value, [n]."""
+        measured = self.measured_values(solution)
         value = jnp.ravel(jnp.asarray(self.value, measured.dtype))
         if value.size not in (1, measured.size):
-            text = f"{measured.size} numbers are meant by `of`, `on` and `at`"
+            text = f"`of`, `on` and `at` select {measured.size}"
             raise ValueError(f"value: has {value.size} numbers, but {text}")
         return measured - (value if value.size > 1 else value.reshape(()))
 
 
 def deviations(targets: Sequence[Target], solution: Solution) -> list[Float[Array, " n"]]:
-    """The deviation of every target, a list of arrays [n]; errors name the target."""
+    """Return the deviation of every target, a list of arrays [n]; errors name the target."""
     found = []
     for number, target in enumerate(targets):
         try:
@@ -161,24 +164,24 @@ def deviations(targets: Sequence[Target], solution: Solution) -> list[Float[Arra
     return found
 
 
-def _keys(groups):
-    """The keys by which groups are known."""
+def _group_keys(groups):
+    """Return the keys of groups in a dict, list or tuple."""
     return list(groups) if isinstance(groups, dict) else range(len(groups))
 
 
-def concerns(targets: Sequence[Target]) -> tuple[str, ...]:
-    """Names of the results of phases that targets may be made of: the usual ones, or all.
+def results_of_targets(targets: Sequence[Target]) -> tuple[str, ...]:
+    """Return the names of results that are needed for targets: the common ones, or all.
 
-    Derivatives of fewer results compile faster; between usual ones targets can be exchanged.
+    Derivatives of fewer results compile faster. Targets of common results share one program.
     """
-    usual = all(target.of in _USUAL for target in targets)
-    return _USUAL if usual else (*NAMES, "began")
+    usual = all(target.of in _COMMON for target in targets)
+    return _COMMON if usual else (*NAMES, "began")
 
 
-def _index(at):
-    """An index whose lists are arrays; ValueError if it is none."""
+def _check_index(at):
+    """Check an index, and turn lists in it into arrays; ValueError if it is none."""
     if isinstance(at, tuple):
-        return tuple(map(_index, at))
+        return tuple(map(_check_index, at))
     if at is ... or at is None or isinstance(at, slice):
         return at
     array = np.asarray(at)
@@ -188,9 +191,9 @@ def _index(at):
 
 
 def require_targets(targets: Sequence[Any], count: int) -> None:
-    """Raise ValueError for something else than targets of phases that there are."""
+    """Raise ValueError unless all are a `Target` of one of `count` phases, and there are any."""
     if not targets:
-        raise ValueError("targets: none")
+        raise ValueError("targets: there are none; give at least one Target")
     for number, target in enumerate(targets):
         if not isinstance(target, Target):
             raise ValueError(

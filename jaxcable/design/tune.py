@@ -1,4 +1,4 @@
-"""Forces and lengths, stated in any phases, at which results of any phases meet their targets."""
+"""Find prestress forces or lengths so that results of any phase meet their targets."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase, as_phases
+from ..analysis.phases import Phase, all_stated, as_phases, restated
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, status
@@ -21,36 +21,36 @@ from ..common.progress import Trial, hearing, listener
 from ..common.tree import copy, pytree, replace, where
 from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements import Bars, Cables
+from ..elements.abilities import STATEMENTS
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.parts import groups_by_name, per_group
 from ..model.structure import Structure
-from .fit import fit, searched
-from .sensitivity import sensitivity
-from .targets import Target, concerns, deviations, require_targets
+from .fit import fit, fit_on_host
+from .sensitivity import measure_with_jacobian
+from .targets import Target, deviations, require_targets, results_of_targets
 from .trials import Evaluation
 
-_SAME = 1e-3  # of what a target allows
-_MANY = 256  # unknowns: beyond, derivatives of targets (reverse mode) are taken
-_LITTLE = 0.05  # of the largest force of a group: a cable with less is nearly slack
-_STATEMENTS = (*ABSOLUTE, *INCREMENTS)
+_SAME = 1e-3  # part of a target's tolerance within which cables and bars in their place agree
+_MAX_FORWARD = 256  # unknowns up to which forward mode is used; beyond, `fit` takes reverse mode
+_NEARLY_SLACK = 0.05  # part of the largest force of a group below which a cable is nearly slack
 
 
 @pytree(static=("remarks",))
 class Tuned:
-    """Result of `tune`.
+    """Result of `tune`: phases with the prestress found, their solution, and what is met.
 
     Attributes:
         phases: the phases with the values found.
-        values: the values, a list with the statement of every unknown.
+        values: the values found, a list with the prestress input of every unknown.
         solution: the `Solution` of these phases.
         deviation: of every target, a list of arrays [n], m, N or N m.
-        met: whether each target is met within what it allows, list of bool.
+        met: whether each target is met within its tolerance, list of bool.
         influence: derivative of all targets, one after the other, by all unknowns, one after the
             other, [n_target, n_unknown].
-        free: which values no bound stops, in the shape of `values`.
+        free: True for values that no bound blocks, in the shape of `values`.
         without_influence: True for values on which no target depends, to rounding, likewise; they
-            stay as the phases state them.
+            keep the values in the given phases.
         status: 0 if it has converged; `describe` has the texts.
         steps: number of trial points after the start, of both searches if there were two.
         remarks: a sentence for every group of cables of which some are nearly slack in the first
@@ -100,12 +100,12 @@ def tune(
     tol: float | None = None,
     progress: bool | Callable[[Trial], Any] | None = None,
 ) -> Tuned:
-    """Find prestress, stated in any phases, at which results of any phases are as they shall be.
+    """Find prestress forces or lengths so that results of any phase meet their targets.
 
-    Targets are met exactly where that is possible, else in the sense of least squares, weighed by
-    what they allow (`Target.within`). With fewer targets than unknowns the values stay near those
-    that the phases state, which are the start. This is the search of `fit` with exact derivatives
-    through all phases, and hence through stages in which elements come and go.
+    Targets are met exactly where that is possible, else in the sense of least squares, weighted by
+    their tolerances (`Target.within`). With fewer targets than unknowns the values stay near those
+    in the given phases, which are the start. This is the search of `fit` with exact derivatives
+    through all phases, hence also through stages with activation and deactivation of elements.
 
     The first call compiles a program of results and derivatives, about three times as long as
     `solve` does; other numbers, and other targets of displacements, positions and tensions, do not
@@ -114,31 +114,32 @@ def tune(
 
     Args:
         structure, phases: as for `solve`.
-        unknowns: pairs (number of a phase, name of a statement in it) such as ``(0, "pretension")``
-            or ``(3, "jacking")``. Every number that the statement has is an unknown: one for all
-            elements if it is a scalar, an array [n_elem] one each; of some elements one for all by
-            ``only(elements, 18e3)``, one each by ``only(elements, [18e3, 18e3])``.
+        unknowns: pairs (number of a phase, name of a prestress input of it) such as
+            ``(0, "pretension")`` or ``(3, "jacking")``. Every number of the input is an unknown: a
+            scalar is one for all elements, an array [n_elem] has one each. For some elements
+            ``only(elements, 18e3)`` is one for all, ``only(elements, [18e3, 18e3])`` one each.
         targets: one `Target`, or a list.
         bounds: (lower, upper) of the unknowns, each None, a number, or a prefix pytree of the list
-            of statements.
+            of inputs.
 
     Options:
         method, start: as for `solve`.
-        smooth: whether to begin with cables that also press, where beams or bars are beside them.
-            Where cables go slack results have kinks, at which a search that starts from far ends;
-            from where all cables are taut at last, it is the same without them.
-        steps, tol, progress: as for `fit`; "compiling" is said, too, where progress is printed.
+        smooth: whether to begin with bars in place of cables, which also bear compression, where
+            the structure has beams or bars, too. Where cables go slack results have kinks, at which
+            a search from far away can get stuck. If all cables are taut at its end, the result is
+            that of cables; else the search goes on with cables.
+        steps, tol, progress: as for `fit`; printed progress also says "compiling".
 
     Returns:
         `Tuned`.
 
     Raises:
-        ValueError: no unknown or target, a phase or a statement that is not there, a start outside
-            of the bounds.
+        ValueError: no unknown or target, an unknown phase or prestress input, a start outside of
+            the bounds.
 
     Example:
-        A mast held by two stays, which shall stand upright under a pull of 10 kN at its top with
-        60 kN in the stay that the pull relieves:
+        A mast with two stays. It shall stand upright under a pull of 10 kN at its top, with 60 kN
+        left in the stay that the pull unloads:
 
         >>> nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 20.0], [-15.0, 0.0, 0.0], [15.0, 0.0, 0.0]]
         >>> mast = jc.Bars([[0, 1]], axial_stiffness=1e9)
@@ -156,8 +157,8 @@ def tune(
         >>> print(tuned.solution.tension["stays"].round(1))  # N
         [76665.5 60000. ]
 
-        A deck that is exactly level may leave a cable nearly slack, as `Tuned.remarks` says then.
-        Level and least force are targets beside each other; `within` says what gives way:
+        If a deck is exactly level, a cable may be left nearly slack; `Tuned.remarks` says so. A
+        least force can be a second target; their `within` decide which of them gives way:
 
         >>> nodes = [[x, 0.0, 0.0] for x in (0.0, 4.0, 8.0, 9.6)]
         >>> nodes += [[x, 0.0, 9.0] for x in (4.0, 8.0, 9.6)]
@@ -183,35 +184,35 @@ def tune(
             f"targets: expected a list of Target, got {checks.kind(targets, 'Target(...)')}"
         )
     targets = [targets] if isinstance(targets, Target) else list(targets)
-    values = _stated(phases, unknowns)
+    values = _check_unknowns(phases, unknowns)
     require_targets(targets, len(phases))
 
-    def put(values):
+    def phases_with(values):
         found = list(phases)
         for (k, name), value in zip(unknowns, values, strict=True):
-            found[k] = replace(found[k], **{name: value})
+            found[k] = restated(found[k], name, value)
         return found
 
     listen, solution, spent = listener(progress), None, jnp.int32(0)
-    seeks = _seeking(put, targets, bounds, method, start, (steps, tol, listen))
-    pressing = _pressing(structure) if smooth and start is None else None
+    seeks = _make_search(phases_with, targets, bounds, method, start, (steps, tol, listen))
+    pressing = _with_bars_for_cables(structure) if smooth and start is None else None
     with hearing(listen):
         if pressing is not None:
             found = seeks(pressing, values)
             spent = found.steps
             reached = where(found.status == status.OK, found.params, values)
             with contextlib.suppress(ValueError):  # forces below zero, which bars take
-                solution = solve(structure, put(reached), method, start=start)
+                solution = solve(structure, phases_with(reached), method, start=start)
                 values = reached
-        if solution is None or not _same(targets, solution, found):
+        if solution is None or not _cables_act_like_bars(targets, solution, found):
             found = seeks(structure, values)
             found = copy(found, steps=spent + found.steps)
-            solution = solve(structure, put(found.params), method, start=start)
+            solution = solve(structure, phases_with(found.params), method, start=start)
     deviation = deviations(targets, solution)
     allowed = [target.within for target in targets]
     within = np.repeat(allowed, [len(own) for own in deviation])
     return Tuned(
-        phases=put(found.params),
+        phases=phases_with(found.params),
         values=found.params,
         solution=solution,
         deviation=deviation,
@@ -221,46 +222,48 @@ def tune(
         without_influence=found.without_influence,
         status=found.status,
         steps=found.steps,
-        remarks=_nearly_slack(structure, solution, min(t.phase % len(phases) for t in targets)),
+        remarks=_describe_nearly_slack(
+            structure, solution, min(t.phase % len(phases) for t in targets)
+        ),
     )
 
 
-def _measured(targets, solution):
-    """The deviations of all targets over what they allow, [n_target]."""
+def _weighted_deviations(targets, solution):
+    """Return the deviations of all targets over their tolerances, [n_target]."""
     found = deviations(targets, solution)
     return jnp.concatenate([d / t.within for d, t in zip(found, targets, strict=True)])
 
 
-def _seeking(put, targets, bounds, method, start, options):
-    """The search: a function of a structure and the values to begin with that returns a `Fit`."""
+def _make_search(phases_with, targets, bounds, method, start, options):
+    """Return the search: a function of a structure and the start values that returns a `Fit`."""
     steps, tol, listen = options
-    measure, names = functools.partial(_measured, targets), concerns(targets)
+    measure, names = functools.partial(_weighted_deviations, targets), results_of_targets(targets)
 
     def seek(structure, values):
         flat, back = ravel_pytree(values)
-        given = structure, put(values), [t.value for t in targets], bounds, start
-        if not by_itself(jax.tree.leaves(given)) or flat.size > _MANY:
+        given = structure, phases_with(values), [t.value for t in targets], bounds, start
+        if not by_itself(jax.tree.leaves(given)) or flat.size > _MAX_FORWARD:
 
             def residuals(values):
-                solution = solve(structure, put(values), method, start=start)
+                solution = solve(structure, phases_with(values), method, start=start)
                 return measure(solution), solution
 
             return fit(residuals, values, bounds, steps=steps, tol=tol, progress=listen)
 
         def evaluate(x):
             def phases(x):
-                return put(back(x))
+                return phases_with(back(x))
 
             given = measure, names, x, method, start
-            return Evaluation(*sensitivity(structure, phases, *given))
+            return Evaluation(*measure_with_jacobian(structure, phases, *given))
 
-        return searched(evaluate, values, bounds, steps, tol, listen)
+        return fit_on_host(evaluate, values, bounds, steps, tol, listen)
 
     return seek
 
 
-def _nearly_slack(structure, solution, first):
-    """Cables that are nearly slack in a phase from `first` on, in words; () while traced."""
+def _describe_nearly_slack(structure, solution, first):
+    """Describe the cables that are nearly slack in a phase from `first` on; () while traced."""
     if isinstance(solution.status, jax.core.Tracer) or solution.status != status.OK:
         return ()
     stages = [per_group(structure, phase.tension) for phase in solution.phases]
@@ -269,8 +272,8 @@ def _nearly_slack(structure, solution, first):
         if not group.tension_only:
             continue
         force = np.stack([forces[k] for forces in stages])  # [n_phase, n_elem]
-        bears = np.where(force[first:] > 0, force[first:], np.inf)  # what is absent is no matter
-        least, small = bears.min(), (bears < _LITTLE * force.max()).any(axis=0)
+        bears = np.where(force[first:] > 0, force[first:], np.inf)  # without absent elements
+        least, small = bears.min(), (bears < _NEARLY_SLACK * force.max()).any(axis=0)
         if small.any():
             number, i = np.unravel_index(bears.argmin(), bears.shape)
             words.append(
@@ -280,8 +283,8 @@ def _nearly_slack(structure, solution, first):
     return tuple(words)
 
 
-def _pressing(structure):
-    """The structure with bars in place of its cables; None if it would not stand, or has none."""
+def _with_bars_for_cables(structure):
+    """Return the structure with bars for its cables; None if it has only cables, or none."""
     kinds = {type(group) for group in structure.groups}
     if Cables not in kinds or all(group.tension_only for group in structure.groups):
         return None
@@ -294,42 +297,44 @@ def _pressing(structure):
     return replace(structure, elements=structure.arrange(groups))
 
 
-def _same(targets, solution, found):
-    """Whether cables do what bars in their place have done, as far as it is known.
+def _cables_act_like_bars(targets, solution, found):
+    """Whether the solution with cables is that with bars in their place; False while traced.
 
-    They end there, and none is slack at the end of any phase: the influence matrix is theirs, too.
+    The targets' deviations are the same, and no cable is slack at the end of any phase. Then the
+    influence matrix is also that of the cables.
     """
-    apart = _measured(targets, solution) - found.residual
+    apart = _weighted_deviations(targets, solution) - found.residual
     slack = jnp.stack([phase.path.n_slack[-1] for phase in solution.phases])
     good = (solution.status == status.OK) & jnp.all(jnp.abs(apart) <= _SAME) & jnp.all(slack == 0)
     return not isinstance(good, jax.core.Tracer) and bool(good)
 
 
-def _stated(phases, unknowns):
-    """The statements that are unknown, a list of pytrees of floats."""
+def _check_unknowns(phases, unknowns):
+    """Check the unknowns; return their prestress inputs in the phases, pytrees of floats."""
     if not isinstance(unknowns, list | tuple):
         got = type(unknowns).__name__
-        raise ValueError(f"unknowns: expected a list of pairs (phase, statement), got {got}")
+        raise ValueError(f"unknowns: expected a list of pairs such as (0, 'pretension'), got {got}")
     if not unknowns:
         raise ValueError("unknowns: none; give pairs such as (0, 'pretension')")
     values = []
     for number, unknown in enumerate(unknowns):
         if not isinstance(unknown, tuple) or len(unknown) != 2:
-            raise ValueError(f"unknowns[{number}] = {unknown!r}: expected (phase, statement)")
+            raise ValueError(f"unknowns[{number}] = {unknown!r}: expected (phase, prestress input)")
         k, name = unknown
         if isinstance(k, bool) or not isinstance(k, int | np.integer) or not 0 <= k < len(phases):
             raise ValueError(
                 f"unknowns[{number}]: phase {k!r}; there are phases 0 to {len(phases) - 1}"
             )
-        if name not in _STATEMENTS:
-            there = checks.meant(name, _STATEMENTS)
-            raise ValueError(f"unknowns[{number}] = {name!r}: not a statement{there}")
+        known = [*STATEMENTS, *(phases[k].own or ())]
+        if name not in known:
+            there = checks.meant(name, known)
+            raise ValueError(f"unknowns[{number}] = {name!r}: not a prestress input{there}")
         if unknown in unknowns[:number]:
             raise ValueError(f"unknowns[{number}] = {unknown!r}: is there twice")
-        value = getattr(phases[k], name)
+        value = all_stated(phases[k]).get(name)
         if value is None:
             raise ValueError(
-                f"unknowns[{number}]: phases[{k}] states no {name}; its values are the start"
+                f"unknowns[{number}]: phases[{k}] has no {name}; give start values there"
             )
         values.append(jax.tree.map(lambda x: jnp.asarray(x, float), value))
     return values

@@ -9,6 +9,7 @@ Other abilities are stated by an attribute of `Element`, because a law or a load
 | `tension_only` | `is_slack`, `at_kink` |
 | `rotates` | `end_forces_about` |
 | `slides` | `slid` |
+| `face` | none: loads on areas then find it by its group |
 | `inner`, `n_inner_row` | `unused_columns`; its end forces and motion have rows for them |
 
 `contract.require` refuses a group that lacks one of them; `contract.check` tries all methods.
@@ -27,26 +28,30 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from .element import Element, Ends, Forces, Motion, Scalar
 from .element_state import ElementState, OwnState
-from .stated import Stated
+from .stated import Stated, Statement
 
-STATEMENTS = (
-    *("pretension", "force_density", "prestrain", "rest_length"),
-    *("shortening", "temperature", "sag", "jacking"),
-)
-"""Names of the statements of prestress that a phase can have."""
+STATEMENTS = {
+    name: Statement(name, unit)
+    for name, unit in (
+        *(("pretension", "N"), ("force_density", "N/m"), ("prestrain", "-"), ("rest_length", "m")),
+        *(("shortening", "m"), ("temperature", "K"), ("sag", "m"), ("jacking", "N")),
+    )
+}
+"""The statements of prestress that `Phase` has as arguments, by name."""
 
 
 class Prestressable(Element):
     """Elements whose state is changed by statements of a phase (`Phase`).
 
     Attributes:
-        statements: those of `STATEMENTS` that the group accepts.
+        statements: those that the group accepts: names of `STATEMENTS`, and a `Statement` for each
+            of its own, which users state by ``Phase(own={name: values})``.
         components: names of the components of statements that have several numbers for an element,
             by statement, such as ``{"pretension": ("warp", "weft")}``; values then are
             [n_elem, n_component], and one number is for all components.
     """
 
-    statements: ClassVar[tuple[str, ...]] = ()
+    statements: ClassVar[tuple[str | Statement, ...]] = ()
     components: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
     @abc.abstractmethod
@@ -54,9 +59,13 @@ class Prestressable(Element):
         self,
         state: OwnState,
         ends: Float[Array, "n_elem n_end 3"],
-        inputs: Mapping[str, Stated],
+        statements: Mapping[str, Stated],
     ) -> ElementState:
-        """State of the group after statements, by name; ends [n_elem, n_end, 3]."""
+        """State of the group after statements, by name; ends [n_elem, n_end, 3].
+
+        Those that hold from the beginning of a phase (`Statement.ramped`) are given first, in a
+        call of their own. What a phase does not state is not among the `statements`.
+        """
 
     def between(self, start: OwnState, end: OwnState, factor: Scalar) -> OwnState:
         """State of the group at a load `factor` of a phase that leads from `start` to `end`.
@@ -69,6 +78,18 @@ class Prestressable(Element):
             return mixed(a, b, factor) if jnp.issubdtype(b.dtype, jnp.floating) else b
 
         return jax.tree.map(one, start, end)
+
+
+def statements_of(group: Element) -> dict[str, Statement]:
+    """The statements that a group accepts, by name; none if it is not `Prestressable`."""
+    accepted = group.statements if isinstance(group, Prestressable) else ()
+    found = [STATEMENTS[s] if isinstance(s, str) else s for s in accepted]
+    return {statement.name: statement for statement in found}
+
+
+def components_of(group: Element, name: str) -> tuple[str, ...]:
+    """Names of the components of a statement of a group; none if it is one number."""
+    return group.components.get(name, ()) if isinstance(group, Prestressable) else ()
 
 
 @jax.jit  # traced once, although a program calls it for every number of a state

@@ -13,6 +13,7 @@ from . import trial
 from .abilities import STATEMENTS, Jacked, Prestressable, Sagging
 from .element import SECTION_STRAIN, Element, Result
 from .element_state import ElementState
+from .stated import Statement
 
 METHODS = {
     "remembers": ("size", "initial_memory"),
@@ -46,6 +47,10 @@ def _lacks(group):
     if wrong:
         yield f"results: expected `Result`, got {wrong[0]!r}"
         return
+    face, ends = group.face, range(group.links.shape[1] - group.n_inner_row)
+    known = isinstance(face, tuple) and len({*ends} & {*face}) == len(face) in (3, 4)
+    if face is not None and not known:
+        yield f"face: expected a tuple of 3 or 4 ends of 0 to {len(ends) - 1}, got {face!r}"
     names = [result.name for result in group.results]
     if not group.remembers and not _inherits(kind, "settled"):
         yield "settled: it is only asked where remembers = True"
@@ -59,11 +64,17 @@ def _lacks(group):
         if not callable(getattr(group, name, None)):
             yield f"results: {name!r} is not a method of the group"
     if isinstance(group, Prestressable):
-        for name in group.statements:
-            if name not in STATEMENTS:
-                yield f"statements: {name!r} is none of {', '.join(STATEMENTS)}"
+        for one in group.statements:
+            if isinstance(one, str) and one not in STATEMENTS:
+                yield (
+                    f"statements: {one!r} is none of {', '.join(STATEMENTS)}; give a `Statement` "
+                    "for one of its own"
+                )
+            if isinstance(one, Statement) and one.name in STATEMENTS:
+                yield f"statements: {one.name!r} is one of `Phase`; give the name alone"
+        names = [one if isinstance(one, str) else one.name for one in group.statements]
         for name in group.components:
-            if name not in group.statements:
+            if name not in names:
                 yield f"components: {name!r} is none of its statements"
         for name, ability in (("jacking", Jacked), ("sag", Sagging)):
             # groups that derive from `Prestressed` list all statements, and refuse these
@@ -91,7 +102,9 @@ def check(
     The end forces must be the gradient of the energy and the tangent symmetric, unless the group
     says ``symmetric = False``; the tangent must be the derivative of the end forces in any case.
     Forces, tangent and energy must be finite, also before any motion. Arrays must be fields of the
-    pytree, since others are lost where jax takes it apart.
+    pytree, since others are lost where jax takes it apart. A statement that concerns no element
+    must leave the state as it is, and an element that is added must get a state of the same fields
+    and shapes. Where elements rotate, the quaternions q and -q are the same rotation.
 
     Args:
         group: element group, with some elements.

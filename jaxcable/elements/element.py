@@ -46,6 +46,9 @@ class Result:
         components: names of the entries of its last axis; empty if there are none to name.
         ends, increments: whether the result is kept at the end of every phase, and of every
             increment.
+        places: names of the places in the element, along the axis before that of components, or the
+            last one without components; empty to number them from 0. A result at a single place has
+            no such axis.
     """
 
     name: str
@@ -53,6 +56,7 @@ class Result:
     components: tuple[str, ...] = ()
     ends: bool = True
     increments: bool = True
+    places: tuple[str, ...] = ()
 
 
 TENSION = Result("tension", "N")
@@ -77,7 +81,11 @@ class Element(abc.ABC):
         links: node numbers, [n_elem, n_end].
         per_element: names of the arrays that have a value for every element, [n_elem, ...].
         results: the results that an analysis records, a tuple of `Result`.
-        outline: numbers of the ends through which pictures draw an element; default all in order.
+        face: numbers of the three or four ends in order around the face of an element, such as
+            (0, 1, 2); None if it has none. Loads on areas name its group then (`on`), pictures and
+            files draw it. A face of four ends that names a node twice is a triangle.
+        outline: numbers of the ends through which pictures draw an element; default around its
+            face, or all in order.
         rotates: whether the elements give their nodes rotations.
         inner, n_inner_row: indices (row, column) of the inner numbers of an element, and how many
             rows of motion they take after those of the ends (`inner`).
@@ -110,6 +118,7 @@ class Element(abc.ABC):
     links: Int[ArrayLike, "n_elem n_end"]
     per_element: ClassVar[tuple[str, ...]] = ()
     results: ClassVar[tuple[Result, ...]] = ()
+    face: tuple[int, ...] | None = None
     outline: tuple[int, ...] | None = None
     rotates: bool = False
     inner: tuple[tuple[int, int], ...] = ()

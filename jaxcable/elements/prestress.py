@@ -78,7 +78,7 @@ class Prestressed(Prestressable):
     """
 
     has_length = True
-    statements = STATEMENTS
+    statements = tuple(STATEMENTS)
 
     def weights(self, state: AxialState) -> Float[Array, " n_elem"] | None:
         """Weight of every element, [n_elem], N; None if the group has none."""
@@ -142,21 +142,24 @@ class Prestressed(Prestressable):
         )
 
     def restate(
-        self, state: AxialState, ends: Float[Array, "n_elem n_end 3"], inputs: Mapping[str, Stated]
+        self,
+        state: AxialState,
+        ends: Float[Array, "n_elem n_end 3"],
+        statements: Mapping[str, Stated],
     ) -> AxialState:
         """State of a group after the prestress statements of a phase.
 
-        `ends` are the initial ends [n_elem, n_end, 3]; `inputs` maps names of `Phase` to `Stated`.
-        Absolute statements come first, then shortening, then temperature. An absolute statement
-        describes the element at its present temperature: it replaces earlier statements and
-        shortenings, but the element stays as warm as it was. A shortening is measured at the
+        `ends` are the initial ends [n_elem, n_end, 3]; `statements` are `Stated` by name. Absolute
+        ones come first, then shortening, then temperature. An absolute statement describes the
+        element at its present temperature: it replaces earlier statements and shortenings, but the
+        element stays as warm as it was. A shortening is measured at the
         present temperature, too. Changes of temperature add: an element has the unstressed length
         ``L (1 + expansion sum(dt))``, with L at the reference temperature (`AxialState.warmth`).
         """
         chord = self.chord(ends)
         rest_length, elongation, loaded = state.rest_length, state.elongation, state.loaded
         warmth: float | Float[Array, " n_elem"] = 1.0 if state.warmth is None else state.warmth
-        for name, stated in inputs.items():
+        for name, stated in statements.items():
             if name in ("shortening", "temperature"):
                 continue
             if name == "rest_length":
@@ -167,12 +170,12 @@ class Prestressed(Prestressable):
                 lengths = chord / (1 + strain), chord * (strain / (1 + strain))
             rest_length, elongation = map(stated.over, lengths, (rest_length, elongation))
             loaded = stated.over(rest_length / warmth, loaded)
-        if "shortening" in inputs:
-            change = inputs["shortening"].values
+        if "shortening" in statements:
+            change = statements["shortening"].values
             rest_length, elongation = rest_length - change, elongation + change
             loaded = loaded - change / warmth
-        if "temperature" in inputs:
-            strain = self.expansion * inputs["temperature"].values
+        if "temperature" in statements:
+            strain = self.expansion * statements["temperature"].values
             change = rest_length / warmth * strain
             rest_length, elongation = rest_length + change, elongation - change
             warmth = warmth + strain

@@ -1,16 +1,39 @@
-"""`Stated`: a statement of prestress, resolved for the elements of one group."""
+"""`Statement`: what a phase can state of elements; `Stated`: what it states of one group."""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable
+
 import jax.numpy as jnp
 
+from ..common.rules import Rule
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 
 
+@dataclasses.dataclass(frozen=True)
+class Statement:
+    """What a phase can state of the elements of a group, a number for every element.
+
+    Attributes:
+        name: of the statement; phases, files and messages use it, too.
+        unit: of its numbers.
+        ramped: whether the state that it leads to is reached with the load factor. Otherwise it
+            holds from the beginning of the phase, such as a clamp that is closed.
+        rules: what its numbers keep: functions of the name and the numbers that return a `Rule`,
+            such as `common.rules.not_negative`.
+    """
+
+    name: str
+    unit: str
+    ramped: bool = True
+    rules: tuple[Callable[[str, Float[ArrayLike, "n_elem ..."]], Rule], ...] = ()
+
+
 @pytree
 class Stated:
-    """One statement of prestress for a group.
+    """One statement of a phase for a group.
 
     Attributes:
         values: stated values, [n_elem], or [n_elem, n_component] (`Prestressable.components`); zero

@@ -19,6 +19,7 @@ from .abilities import Jacked, Sagging
 from .element import Element, Result
 from .element_state import ElementState
 from .prestress import element
+from .state_trial import added, kind_of, raised, restated
 
 _MOVED = 1e-2  # displacement at which a group is tried, over the mean distance of its ends
 _DECLARE = "fields of the class, `name: object` in its body"
@@ -87,7 +88,7 @@ def tried(
         try:
             state = group.start(ends)
         except Exception as error:  # of the author's code
-            yield _raised("start", "an `ElementState`", error)
+            yield raised("start", "an `ElementState`", error)
             return
     if not isinstance(state, ElementState):
         yield f"start: expected an `ElementState`, got {type(state).__name__}"
@@ -145,6 +146,8 @@ class _Calls:
         yield from self._named()
         if self.group.remembers:
             yield from self._remembered()
+        yield from restated(self.group, self.state, self.ends)
+        yield from added(self.group, self.state, self.ends, self.motion)
         if not bad:
             yield from self._derivatives(tol, conservative)
 
@@ -160,10 +163,10 @@ class _Calls:
         try:
             values = self.every(lambda one, *at: getattr(one, name)(*at, *step), motion)
         except Exception as error:  # of the author's code
-            yield _raised(name + where, words, error)
+            yield raised(name + where, words, error)
             return
         if not isinstance(values, jax.Array):
-            yield f"{name}: expected {words}, got {_kind(values)}"
+            yield f"{name}: expected {words}, got {kind_of(values)}"
             return
         # of the columns of inner rows the tangent has those that contain a number
         inner = name == "tangent" and self.group.inner and values.ndim == 3
@@ -191,23 +194,30 @@ class _Calls:
             try:
                 values = self.every(lambda one, *at, name=name: getattr(one, name)(*at))
             except Exception as error:  # of the author's code
-                yield _raised(f"results: {name}", words, error)
+                yield raised(f"results: {name}", words, error)
                 continue
             if not isinstance(values, jax.Array):
-                yield f"results: {name}: expected {words} for an element, got {_kind(values)}"
+                yield f"results: {name}: expected {words} for an element, got {kind_of(values)}"
             elif count and values.shape[-1:] != (count,):
                 yield (
                     f"results: {name} has {count} components, and its last axis the shape "
                     f"{values.shape[1:]}"
                 )
+            elif result.places and values.shape[1 : values.ndim - (count > 0)] != (
+                len(result.places),
+            ):
+                yield (
+                    f"results: {name} has {len(result.places)} places, in the axis before its "
+                    f"components if it has any, and the shape {values.shape[1:]}"
+                )
         for name in ("is_slack", "at_kink"):
             try:
                 flags = self.every(lambda one, *at, name=name: getattr(one, name)(*at))
             except Exception as error:  # of the author's code
-                yield _raised(name, "a bool of an element", error)
+                yield raised(name, "a bool of an element", error)
                 continue
             if not isinstance(flags, jax.Array):
-                yield f"{name}: expected a bool of an element, got {_kind(flags)}"
+                yield f"{name}: expected a bool of an element, got {kind_of(flags)}"
             elif flags.shape != (self.n_elem,) or flags.dtype != bool:
                 yield f"{name}: expected a bool of an element, got {flags.dtype} {flags.shape[1:]}"
         weights = group.weights(state)
@@ -221,7 +231,7 @@ class _Calls:
         try:
             after = self.every(lambda one, *at: one.settled(*at, duration=0.0))
         except Exception as error:  # of the author's code
-            yield _raised("settled", words, error)
+            yield raised("settled", words, error)
         else:
             found = jax.tree.map(lambda x: (jnp.shape(x), jnp.result_type(x)), after)
             if jax.tree.structure(found) != jax.tree.structure(expected) or found != expected:
@@ -253,8 +263,17 @@ class _Calls:
             here = every(lambda one, *at: one.end_forces_about(*at, still))
             derivative = every(about).reshape(self.n_elem, still.size, still.size)
         except Exception as error:  # of the author's code
-            yield _raised("end_forces_about", "a function that jax can differentiate", error)
+            yield raised("end_forces_about", "a function that jax can differentiate", error)
             return
+        if group.rotates:
+            other = every(
+                lambda one, *at: one.end_forces(*at), self.motion.at[..., 3:].multiply(-1.0)
+            )
+            if not _apart(other, forces, size) <= tol:
+                yield (
+                    "end_forces: other forces for the quaternions q and -q, which are the same "
+                    "rotation"
+                )
         if not _apart(here, forces, size) <= tol:
             yield "end_forces_about: at a step of zero it is not `end_forces`"
         tangent = every(lambda one, *at: one.tangent(*at))
@@ -273,7 +292,7 @@ class _Calls:
             try:
                 gradient = every(slope)
             except Exception as error:  # of the author's code
-                yield _raised("energy", "a function that jax can differentiate", error)
+                yield raised("energy", "a function that jax can differentiate", error)
                 return
             if not _apart(gradient, forces, size) <= tol:
                 yield "energy: the end forces are not its gradient"
@@ -308,17 +327,6 @@ def _fields(group, state, n_elem):
         for name in names:
             if has and name not in known:
                 yield f"{ability}: its state needs a field `{name}`"
-
-
-def _raised(name, words, error):
-    """The sentence on a method that raises an error."""
-    text = next(iter(str(error).strip().splitlines()), "")
-    return f"{name}: expected {words}, got {type(error).__name__}: {text}"
-
-
-def _kind(value):
-    """What a value is that is no array, in words."""
-    return "None" if value is None else f"a {type(value).__name__}"
 
 
 def _shape(array):

@@ -31,6 +31,7 @@ _CURVED = "convert it to a polyline first, in the drawing"
 _WHY = {
     **dict.fromkeys(("ARC", "LWPOLYLINE with arcs", "POLYLINE with arcs"), _ARCS),
     **dict.fromkeys(("SPLINE", "ELLIPSE", "CIRCLE", "POLYLINE fitted by a spline"), _CURVED),
+    "3DFACE": "faces carry no link",
     "INSERT": "blocks are not read: explode blocks first, in the drawing",
 }
 """Why kinds of entities are left out, or what to do."""

@@ -11,7 +11,7 @@ import numpy as np
 from ..analysis.solution import Solution
 from ..common.writing import written
 from ..elements import Bars
-from ..model.parts import groups_by_name
+from ..model.parts import faces, groups_by_name
 from ..model.structure import Structure
 from .at_end import end_state, file_path
 from .dxf import BARS, METRES, SUPPORTS, library
@@ -29,7 +29,8 @@ def save_dxf(
 ) -> list[Path]:
     """Write a structure as a drawing, with a layer and a colour for each group.
 
-    Elements are lines, and cables over several nodes polylines. Nodes are points: those that are
+    Elements are lines, cables over several nodes polylines, and elements with faces 3DFACEs, which
+    `read_dxf` leaves out. Nodes are points: those that are
     held on the layer ``supports``, others on the layer ``nodes``. Properties of the drawing say
     which layers are bars, and which one has supports that are held in all directions, so that
     `read_dxf` finds both.
@@ -78,7 +79,9 @@ def save_dxf(
         document.layers.add(layer, color=_COLOURS[number % len(_COLOURS)])
         if isinstance(group, Bars):
             document.header.custom_vars.append(BARS, layer)
-        for chain in group.links.array.tolist():
+        for corners in faces([group])[0].tolist():
+            space.add_3dface([points[k] for k in corners], dxfattribs={"layer": layer})
+        for chain in group.links.array.tolist() if group.face is None else ():
             ends = [k for k, _ in itertools.groupby(chain)]  # shorter chains are padded
             if len(ends) == 2:
                 space.add_line(points[ends[0]], points[ends[1]], dxfattribs={"layer": layer})

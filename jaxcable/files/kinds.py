@@ -110,6 +110,8 @@ def value(
         elif word in _NAMED or word in classes:
             types, name = _NAMED.get(word, (["object"], word))
             ways.append({"type": [*types, *null], "if": {"type": types}, "then": ref(name)})
+        elif word.startswith("Mapping[str, PyTree[Float"):
+            ways.append({"type": ["object", *null], "additionalProperties": ref("statement")})
         elif word.startswith(("PyTree[Float", "PyTree[Bool")):
             ways.append(ref("statement" if word.startswith("PyTree[Float") else "change"))
         elif word != "None" and _ARRAY.match(word) is None:

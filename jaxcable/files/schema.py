@@ -32,7 +32,10 @@ from .together import together
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
-_NEEDED = {("Structure", "supports"), ("Beams", "section"), ("Catenaries", "axial_stiffness")}
+_NEEDED = {
+    *(("Structure", "supports"), ("Beams", "section"), ("Catenaries", "axial_stiffness")),
+    *(("AreaLoads", "forces"), ("FacePressure", "pressure")),
+}
 """Fields that have a default and are needed all the same."""
 
 _COUNTS: dict[tuple[str, str], Schema] = {

@@ -28,6 +28,9 @@ def together(cls: type) -> Schema:
         per = {"properties": {"per": {"enum": ["initial", "projected"], "doNotSuggest": True}}}
         given = {"if": {**begun, "required": ["geometry"]}, "then": {**per, "required": ["per"]}}
         rules = [given]
+    elif name in ("AreaLoads", "FacePressure"):
+        one = _without("on", "elements", why="Give faces, or a group whose elements have them.")
+        rules = [{"if": _given("faces"), "then": one}]
     elif issubclass(cls, Straight) and name != "Catenaries":
         both = [_given("area"), _given("law")]
         missing = "axial_stiffness, or area and law, or section"
@@ -51,8 +54,10 @@ def _unless(condition, words):
     return {"if": {"not": condition}, "then": {"required": [words]}}
 
 
-def _without(*names):
-    """The schema of objects without some fields, or with null in them."""
-    why = "Give axial_stiffness, or area and law, or section: one of these."
+_STIFF = "Give axial_stiffness, or area and law, or section: one of these."
+
+
+def _without(*names, why=_STIFF):
+    """The schema of objects without some fields, or with null in them, and what else to give."""
     never = {"type": "null", "errorMessage": why, "doNotSuggest": True}
     return {"properties": dict.fromkeys(names, never)}

@@ -10,21 +10,22 @@ import numpy as np
 
 from ..analysis.solution import Solution
 from ..common.writing import written, written_together
-from ..model.parts import columns, groups_by_name, per_group, pieces
+from ..model.parts import columns, faces, groups_by_name, per_group, pieces
 from ..model.structure import Structure
 from .at_end import end_state, file_path, of_all_elements
 
-_LINE = 3  # cell type of VTK
+_TYPES = {2: 3, 3: 5, 4: 9}  # cell types of VTK by number of points: line, triangle, quadrilateral
 
 
 def save_vtk(
     path: str | PathLike[str], structure: Structure, solution: Solution, increments: bool = False
 ) -> list[Path]:
-    """Write a result as lines in space, for ParaView.
+    """Write a result as lines, and as faces where elements have some, for ParaView.
 
-    Points have their ``displacement`` (over all phases), ``reaction`` and ``load``; lines have
-    ``tension``, ``peak_tension``, other results of elements with one number each, ``rest_length``,
-    and the numbers of their ``element`` and ``group``. A cable over several nodes is written as
+    Points have their ``displacement`` (over all phases), ``reaction`` and ``load``; elements have
+    ``tension``, ``peak_tension``, other results of elements with an array for every place and
+    component (``skin_stress_top_xx``), ``rest_length``, and the numbers of their ``element`` and
+    ``group``. A cable over several nodes is written as
     several lines.
 
     Args:
@@ -87,17 +88,17 @@ def _increments(path, structure, solution, open_file):
 
 def _write(stream, structure, points, vectors, scalars):
     """Write the text of a file: points [n_node, 3], vectors at points, scalars of elements."""
-    ends, element, group = pieces(structure.groups)
+    cells, element, group = _cells(structure.groups)
     names = ", ".join(
         f"{k} {name}".strip() for k, (name, _) in enumerate(groups_by_name(structure))
     )
     lines = ["# vtk DataFile Version 3.0", _title(f"jaxcable, SI units; groups: {names}")]
     lines += ["ASCII", "DATASET UNSTRUCTURED_GRID", f"POINTS {len(points)} double"]
     lines += _rows(points)
-    lines += [f"CELLS {len(ends)} {3 * len(ends)}"]
-    lines += [f"2 {i} {j}" for i, j in ends.tolist()]
-    lines += [f"CELL_TYPES {len(ends)}", *[str(_LINE)] * len(ends)]
-    lines += [f"CELL_DATA {len(ends)}"]
+    lines += [f"CELLS {len(cells)} {len(cells) + sum(map(len, cells))}"]
+    lines += [" ".join(map(str, (len(cell), *cell))) for cell in cells]
+    lines += [f"CELL_TYPES {len(cells)}", *(str(_TYPES[len(cell)]) for cell in cells)]
+    lines += [f"CELL_DATA {len(cells)}"]
     for name, number in (("element", element), ("group", group)):
         lines += [f"SCALARS {name} int 1", "LOOKUP_TABLE default", *map(str, number.tolist())]
     for label, values in scalars.items():
@@ -107,6 +108,16 @@ def _write(stream, structure, points, vectors, scalars):
     for name, values in vectors.items():
         lines += [f"VECTORS {name} double", *_rows(values)]
     stream.write("\n".join(lines) + "\n")
+
+
+def _cells(groups):
+    """Points of every line and face, lists, and its element and group; faces come last."""
+    ends, element, owner = pieces(groups)
+    corners, of_face, group = faces(groups)
+    lines = ~np.isin(element, of_face)  # elements with faces are these
+    rings = [list(dict.fromkeys(ring)) for ring in corners.tolist()]  # no node of a triangle twice
+    numbers = np.concatenate([element[lines], of_face]), np.concatenate([owner[lines], group])
+    return ends[lines].tolist() + rings, *numbers
 
 
 def _title(text):

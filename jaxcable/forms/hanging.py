@@ -19,7 +19,7 @@ from ..elements.abilities import Sagging
 from ..mechanics.carry import make_system
 from ..mechanics.elementwise import over
 from ..model.structure import Structure
-from ..stiffness.tangent import filled, prepared
+from ..stiffness.tangent import merge_state, split_state
 
 
 def catenary_curves(
@@ -95,14 +95,14 @@ def _of_catenaries(structure, solution, method, absent, *arguments):
     """
     if not any(isinstance(group, Sagging) for group in structure.groups):
         raise ValueError("structure: has no catenaries")
-    thawed, arrays, _ = prepared(structure, solution)
+    thawed, arrays, _ = split_state(structure, solution)
     return structure.arrange(_of_groups(thawed, arrays, *arguments, method=method, absent=absent))
 
 
 @functools.partial(jax.jit, static_argnames=("method", "absent"))
 def _of_groups(thawed, arrays, *arguments, method, absent):
     """The compiled core: results of a method for every group, or None."""
-    nodes, groups, carry = filled(thawed, arrays)
+    nodes, groups, carry = merge_state(thawed, arrays)
     states = make_system(nodes, groups, carry, None, None, carry.nodal_load).states
 
     def of_group(group, state):

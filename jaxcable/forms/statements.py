@@ -13,7 +13,7 @@ from ..elements.prestress import of_each
 from ..mechanics.carry import make_system
 from ..mechanics.elementwise import each
 from ..model.structure import Structure
-from ..stiffness.tangent import filled, prepared
+from ..stiffness.tangent import merge_state, split_state
 
 
 @pytree
@@ -81,7 +81,7 @@ def statements(structure: Structure, solution: Solution | State) -> Statements:
         >>> print(solution.status, ratio)
         0 {'struts': -1.0, 'triangles': 0.57735, 'verticals': 1.0}
     """
-    thawed, arrays, _ = prepared(structure, solution)
+    thawed, arrays, _ = split_state(structure, solution)
     per_group = _say(thawed, arrays)
     names = per_group[0].keys()
     return Statements(**{n: structure.arrange([values[n] for values in per_group]) for n in names})
@@ -90,7 +90,7 @@ def statements(structure: Structure, solution: Solution | State) -> Statements:
 @jax.jit
 def _say(thawed, arrays):
     """The compiled core: statements of every group, a list of dicts."""
-    nodes, groups, carry = filled(thawed, arrays)
+    nodes, groups, carry = merge_state(thawed, arrays)
     system = make_system(nodes, groups, carry, None, None, carry.nodal_load)
     return [
         _group(group, state, nodes, carry.motion)

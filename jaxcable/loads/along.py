@@ -71,6 +71,8 @@ class Along(OnGroups, Dead):
 class SelfWeight(Along):
     """Self-weight of the elements that have a `weight`; half of it acts at each end of an element.
 
+    Of elements with more ends, such as membranes of your own, each end has an equal part of it.
+
     The weight is that of the current unstressed length at the temperature before the first phase:
     heat adds no mass. It acts on elements whenever they are there (`Phase`), those that later
     phases add among them. While a jack pulls, the weight stays as it was when the jack began, so
@@ -124,7 +126,9 @@ class SelfWeight(Along):
         groups = [structure.groups[number] for number in self.selected(structure)[0]]
         if all(group.weight is None for group in groups):
             kind = "no element group" if self.on is None else f"on = {self.on!r}: no such group"
-            raise ValueError(f"SelfWeight: {kind} has a weight; give weight=... in N/m")
+            raise ValueError(
+                f"SelfWeight: {kind} has a weight; give weight=... in N/m, of surfaces N/m2"
+            )
 
     def _vector(self):
         return self.direction

@@ -1,4 +1,4 @@
-"""Dead loads on the faces of a net: snow per plan area, cladding per surface."""
+"""Dead loads on faces, of a net or of surfaces: snow per plan area, cladding per surface."""
 
 from __future__ import annotations
 
@@ -8,38 +8,46 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 
 from ..common import checks
+from ..common.selection import Selection
 from ..common.tree import put, pytree
 from ..common.types import Array, ArrayLike, Float, Int
-from ..model.structure import Structure
 from ..numerics import scaled
-from . import faces as _faces
 from .along import check_geometry, padded
+from .faces import OnFaces, area_vectors
+from .groups import Key
 from .load import Groups, Measured, OnEveryNode, Positions, States
 
 PER = ("projected", "initial")
 
 
-@pytree(static=("per", "geometry"), indices=("faces",))
-class AreaLoads(Measured):
+@pytree(static=("per", "geometry", "on"), indices=("faces",))
+class AreaLoads(OnFaces, Measured):
     """Dead loads per area; a third of the force on each triangle acts at each of its corners.
 
     The load is dead: the areas do not change while it acts. They are differentiable. `net_faces`
-    finds the faces of a net.
+    finds the faces of a net. The load on a group acts on elements whenever they are there
+    (`Phase`), as with `LineLoads`; that on `faces` always.
 
     Args:
         faces: node numbers in order around each face, [n_face, 3] or [n_face, 4]. A quadrilateral
             is the mean of both ways to split it; a triangle among quadrilaterals repeats a node.
-        forces: force per area, [3] or [n_face, 3], N/m2: snow is ``(0, 0, -s)``.
+            None for the faces of groups whose elements have some, such as membranes of your own.
+        forces: force per area, [3] or [n_face, 3], N/m2: snow is ``(0, 0, -s)``. Of a group
+            [n_elem, 3], one for each of its elements.
         per: the area that `forces` refer to: "projected", as seen along the force (plan area, for
             snow), or "initial", the surface itself. A zero force has no direction to project
             along: see `LineLoads`.
         factor: factor of the forces, without unit; default 1.
         geometry: the geometry of the areas: "input", that of the structure's nodes, or "begun",
             that at the beginning of the phase that adds the load, the form after prestress.
+        on: key of the group whose faces are loaded, such as "membrane", or its place from 0 where
+            these are a list; None loads `faces`, or without them all groups that have faces.
+        elements: `Selection` of the elements of that group that are loaded; None loads all.
 
     Raises:
-        ValueError: wrong shapes, a face of less than three nodes, an unknown `per` or `geometry`;
-            where a phase is analysed, a node that the structure does not have.
+        ValueError: wrong shapes, a face of less than three nodes, both `faces` and a group, an
+            unknown `per` or `geometry`; where a phase is analysed, a node, group or element that
+            the structure does not have, or a group without faces.
 
     Example:
         Snow of 1 kN/m2 under wind that lifts with 0.4 kN/m2, on a net that spans 1.12 m2:
@@ -52,27 +60,28 @@ class AreaLoads(Measured):
         converged: -672.000 N
     """
 
-    faces: Int[ArrayLike, "n_face 3or4"]
-    forces: Float[ArrayLike, "... 3"]
+    faces: Int[ArrayLike, "n_face 3or4"] | None = None
+    forces: Float[ArrayLike, "... 3"] = None
     per: Literal["projected", "initial"] = "projected"
     factor: Float[ArrayLike, ""] = 1.0
     geometry: Literal["input", "begun"] = "input"
+    on: Key = None
+    elements: Selection | None = None
     begun: Float[Array, "n_row 3"] | None = (
         None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
     )
+    part: dict[int, Float[Array, "n_elem ..."]] | None = (
+        None  # by number of group: factors of the forces on each element; set by the analysis
+    )
 
     scales = ("factor",)
+    varies = ("forces", (3,))
 
     def __post_init__(self):
-        put(self, faces=_faces.checked(self.faces))
-        forces = checks.shaped(self.forces, "forces", (3,), (len(self.faces), 3))
-        put(self, forces=forces, factor=checks.scalar(self.factor, "factor"))
+        self._check_faces()
+        put(self, factor=checks.scalar(self.factor, "factor"))
         checks.one_of(self.per, "per", PER)
         check_geometry(self.geometry, self.per)
-
-    def check(self, structure: Structure) -> None:
-        """Raise ValueError if a node is unknown to the structure."""
-        _faces.known(self.faces, structure)
 
     def element_forces(
         self,
@@ -83,16 +92,15 @@ class AreaLoads(Measured):
         dtype: DTypeLike,
     ) -> OnEveryNode:
         """Force on every node, of `shape`, N."""
-        corners = self.measured(nodes)[self.faces]
-        per_area = jnp.broadcast_to(self.forces.astype(dtype), (len(corners), 3))
         total = jnp.zeros((shape[0], 3), dtype)
-        for numbers, vector in _faces.area_vectors(corners):
-            if self.per == "projected":
-                along = jnp.abs(jnp.sum(vector * per_area, axis=-1))
-                area = scaled.relative(along, scaled.length(per_area))
-            else:
-                area = scaled.length(vector)
-            force = (area / 3)[:, None] * per_area
-            for k in numbers:
-                total = total.at[self.faces[:, k]].add(force)
+        for faces, per_area in self._on_faces(groups, states, dtype):
+            for numbers, vector in area_vectors(self.measured(nodes)[faces]):
+                if self.per == "projected":
+                    along = jnp.abs(jnp.sum(vector * per_area, axis=-1))
+                    area = scaled.relative(along, scaled.length(per_area))
+                else:
+                    area = scaled.length(vector)
+                force = (area / 3)[:, None] * per_area
+                for k in numbers:
+                    total = total.at[faces[:, k]].add(force)
         return padded(self.factor.astype(dtype) * total, shape)

@@ -1,14 +1,21 @@
-"""Faces of three or four nodes, as triangles."""
+"""Faces of three or four nodes: their areas as triangles, and loads on them."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.tree import Indices
-from ..common.types import Array, ArrayLike, Float, Int
+from ..common.tree import Indices, put
+from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..model.parts import group_path
 from ..model.structure import Structure
+from ..numerics import scaled
+from .groups import OnGroups
+from .load import Groups, States
 
 _SPLITS = {
     3: [((0, 1, 2), 1.0)],
@@ -33,11 +40,6 @@ def checked(faces: Int[ArrayLike, "n 3or4"]) -> Indices:
     return Indices(array)
 
 
-def known(faces: Indices, structure: Structure) -> None:
-    """Raise ValueError if a node of the faces is unknown to the structure."""
-    checks.known(faces.array, structure.n_node, "faces")
-
-
 def area_vectors(
     corners: Float[Array, "*n 3or4 3"],
 ) -> list[tuple[tuple[int, int, int], Float[Array, "*n 3"]]]:
@@ -52,3 +54,80 @@ def area_vectors(
         a, b, c = (corners[..., k, :] for k in numbers)
         parts.append((numbers, 0.5 * share * jnp.cross(b - a, c - a)))
     return parts
+
+
+def areas(corners: Float[Array, "*n 3or4 3"]) -> Float[Array, "*n"]:
+    """Areas of faces with `corners` [..., 3 or 4, 3], m2: the sum of those of their triangles."""
+    return sum(scaled.length(vector) for _, vector in area_vectors(corners))  # type: ignore[return-value]  # not empty
+
+
+class OnFaces(OnGroups):
+    """A load on faces: those that are stated, or those of the elements of groups (`Element.face`).
+
+    Attributes:
+        faces: `Indices` [n_face, 3] or [n_face, 4], or None.
+        on: `Key` of the group whose faces are loaded; None means `faces`, or without them all
+            groups that have some.
+    """
+
+    faces: Int[ArrayLike, "n_face 3or4"] | None
+
+    def _check_faces(self):
+        """Raise ValueError for faces that are none, given twice, or another number of values."""
+        self._check_elements()
+        if self.faces is None:
+            return self._check_values()
+        for name in ("on", "elements"):
+            if getattr(self, name) is not None:
+                raise ValueError(f"faces, {name}: give faces, or a group whose elements have them")
+        put(self, faces=checked(self.faces))
+        return self._check_values(len(self.faces))
+
+    def selected(
+        self, structure: Structure
+    ) -> tuple[tuple[int, ...], Bool[np.ndarray, " n_elem"] | None]:
+        """As `OnGroups.selected`, of groups that have faces; no group if `faces` are given."""
+        if self.faces is not None:
+            return (), None
+        numbers, mask = super().selected(structure)
+        groups = structure.groups
+        kept = tuple(number for number in numbers if groups[number].face is not None)
+        if not kept or (self.on is not None and len(kept) < len(numbers)):
+            k = next(number for number in numbers if number not in kept)
+            given = "faces: missing" if self.on is None else f"on = {self.on!r}"
+            raise ValueError(
+                f"{given}: {group_path(structure, k)} ({type(groups[k]).__name__}) has no faces; "
+                "give faces=... (of a net those of net_faces), or name a group whose class "
+                "states which ends are around the face of an element, such as face = (0, 1, 2)"
+            )
+        return kept, mask
+
+    def check(self, structure: Structure) -> None:
+        """Raise ValueError if a node is unknown to the structure, or a group has no faces."""
+        if self.faces is not None:
+            checks.known(self.faces.array, structure.n_node, "faces")
+        self._check_counts(structure, self.selected(structure)[0])
+
+    def touches(self, groups: Groups) -> list[Indices]:
+        """Nodes whose forces depend on each other's positions, a list of [n, 3 or 4]."""
+        if self.faces is not None:
+            return [self.faces]
+        found = [groups[number] for number in self.on]
+        return [Indices(np.asarray(group.links)[:, group.face]) for group in found]
+
+    def _on_faces(
+        self, groups: Groups, states: States, dtype: Any
+    ) -> Iterator[tuple[Any, Float[Array, "n_face ..."]]]:
+        """Iterate over pairs of node numbers around faces [n_face, 3 or 4], and their values.
+
+        Values are zero where the load, or the element, is not.
+        """
+        name, one = self.varies  # type: ignore[misc]  # loads on faces have such a field
+        values = getattr(self, name).astype(dtype)
+        if self.faces is not None:
+            yield self.faces, jnp.broadcast_to(values, (len(self.faces), *one))
+            return
+        for number in self.on:
+            faces = groups[number].links[:, np.array(groups[number].face)]
+            own = jnp.broadcast_to(values, (len(faces), *one))
+            yield faces, self.partly(number, own, states[number])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Self, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -12,9 +12,10 @@ from jax.typing import DTypeLike
 
 from ..common import checks
 from ..common.selection import Selection
-from ..common.tree import Indices, copy, plain
+from ..common.tree import Indices, copy, plain, put
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.element_state import ElementState
+from ..model.parts import group_path
 from ..model.structure import Structure
 from .load import Acting, Bundles, OnEveryNode
 
@@ -26,17 +27,21 @@ _ALL = 1.0  # factor of all elements of a group
 
 
 class OnGroups(Acting):
-    """A load along elements: of all groups, of one, or of some elements of one.
+    """A load on elements: of all groups, of one, or of some elements of one.
 
     Attributes:
         on: `Key` of the loaded group.
         elements: the loaded elements of this group; None means all.
-        part: by number of group, factors of its elements, [n_elem]; set by the analysis.
+        varies: name of the field that has one value, or one for every element of a group, and the
+            shape of one value; None if no field does.
+        part: by number of group, factors of its elements, [n_elem], or of each component of their
+            values, [n_elem, ...]; set by the analysis.
     """
 
     on: Key
     elements: Selection | None = None
-    part: dict[int, Float[Array, " n_elem"]] | None
+    varies: ClassVar[tuple[str, tuple[int, ...]] | None] = None
+    part: dict[int, Float[Array, "n_elem ..."]] | None
 
     def _check_elements(self):
         """Raise ValueError unless `elements` is a selection or None."""
@@ -66,11 +71,45 @@ class OnGroups(Acting):
             )
         return numbers, self.elements.chosen(len(structure.groups[numbers[0]].links), "elements")
 
+    def _check_values(self, count: int | None = None) -> None:
+        """Raise ValueError unless the field that varies has values of the right shape.
+
+        They are one for all, or one for each of `count` elements; of any number if it is not known.
+        """
+        name, one = self.varies  # type: ignore[misc]  # asked only of loads that have such a field
+        value = getattr(self, name)
+        if value is None:
+            raise ValueError(f"{name}: missing; {type(self).__name__} needs a value of it")
+        values = checks.floats(value, name)
+        if count is None:
+            count = len(values) if values.ndim else 1
+        put(self, **{name: checks.shaped(values, name, one, (count, *one))})
+
+    def _check_counts(self, structure: Structure, numbers: tuple[int, ...]) -> None:
+        """Raise ValueError unless there is one value, or one for every element of the groups."""
+        name, one = self.varies  # type: ignore[misc]
+        for number in numbers:
+            count = len(structure.groups[number].links)
+            hint = f"; {group_path(structure, number)} has {count} elements"
+            checks.shaped(getattr(self, name), name, one, (count, *one), hint=hint)
+
     def among(self, structure: Structure) -> Self:
-        """The load with groups as numbers, and with factors for elements: 1 if loaded, else 0."""
+        """The load with groups as numbers, and with factors for elements: 1 if loaded, else 0.
+
+        Values of elements become their factors, and the field that has them ones.
+        """
         numbers, mask = self.selected(structure)
-        part = None if mask is None else {numbers[0]: mask.astype(float)}
-        return copy(self, on=numbers, elements=None, part=part)
+        load = copy(self, on=numbers, elements=None)
+        factors: Any = None if mask is None else mask.astype(float)
+        if self.varies is not None and numbers:
+            name, one = self.varies
+            values: Any = getattr(self, name)
+            if jnp.ndim(values) > len(one):
+                load = copy(load, **{name: jnp.ones_like(values[0])})
+                factors = values
+                if mask is not None:
+                    factors = jnp.where(mask.reshape(-1, *(1,) * len(one)), values, 0.0)
+        return copy(load, part=None if factors is None else dict.fromkeys(numbers, factors))
 
     def bundled(self, bundles: Bundles) -> Self:
         """The load, after `among`, on bundles of groups, see `mechanics.bundles`."""
@@ -95,9 +134,10 @@ class OnGroups(Acting):
 
         They are zero where an element is not there, too, if the `state` of the group says so.
         """
-        across = -1, *(1,) * (amounts.ndim - 1)
         if self.part is not None and number in self.part:
-            amounts = amounts * self.part[number].astype(amounts.dtype).reshape(across)
+            factors = self.part[number].astype(amounts.dtype)
+            across = (1,) * (amounts.ndim - factors.ndim)
+            amounts = amounts * factors.reshape(*factors.shape, *across)
         return amounts if state is None else state.only_present(amounts)
 
 

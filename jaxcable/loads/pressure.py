@@ -1,4 +1,4 @@
-"""Follower pressure: on cables and beams, and on faces of a net.
+"""Follower pressure: on cables and beams, and on faces of nets and surfaces.
 
 The forces depend on the positions of the nodes, so that their derivative belongs to the tangent; it
 is found by automatic differentiation. The assembled derivative is symmetric where the loads derive
@@ -16,12 +16,13 @@ import jax.numpy as jnp
 
 from ..common import checks
 from ..common.rules import Rule, refuse
-from ..common.tree import Indices, copy, put, pytree
+from ..common.selection import Selection
+from ..common.tree import Indices, put, pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element
 from ..model.parts import group_path
 from ..model.structure import Structure
-from . import faces as _faces
+from .faces import OnFaces, area_vectors
 from .groups import Key, OnGroups
 from .load import Blocks, Following, Groups, Positions, States
 
@@ -107,13 +108,12 @@ class CablePressure(OnGroups, Pressure):
         None  # by number of group: factor of the pressure on each element; set by the analysis
     )
 
+    varies = ("pressure", ())
+
     def __post_init__(self):
         put(self, axis=checks.shaped(self.axis, "axis", (3,)))
         refuse(self.rules())
-        pressure = checks.floats(self.pressure, "pressure")
-        if pressure.ndim > 1:
-            raise ValueError(f"pressure: expected a scalar or [n_elem], got {pressure.shape}")
-        put(self, pressure=pressure)
+        self._check_values()
         checks.one_of(self.per, "per", PER)
 
     def rules(self) -> list[Rule]:
@@ -123,7 +123,8 @@ class CablePressure(OnGroups, Pressure):
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a loaded group cannot be pressed."""
-        for number in self.selected(structure)[0]:
+        numbers, _ = self.selected(structure)
+        for number in numbers:
             group = structure.groups[number]
             if group.links.shape[1] != 2 or (group.shaped_by_load and not group.rotates):
                 raise ValueError(
@@ -136,15 +137,7 @@ class CablePressure(OnGroups, Pressure):
                     f'per = "unstressed": {group_path(structure, number)} '
                     f'({type(group).__name__}) has no unstressed length; give per="current"'
                 )
-            checks.shaped(self.pressure, "pressure", (), (len(group.links),))
-
-    def among(self, structure: Structure) -> CablePressure:
-        """The load with `on` as numbers of groups, and pressures of elements as their factors."""
-        load = super().among(structure)
-        if jnp.ndim(self.pressure) == 0:
-            return load
-        part = dict.fromkeys(load.on, self.pressure)
-        return copy(load, pressure=jnp.ones_like(self.pressure[0]), part=part)
+        self._check_counts(structure, numbers)
 
     def touches(self, groups: Groups) -> list[Indices]:
         """Nodes whose forces depend on each other's positions, a list of [n, 2]."""
@@ -185,21 +178,29 @@ class CablePressure(OnGroups, Pressure):
         return jnp.stack([half, half])
 
 
-@pytree(indices=("faces",))
-class FacePressure(Pressure):
-    """Follower pressure on faces of a net: along their normals, times their current areas.
+@pytree(static=("on",), indices=("faces",))
+class FacePressure(OnFaces, Pressure):
+    """Follower pressure on faces: along their normals, times their current areas.
 
     A third of the force on each triangle acts at each of its corners. Positive pressure acts along
     the normal about which the nodes of a face are in anticlockwise order (`net_faces`: upwards).
+    On a group it presses on elements whenever they are there (`Phase`), on `faces` always.
 
     Args:
-        faces: node numbers, [n_face, 3] or [n_face, 4], as in `AreaLoads`.
+        faces: node numbers, [n_face, 3] or [n_face, 4], as in `AreaLoads`; None for the faces of
+            groups whose elements have some.
         pressure: pressure, N/m2, scalar or [n_face]; positive along the normal about which the
-            nodes of a face are in anticlockwise order.
+            nodes of a face are in anticlockwise order. Of a group [n_elem], one for each of its
+            elements.
+        on: key of the group whose faces are pressed, such as "membrane", or its place from 0 where
+            these are a list; None presses on `faces`, or without them on all groups that have
+            faces.
+        elements: `Selection` of the elements of that group that are pressed; None means all.
 
     Raises:
-        ValueError: wrong shapes, a face with fewer than three nodes; where a phase is analysed, a
-            node that the structure does not have.
+        ValueError: wrong shapes, a face with fewer than three nodes, both `faces` and a group;
+            where a phase is analysed, a node, group or element that the structure does not have,
+            or a group without faces.
 
     Example:
         Snow, and wind uplift, on a net with a level border that spans 1.12 m2 in plan:
@@ -212,29 +213,26 @@ class FacePressure(Pressure):
         converged: -672.000 N
     """
 
-    faces: Int[ArrayLike, "n_face 3or4"]
-    pressure: Float[ArrayLike, ""] | Float[ArrayLike, " n_face"]
+    faces: Int[ArrayLike, "n_face 3or4"] | None = None
+    pressure: Float[ArrayLike, ""] | Float[ArrayLike, " n_face"] = None
+    on: Key = None
+    elements: Selection | None = None
+    part: dict[int, Float[Array, " n_elem"]] | None = (
+        None  # by number of group: factor of the pressure on each element; set by the analysis
+    )
+
+    varies = ("pressure", ())
 
     def __post_init__(self):
-        faces = _faces.checked(self.faces)
-        put(self, faces=faces)
-        put(self, pressure=checks.shaped(self.pressure, "pressure", (), (len(faces),)))
-
-    def check(self, structure: Structure) -> None:
-        """Raise ValueError if a node is unknown to the structure."""
-        _faces.known(self.faces, structure)
-
-    def touches(self, groups: Groups) -> list[Indices]:
-        """Nodes whose forces depend on each other's positions, a list of [n, 3 or 4]."""
-        return [self.faces]
+        self._check_faces()
 
     def _parts(self, groups, states, moved):
-        pressure = jnp.broadcast_to(self.pressure, (len(self.faces),)).astype(moved.dtype)
-        yield moved[self.faces], pressure, self.faces
+        for faces, pressure in self._on_faces(groups, states, moved.dtype):
+            yield moved[faces], pressure, faces
 
     def _force(self, corners, numbers):
         force, pressure = jnp.zeros_like(corners), numbers
-        for triangle, vector in _faces.area_vectors(corners):
+        for triangle, vector in area_vectors(corners):
             force = force.at[jnp.array(triangle)].add(pressure * vector / 3)
         return force
 

@@ -89,10 +89,10 @@ class Bundles(NamedTuple):
     def spread(
         self,
         on: Collection[int],
-        values: Mapping[int, Float[ArrayLike, " n_elem"]],
+        values: Mapping[int, Float[ArrayLike, "n_elem ..."]],
         fill: float = 0.0,
-    ) -> dict[int, Float[ArrayLike, " n_elem"]]:
-        """Values of groups, [n_elem] or scalars, as values of the bundles that contain them.
+    ) -> dict[int, Float[ArrayLike, "n_elem ..."]]:
+        """Values of groups, [n_elem, ...] or scalars, as values of the bundles that contain them.
 
         Args:
             on: numbers of groups.
@@ -109,11 +109,12 @@ class Bundles(NamedTuple):
                 found[b] = given[0]
                 continue
             sizes = [self.sizes[k] for k in self.members[b]]
-            parts = [jnp.broadcast_to(x, (n,)) for x, n in zip(given, sizes, strict=True)]
+            each = max((np.shape(x)[1:] for x in given), key=len)  # components of values
+            parts = [jnp.broadcast_to(x, (n, *each)) for x, n in zip(given, sizes, strict=True)]
             found[b] = jnp.concatenate(parts)
         return found
 
-    def inputs(self, per_group: list[dict[str, Stated]]) -> list[dict[str, Stated]]:
+    def statements(self, per_group: list[dict[str, Stated]]) -> list[dict[str, Stated]]:
         """Prestress statements of a phase, a dict from name to `Stated` for every bundle."""
         found = []
         for numbers in self.members:

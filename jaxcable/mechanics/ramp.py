@@ -18,7 +18,7 @@ from jax import lax
 
 from ..common.tree import copy, pytree, where
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..elements.abilities import mixed
+from ..elements.abilities import mixed, statements_of
 from ..elements.element import Element
 from ..elements.element_state import ElementState, with_fields
 from ..elements.stated import Stated
@@ -58,7 +58,7 @@ class PhaseData:
 
     Attributes:
         number: of the phase.
-        inputs: prestress statements, a dict from name to `Stated` for every group.
+        statements: prestress statements, a dict from name to `Stated` for every group.
         added_load: the nodal loads that it adds, or None.
         moved: its movements of supports, or None.
         freedoms: numbering of the unknowns, with the supports of this phase.
@@ -70,7 +70,7 @@ class PhaseData:
     """
 
     number: Int[ArrayLike, ""]
-    inputs: list[dict[str, Stated]]
+    statements: list[dict[str, Stated]]
     added_load: Added | None
     moved: Added | None
     freedoms: Freedoms
@@ -124,18 +124,26 @@ class Ramp:
                 at = data.present, data.freedoms_before, data.freedoms, data.attached
                 carry, left = presence.changed(nodes, groups, carry, *at)
                 released = released + jnp.where(data.freedoms.fixed, 0.0, left)
-        end_states, jacks = [], []
-        for group, state, inputs in zip(groups, carry.states, data.inputs, strict=True):
+        states, end_states, jacks = [], [], []
+        for group, state, statements in zip(groups, carry.states, data.statements, strict=True):
             end_state = jack = None
-            if "jacking" in inputs:
+            known = statements_of(group)
+            if "jacking" in statements:
                 force = each("tension", group, state, nodes, carry.motion)
-                jack = (force, inputs["jacking"])
-            statements = {name: stated for name, stated in inputs.items() if name != "jacking"}
-            if statements:
-                stateable: Any = group  # a `Prestressable`: other groups accept no statement
-                end_state = stateable.restate(state, nodes[group.links], statements)
+                jack = (force, statements["jacking"])
+            stateable: Any = group  # a `Prestressable`: other groups accept no statement
+            sudden = {n: stated for n, stated in statements.items() if not known[n].ramped}
+            if sudden:
+                state = stateable.restate(state, nodes[group.links], sudden)
+            ramped = {
+                n: stated for n, stated in statements.items() if n not in ("jacking", *sudden)
+            }
+            if ramped:
+                end_state = stateable.restate(state, nodes[group.links], ramped)
+            states.append(state)
             end_states.append(end_state)
             jacks.append(jack)
+        carry = copy(carry, states=states)
         steps = None if data.moved is None else _supported(data.moved, data.freedoms)
         return cls(
             *(nodes, groups, carry, end_states, jacks, data.added_load, added, steps, released),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -10,7 +11,14 @@ import jax
 import numpy as np
 
 from ..common.types import Array, Bool, Float, Int, PyTree
-from ..elements.element import PEAK_TENSION, PRESENT, TENSION, Element
+from ..elements.element import (
+    PEAK_TENSION,
+    PRESENT,
+    SECTION_FORCES,
+    SECTION_STRAIN,
+    TENSION,
+    Element,
+)
 from .structure import Structure, is_group
 from .topology import Part
 
@@ -69,25 +77,30 @@ def slack_cables(
 
 
 class Column(NamedTuple):
-    """One number per element, of a result or of one of its components.
+    """One number per element, of a result at one place, or of one of its components there.
 
     Attributes:
-        label: name of the result, and of its component if it has some: ``membrane_forces xx``.
+        label: name of the result, of its place if it has several, and of its component if it has
+            some: ``membrane_forces xx``, ``bending 0 xx``.
         unit: of the numbers.
         values: for every group an array [n_elem], NumPy, or None; a list.
+        place, component: in the element, and of the result; "" if there is only one.
     """
 
     label: str
     unit: str
     values: list[Float[np.ndarray, " n_elem"] | None]
+    place: str = ""
+    component: str = ""
 
 
 def columns(
     groups: Sequence[Element | Part], told: Mapping[str, PyTree[Float[Array, "n_elem ..."]]]
 ) -> list[Column]:
-    """Results of elements, with a `Column` for every component, a list.
+    """Results of elements, with a `Column` for every place and component, a list.
 
-    Results at several positions along an element are left out.
+    Section forces and strains at several positions along an element, which have tables and pictures
+    of their own, are left out.
 
     Args:
         groups: element groups, or the parts of a `Topology`.
@@ -100,13 +113,29 @@ def columns(
         result = results[name]
         values = jax.tree.leaves(tree, is_leaf=lambda x: x is None)
         values = [None if x is None else np.asarray(x) for x in values]
-        if all(x is None or x.ndim == 1 for x in values):
-            found.append(Column(name, result.unit, values))
-        elif all(x is None or x.shape[1:] == (len(result.components),) for x in values):
-            for k, component in enumerate(result.components):
-                parts = [None if x is None else x[:, k] for x in values]
-                found.append(Column(f"{name} {component}", result.unit, parts))
+        if result in (SECTION_FORCES, SECTION_STRAIN):
+            if any(x is not None and x.ndim > 1 for x in values):
+                continue
+        parts = [{} if x is None else _by_place(result, x) for x in values]
+        # in the order of places, also where groups have different numbers of them
+        for place, component in dict.fromkeys(key for part in parts for key in part):
+            label = " ".join(word for word in (name, place, component) if word)
+            own = [part.get((place, component)) for part in parts]
+            found.append(Column(label, result.unit, own, place, component))
     return found
+
+
+def _by_place(result, values):
+    """The values [n_elem, ...] of a group by names of place and component, [n_elem] each."""
+    components = result.components or ("",)
+    count = math.prod(values.shape[1:]) // len(components)
+    one = values.ndim == 1 + bool(result.components)
+    places = ("",) if one else result.places or tuple(map(str, range(count)))
+    values = values.reshape(len(values), count, len(components))
+    names = ((place, component) for place in places for component in components)
+    return {
+        key: values[:, k // len(components), k % len(components)] for k, key in enumerate(names)
+    }
 
 
 def pieces(
@@ -125,8 +154,9 @@ def pieces(
     ends, element, owner, count = [], [], [], 0
     for number, group in enumerate(groups):
         chain = group.links.array
-        if group.outline is not None:
-            chain = chain[:, group.outline]
+        around = None if group.face is None else (*group.face, group.face[0])
+        if (outline := group.outline or around) is not None:
+            chain = chain[:, outline]
         pairs = np.stack([chain[:, :-1], chain[:, 1:]], axis=2)
         which = np.arange(count, count + len(chain))[:, None] + np.zeros_like(pairs[..., 0])
         real = pairs[..., 0] != pairs[..., 1]  # shorter chains are padded with their last node
@@ -135,6 +165,30 @@ def pieces(
         owner.append(np.full(int(real.sum()), number))
         count += len(chain)
     return np.concatenate(ends), np.concatenate(element), np.concatenate(owner)
+
+
+def faces(
+    groups: Sequence[Element | Part],
+) -> tuple[Int[np.ndarray, "n_face 4"], Int[np.ndarray, " n_face"], Int[np.ndarray, " n_face"]]:
+    """Faces of all elements that have one.
+
+    Args:
+        groups: element groups, or the parts of a `Topology`.
+
+    Returns:
+        corners: node numbers in order around the faces, [n_face, 4]; triangles name their last node
+            twice.
+        element: number of the element of each face, counted through all groups, [n_face].
+        group: number of the group of each face, [n_face].
+    """
+    corners, element, owner, count = [np.zeros((0, 4), int)], [], [], 0
+    for number, group in enumerate(groups):
+        if group.face is not None:
+            corners.append(group.links.array[:, [*group.face, group.face[-1]][:4]])
+            element += range(count, count + len(group.links))
+            owner += [number] * len(group.links)
+        count += len(group.links)
+    return np.concatenate(corners), np.array(element, int), np.array(owner, int)
 
 
 def first_and_last(group: Element | Part) -> Int[np.ndarray, "n_elem 2"]:

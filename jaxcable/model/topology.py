@@ -20,6 +20,7 @@ class Part(NamedTuple):
         name: key in the elements as text.
         kind: name of its class.
         links: node numbers of its elements, `Indices`.
+        face: ends around the face of an element, a tuple, or None.
         outline: ends through which pictures draw an element, a tuple, or None.
         results: results of its elements, a tuple of `elements.element.Result`.
         hinges: `Indices` of ends that turn against their nodes, or None.
@@ -30,6 +31,7 @@ class Part(NamedTuple):
     name: str
     kind: str
     links: Indices
+    face: tuple[int, ...] | None
     outline: tuple[int, ...] | None
     results: tuple[Result, ...]
     hinges: Indices | None
@@ -61,6 +63,7 @@ def topology_of(structure):
             name,
             type(group).__name__,
             group.links,
+            group.face,
             group.outline,
             group.results,
             group.hinges,

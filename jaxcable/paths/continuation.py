@@ -1,11 +1,12 @@
 """The loop of a continuation: arc-length steps along the path, and events located between them.
 
-Every iteration tries a step from the last point, the `anchor`, along the tangent there. Between
-events, these stay the same from point to point: the sign of the tangent's load factor, the number
-of negative eigenvalues, which elements are slack, and whether any has failed. If one of them
-differs at the end of a step, an event lies in the step. The step is not taken; the event is hunted:
-shorter steps are tried, by secants of quantities that are smooth and by bisection. Those that end
-before the event are taken, until the event lies in a step as short as the tolerance. Then it is
+Every iteration tries a step from the last accepted point, the `anchor`: a predictor along the
+tangent there, and a corrector onto the path (`corrector`). Between events, these stay the same from
+point to point: the sign of the tangent's load factor, the number of negative eigenvalues, which
+elements are slack, and whether any has failed. If one of them differs at the end of a step, an
+event lies in the step. The step is then not accepted, and the event is located: shorter steps are
+tried, their lengths by secants of quantities that are smooth, and by bisection. Those that end
+before the event are accepted, until the event lies in a step as short as the tolerance. Then it is
 recorded, and the path goes on beyond it.
 
 In a structure whose equilibrium is unique (`System.always_convex`), a step of the load factor is
@@ -25,70 +26,76 @@ from ..common.tree import copy
 from ..common.types import ArrayLike, Int
 from ..equilibrium.newton import Newton
 from ..mechanics.ramp import Ramp
-from .attempt import LOAD, Course
-from .decision import Decision
-from .records import note, record, room_for, row_of
-from .run import Beyond, Point, Run, Settings
+from .path_state import BracketEnd, PathPoint, PathSettings, PathState
+from .records import allocate_records, make_point_record, record_events, record_point
+from .step_decision import StepDecision
+from .trial_step import LOAD, PathProblem
 
 
-def march(
+def follow_path(
     ramp: Ramp,
     method: Newton,
-    settings: Settings,
+    settings: PathSettings,
     code: Int[ArrayLike, ""],
     capacity: tuple[int, int],
-) -> Run:
-    """Follow the path of a phase; returns the last `Run`.
+) -> PathState:
+    """Follow the equilibrium path of a phase to its end; return the last `PathState`.
 
     Args:
-        ramp: the phase; not differentiated.
+        ramp: the phase as a function of its load factor; not differentiated.
         method: `Newton`.
-        settings: `Settings`.
-        code: status so far; after a failure nothing is done.
-        capacity: numbers of points and of events that there is room for.
+        settings: `PathSettings`.
+        code: status of what came before; after a failure nothing is done.
+        capacity: largest number of recorded points, and of recorded events.
     """
-    course = Course(ramp, method, settings, capacity)
+    problem = PathProblem(ramp, method, settings, capacity)
 
-    def advance(run):
-        step = Decision(course, run)
-        (rows, n_row), (noted, n_event) = record(step), note(step)
-        after = copy(step.proceed(), rows=rows, n_row=n_row, noted=noted, n_event=n_event)
-        return step.ended(after)
+    def advance(current):
+        step = StepDecision(problem, current)
+        (rows, n_point), (event_records, n_event) = record_point(step), record_events(step)
+        after = copy(
+            step.next_state(),
+            point_records=rows,
+            n_point=n_point,
+            event_records=event_records,
+            n_event=n_event,
+        )
+        return step.with_status(after)
 
-    return lax.while_loop(lambda run: ~run.done, advance, _start(course, code))
+    return lax.while_loop(lambda current: ~current.done, advance, _initial_state(problem, code))
 
 
-def _start(course, code):
-    """The `Run` before the first step."""
-    ramp, begin, settings = course.ramp, course.begin, course.settings
-    n_row, n_event = course.capacity
+def _initial_state(problem, code):
+    """Return the `PathState` before the first step, at load factor 0."""
+    ramp, begin, settings = problem.ramp, problem.begin, problem.settings
+    n_point, n_event = problem.capacity
     dtype = ramp.begin.motion.dtype
     zero, no, number = jnp.zeros((), dtype), jnp.zeros((), bool), jnp.int32(0)
     x = begin.place(ramp.begin.motion)
     no_element = jnp.zeros(sum(len(group.links) for group in ramp.groups), bool)
     still = jnp.zeros(begin.freedoms.free.shape[0], dtype)
     tangent = still, zero + 1
-    point = Point(x, zero, *tangent, ramp.memory, number, zero, still, still, still, no_element)
-    row = jax.eval_shape(lambda: row_of(ramp, point, ramp.memory))
+    point = PathPoint(x, zero, *tangent, ramp.memory, number, zero, still, still, still, no_element)
+    row = jax.eval_shape(lambda: make_point_record(ramp, point, ramp.memory))
     row |= {"iterations": number, "residual": zero, "scale": zero, "rounding": zero}
     event = dict.fromkeys(("kind", "row", "multiplicity"), number)
     event |= dict.fromkeys(("load_factor", "lower", "upper"), zero)
     event |= {"point": point, "null": no, "elements": no_element}
-    return Run(
+    return PathState(
         anchor=point,
         mode=jnp.int32(LOAD),
         ds=zero,
-        nominal=jnp.sqrt(2.0).astype(dtype) * settings.step,
-        reference=zero,
-        weight=zero,
-        hunting=no,
+        nominal_ds=jnp.sqrt(2.0).astype(dtype) * settings.step,
+        first_stiffness=zero,
+        displacement_scale=zero,
+        locating=no,
         bracket=zero,
-        beyond=Beyond(zero, zero, number, no, no),
+        bracket_end=BracketEnd(zero, zero, number, no, no),
         tol=settings.tol,
-        tries=number,
-        rows=room_for(n_row, row),
-        n_row=number,
-        noted=room_for(n_event, event),
+        n_tried=number,
+        point_records=allocate_records(n_point, row),
+        n_point=number,
+        event_records=allocate_records(n_event, event),
         n_event=number,
         code=code,
         done=code != status.OK,

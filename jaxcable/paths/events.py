@@ -26,12 +26,14 @@ NAMES = {
 """Kinds of events, in words."""
 
 FAILURES = (LIMIT_POINT, BIFURCATION, MATERIAL_FAILURE)
-"""Kinds at which a structure under growing dead load fails."""
+"""Kinds of events at which a structure under growing dead load fails."""
 
 
 @pytree
 class Events:
-    """Events in the order in which the path meets them; ``len(events)``, ``events[k]``.
+    """Events on a path, in its order: every array has one entry for each event.
+
+    ``len(events)`` is their number, ``events[k]`` the event k.
 
     An event lies between the last point before it and the first point after it, whose load factors
     are `lower` and `upper`. Along the path these points are within the tolerance of `trace_path`,
@@ -85,7 +87,7 @@ class Events:
 
     @property
     def names(self) -> list[str]:
-        """The kinds in words, a list."""
+        """The kinds of the events in words, such as "limit point"."""
         return [NAMES.get(int(kind), "none") for kind in np.atleast_1d(np.asarray(self.kind))]
 
     def __len__(self) -> int:

@@ -12,23 +12,26 @@ from ..common.types import Array, Bool, Int, PyTree
 from ..mechanics.ramp import Ramp
 from ..mechanics.reading import read
 from . import events
-from .decision import Decision
-from .inertia import multiplicity
-from .run import Point
+from .negative_eigenvalues import count_crossings
+from .path_state import PathPoint
+from .step_decision import StepDecision
 
 
-def record(step: Decision) -> tuple[dict[str, PyTree[Array]], Int[Array, ""]]:
-    """Recorded points (`Run.rows`) and their number after a step."""
-    run, found = step.run, step.found
-    shown = where(step.fatal, run.anchor, step.point)
-    row = row_of(step.course.ramp, shown, run.anchor.memory)
-    row |= {"iterations": found.steps, "residual": found.residual}
-    row |= {"scale": found.scale, "rounding": found.rounding}
-    return _put(run.rows, run.n_row, row, step.record), run.n_row + step.record
+def record_point(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Array, ""]]:
+    """Add the end of a step to the recorded points, if wanted; return them and their number."""
+    current, corrected = step.current, step.corrected
+    shown = where(step.ends_in_failure, current.anchor, step.point)
+    row = make_point_record(step.problem.ramp, shown, current.anchor.memory)
+    row |= {"iterations": corrected.steps, "residual": corrected.residual}
+    row |= {"scale": corrected.scale, "rounding": corrected.rounding}
+    records = _write_record(current.point_records, current.n_point, row, step.records_point)
+    return records, current.n_point + step.records_point
 
 
-def row_of(ramp: Ramp, p: Point, memory: list[PyTree[Array]] | None) -> dict[str, PyTree[Array]]:
-    """The record of a point, but for the numbers of its correction."""
+def make_point_record(
+    ramp: Ramp, p: PathPoint, memory: list[PyTree[Array]] | None
+) -> dict[str, PyTree[Array]]:
+    """Return the results at a point as a record; those of its correction are added later."""
     seen = read(ramp.at(p.factor, memory), p.x)
     return {
         "load_factor": p.factor,
@@ -36,48 +39,57 @@ def row_of(ramp: Ramp, p: Point, memory: list[PyTree[Array]] | None) -> dict[str
         "found": seen.of_path.found,
         "n_slack": seen.n_slack,
         "n_loose": seen.n_loose,
-        "n_negative": p.negative,
+        "n_negative": p.n_negative,
         "stiffness": p.stiffness,
         "rise": p.rise,
     }
 
 
-def note(step: Decision) -> tuple[dict[str, PyTree[Array]], Int[Array, ""]]:
-    """Recorded events after a step, and their number, including those there is no room for."""
-    run, a, p = step.run, step.run.anchor, step.point
-    noted, count, whole = run.noted, run.n_event, ~step.failed
-    fork = (step.branch | step.astray) & ~step.limit & whole
-    beside = where(step.astray, run.beyond, step.beyond)
-    crossing, at_limit = multiplicity(beside, a, step.fresh)
-    zero = jnp.where(step.line, _zero_between(a, p), p.factor)
-    none, no_element = jnp.int32(0), jnp.zeros_like(p.slack)
-    event = {"lower": a.factor, "upper": p.factor, "row": run.n_row, "point": p, "null": step.null}
+def record_events(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Array, ""]]:
+    """Add the located events of a step to the records; return them and their number.
+
+    Events that there is no room for are counted, too.
+    """
+    current, a, p = step.current, step.current.anchor, step.point
+    event_records, count, whole = current.event_records, current.n_event, ~step.has_failure
+    fork = (step.has_bifurcation | step.on_other_branch) & ~step.has_limit_point & whole
+    beside = where(step.on_other_branch, current.bracket_end, step.bracket_end)
+    crossing, at_limit = count_crossings(beside, a, step.is_first)
+    zero = jnp.where(step.interpolated, _factor_at_zero_stiffness(a, p), p.factor)
+    none, no_element = jnp.int32(0), jnp.zeros_like(p.is_slack)
+    event = {
+        "lower": a.factor,
+        "upper": p.factor,
+        "row": current.n_point,
+        "point": p,
+        "null": step.has_null_vector,
+    }
     for happened, kind, factor, number, elements in (
-        (step.limit & whole, events.LIMIT_POINT, p.factor, at_limit, no_element),
+        (step.has_limit_point & whole, events.LIMIT_POINT, p.factor, at_limit, no_element),
         (fork, events.BIFURCATION, zero, crossing, no_element),
-        (step.slackened, events.SLACKENING, p.factor, none, step.gone_slack),
-        (step.tightened, events.TIGHTENING, p.factor, none, step.gone_taut),
-        (step.failed, events.MATERIAL_FAILURE, p.factor, none, step.broken),
+        (step.has_slackening, events.SLACKENING, p.factor, none, step.newly_slack),
+        (step.has_tightening, events.TIGHTENING, p.factor, none, step.newly_taut),
+        (step.has_failure, events.MATERIAL_FAILURE, p.factor, none, step.ruptured),
     ):
         event |= {"kind": jnp.int32(kind), "load_factor": factor}
         event |= {"multiplicity": number, "elements": elements}
-        noted = _put(noted, count, event, step.hit & happened)
-        count = count + (step.hit & happened)
-    return noted, count
+        event_records = _write_record(event_records, count, event, step.located & happened)
+        count = count + (step.located & happened)
+    return event_records, count
 
 
-def _zero_between(a, p):
-    """Load factor at which the stiffness is zero, on the line between two points."""
+def _factor_at_zero_stiffness(a, p):
+    """Return the load factor of zero stiffness, by linear interpolation between two points."""
     part = a.stiffness / jnp.where(a.stiffness == p.stiffness, 1.0, a.stiffness - p.stiffness)
     return a.factor + part * (p.factor - a.factor)
 
 
-def room_for(count: int, record: PyTree[Any]) -> PyTree[Array]:
-    """Arrays of zeros for a number of records like one, of which only the shapes matter."""
+def allocate_records(count: int, record: PyTree[Any]) -> PyTree[Array]:
+    """Return arrays of zeros for `count` records with the shapes of a given one."""
     return jax.tree.map(lambda a: jnp.zeros((count, *a.shape), a.dtype), record)
 
 
-def _put(
+def _write_record(
     rows: PyTree[Array], number: Int[Array, ""], row: PyTree[Array], wanted: Bool[Array, ""]
 ) -> PyTree[Array]:
     """Write the record `row` at index `number` of `rows` if it is `wanted` and there is room."""

@@ -1,4 +1,4 @@
-"""What `trace_path` returns."""
+"""The result of `trace_path`, and its failure load."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from .events import FAILURES, Events
 
 @pytree(kw_only=True)
 class TracedPath(Path):
-    """A `Path` whose points are in the order along the path; the load factor may rise and fall.
+    """Equilibrium path with its events: a `Path` whose load factor may rise and fall.
 
-    It has the points and events that were reached. Inside a transformation it has all that there
-    is room for, with NaN in floats and -1 in counts where nothing was reached.
+    Points are in the order in which they were reached. Inside a transformation the arrays have
+    their full length, with NaN in floats and -1 in counts behind the last point and event.
 
     Attributes:
         load_factor, displacement, tension, peak_tension: as of a `Path`, one entry per point.
-        residual, relative_residual, rounding: likewise; the start of a point is its guess.
+        residual, relative_residual, rounding: likewise.
         n_slack, n_loose, strain: likewise.
         status: outcome, scalar: OK if the path reached the last load factor; LIMIT_POINT or
             BIFURCATION if it ends there (``through=False``); MATERIAL_FAILURE, MECHANISM; PATH_LOST
@@ -37,7 +37,7 @@ class TracedPath(Path):
             part; with more than 400 unknowns these are not counted, -1, and only crossings of an
             odd number are seen.
         stiffness: eigenvalue of the tangent stiffness nearest to zero, [n], N/m (of a unit vector
-            of all freedoms). If the tangent is not symmetric, its smallest singular value, with the
+            of all unknowns). If the tangent is not symmetric, its smallest singular value, with the
             sign of the real part of that eigenvalue, or of the determinant where eigenvalues are
             not counted.
         rise: load factor's part of the unit tangent, -1 to 1; changes its sign at limit points,
@@ -79,12 +79,12 @@ class TracedPath(Path):
             >>> print(path.status, f"{500 * path.failure_load:.6f} N")
             0 381.087190 N
         """
-        return _first_failure(self.events.kind, self.events.load_factor, self.load_factor)
+        return _first_failure_load(self.events.kind, self.events.load_factor, self.load_factor)
 
 
 @jax.jit
-def _first_failure(kind, of_events, of_points):
-    """The first load factor of an event that is a failure; NaN if there is none."""
+def _first_failure_load(kind, of_events, of_points):
+    """Return the load factor of the first event that is a failure; NaN if there is none."""
     fails = jnp.isin(kind, jnp.asarray(FAILURES))
     if kind.shape[0] == 0:
         return jnp.nan * jnp.sum(of_points)

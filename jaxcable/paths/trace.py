@@ -1,4 +1,4 @@
-"""`trace_path`: a phase followed by arc length, through limit points, with its events."""
+"""`trace_path`: follow a phase by arc length, through limit points, and locate its events."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from ..loads import Varying, as_list
 from ..mechanics.ramp import Ramp
 from ..model.structure import Structure
 from ..numerics import implicit, scaled
-from .continuation import march
+from .continuation import follow_path
 from .events import BIFURCATION, LIMIT_POINT, Events
-from .inertia import alignment
+from .negative_eigenvalues import load_alignment
+from .path_state import PathSettings
 from .result import TracedPath
-from .run import Settings
 
 
 def trace_path(
@@ -67,7 +67,7 @@ def trace_path(
 
     A pure function. Derivatives: only of the load factor at smooth limit points, with respect to
     all parameters, by ``df/dp = -phi.R_p / (phi.R_f)``, first order only. All others are NaN, also
-    at corners of laws and in structures whose laws have a memory.
+    at corners of laws and in structures whose laws have history variables.
 
     Args:
         structure: `Structure`.
@@ -82,8 +82,8 @@ def trace_path(
             change at the start. Where little stiffness is left and the path is straight, as in
             plastic collapse, steps are longer: `largest` in load, or 2 % of the structure's size in
             displacement.
-        steps: number of points of the path that there is room for; 200.
-        events: number of events that there is room for; 32.
+        steps: largest number of points of the path; 200.
+        events: largest number of events; 32.
         tol: length of path within which events are located, in units of `step`; default 1e-9, in
             float32 1e-5. At a smooth limit point the error of the load factor is of the order of
             its square.
@@ -115,11 +115,11 @@ def trace_path(
     method = Newton() if method is None else method
     if not isinstance(method, Newton):
         raise ValueError(f"method: expected Newton, got {type(method).__name__}")
-    settings = _settings(structure, until, down_to, step, largest, tol, through)
+    settings = check_path_settings(structure, until, down_to, step, largest, tol, through)
     if phases[-1].adds is not None or phases[-1].removes is not None:
         raise ValueError(
-            "phases: the last one, whose path is followed, adds or removes elements; let a phase "
-            "of its own before it do so"
+            "phases: the last phase, whose path is followed, must not add or remove elements; let "
+            "a separate phase before it do so"
         )
     for k, load in enumerate(as_list(phases[-1].loads)):
         if isinstance(load, Varying):
@@ -132,37 +132,39 @@ def trace_path(
     if len(phases) > 1:
         start = solve(structure, phases[:-1], method, start=start)
     task = prepare(structure, phases[-1:], method, start, len(phases) - 1)
-    room = int(steps), int(events)
     core = task.thawed, task.arrays, task.method, settings, task.code
-    path, n_row, n_event = _trace(*core, room=room, bundles=task.bundles, size=task.n_free)
+    path, n_point, n_event = _trace_compiled(
+        *core, capacity=(int(steps), int(events)), bundles=task.bundles, size=task.n_free
+    )
     path = per_element(with_peaks(on_nodes(structure, path)), structure.arrange)
     happened = on_nodes(structure, path.events, ("displacement", "mode"))
     happened = copy(happened, elements=structure.arrange(happened.elements))
-    if not isinstance(n_row, jax.core.Tracer):
-        happened = _first(happened, int(n_event))
-        path = copy(_first(copy(path, status=None, events=None), int(n_row)), status=path.status)
+    if not isinstance(n_point, jax.core.Tracer):
+        happened = _first_entries(happened, int(n_event))
+        reached = _first_entries(copy(path, status=None, events=None), int(n_point))
+        path = copy(reached, status=path.status)
     return copy(path, events=happened)
 
 
 @functools.partial(jax.jit, static_argnames=("count",))
-def _first(tree, count):
-    """The first entries of all arrays."""
+def _first_entries(tree, count):
+    """Return the first `count` entries of all arrays of a pytree."""
     return jax.tree.map(lambda a: a[:count], tree)
 
 
-def _settings(structure, until, down_to, step, largest, tol, through):
-    """The `Settings` of `trace_path`, checked."""
+def check_path_settings(structure, until, down_to, step, largest, tol, through):
+    """Check the options of `trace_path`; return them as `PathSettings`."""
     dtype = jnp.asarray(structure.nodes).dtype
     if tol is None:
         tol = 1e-9 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
     numbers = until, down_to, step, largest, tol
-    refuse(Settings(*numbers, through).rules())
-    return Settings(*(jnp.asarray(v, dtype) for v in numbers), jnp.asarray(through, bool))
+    refuse(PathSettings(*numbers, through).rules())
+    return PathSettings(*(jnp.asarray(v, dtype) for v in numbers), jnp.asarray(through, bool))
 
 
-@functools.partial(program, static=("room", "bundles"))
-def _trace(thawed, arrays, method, settings, code, room, bundles):
-    """The compiled core: `TracedPath` with all room for points and events, and their numbers."""
+@functools.partial(program, static=("capacity", "bundles"))
+def _trace_compiled(thawed, arrays, method, settings, code, capacity, bundles):
+    """Trace a path, compiled; return `TracedPath` of full length, numbers of points and events."""
     parameters = fill(thawed, arrays)
     code = status.first_failure(code, verdicts(parameters, method, settings)[1][0])
     nodes, groups, carry, schedule = ready(parameters, bundles)
@@ -172,42 +174,45 @@ def _trace(thawed, arrays, method, settings, code, room, bundles):
     problem = nodes, groups, carry, schedule.phase(0)
     ramp = Ramp.build(*lax.stop_gradient(problem))
     method, settings = lax.stop_gradient((method, settings))
-    run = lax.stop_gradient(march(ramp, method, settings, code, room))
-    happened = jnp.arange(room[1]) < run.n_event
-    rows, noted = _known(run.rows, jnp.arange(room[0]) < run.n_row), dict(run.noted)
+    final = lax.stop_gradient(follow_path(ramp, method, settings, code, capacity))
+    happened = jnp.arange(capacity[1]) < final.n_event
+    reached = jnp.arange(capacity[0]) < final.n_point
+    rows, event_records = _mask_unreached(final.point_records, reached), dict(final.event_records)
     found = {name: bundles.apart(value, axis=1) for name, value in rows.pop("found").items()}
-    point, null, factor, elements = (
-        noted.pop(name) for name in ("point", "null", "load_factor", "elements")
+    point, has_null_vector, factor, elements = (
+        event_records.pop(name) for name in ("point", "null", "load_factor", "elements")
     )
-    between = {name: noted.pop(name) for name in ("lower", "upper", "row")}
+    between = {name: event_records.pop(name) for name in ("lower", "upper", "row")}
     between["displacement"] = jax.vmap(lambda p: (p.x - ramp.begin.motion)[:, :3])(point)
-    modes = {"mode": jax.vmap(lambda p: _shape(ramp, p))(point)}
-    modes["alignment"] = jax.vmap(alignment)(point)
-    critical = (noted["kind"] == LIMIT_POINT) | (noted["kind"] == BIFURCATION)
-    known = _known(between, happened) | _known(modes, critical)
+    modes = {"mode": jax.vmap(lambda p: _mode_shape(ramp, p))(point)}
+    modes["alignment"] = jax.vmap(load_alignment)(point)
+    critical = (event_records["kind"] == LIMIT_POINT) | (event_records["kind"] == BIFURCATION)
+    known = _mask_unreached(between, happened) | _mask_unreached(modes, critical)
     path = TracedPath(
-        status=run.code,
+        status=final.code,
         factorizations=None,
         equilibrated=None,
         relative_residual=scaled.relative(rows["residual"], rows.pop("scale")),
-        events=Events(load_factor=None, elements=None, **noted, **known),
+        events=Events(load_factor=None, elements=None, **event_records, **known),
         **rows,
         **element_fields(found),
     )
     path = implicit.undifferentiated(path, parameters)
-    located = jax.vmap(lambda *event: _load_factor(*event, ramp, problem, parameters))
+    located = jax.vmap(lambda *event: _event_load_factor(*event, ramp, problem, parameters))
     counts = np.cumsum([0, *(len(group.links) for group in ramp.groups)])
     parts = [elements[:, a:b] for a, b in itertools.pairwise(counts)]
     events = copy(
         path.events,
-        load_factor=_known(located(noted["kind"], factor, point, null), happened),
+        load_factor=_mask_unreached(
+            located(event_records["kind"], factor, point, has_null_vector), happened
+        ),
         elements=bundles.apart(parts, axis=1),
     )
-    return copy(path, events=events), run.n_row, run.n_event
+    return copy(path, events=events), final.n_point, final.n_event
 
 
-def _known(values, there):
-    """Arrays with NaN in floats, and -1 in counts, where `there`, of their first axis, is False."""
+def _mask_unreached(values, there):
+    """Replace entries of arrays where `there` is False: by NaN in floats, by -1 in counts."""
 
     def one(a):
         missing = jnp.nan if jnp.issubdtype(a.dtype, jnp.floating) else -1
@@ -217,8 +222,8 @@ def _known(values, there):
     return jax.tree.map(one, values)
 
 
-def _shape(ramp, point):
-    """Null vector of a point as displacements, the largest of a node 1, [n_node, 3]."""
+def _mode_shape(ramp, point):
+    """Return the null vector of a point as displacements [n_node, 3], the largest 1."""
     space = ramp.at(point.factor, point.memory).space
 
     def moved(step):
@@ -228,20 +233,20 @@ def _shape(ramp, point):
     return scaled.unit_shapes(shape[None], point.phi[None])[0]
 
 
-def _load_factor(kind, factor, point, null, ramp, problem, parameters):
-    """Load factor of an event, with its derivative at a smooth limit point, else with NaN.
+def _event_load_factor(kind, factor, point, has_null_vector, ramp, problem, parameters):
+    """Return the load factor of an event, with its derivative at a smooth limit point, else NaN.
 
     At a limit point the left null vector phi of the tangent eliminates the unknowns from the
     derivative of R(u, f, p) = 0: ``phi.R_f df + phi.R_p dp = 0``.
     """
     factor = implicit.undifferentiated(factor, parameters)
-    if ramp.memory is not None:  # memory depends on all points before
+    if ramp.memory is not None:  # history variables depend on all points before
         return factor
     system = Ramp.build(*implicit.first_order(problem)).at(point.factor, point.memory)
     function, numbers, _ = system.chart(system.carried(point.x))
-    work = point.left @ function(lax.stop_gradient(numbers))
-    along = point.left @ point.pull
-    smooth = (kind == LIMIT_POINT) & null & (along != 0)
+    work = point.left_phi @ function(lax.stop_gradient(numbers))
+    along = point.left_phi @ point.residual_by_factor
+    smooth = (kind == LIMIT_POINT) & has_null_vector & (along != 0)
     change = work / jnp.where(smooth, along, 1.0)
     exact = point.factor - (change - lax.stop_gradient(change))
     return jnp.where(smooth, exact, factor)

@@ -107,7 +107,7 @@ def _draw(found, start, shots, seen, everything, dpi):
     figure.set_dpi(dpi)
     (axes,) = figure.axes
     ghost(axes, seen, found.links, start)
-    lines = Members(axes, seen, found.links, scale)
+    lines = Members(axes, seen, found, scale)
     lines.show(shots[0])
     held = [shot.held(seen.normal) for shot in shots]
     handles = keys(forces, bool(start.known().any()), counted=False)

@@ -20,7 +20,7 @@ from ..elements.element import SECTION_FORCES
 from ..model.parts import first_and_last
 from ..model.structure import Structure
 from ..model.topology import Part
-from ..results.between import stored_forces
+from ..results.interpolation import interpolate_recorded_forces
 from .forces import leaves
 from .glyphs import draw_supports, support_keys
 from .layout import arrange, settle
@@ -270,7 +270,9 @@ def along_beams(
     numbers, count = [np.zeros(0, int)], 0
     own = leaves(end.section_forces, len(parts))
     places, at = np.linspace(0.0, 1.0, n_place), end.positions
-    for part, values in zip(parts, stored_forces(parts, own, at, places), strict=True):
+    for part, values in zip(
+        parts, interpolate_recorded_forces(parts, own, at, places), strict=True
+    ):
         size = len(part.links.array)
         if values is not None:
             found.append(np.asarray(values))

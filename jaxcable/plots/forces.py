@@ -67,7 +67,7 @@ class Forces:
 def results(
     told: Mapping[str, Any], parts: Sequence[Element | Part], structure: Structure | None
 ) -> list[Column]:
-    """Every result with one number per element, utilisation and largest moments among them."""
+    """Results of all elements, see `columns`, with utilisation and the largest moments of beams."""
     found = columns(parts, {name: tree for name, tree in told.items() if name != PRESENT.name})
     if structure is not None:
         try:
@@ -110,7 +110,7 @@ def _utilisation(structure, told):
     """Utilisation as a `Column`; ValueError without a structure, or if no group has a strength."""
     if structure is None:
         raise ValueError('structure: needed for colour = "utilisation"; the strengths are in it')
-    used = design.utilisation(structure, told.get("peak_tension", told.get("tension")))
+    used = design.utilization(structure, told.get("peak_tension", told.get("tension")))
     return Column("utilisation", "-", leaves(used, len(structure.groups)))
 
 

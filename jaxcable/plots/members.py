@@ -1,4 +1,4 @@
-"""Elements as lines: coloured by a value, dashed if slack, with a casing if in compression."""
+"""Elements as lines, dashed if slack and cased if in compression, and as faces, in colors."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from matplotlib.patheffects import Normal, Stroke
 from ..common.types import Bool
 from .forces import Forces
 from .shapes import Links, chosen, lines
-from .snapshots import Snapshot
-from .style import GHOST, SLACK, colour_map, force_unit
+from .snapshots import Snapshot, Snapshots
+from .style import GHOST, INK, SLACK, colour_map, force_unit
 from .views import View
 
 DASHES = (0, (3, 1.5))
@@ -67,12 +67,12 @@ class Scale:
 
 
 class Members:
-    """The lines of all elements in axes, which can be moved from frame to frame.
+    """The lines and faces of all elements in axes, which can be moved from frame to frame.
 
     Args:
         axes: axes to draw in.
         view: `View` of these axes.
-        links: node numbers of all pieces, and the element of each piece, as from `pieces`.
+        found: `Snapshots`, which know the pieces and the faces of elements.
         scale: `Scale` of the colours.
     """
 
@@ -80,16 +80,21 @@ class Members:
         self,
         axes: Axes,
         view: View,
-        links: Links,
+        found: Snapshots,
         scale: Scale,
     ):
-        self.view, self.links, self.scale = view, links, scale
-        width = thickness(len(links[0]))
+        self.view, self.faces, self.scale = view, found.faces, scale
+        lines = ~np.isin(found.links[1], self.faces[1])  # faces are drawn with their edges
+        self.links = found.links[0][lines], found.links[1][lines]
+        width = thickness(len(self.links[0]))
         add = functools.partial(view.add_lines, axes, np.zeros((0, 2, 2 if view.flat else 3)))
         self.casing = add(colors="black", linewidths=2.2 * width, zorder=2)
         self.taut = add(linewidths=width, zorder=3, **scale.look)
         thin = max(0.75 * width, 0.8)
         self.slack = add(colors=SLACK, linewidths=thin, linestyles=DASHES, zorder=4)
+        if len(self.faces[0]):  # what is behind remains visible
+            edges = {"edgecolors": INK, "linewidths": 0.25 * width}
+            self.surface = view.add_faces(axes, alpha=0.6, zorder=1.5, **edges, **scale.look)
 
     def show(self, snapshot: Snapshot) -> None:
         """Draw the elements as they are at an instant."""
@@ -101,6 +106,11 @@ class Members:
         self.taut.set_segments(chosen(drawn, taut))
         self.taut.set_array(self.scale.factor * forces.value[element][taut])
         self.slack.set_segments(chosen(drawn, slack))
+        corners, element = self.faces
+        if len(corners):
+            there = forces.present[element]
+            self.surface.set_verts(self.view.project(snapshot.positions)[corners[there]])
+            self.surface.set_array(self.scale.factor * forces.value[element][there])
 
 
 def ghost(
@@ -148,5 +158,6 @@ def keys(forces: Sequence[Forces], before: bool = False, counted: bool = True) -
         label = "compression"
         found.append(Line2D([], [], color=middle, linewidth=2.0, path_effects=cased, label=label))
     if any((np.isnan(f.value) & np.isfinite(f.tension) & f.present).any() for f in forces):
-        found.append(Line2D([], [], color="0.6", linewidth=2.0, label="strength not stated"))
+        what = "strength not stated" if forces[0].colour == "utilisation" else "without this result"
+        found.append(Line2D([], [], color="0.6", linewidth=2.0, label=what))
     return found

@@ -44,7 +44,7 @@ def net(
     elevation instead of plan; a plane structure also after loading. Slack cables are dashed,
     elements in compression have a black casing. With a `structure`, catenaries hang and beams are
     bent: each is the cubic with the positions and rotations of its ends. Without it, both are
-    chords.
+    chords. Elements with faces are drawn as these, translucent.
 
     Titles say "Before loading" and "After loading" of two phases, "After phase 3 of 7" of more.
 
@@ -62,8 +62,8 @@ def net(
         colour: values that colour elements: "tension" (of catenaries the mean of both ends; the
             first result of elements if none has a tension); "utilisation", the largest force along
             an element over its breaking strength, which needs `structure`, from 0 to 100 % and red
-            above; or another name in ``solution.told``, followed by the name of a component if the
-            result has components.
+            above; or another name in ``solution.told``, followed by those of a place and of a
+            component if the result has several: ``skin_stress top xx``.
         structure: the `Structure` that was analysed. It says which elements are cables, which
             nodes rotate, and where elements are curved: without it every element with zero tension
             is drawn as slack, and no support as clamped.
@@ -121,7 +121,7 @@ def net(
     held = [stage.now.held(seen.normal) for seen, stage in zip(views, stages, strict=True)]
     for number, (seen, stage, space) in enumerate(zip(views, stages, figure.axes, strict=True)):
         ghost(space, seen, found.links, stage.before)
-        lines = Members(space, seen, found.links, scale)
+        lines = Members(space, seen, found, scale)
         lines.show(stage.now)
         if supports:
             draw_supports(space, seen, stage.now.positions, held[number])

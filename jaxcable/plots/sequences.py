@@ -85,7 +85,7 @@ def sequence(
     stages = _stages(found, magnify)
     everything = np.concatenate([stage.points() for stage in stages])
     seen = choose(everything, view)
-    content: Any = _Members(stages, found.links, seen)
+    content: Any = _Members(stages, found, seen)
     if diagram is not None:
         instants = [stage.now for stage in stages]
         content = Diagrams(found, instants, diagram, high, seen, _LABELS, _APART, _LEAST)
@@ -139,15 +139,15 @@ def _stages(found, magnify):
 class _Members:
     """The pictures of a sequence with elements in colours, as `Diagrams` are those of a force."""
 
-    def __init__(self, stages, links, view):
-        self.stages, self.links, self.view = stages, links, view
+    def __init__(self, stages, found, view):
+        self.stages, self.found, self.view = stages, found, view
         self.scale = Scale([stage.now.forces for stage in stages])
 
     def draw(self, axes, number):
         """Draw one of the pictures."""
         _, now, before = self.stages[number]
-        ghost(axes, self.view, self.links, before, now.forces.present)
-        self.lines = Members(axes, self.view, self.links, self.scale)
+        ghost(axes, self.view, self.found.links, before, now.forces.present)
+        self.lines = Members(axes, self.view, self.found, self.scale)
         self.lines.show(now)
 
     def keys(self):

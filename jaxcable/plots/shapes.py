@@ -19,7 +19,7 @@ from ..elements.prestress import element
 from ..forms import catenary_curves
 from ..model.parts import first_and_last, per_group, there
 from ..model.structure import Structure
-from ..stiffness.tangent import filled, prepared
+from ..stiffness.tangent import merge_state, split_state
 from .views import View
 
 PLACES = 25
@@ -178,7 +178,7 @@ class Shapes:
     @functools.cached_property
     def _prepared(self):
         """The thawed structure, and its index arrays, for `_bent`."""
-        return prepared(self.structure, self.solution.last)[:2]
+        return split_state(self.structure, self.solution.last)[:2]
 
     def _sag(self, state):
         """Distances of the hanging cables from their chords in a state, see `Curves`."""
@@ -242,7 +242,7 @@ def cubic(
 @jax.jit
 def _bent(thawed, arrays, motion):
     """Slopes, axes and chords of the beams of every group at a motion of all rows, or None."""
-    nodes, groups, carry = filled(thawed, arrays)
+    nodes, groups, carry = merge_state(thawed, arrays)
     motion = motion.astype(nodes.dtype)
 
     def one(group, properties, state, ends, motion):

@@ -12,7 +12,7 @@ import numpy as np
 from ..analysis.phase_results import PhaseResult
 from ..analysis.solution import Solution, State
 from ..common.types import Bool, Float, Int
-from ..model.parts import columns, pieces
+from ..model.parts import columns, faces, pieces
 from ..model.structure import Structure
 from .forces import Forces
 from .glyphs import axis_tips, supports
@@ -129,6 +129,7 @@ class Snapshots:
         colour: `colour`, or the first result of elements if it is "tension" and none has a tension.
         parts: of the elements.
         links: node numbers of all pieces, [n_piece, 2], and the element of each piece.
+        faces: node numbers around all faces, [n_face, 4], and the element of each face.
 
     Raises:
         ValueError: a batch, an unknown colour, the links of another structure, or another number of
@@ -150,7 +151,7 @@ class Snapshots:
         _require_links(solution, structure)
         if names is not None and len(names) != len(solution.phases):
             raise ValueError(f"names: {len(names)} of them, but {len(solution.phases)} phases")
-        self.links = pieces(self.parts)[:2]
+        self.links, self.faces = pieces(self.parts)[:2], faces(self.parts)[:2]
         self._shapes = Shapes(solution, structure, places)
         self._rotates = None if structure is None else structure.rotating()
 
@@ -269,7 +270,7 @@ class Snapshots:
             title = f"After {number}"
         ended = self.solution.phases[phase]
         unstable = not stopped and int(ended.status) == 0 and not bool(ended.stable)
-        return f"{title}{stopped}" + (", unstable" if unstable else "")
+        return f"{title}{stopped}" + (", not known to be stable" if unstable else "")
 
 
 def evenly(n: int, most: int) -> Int[np.ndarray, " n_frame"]:

@@ -42,8 +42,9 @@ def view(
     The page needs no other file and no network. It has a slider through the increments of all
     phases and a factor on displacements; a click on an element or a node reads its values. Mouse,
     fingers and keys turn, move and enlarge (arrows, with shift to move, ``+``, ``-``, ``0``, ``x``,
-    ``y``, ``z``, space to play). Slack cables are dashed, elements in compression have a casing,
-    absent elements are not drawn. Browsers need WebGL 2.
+    ``y``, ``z``, space to play). Elements with faces are filled. Slack cables are
+    dashed, elements in compression have a casing, absent elements are not drawn. Browsers need
+    WebGL 2.
 
     With `structure` beams are bent (cubics through the rotations of their ends, in all increments)
     and have their axes and diagrams of section forces; catenaries hang, exactly at the ends of
@@ -122,7 +123,8 @@ def _note(solution):
         where = f"phase {int(last.phase) + 1}, load factor {float(last.load_factor):.3g}"
         return f"Not to the end: {status.describe(solution.status)}. Shown up to {where}."
     if solution.stable is not None and not bool(solution.stable):
-        return "The equilibrium at the end is unstable."
+        # of an unsymmetric tangent the symmetric part is judged, which proves nothing
+        return "The equilibrium at the end is unstable, or not known to be stable."
     return ""
 
 
@@ -145,6 +147,12 @@ def _put_geometry(told, arrays, found, shots):
     ends, element = found.links
     arrays.put("pieces", "u", ends)
     arrays.put("element", "u", element)
+    corners, element = found.faces
+    if len(corners):
+        thirds = corners[:, [[0, 1, 2], [0, 2, 3]]]  # of a triangle the second has no area
+        real = thirds[..., 1] != thirds[..., 2]
+        arrays.put("triangles", "u", thirds[real])
+        arrays.put("face", "u", np.stack([element, element], axis=1)[real])
     arrays.put("first", "u", np.concatenate([part.links.array[:, 0] for part in parts]))
     arrays.put("last", "u", np.concatenate([part.links.array[:, -1] for part in parts]))
     arrays.put("start", "f", start - start.mean(axis=0))

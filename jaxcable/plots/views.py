@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D  # makes the projection known
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from ..common.types import Float
 from .style import SIZE
@@ -53,6 +53,12 @@ class View:
         lines = make(segments, **look)
         axes.add_collection(lines, autolim=False)
         return lines
+
+    def add_faces(self, axes: Axes, **look: Any) -> Any:
+        """Add a collection of faces, still empty, to axes whose limits stay what they are."""
+        faces = (PolyCollection if self.flat else Poly3DCollection)([], **look)
+        axes.add_collection(faces, autolim=False)
+        return faces
 
     def names(self) -> tuple[str, ...]:
         """Labels of the axes."""

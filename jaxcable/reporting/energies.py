@@ -19,11 +19,13 @@ def energy(structure, solution, phases, start=None, names=None):
     """
     balance = energy_balance(structure, phases, solution, start)
     terms = ("dead", "following", "supports", "prestress", "stored", "dissipated", "imbalance")
-    called = list(range(1, len(balance.relative) + 1)) if names is None else [*map(str, names)]
+    called = (
+        list(range(1, len(balance.relative_imbalance) + 1)) if names is None else [*map(str, names)]
+    )
     columns = [
         Column("phase", "", called),
         *(Column(term, "J", np.asarray(getattr(balance, term))) for term in terms),
-        Column("part", "%", 100 * np.asarray(balance.relative)),
+        Column("part", "%", 100 * np.asarray(balance.relative_imbalance)),
     ]
     notes = [
         f"stored at the end: {float(balance.level[-1]):.6g} J",
@@ -31,7 +33,7 @@ def energy(structure, solution, phases, start=None, names=None):
         "part: imbalance over the largest term",
     ]
     for k, gaps in enumerate(balance.increments):
-        if balance.relative[k] > _IMBALANCE and len(gaps):
+        if balance.relative_imbalance[k] > _IMBALANCE and len(gaps):
             worst = int(np.abs(gaps).argmax())
             notes.append(
                 f"phase {called[k]} is not balanced: {gaps[worst]:.3g} J in increment "

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..common.types import Float
 from ..elements.bending import lobatto
-from ..results.between import weights
+from ..results.interpolation import interpolation_matrices
 
 _FINE = 17  # places at which it is taken; between them are cubics, with errors of 1e-7
 _NEAR = 1e-9  # of the largest value: what exceeds an end by less is rounding
@@ -38,10 +38,10 @@ def interpolation(
     Returns:
         places: from 0 to 1, [n_fine], the points among them.
         values, slopes: matrices [n_data, n_fine] that give both there, from the data; see
-            `results.between.weights`.
+            `results.between.interpolation_matrices`.
     """
     places = np.unique(np.concatenate([np.linspace(0.0, 1.0, _FINE), lobatto(count)[0]]))
-    return places, *weights(count, sloped, tuple(places.tolist()))
+    return places, *interpolation_matrices(count, sloped, tuple(places.tolist()))
 
 
 def cubics(

@@ -1,4 +1,4 @@
-"""The tables of a report on elements: axial forces with their envelope, what elements tell."""
+"""The tables of a report on axial forces of elements, with their envelope."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..design import utilisation
+from ..design import utilization
 from ..elements.abilities import Sagging
-from ..elements.element import PRESENT
-from ..model.parts import columns, per_group, there
+from ..model.parts import per_group, there
 from .columns import envelope, joined, joined_each, of_elements
 from .table import Column, Table, tabled
 
@@ -30,7 +29,7 @@ def members(structure, state, states, several):
     kept = [k for k, own in enumerate(now) if own is not None]  # groups with axial forces
     every = (state, *(other.result for other in states.values()))
     try:
-        used, *most = (per_group(structure, utilisation(structure, x)) for x in every)
+        used, *most = (per_group(structure, utilization(structure, x)) for x in every)
     except ValueError:  # no group has a strength
         used, *most = ([None] * len(now) for _ in every)
     force, over = joined(structure, now, kept), joined_each(structure, each, kept)
@@ -113,29 +112,3 @@ def _forces(structure, state):
         None if force is None else np.where(present, force, np.nan)
         for force, present in zip(*parts, strict=True)
     ]
-
-
-def others(structure, state):
-    """Tables of other results than forces along elements, a dict by name of the result.
-
-    A result is included if elements tell one number, or one for each component.
-    """
-    found = {}
-    for name, value in (state.results or {}).items():
-        if name == PRESENT.name:  # the tables of forces leave out what is not there
-            continue
-        told = columns(structure.groups, {name: value})
-        kept = [k for k in range(len(structure.groups)) if told and told[0].values[k] is not None]
-        if kept:
-            shown = [
-                Column(
-                    one.label.removeprefix(name).strip() or name,
-                    one.unit,
-                    joined(structure, one.values, kept),
-                    governs=one is told[0],
-                )
-                for one in told
-            ]
-            title = name.replace("_", " ").capitalize()
-            found[name] = tabled(title, [*of_elements(structure, kept), *shown])
-    return found

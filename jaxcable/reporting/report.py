@@ -23,10 +23,12 @@ from . import stability, states
 from .energies import energy as energies
 from .internal_forces import internal_forces
 from .lengths import cables, cutting_list
-from .members import groups, members, others
+from .members import groups, members
+from .own_results import own_results
 from .reactions import equilibrium, reactions
 from .slackness import loose, slack
 from .stresses import stresses
+from .surfaces import surfaces
 from .table import Table, as_text, finite, headed
 
 _LONG = 30  # number of lines of a table up to which its text shows all of them
@@ -49,7 +51,9 @@ class Report:
             - ``stresses``, ``stress_envelope``: lowest and highest stress of fibres, and of bars
               and cables with an area, at the end and over all converged increments;
             - ``cutting_list``, of all elements; ``cables``, of chains of them, if there are any;
-            - ``slack``, ``loose``; other results of elements by their names;
+            - ``surfaces``: areas and weights of groups whose elements have faces;
+            - ``slack``, ``loose``; ``results``, lowest and highest value of other results that
+              elements have, and by the name of each its values in all elements, at all places;
             - ``energy`` if it was asked for.
 
     Example:
@@ -238,9 +242,10 @@ def report(
         **stresses(structure, solution, good, called),
         "cutting_list": cutting_list(structure, solution),
         **cables(structure, solution),
+        **surfaces(structure, state),
         "slack": slack(structure, every),
         "loose": loose(structure, every),
-        **others(structure, state),
+        **own_results(structure, state, counted, several),
     }
     if balanced:
         start = None if energy is True else energy

@@ -2,7 +2,7 @@
 
 Loads, supports, prestress and temperature do work on a structure:
 
-    work of dead and following loads, of moved and released supports, of prestress and temperature
+    work of dead and follower loads, of moved and released supports, of prestress and temperature
         = change of stored energy + dissipated energy + imbalance.
 
 The left side comes from forces and displacements at the ends of the increments, by the trapezoidal
@@ -15,6 +15,7 @@ structure snapped between two increments.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 
 import jax
@@ -29,29 +30,31 @@ from ..common.types import Float
 from ..model.parts import one_case
 from ..model.structure import Structure
 from ..model.topology import require_same
-from .works import marks, works
+from .increment_works import end_fingerprint, increment_works
 
 WORKS = ("dead", "following", "supports", "prestress")
-"""Names of the fields with work."""
+"""Names of the fields of `EnergyBalance` with work."""
 
-_ROUNDING = 1e-9  # of the stored energy: work below this counts as rounding
+# Part of the stored energy below which all terms of a phase count as rounding: they are differences
+# of it, and Newton's residual is 1e-10 of the forces.
+_ROUNDING = 1e-9
 
 
 @pytree
 class EnergyBalance:
-    """Work and energy in each phase of an analysis, J; `energy_balance` makes it.
+    """Work and energy in each phase of an analysis, J; the result of `energy_balance`.
 
     Attributes:
         dead: work of dead loads, on the displacements of nodes, on deflections within elements, and
             on the sliding of ropes, [n_phase].
-        following: work of following loads, [n_phase].
+        following: work of follower loads, [n_phase].
         supports: work of supports that are moved, and of reactions that are ramped out where
-            freedoms are released, [n_phase].
+            supports are released, [n_phase].
         prestress: work of jacks and turnbuckles, of heat, and of all other changes of unstressed
             lengths, on the elements, [n_phase].
         stored: change of the stored energy of the elements, [n_phase]. It does not include the
             potential of weight, which counts as work.
-        dissipated: energy dissipated by laws with memory, [n_phase].
+        dissipated: energy dissipated by laws with history variables (plasticity), [n_phase].
         level: stored energy at the end of each phase, or where the phase failed, [n_phase].
         increments: the imbalance of every increment, a tuple of [n_inc].
 
@@ -85,18 +88,25 @@ class EnergyBalance:
 
     @property
     def imbalance(self) -> Float[np.ndarray, " n_phase"]:
-        """Work less the energy that is stored and dissipated, [n_phase], J."""
+        """Work minus stored and dissipated energy, [n_phase], J."""
         return self.work - self.stored - self.dissipated
 
     @property
-    def relative(self) -> Float[np.ndarray, " n_phase"]:
-        """Absolute imbalance, divided by the largest of all terms of the phase, [n_phase].
+    def relative_imbalance(self) -> Float[np.ndarray, " n_phase"]:
+        """Absolute imbalance over the largest of all terms of the phase, [n_phase], -.
 
-        It is divided by at least 1e-9 of the stored energy: smaller terms are rounding.
+        The divisor is at least 1e-9 of the stored energy: smaller terms are rounding.
         """
         terms = [*(getattr(self, name) for name in WORKS), self.stored, self.dissipated]
         largest = np.max(np.abs([*terms, _ROUNDING * self.level]), axis=0)
         return np.abs(self.imbalance) / np.where(largest > 0, largest, 1.0)
+
+    @property
+    def relative(self) -> Float[np.ndarray, " n_phase"]:
+        """Former name of `relative_imbalance`, until the next release."""
+        text = "EnergyBalance.relative is called relative_imbalance now"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        return self.relative_imbalance
 
 
 def energy_balance(
@@ -105,7 +115,7 @@ def energy_balance(
     solution: Solution,
     start: Solution | State | None = None,
 ) -> EnergyBalance:
-    """Work of loads, supports and prestress against stored and dissipated energy.
+    """Balance the work of loads, supports and prestress with stored and dissipated energy.
 
     The balance is computed from the increments of the solution, without another analysis. If a
     phase failed, it has the increments before the failure, and later phases have zero terms.
@@ -131,7 +141,7 @@ def energy_balance(
         >>> balance = jc.energy_balance(structure, phases, jc.solve(structure, phases))
         >>> print(f"{balance.prestress[0]:.4f} J of prestress, {balance.dead[1]:.4f} J of load")
         0.9779 J of prestress, 0.3576 J of load
-        >>> bool(balance.relative.max() < 0.01)
+        >>> bool(balance.relative_imbalance.max() < 0.01)
         True
     """
     one_case(solution)
@@ -139,24 +149,26 @@ def energy_balance(
     with without_warnings():  # the analysis has issued them
         task = prepare(structure, phases, None, start)
     if task.thawed[3].present is not None:
-        raise ValueError("phases: no balance where phases add or remove elements")
+        raise ValueError("phases: there is no energy balance where phases add or remove elements")
     counts = task.thawed[3].increments
     if len(counts) != len(solution.phases):
-        raise ValueError(f"phases: {len(counts)} of them, the solution has {len(solution.phases)}")
+        raise ValueError(f"phases: got {len(counts)}, the solution has {len(solution.phases)}")
     paths = [phase.path for phase in solution.phases]
     for k, (count, path) in enumerate(zip(counts, paths, strict=True)):
         if count != len(path.status):
-            raise ValueError(f"phases[{k}]: {count} increments, in the solution {len(path.status)}")
+            raise ValueError(
+                f"phases[{k}]: has {count} increments, in the solution {len(path.status)}"
+            )
     records = [(p.status, p.displacement if p.motion is None else p.motion) for p in paths]
     arguments = task.thawed, task.arrays, records
-    found = works(*arguments, bundles=task.bundles, size=task.n_free)
+    found = increment_works(*arguments, bundles=task.bundles, size=task.n_free)
     phase_terms, end = jax.tree.map(np.asarray, found)
-    for computed, given in zip(end, marks(solution.last.carry), strict=True):
+    for computed, given in zip(end, end_fingerprint(solution.last.carry), strict=True):
         difference = np.abs(computed - np.asarray(given)).max()
         if difference > np.sqrt(np.finfo(computed.dtype).eps) * np.abs(computed).max():
             raise ValueError(
-                "solution: is not that of these phases; of one that was started from another give "
-                "that as start"
+                "solution: does not end where these phases end; if its analysis was started from "
+                "another solution or state, give that as start"
             )
     sums = np.array([[*terms.sum(axis=1), level] for terms, level in phase_terms]).T
     n = len(WORKS)

@@ -15,8 +15,8 @@ from ..elements.prestress import element
 from ..mechanics.carry import make_system
 from ..model.parts import listed
 from ..model.structure import Structure
-from ..stiffness.tangent import filled, prepared
-from .between import stored_forces
+from ..stiffness.tangent import merge_state, split_state
+from .interpolation import interpolate_recorded_forces
 
 
 def section_forces(
@@ -24,10 +24,10 @@ def section_forces(
     state: Solution | State | PhaseResult,
     places: int | Float[ArrayLike, " n"] = 11,
 ) -> PyTree[Float[Array, "n_elem n 6"]]:
-    """Section forces ``N, Vy, Vz, T, My, Mz`` of beams at any place along them.
+    """Compute section forces ``N, Vy, Vz, T, My, Mz`` of beams at any place along them.
 
-    They follow from equilibrium of the piece of the element before the place, in its deflected
-    shape and under the loads along the element, whatever the laws of its fibres. They act from the
+    They follow from equilibrium of the part of the element before the place, in its deflected shape
+    and under the loads along the element, whatever the laws of its fibres. They are exerted by the
     part beyond the place on the part before it, along the axes of the section there::
 
              z                         N   along x, the axis: tension is positive
@@ -46,12 +46,12 @@ def section_forces(
     Args:
         structure: the `Structure` that was analysed.
         state: `Solution` (its last converged state is used) or `State`; or one of
-            ``solution.phases``, for the end of that phase: there the forces are known at a few
-            places, and follow between them from the shear forces as slopes of the moments. Under
-            uniform loads that is exact but for what the axial force adds as the element bends: 1e-4
-            of the largest where it turns by some 1e-2 rad.
+            ``solution.phases``, for the end of that phase. There the forces are known at a few
+            places and are interpolated, with the shear forces as slopes of the moments. Under
+            uniform loads this is exact except for moments of the axial force on deflections: an
+            error of 1e-4 of the largest where the element rotates by some 1e-2 rad.
         places: distances from the first node, [n], as fractions of the unstressed length from 0 to
-            1; or an integer n for n places evenly from end to end.
+            1; or an integer n for n equally spaced places from end to end.
 
     Returns:
         Pytree like the structure's `elements`, each [n_elem, n, 6], N and N m; None for groups that
@@ -74,30 +74,34 @@ def section_forces(
         0 [   0. 2500. 4500.]
     """
     if not any(isinstance(group, Bending) for group in structure.groups):
-        raise ValueError("structure: has no beams; its elements have a tension and no other force")
+        raise ValueError(
+            "structure: has no beams; its elements have a tension and no other section forces"
+        )
     if isinstance(places, int | np.integer) and not isinstance(places, bool):
         if places < 2:
-            raise ValueError(f"places = {places}: at least 2, the ends")
+            raise ValueError(f"places = {places}: expected at least 2, the two ends")
         places = np.linspace(0.0, 1.0, places)
     places = checks.floats(places, "places")
     if places.ndim != 1 or not places.size:
-        raise ValueError(f"places: expected a number or shape [n], got {places.shape}")
+        raise ValueError(
+            f"places: expected a whole number, or an array [n], got shape {places.shape}"
+        )
     text = "expected from 0 to 1"
     places = or_nan(Rule("places", places, lambda v: (v < 0) | (v > 1), text))
     if isinstance(state, PhaseResult):
         if isinstance(places, jax.core.Tracer):
-            raise ValueError("places: of the end of a phase they cannot be traced; give numbers")
+            raise ValueError("places: cannot be traced for the end of a phase; give known numbers")
         forces = listed(structure, state.section_forces)
         at = state.positions, np.asarray(places)
-        return structure.arrange(stored_forces(structure.groups, forces, *at))
-    thawed, arrays, freedoms = prepared(structure, state)
-    return structure.arrange(_forces(thawed, arrays, freedoms.of_supports, places))
+        return structure.arrange(interpolate_recorded_forces(structure.groups, forces, *at))
+    thawed, arrays, freedoms = split_state(structure, state)
+    return structure.arrange(_section_forces_at(thawed, arrays, freedoms.of_supports, places))
 
 
 @jax.jit
-def _forces(thawed, arrays, freedoms, places):
-    """Section forces [n_elem, n_place, 6] of each group of beams; None for other groups."""
-    nodes, groups, carry = filled(thawed, arrays)
+def _section_forces_at(thawed, arrays, freedoms, places):
+    """Compute section forces [n_elem, n_place, 6] of each group of beams; None for others."""
+    nodes, groups, carry = merge_state(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
     places = places.astype(nodes.dtype)
 

@@ -15,7 +15,7 @@ from ..model.structure import Structure
 def fibre_stress(
     structure: Structure, phase: PhaseResult
 ) -> PyTree[Float[Array, "n_inc n_elem ..."]]:
-    """Stress of every fibre at every increment of a phase.
+    """Return the stress of every fibre at every increment of a phase.
 
     Args:
         structure: the `Structure` that was analysed.
@@ -31,8 +31,8 @@ def fibre_stress(
         ValueError: `phase` is not the results of a phase.
 
     Differentiable if the analysis was run with `differentiate_path`, else its derivative is NaN.
-    Laws with memory are followed through the increments, from the memory at the beginning of the
-    phase.
+    Laws with history variables are followed through the increments, from their values at the
+    beginning of the phase.
 
     Example:
         A rope of 1 cm2 that carries 22 kN, loaded in two increments; its law bends at 200 MPa:
@@ -50,24 +50,24 @@ def fibre_stress(
         raise ValueError(f"phase: expected one of solution.phases, got {type(phase).__name__}")
     path = phase.path
     records = [listed(structure, tree) for tree in (path.strain, path.tension, phase.began)]
-    return structure.arrange(_stresses(*thaw((structure.groups, *records))))
+    return structure.arrange(_stresses_of_groups(*thaw((structure.groups, *records))))
 
 
 @jax.jit
-def _stresses(thawed, arrays):
-    """The compiled core: stresses of every group, or None."""
+def _stresses_of_groups(thawed, arrays):
+    """Compute the stresses of every group, None without a section or law; compiled."""
     stresses = []
     for group, strain, tension, memory in zip(*fill(thawed, arrays), strict=True):
         if strain is not None:
-            stresses.append(_follow(group, strain, memory))
+            stresses.append(_stress_history(group, strain, memory))
         else:  # no strains are recorded for a linear law: its stress follows from the tension
             area = group.area
             stresses.append(None if area is None else tension / area[None, :])
     return stresses
 
 
-def _follow(group, strain, memory):
-    """Stress [n_inc, n_elem, ...] of a group from its strains and its initial memory."""
+def _stress_history(group, strain, memory):
+    """Return stresses [n_inc, n_elem, ...] from strains and the initial history variables."""
 
     def of_all(method, strain, memory):
         def of_element(properties, strain, memory):

@@ -19,21 +19,23 @@ from ..mechanics.carry import make_system, unloaded
 from ..model.structure import Structure
 from ..numerics.scaled import unit_shapes
 from .tangent import (
-    displaced_by,
-    filled,
-    prepared,
-    require_memory,
-    require_symmetric,
-    tangent_at,
+    compiled_tangent,
+    displacement_jacobian,
+    merge_state,
+    require_dense_memory,
+    require_symmetric_elements,
+    split_state,
 )
 
-_DENSE = 14  # matrices at once, measured
-_ROUNDING = 64  # an eigenvalue below this, times eps and the sums it is a difference of, is zero
+_DENSE_MATRICES = 14  # dense matrices in memory at once, measured
+# An eigenvalue counts as zero below this, times eps and the sums of which it is a difference: a
+# sum of n rounded terms is wrong by up to n eps, mostly by far less.
+_ROUNDING_FACTOR = 64
 
 
 @pytree
 class Buckling:
-    """Buckling factors and shapes, lowest first.
+    """Linear buckling factors and buckling shapes, lowest factor first.
 
     Attributes:
         factor: factor on the loads at which the tangent is singular, [n], -; inf where there is no
@@ -60,19 +62,20 @@ def buckling_factor(
     *,
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
 ) -> Buckling:
-    """Factors on the loads of a state at which it buckles, by linear theory.
+    """Find the factors on the loads of a state at which it buckles, by linear theory.
 
-    The tangent stiffness is taken to change in proportion to the loads, from that of a reference
-    to that of the state: ``K(f) = K_ref + f (K_state - K_ref)``. The results are the lowest factors
-    ``f > 0`` with ``K(f) phi = 0``: with ``f`` times the loads the structure buckles. Laws that are
-    not linear, and the sag of catenaries, enter by their tangents.
+    The tangent stiffness is assumed to change in proportion to the loads, from that of a reference
+    to that of the state: ``K(f) = K_ref + f (K_state - K_ref)``. Its change contains the geometric
+    stiffness. The results are the lowest factors ``f > 0`` with ``K(f) phi = 0``: with ``f`` times
+    the loads the structure buckles. Laws that are not linear, and the sag of catenaries, enter by
+    their tangents.
 
     The change of stiffness comes from displacements as well as from stress. Factors are exact where
-    elements hardly turn before the structure buckles, and an estimate otherwise, which may be too
-    high or too low. From small loads it is 1.7 times the limit load of a shallow truss that snaps.
-    For a mast between slack guys whose top moves by 4 % of its height it is 1.15 although the mast
-    carries 6 times the load, because a stiff element that has turned looks softer to first order. A
-    turn is large in this sense from about the square root of the element's strain. `trace_path`
+    elements hardly rotate before the structure buckles. Otherwise they are an estimate, too high or
+    too low. For a shallow truss that snaps through, small loads give 1.7 times the limit load. For
+    a mast between slack guys whose top moves by 4 % of its height the factor is 1.15, although the
+    mast carries 6 times the load: a stiff element that has rotated looks softer to first order. A
+    rotation is large in this sense from about the square root of the element's strain. `trace_path`
     follows the exact path.
 
     With a `reference`, such as the prestressed state, factors multiply the loads added since, and
@@ -88,29 +91,30 @@ def buckling_factor(
         state: `Solution` (its last converged state is used) or `State`.
         reference: `Solution` or `State` before the loads, ``jc.solve(structure, phases[:1])``;
             None for the structure without stress.
-        n: number of factors; fewer if there are fewer freedoms.
+        n: number of factors; fewer if there are fewer unknowns.
 
     Options:
-        fixed: freedoms to leave out, as in `stiffness.tangent_of`; default those held in `state`.
+        fixed: degrees of freedom to leave out, as in `stiffness.tangent_of`; default those held in
+            `state`.
 
     Returns:
         `Buckling`. A factor is inf where the loads stiffen the structure, or change its stiffness
         by no more than rounding. It is below 1 where the state has buckled already. If the state is
         stable and the reference is not (such as a net without prestress), only factors above 1 are
-        found. Factors are NaN where neither is stable (mechanisms), and where cables are slack, or
-        elements there, in one of the two only, since the stiffness jumps in between. (Without a
-        reference slack cables and elements that are not there are left out.)
+        found. Factors are NaN where neither is stable (mechanisms). They are NaN, too, where cables
+        are slack, or elements present, in only one of the two: the stiffness jumps in between.
+        (Without a reference, slack cables and elements that are not present are left out.)
 
-    Moments on nodes that rotate about several axes keep their direction and have no potential. The
-    factors are those of the symmetric part of the tangent: of semi-tangential moments, which turn
-    with half of the rotation of their nodes (Ziegler 1968). An `InputWarning` says so, outside of
-    transformations.
+    Moments on nodes that rotate about several axes keep their direction, have no potential and make
+    the tangent unsymmetric. The factors are then those of its symmetric part, that is of
+    semi-tangential moments, which follow half of the rotation of their nodes (Ziegler 1968). An
+    `InputWarning` says so, outside of transformations.
 
     Raises:
-        ValueError: wrong arguments; following loads, or elements that are not `symmetric`;
-            catenaries under load, or slack elements that cannot be made unstressed
-            (`Element.unstressed`), without a reference; more unknowns than dense matrices have
-            memory for.
+        ValueError: wrong arguments; follower loads, or elements that are not `symmetric`;
+            catenaries under load, or slack elements that have no unstressed state
+            (`Element.unstressed`), without a reference; too many unknowns for dense matrices in the
+            memory there is.
 
     Example:
         A rigid strut of 2 m whose top is stayed by two cables of 4 m with 8 kN. It buckles out of
@@ -130,22 +134,22 @@ def buckling_factor(
         0 [4.] [0. 1. 0.]
     """
     checks.whole(n, "n")
-    require_symmetric(structure, "buckling_factor")
-    thawed, arrays, freedoms = prepared(structure, state, fixed)
-    require_memory(freedoms, _DENSE, "buckling_factor")
-    _refuse_following(thawed[2], "state")
+    require_symmetric_elements(structure, "buckling_factor")
+    thawed, arrays, freedoms = split_state(structure, state, fixed)
+    require_dense_memory(freedoms, _DENSE_MATRICES, "buckling_factor")
+    _refuse_follower_loads(thawed[2], "state")
     catenary = any(isinstance(group, Sagging) for group in structure.groups)
     if reference is None and catenary and thawed[2].loads:
         raise ValueError(
-            "reference: missing; catenaries under load have no stiffness in common with those "
-            "without, give the state before the loads to be multiplied"
+            "reference: missing; loads change the stiffness of catenaries, so that there is no "
+            "unstressed state to compare with; give the state before the loads to be multiplied"
         )
-    after, slack = tangent_at(thawed, arrays, freedoms), _slack(thawed, arrays)
+    after, slack = compiled_tangent(thawed, arrays, freedoms), _slack_elements(thawed, arrays)
     alike: Bool[ArrayLike, ""]
     if reference is None:
-        alike = _have_unstressed(structure, slack)
-        bare = _without_stress(thawed, arrays, slack)
-        before = tangent_at((*thawed[:2], bare), arrays, freedoms)
+        alike = _can_be_unstressed(structure, slack)
+        bare = _unstressed_with_zero_loads(thawed, arrays, slack)
+        before = compiled_tangent((*thawed[:2], bare), arrays, freedoms)
     else:
         if not isinstance(reference, Solution | State):
             raise ValueError(
@@ -153,45 +157,48 @@ def buckling_factor(
                 f"phases[:1]), got {type(reference).__name__}"
             )
         held = Indices(freedoms.fixed)
-        reference_frame, reference_arrays, reference_freedoms = prepared(structure, reference, held)
-        _refuse_following(reference_frame[2], "reference")
-        before = tangent_at(reference_frame, reference_arrays, reference_freedoms)
-        pairs = zip(_slack(reference_frame, reference_arrays), slack, strict=True)
+        reference_frame, reference_arrays, reference_freedoms = split_state(
+            structure, reference, held
+        )
+        _refuse_follower_loads(reference_frame[2], "reference")
+        before = compiled_tangent(reference_frame, reference_arrays, reference_freedoms)
+        pairs = zip(_slack_elements(reference_frame, reference_arrays), slack, strict=True)
         alike = jnp.all(jnp.stack([jnp.all(a == b) for a, b in pairs]))
-        alike &= _same_elements(reference_frame[2], thawed[2])
+        alike &= _same_elements_present(reference_frame[2], thawed[2])
     symmetric = linear.is_symmetric(before) & linear.is_symmetric(after)
     if checks.concrete(symmetric) is not None and not symmetric:
-        if not _has_moments(thawed, arrays):
+        if not _nodal_moments_act(thawed, arrays):
             raise ValueError(
-                "state: its tangent stiffness is unsymmetric, and no moments act on nodes; a class "
-                "of elements of your own has to say symmetric = False (`elements.check`)"
+                "state: its tangent stiffness is unsymmetric although no moments act on nodes; if "
+                "an element class of your own is the cause, declare symmetric = False in it "
+                "(`elements.check` tests this)"
             )
         checks.suspect(
             "state: moments that keep their direction act on nodes and have no potential; the "
-            "factors are those of moments that turn with half of the rotation of their nodes "
-            "(semi-tangential), by the symmetric part of the tangent; trace_path takes any loads"
+            "factors are those of semi-tangential moments, which follow half of the rotation of "
+            "their nodes (symmetric part of the tangent); trace_path follows the given moments"
         )
-    factor, vectors = _solve(before, after, min(n, len(after)))
+    factor, vectors = _solve_buckling_problem(before, after, min(n, len(after)))
     factor = jnp.where(alike, factor, jnp.nan)
-    moved = displaced_by(thawed, arrays, freedoms)[: structure.n_node]
+    moved = displacement_jacobian(thawed, arrays, freedoms)[: structure.n_node]
     shapes = jnp.moveaxis(jnp.tensordot(moved, vectors, 1), -1, 0)
     return Buckling(factor, unit_shapes(shapes, vectors.T))
 
 
-def _refuse_following(carry, name):
-    """Raise ValueError if following loads act."""
+def _refuse_follower_loads(carry, name):
+    """Raise ValueError if follower loads act in a state; `name` is the argument that it is."""
     if any(stack.follows for stack in carry.loads):
         raise ValueError(
-            f"{name}: loads that follow act on it; linear buckling multiplies loads that keep "
-            "their direction, trace_path takes any"
+            f"{name}: follower loads act on it; linear buckling multiplies loads that keep their "
+            "direction; use trace_path"
         )
 
 
-def _have_unstressed(structure, slack):
-    """Whether slack elements have a state without stress in which they are slack.
+def _can_be_unstressed(structure, slack):
+    """Whether all slack elements have an unstressed state in which they are slack.
 
     Raises:
-        ValueError: they are known to be slack and have none.
+        ValueError: an element is slack, and its class has no method `unstressed`.
     """
     sound = jnp.ones((), bool)
     for (where, group), own in zip(structure.named_groups(), slack, strict=True):
@@ -201,52 +208,54 @@ def _have_unstressed(structure, slack):
         known = checks.concrete(own)
         if known is not None and known.any():
             raise ValueError(
-                f"reference: missing; elements{where} ({type(group).__name__}) has slack elements "
-                "and no method `unstressed`, give the state before the loads to be multiplied"
+                f"reference: missing; elements{where} ({type(group).__name__}) has slack elements, "
+                "whose unstressed state is not known (no method `unstressed`); give the state "
+                "before the loads to be multiplied"
             )
     return sound
 
 
 @jax.jit
-def _has_moments(thawed, arrays):
-    """Whether moments act on nodes in a state, scalar bool."""
-    nodes, groups, carry = filled(thawed, arrays)
+def _nodal_moments_act(thawed, arrays):
+    """Whether moments act on nodes in a state; scalar bool, compiled."""
+    nodes, groups, carry = merge_state(thawed, arrays)
     system = make_system(nodes, groups, carry, None, None)
     moments = system.space.moments(system.load)
     return jnp.any(jnp.zeros(()) if moments is None else moments != 0)
 
 
-def _same_elements(first, second):
-    """Whether the same elements are there in two carries; None in a state means all of them."""
+def _same_elements_present(first, second):
+    """Whether the same elements are present in two states (`Carry`); scalar bool."""
     same: Bool[ArrayLike, ""] = True
     for a, b in zip(first.states, second.states, strict=True):
         if a.present is not None or b.present is not None:
+            # None: all are present
             there = [jnp.asarray(True if x is None else x) for x in (a.present, b.present)]
             same &= jnp.all(there[0] == there[1])
     return same
 
 
 @jax.jit
-def _slack(thawed, arrays):
-    """Slack elements of a state, one boolean array [n_elem] per group."""
-    nodes, groups, carry = filled(thawed, arrays)
+def _slack_elements(thawed, arrays):
+    """Return which elements are slack in a state, one boolean array [n_elem] per group."""
+    nodes, groups, carry = merge_state(thawed, arrays)
     return make_system(nodes, groups, carry, None, None).slack(carry.motion)
 
 
-def _without_stress(thawed, arrays, slack):
-    """`Carry` of the structure without stress: every element as long as its chord, or slack.
+def _unstressed_with_zero_loads(thawed, arrays, slack):
+    """Return the `Carry` of the unstressed structure: elements as long as their chord, or slack.
 
-    It has the loads of the state times zero, so that one program serves for both tangents.
+    It has the loads of the state times zero, so that one compiled program serves both tangents.
     """
-    bare, carry = _bare(thawed, arrays, slack), thawed[2]
+    bare, carry = _unstressed_without_loads(thawed, arrays, slack), thawed[2]
     amounts = [copy(amount, factors=0.0 * amount.factors) for amount in carry.amounts]
     return copy(bare, loads=carry.loads, amounts=amounts)
 
 
 @jax.jit
-def _bare(thawed, arrays, slack):
-    """`Carry` of the structure without stress and without loads."""
-    nodes, groups, carry = filled(thawed, arrays)
+def _unstressed_without_loads(thawed, arrays, slack):
+    """Return the `Carry` of the unstressed structure without loads; compiled."""
+    nodes, groups, carry = merge_state(thawed, arrays)
     bare = unloaded(nodes, groups)
     states = []
     present = [state.present for state in carry.states]
@@ -257,22 +266,22 @@ def _bare(thawed, arrays, slack):
 
 
 @jax.jit
-def _stable(matrix):
+def _is_positive_definite(matrix):
     """Whether a symmetric matrix is positive definite beyond its rounding."""
     values = unbatched.eigvalsh(jax.lax.stop_gradient(matrix))
     return values[0] > 4 * len(values) * jnp.finfo(matrix.dtype).eps * values[-1]
 
 
 @functools.partial(jax.jit, static_argnames=("n",))
-def _solve(before, after, n):
-    """The lowest `n` factors and their vectors [n_free, n].
+def _solve_buckling_problem(before, after, n):
+    """Solve for the lowest `n` buckling factors and their vectors [n_free, n].
 
     M is K_ref if that is stable, else K_state. With ``(K_state - K_ref) phi = kappa M phi``, K(f)
     is singular at ``f = -1 / kappa`` if M is K_ref, and at ``f = 1 - 1 / kappa`` if M is K_state.
     """
     before, after = 0.5 * (before + before.T), 0.5 * (after + after.T)
     change = after - before
-    first, second = _stable(before), _stable(after)
+    first, second = _is_positive_definite(before), _is_positive_definite(after)
     identity = jnp.eye(len(after), dtype=after.dtype)
     known = first | second
     metric = jnp.where(first, before, jnp.where(second, after, identity))
@@ -286,7 +295,7 @@ def _solve(before, after, n):
     # the change of stiffness is a difference of two sums, each with rounding errors
     size = jnp.abs(jax.lax.stop_gradient(modes))
     rounding = jnp.sum(size * ((jnp.abs(before) + jnp.abs(after)) @ size), axis=0)
-    softens = kappa < -_ROUNDING * jnp.finfo(kappa.dtype).eps * rounding
+    softens = kappa < -_ROUNDING_FACTOR * jnp.finfo(kappa.dtype).eps * rounding
     factor = jnp.where(first, 0.0, 1.0) - 1 / jnp.where(softens, kappa, -1.0)
     factor = jnp.where(softens, factor, jnp.inf)
     return jnp.where(known, factor, jnp.nan), modes

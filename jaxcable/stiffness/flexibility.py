@@ -1,4 +1,4 @@
-"""Flexibility: displacements of a loaded state by small forces."""
+"""Flexibility matrix: displacements of a loaded state by unit forces."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..model.structure import Structure
-from .tangent import displaced_by, prepared, require_memory, tangent_at
+from .tangent import compiled_tangent, displacement_jacobian, require_dense_memory, split_state
 
-AXES = {"x": 0, "y": 1, "z": 2}
-DENSE = 6  # matrices at once, measured: displacements by unknowns, tangent, scaled form, factor
+_AXIS_INDEX = {"x": 0, "y": 1, "z": 2}
+# dense matrices in memory at once, measured: displacements by unknowns, tangent, scaled, factor
+_DENSE_MATRICES = 6
 
 
 def flexibility(
@@ -24,9 +25,9 @@ def flexibility(
     axes: str = "xyz",
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
 ) -> Float[Array, "m m"]:
-    """Displacements by unit forces at chosen freedoms of a loaded state, a part of ``K^-1``.
+    """Compute displacements of a loaded state by small unit forces: a part of ``K^-1``.
 
-    Symmetric unless following loads act. Differentiable like the solution. NaN where the tangent
+    Symmetric unless follower loads act. Differentiable like the solution. NaN where the tangent
     stiffness is singular (a mechanism without prestress, a loose node, a limit point).
 
     Args:
@@ -34,14 +35,15 @@ def flexibility(
         state: `Solution` (its last converged state is used) or `State`.
         nodes: node numbers, [n].
         axes: directions at each of the nodes, a string of "x", "y", "z".
-        fixed: freedoms to leave out, as in `stiffness.tangent_of`.
+        fixed: degrees of freedom to leave out, as in `stiffness.tangent_of`.
 
     Returns:
         [m, m], m/N, with m = n times the number of axes, node by node: entry (i, j) is the
-        displacement of freedom i by a unit force at freedom j; zero where i or j is held.
+        displacement of degree of freedom i by a unit force at j; zero where i or j is held.
 
     Raises:
-        ValueError: unknown nodes or axes; more unknowns than dense matrices have memory for.
+        ValueError: unknown nodes or axes; too many unknowns for dense matrices in the memory
+            there is.
 
     Example:
         A tripod with legs of 5 m has ``3/2 EA/l 0.6^2`` = 108 kN/m sideways and ``3 EA/l 0.8^2`` =
@@ -58,18 +60,18 @@ def flexibility(
     """
     nodes = checks.integers(nodes, "nodes")
     checks.known(nodes, structure.n_node, "nodes")
-    if not isinstance(axes, str) or not axes or set(axes) - set(AXES):
+    if not isinstance(axes, str) or not axes or set(axes) - set(_AXIS_INDEX):
         raise ValueError(f'axes = {axes!r}: expected some of "x", "y", "z"')
-    at = prepared(structure, state, fixed)
-    require_memory(at[2], DENSE, "flexibility")
-    moved = displaced_by(*at)
-    unit = moved[nodes][:, np.array([AXES[a] for a in axes])].reshape(-1, moved.shape[2])
-    return _flexibility(tangent_at(*at), unit)
+    at = split_state(structure, state, fixed)
+    require_dense_memory(at[2], _DENSE_MATRICES, "flexibility")
+    moved = displacement_jacobian(*at)
+    unit = moved[nodes][:, np.array([_AXIS_INDEX[a] for a in axes])].reshape(-1, moved.shape[2])
+    return _apply_unit_forces(compiled_tangent(*at), unit)
 
 
 @jax.jit
-def _flexibility(stiffness, unit):
-    """The compiled core; `unit` has the displacements asked about per unknown, [m, n_free]."""
+def _apply_unit_forces(stiffness, unit):
+    """Solve for displacements by unit forces; `unit` [m, n_free] maps unknowns to displacements."""
     factor = linear.factorize(stiffness)
     given = jax.vmap(lambda b: factor.solve(b, lambda v: stiffness @ v), out_axes=1)(unit)
     free = jnp.any(unit != 0, axis=1)

@@ -1,4 +1,4 @@
-"""Eigenmodes of the tangent stiffness, and structures that deviate by such shapes.
+"""Eigenmodes of the tangent stiffness, and structures with imperfections of such shapes.
 
 A structure buckles in the lowest eigenmodes of its tangent stiffness; its initial imperfections are
 therefore taken in the shape of these modes, with the amplitudes that workmanship allows.
@@ -17,9 +17,16 @@ from ..common.tree import pytree, replace
 from ..common.types import ArrayLike, Bool, Float
 from ..model.structure import Structure
 from ..numerics.scaled import unit_shapes
-from .tangent import displaced_by, prepared, require_memory, require_symmetric, tangent_at
+from .tangent import (
+    compiled_tangent,
+    displacement_jacobian,
+    require_dense_memory,
+    require_symmetric_elements,
+    split_state,
+)
 
-_DENSE = 10  # matrices at once, measured: displacements by unknowns, eigenvectors, work
+# dense matrices in memory at once, measured: displacements by unknowns, eigenvectors, work space
+_DENSE_MATRICES = 10
 
 
 @pytree
@@ -52,28 +59,28 @@ def modes(
     n: int = 6,
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
 ) -> Modes:
-    """Lowest eigenmodes of the tangent stiffness at the state of a solution.
+    """Find the lowest eigenmodes of the tangent stiffness at the state of a solution.
 
-    Symmetric structures have equal eigenvalues. Their modes are one basis of many, which small
-    changes of the structure turn; therefore modes have no derivatives. The largest component of
-    every shape is positive. Dense, meant for some hundred unknowns.
+    Symmetric structures have equal eigenvalues. Their modes are one basis of many, and small
+    changes of the structure select another one; therefore modes have no derivatives. The largest
+    component of every shape is positive. Dense, meant for some hundred unknowns.
 
     Args:
         structure: the `Structure` that was analysed.
         state: `Solution` (its last converged state is used) or `State`.
-        n: number of modes; fewer if there are fewer freedoms.
-        fixed: freedoms to leave out, as in `tangent_of`.
+        n: number of modes; fewer if there are fewer unknowns.
+        fixed: degrees of freedom to leave out, as in `tangent_of`.
 
-    Loads that follow without a potential and nodal moments make the tangent unsymmetric: then an
+    Follower loads without a potential and nodal moments make the tangent unsymmetric: then an
     `InputWarning` is issued, and the modes are those of its symmetric part.
 
     Returns:
         `Modes`. With beams the shapes are the displacements of the modes, without rotations; the
-        shape of a mode that only turns nodes is zero.
+        shape of a mode that only rotates nodes is zero.
 
     Raises:
         ValueError: `n` below 1, a traced state, or one that is not finite; elements that are not
-            `symmetric`; more unknowns than dense matrices have memory for.
+            `symmetric`; too many unknowns for dense matrices in the memory there is.
 
     Example:
         A flat net of four nodes with 200 N in links of 0.4 m is softest across its plane, where it
@@ -87,17 +94,20 @@ def modes(
     """
     checks.whole(n, "n")
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((structure, state))):
-        raise ValueError("state: is traced; eigenmodes have no derivatives, take them outside")
-    require_symmetric(structure, "modes")
-    at = prepared(structure, state, fixed)
-    require_memory(at[2], _DENSE, "modes")
-    moved = np.asarray(displaced_by(*at))[: structure.n_node]
-    tangent = np.asarray(tangent_at(*at))
+        raise ValueError(
+            "state: is traced; eigenmodes have no derivatives: compute them outside of jax.grad "
+            "and jax.jit"
+        )
+    require_symmetric_elements(structure, "modes")
+    at = split_state(structure, state, fixed)
+    require_dense_memory(at[2], _DENSE_MATRICES, "modes")
+    moved = np.asarray(displacement_jacobian(*at))[: structure.n_node]
+    tangent = np.asarray(compiled_tangent(*at))
     if not np.isfinite(tangent).all():
         raise ValueError("state: its tangent stiffness is not finite; the analysis has failed")
     if not linear.is_symmetric(tangent):
         checks.suspect(
-            "state: loads that follow or nodal moments make its tangent stiffness unsymmetric; "
+            "state: follower loads or nodal moments make its tangent stiffness unsymmetric; "
             "these are modes of its symmetric part"
         )
     values, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T))
@@ -111,16 +121,16 @@ def imperfect(
     shapes: Float[ArrayLike, "k n_node 3"] | Float[ArrayLike, "n_node 3"],
     amplitudes: Float[ArrayLike, " k"] | Float[ArrayLike, ""],
 ) -> Structure:
-    """A structure with imperfect nodes: ``nodes + sum_k amplitudes[k] shapes[k]``.
+    """Return a structure with geometric imperfections: ``nodes + sum_k amplitudes[k] shapes[k]``.
 
     Differentiable in amplitudes and shapes. Elements are made to fit the new geometry: the
-    unstressed length of elements without a stated `rest_length` is the new chord, and a pretension
-    is reached in the new geometry. For elements made to fit the perfect geometry, state the
+    unstressed length of elements without a given `rest_length` is the new chord, and a pretension
+    is reached in the new geometry. For elements made to fit the perfect geometry, give the
     `rest_length` that they have there. If a mode is a mechanism stiffened by prestress, its shape
     hardly changes the lengths of elements (only by its square), and the structure springs back: use
     errors of length as imperfections instead (`Phase(shortening=...)`). Beams keep the directions
     of their sections: their `up` becomes the z axis that they have in the perfect geometry.
-    Otherwise a small lean of an upright beam could turn its section by 90 degrees.
+    Otherwise a slight inclination of a vertical beam could rotate its section by 90 degrees.
 
     Args:
         structure: `Structure`.

@@ -1,4 +1,4 @@
-"""The tangent stiffness of a state that an analysis ended in."""
+"""The tangent stiffness matrix at the end of an analysis."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from ..model.supports import Fixed
 from ..model.topology import require_same
 from ..spaces.freedoms import Freedoms, number_freedoms
 
-_Frame: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], Carry]"
-_Indices: TypeAlias = "list[np.ndarray]"
+_SplitModel: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], Carry]"
+_IndexArrays: TypeAlias = "list[np.ndarray]"
 
 
 def tangent_of(
@@ -29,7 +29,10 @@ def tangent_of(
     state: Solution | State,
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
 ) -> Float[Array, "n_free n_free"]:
-    """Dense tangent stiffness at the state of a solution, by autodiff of the element forces.
+    """Return the dense tangent stiffness at the state of a solution.
+
+    It is the derivative of the element forces by automatic differentiation: elastic and geometric
+    stiffness, and that of follower loads.
 
     A state is stable if its tangent is positive definite. Slack cables give no stiffness. This is a
     pure function, which can be transformed like `solve`.
@@ -37,13 +40,13 @@ def tangent_of(
     Args:
         structure: the `Structure` that was analysed.
         state: `Solution` (its last converged state is used) or `State`.
-        fixed: freedoms to leave out, [n_node, 3] bool, in a structure with beams [n_row, 6];
-            default those held in the phase of the state. All False gives the tangent of the
-            structure without supports.
+        fixed: degrees of freedom to leave out, [n_node, 3] bool, in a structure with beams
+            [n_row, 6]; default those held in the phase of the state. All False gives the tangent of
+            the structure without supports.
 
     Returns:
-        [n_free, n_free], N/m; unknowns node by node, x, y, z. With beams, spins follow the three
-        displacements of a node, times a length (`spaces.RigidNodes.arm`).
+        [n_free, n_free], N/m; unknowns node by node, x, y, z. With beams, the three rotations of a
+        node follow its displacements, times a length (`spaces.RigidNodes.arm`).
 
     Raises:
         ValueError: not a state, or `fixed` of the wrong shape.
@@ -60,41 +63,46 @@ def tangent_of(
         >>> print(solution.status, jnp.round(jnp.diagonal(tangent), 3))  # N/m
         0 [25800.   200. 14600.]
     """
-    at = prepared(structure, state, fixed)
-    require_memory(at[2], 2, "tangent_of")
-    return tangent_at(*at)
+    at = split_state(structure, state, fixed)
+    require_dense_memory(at[2], 2, "tangent_of")
+    return compiled_tangent(*at)
 
 
 @jax.jit
-def tangent_at(thawed, arrays, freedoms):
-    """Tangent stiffness from the results of `prepared`, [n_free, n_free], N/m."""
-    nodes, groups, carry = filled(thawed, arrays)
+def compiled_tangent(thawed, arrays, freedoms):
+    """Compute the tangent stiffness from the results of `split_state`, [n_free, n_free], N/m."""
+    nodes, groups, carry = merge_state(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
     return system.tangent(carry.motion)
 
 
 @jax.jit
-def displaced_by(
-    thawed: _Frame, arrays: _Indices, freedoms: Freedoms
+def displacement_jacobian(
+    thawed: _SplitModel, arrays: _IndexArrays, freedoms: Freedoms
 ) -> Float[Array, "n_row 3 n_free"]:
-    """Displacements of all rows per unknown, [n_row, 3, n_free], from the results of `prepared`."""
-    nodes, groups, carry = filled(thawed, arrays)
+    """Return the derivative of all displacements by the unknowns, [n_row, 3, n_free]."""
+    nodes, groups, carry = merge_state(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
     return system.displaced_by(carry.motion)
 
 
-def prepared(
+def split_state(
     structure: Structure,
     state: Solution | State,
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
-) -> tuple[_Frame, _Indices, Freedoms]:
-    """Arguments of `tangent_at`: (nodes, groups, carry) thawed, index arrays, freedoms."""
+) -> tuple[_SplitModel, _IndexArrays, Freedoms]:
+    """Prepare the state of a solution for compiled functions such as `compiled_tangent`.
+
+    Returns:
+        Nodes, groups and `Carry` of the state without their index arrays; these index arrays, which
+        `merge_state` puts back; the numbering of the unknowns.
+    """
     state = state.last if isinstance(state, Solution) else state
     if not isinstance(state, State):
-        raise ValueError(f"state: expected a Solution or its last, got {type(state).__name__}")
+        raise ValueError(f"state: expected a Solution or its .last, got {type(state).__name__}")
     require_same(structure, state.topology, "state")
     rows, groups = structure.rows()
-    held = state.fixed[-1] if fixed is not None else _held(state)
+    held = state.fixed[-1] if fixed is not None else _fixed_in_phase_of(state)
     fixed = held if fixed is None else Fixed(np.asarray(fixed, bool), held.axes)
     idle = idle_of(structure, state.carry.states)
     if idle is not None:
@@ -108,47 +116,49 @@ def prepared(
     return *thaw((nodes, groups, state.carry)), freedoms
 
 
-def require_symmetric(structure: Structure, what: str) -> None:
+def require_symmetric_elements(structure: Structure, what: str) -> None:
     """Raise ValueError if elements of a structure have an unsymmetric tangent.
 
     Args:
         structure: `Structure`.
-        what: needs a symmetric tangent, in words; begins the message.
+        what: name of the caller, for the message.
     """
     for where, group in structure.named_groups():
         if not group.symmetric:
             raise ValueError(
-                f"{what}: elements{where} ({type(group).__name__}) has symmetric = False, and the "
-                "tangent stiffness no potential; trace_path takes any elements"
+                f"{what}: elements{where} ({type(group).__name__}) has symmetric = False: its "
+                "tangent stiffness is unsymmetric; use trace_path"
             )
 
 
-def require_memory(freedoms: Freedoms, count: int, what: str) -> None:
+def require_dense_memory(freedoms: Freedoms, count: int, what: str) -> None:
     """Raise ValueError if dense matrices of all unknowns do not fit into memory.
 
     Args:
         freedoms: numbering of the unknowns.
         count: how many matrices there are at once.
-        what: needs them, in words; begins the message.
+        what: name of the caller, for the message.
     """
     n = len(freedoms.free)
     memory.require(
         count * n**2 * jnp.zeros(0).dtype.itemsize,
         f"{what}: {count} dense matrices of {n} unknowns",
-        "hold more freedoms by `fixed`, or take a coarser structure",
+        "leave out degrees of freedom by `fixed`, or take a coarser structure",
     )
 
 
-def filled(thawed: _Frame, arrays: _Indices) -> _Frame:
-    """Nodes, groups and carry of `prepared` with index arrays, floats in the dtype of the nodes."""
+def merge_state(thawed: _SplitModel, arrays: _IndexArrays) -> _SplitModel:
+    """Put the index arrays of `split_state` back; cast all floats to the dtype of the nodes."""
     frame = fill(thawed, arrays)
     return cast(frame, jnp.asarray(frame[0]).dtype)
 
 
-def _held(state):
-    """Freedoms held in the phase that a state belongs to, `Indices`."""
+def _fixed_in_phase_of(state):
+    """Return the degrees of freedom held in the phase that a state belongs to, `Fixed`."""
     if all(fixed == state.fixed[-1] for fixed in state.fixed):
         return state.fixed[-1]
     if isinstance(state.phase, jax.core.Tracer):
-        raise ValueError("state: supports change and the state is traced; give fixed=...")
+        raise ValueError(
+            "state: is traced, and supports change from phase to phase; give fixed=..."
+        )
     return state.fixed[int(state.phase) + 1]

@@ -23,19 +23,23 @@ from ..mechanics.elementwise import each
 from ..model.structure import Structure
 from ..numerics.scaled import unit_shapes
 from .tangent import (
-    displaced_by,
-    filled,
-    prepared,
-    require_memory,
-    require_symmetric,
-    tangent_at,
+    compiled_tangent,
+    displacement_jacobian,
+    merge_state,
+    require_dense_memory,
+    require_symmetric_elements,
+    split_state,
 )
 
-_SLOW = 1e-6  # smallest w^2, over a mean w^2, for which no shift is needed
+# Smallest w^2, over a mean w^2, for which no shift is needed: a slower mode, such as a mechanism,
+# would drown the others in rounding.
+_SLOW = 1e-6
 _SHIFT = 1e-4  # smallest shift, over a mean w^2: modes a million times slower keep ten digits
-_DENSE = 15  # matrices at once, measured
+_DENSE_MATRICES = 15  # dense matrices in memory at once, measured
 _DISTRIBUTIONS = ("lumped", "consistent", "mean")
-_MASSLESS = 1e3  # a mode has no mass if its mu is below this, times eps and the largest mu
+# A mode has no mass if its mu, which is 1 / w^2, is below this times eps and the largest mu: it is
+# then rounding. Modes faster than the slowest by 1 / sqrt(1e3 eps), two million, are lost with it.
+_MASSLESS = 1e3
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity, m/s2."""
@@ -43,7 +47,7 @@ STANDARD_GRAVITY = 9.80665
 
 @pytree
 class Vibration:
-    """Natural frequencies and modes, slowest first.
+    """Natural frequencies and vibration modes, slowest first.
 
     Attributes:
         frequency: [n], Hz; NaN for a mode without positive stiffness (the state is unstable or
@@ -79,7 +83,7 @@ def natural_frequencies(
     gravity: Float[ArrayLike, ""] = STANDARD_GRAVITY,
     distribution: Literal["lumped", "consistent", "mean"] | None = None,
 ) -> Vibration:
-    """Natural frequencies and modes about the state of a solution: ``(K - w^2 M) phi = 0``.
+    """Find natural frequencies and modes about the state of a solution: ``(K - w^2 M) phi = 0``.
 
     K is the tangent stiffness of the state, which includes prestress and loads. M has the masses of
     the element groups, from their weights and `gravity`, and `masses`. Rotations of nodes and of
@@ -99,7 +103,7 @@ def natural_frequencies(
 
     Options:
         masses: added masses at the nodes, [n_node] or scalar, kg; default none.
-        fixed: freedoms to leave out, as in `stiffness.tangent_of`.
+        fixed: degrees of freedom to leave out, as in `stiffness.tangent_of`.
         gravity: acceleration that weights are divided by, m/s2; default 9.80665.
         distribution: of an element's mass m. "lumped": half at each end. "consistent" with the
             displacements between the ends: m/3 and m/6 for straight cables and bars, cubic
@@ -113,9 +117,9 @@ def natural_frequencies(
 
     Raises:
         ValueError: wrong arguments; no mass at all, or none that can move; a tangent that is not
-            symmetric (loads that follow without a potential, nodal moments, elements that are not
-            `symmetric`), whose frequencies may be complex (if traced, they are NaN); more unknowns
-            than dense matrices have memory for.
+            symmetric (follower loads without a potential, nodal moments, elements that are not
+            `symmetric`), whose frequencies may be complex (if traced, they are NaN); too many
+            unknowns for dense matrices in the memory there is.
 
     Source: Goudreau and Taylor, Comp. Meth. Appl. Mech. Eng. 2 (1973), for the mean.
 
@@ -140,49 +144,53 @@ def natural_frequencies(
     if masses is not None:
         masses = jnp.broadcast_to(checks.floats(masses, "masses"), structure.n_node)
         masses = or_nan(not_negative("masses", masses))
-    require_symmetric(structure, "natural_frequencies")
-    thawed, arrays, freedoms = prepared(structure, state, fixed)
-    require_memory(freedoms, _DENSE, "natural_frequencies")
+    require_symmetric_elements(structure, "natural_frequencies")
+    thawed, arrays, freedoms = split_state(structure, state, fixed)
+    require_dense_memory(freedoms, _DENSE_MATRICES, "natural_frequencies")
     weights = [group.weight for group in structure.groups]
     known = [checks.concrete(amount) for amount in (*weights, masses) if amount is not None]
     if not any(amount is None or (amount > 0).any() for amount in known):
-        raise ValueError("masses: no element group has a weight; give weight=... in N/m, or masses")
-    stiffness = tangent_at(thawed, arrays, freedoms)
+        raise ValueError(
+            "masses: no element group has a weight; give weight=... in N/m, or masses=... in kg"
+        )
+    stiffness = compiled_tangent(thawed, arrays, freedoms)
     symmetric = linear.is_symmetric(stiffness)
     if checks.concrete(symmetric) is not None and not symmetric:
         raise ValueError(
-            "state: loads that follow or nodal moments make its tangent stiffness unsymmetric; "
-            "frequencies may be complex, and this solves symmetric problems only"
+            "state: follower loads or nodal moments make its tangent stiffness unsymmetric; "
+            "frequencies may be complex, and only symmetric problems are solved"
         )
-    moved = displaced_by(thawed, arrays, freedoms)[: structure.n_node]
-    mass = _mass(thawed, arrays, freedoms, gravity, distribution=distribution)
+    moved = displacement_jacobian(thawed, arrays, freedoms)[: structure.n_node]
+    mass = _mass_matrix(thawed, arrays, freedoms, gravity, distribution=distribution)
     if masses is not None:
         mass = mass + jnp.einsum("nci,n,ncj->ij", moved, masses.astype(mass.dtype), moved)
     if not (checks.concrete(jnp.trace(mass)) is None or jnp.trace(mass) > 0):
         hint = ""
         if any(isinstance(group, Sagging) for group in structure.groups):
-            hint = "; catenaries have no modes within their span, use a chain of Cables"
+            hint = "; catenaries have no modes within their span: use a chain of Cables"
         raise ValueError(f"masses: no node that is free to move has mass{hint}")
     stiffness = jnp.where(symmetric, stiffness, jnp.nan)
-    found = _with_mass(_solve(stiffness, mass, moved, min(n, len(stiffness))))
-    _suspect_catenaries(structure, thawed, arrays, gravity, found)
+    found = _without_massless_modes(
+        _solve_vibration_problem(stiffness, mass, moved, min(n, len(stiffness)))
+    )
+    _warn_of_modes_within_spans(structure, thawed, arrays, gravity, found)
     return found
 
 
 @functools.partial(jax.jit, static_argnames=("distribution",))
-def _mass(thawed, arrays, freedoms, gravity, distribution):
-    """Mass matrix of the elements, [n_free, n_free], kg."""
-    nodes, groups, carry = filled(thawed, arrays)
+def _mass_matrix(thawed, arrays, freedoms, gravity, distribution):
+    """Assemble the mass matrix of the elements, [n_free, n_free], kg."""
+    nodes, groups, carry = merge_state(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
     return system.mass(carry.motion, jnp.asarray(gravity, nodes.dtype), distribution)
 
 
-def _suspect_catenaries(structure, thawed, arrays, gravity, found):
-    """Warn of catenaries that have modes within their span among the slowest that were sought."""
+def _warn_of_modes_within_spans(structure, thawed, arrays, gravity, found):
+    """Warn of catenaries that vibrate within their span more slowly than a mode that was found."""
     highest = checks.concrete(jnp.nanmax(jnp.append(found.frequency, -jnp.inf)))
     if highest is None:
         return
-    nodes, groups, carry = filled(thawed, arrays)
+    nodes, groups, carry = merge_state(thawed, arrays)
     named = structure.named_groups()
     for number, (group, state) in enumerate(zip(groups, carry.states, strict=True)):
         where = named[number][0]
@@ -202,16 +210,16 @@ def _suspect_catenaries(structure, thawed, arrays, gravity, found):
         if len(slow):
             k = int(slow[np.argmin(span_frequency[slow])])
             checks.suspect(
-                f"structure: catenary {k} of elements{where} swings within its span at about "
-                f"{span_frequency[k]:.3g} Hz, slower than a mode that was asked for "
-                f"({highest:.3g} Hz); such modes are not found: use a chain of Cables for it, or "
+                f"structure: catenary {k} of elements{where} vibrates within its span at about "
+                f"{span_frequency[k]:.3g} Hz, slower than a mode that is returned "
+                f"({highest:.3g} Hz); modes within a span are not found: use a chain of Cables, or "
                 "ask for fewer modes"
             )
 
 
 @functools.partial(jax.jit, static_argnames=("n",))
-def _solve(stiffness, mass, moved, n):
-    """The slowest `n` modes; `moved` has the displacements of nodes per unknown.
+def _solve_vibration_problem(stiffness, mass, moved, n):
+    """Solve for the slowest `n` modes; `moved` are displacements per unknown [n_node, 3, n_free].
 
     ``M v = mu (K + s M) v`` with ``mu = 1 / (w^2 + s)``: unknowns without mass have mu = 0 and need
     no special treatment, and slow modes, with the largest mu, are the most exact. The shift s is
@@ -220,21 +228,21 @@ def _solve(stiffness, mass, moved, n):
     stiffness = 0.5 * (stiffness + stiffness.T)
     size = jnp.sum(jnp.abs(jnp.diagonal(stiffness))) / jnp.trace(mass)
 
-    def standardised(shift):
-        """Cholesky factor of K + s M, and M transformed by it, whose eigenvalues are mu."""
+    def standardized(shift):
+        """Return the Cholesky factor of K + s M, and M transformed by it, with eigenvalues mu."""
         root = unbatched.cholesky(stiffness + shift * mass)
         half = unbatched.solve_triangular(root, mass)
         return root, unbatched.solve_triangular(root, half.T)
 
-    def indefinite(shift):  # or a mechanism: its large mu would spoil the accuracy of the others
-        fine = jnp.trace(standardised(shift)[1]) * size * _SLOW < 1
+    def needs_shift(shift):  # indefinite, or a mechanism, whose large mu would drown the others
+        fine = jnp.trace(standardized(shift)[1]) * size * _SLOW < 1
         return ~fine & (shift < size / _SLOW)
 
-    def more(shift):
+    def next_shift(shift):
         return jnp.where(shift > 0, 10 * shift, _SHIFT * size)
 
-    shift = lax.stop_gradient(lax.while_loop(indefinite, more, jnp.zeros_like(size)))
-    root, standard = standardised(shift)
+    shift = lax.stop_gradient(lax.while_loop(needs_shift, next_shift, jnp.zeros_like(size)))
+    root, standard = standardized(shift)
     mu, vectors = unbatched.eigh(0.5 * (standard + standard.T))
     mu, vectors = mu[::-1][:n], vectors[:, ::-1][:, :n]
     massive = ~(mu <= _MASSLESS * jnp.finfo(mu.dtype).eps * mu[0])
@@ -247,8 +255,8 @@ def _solve(stiffness, mass, moved, n):
     return Vibration(frequency, squared, shapes)
 
 
-def _with_mass(found):
-    """The modes that have mass; all modes if traced."""
+def _without_massless_modes(found):
+    """Return the modes that have mass; all modes if traced."""
     known = checks.concrete(found.squared)
     if known is None:
         return found

@@ -438,9 +438,9 @@ def test_what_is_refused_elsewhere(tmp_path):
         jc.solve(structure, jc.Phase(adds=[jc.only([0]), None]))
     stages = [*BASE, jc.Phase(removes=jc.only([3]))]
     solution = solved(cross(), stages)
-    with pytest.raises(ValueError, match="no balance where phases add or remove"):
+    with pytest.raises(ValueError, match="no energy balance where phases add or remove"):
         jc.energy_balance(cross(), stages, solution)
-    with pytest.raises(ValueError, match="the last one, whose path is followed, adds or removes"):
+    with pytest.raises(ValueError, match="path is followed, must not add or remove elements"):
         jc.trace_path(cross(), stages)
 
 

@@ -16,8 +16,8 @@ import pytest
 import jaxcable as jc
 from jaxcable import design
 from jaxcable.common import status
-from jaxcable.design import constrained, solvers, trials
-from jaxcable.design.optimality import kkt_conditions
+from jaxcable.design import constrained, nlp_solvers, trials
+from jaxcable.design.optimality import solve_kkt_conditions
 
 IPOPT = pytest.param(
     "ipopt",
@@ -221,13 +221,13 @@ def test_a_library_that_goes_on_for_ever_is_ended(monkeypatch):
     monkeypatch.setattr(constrained, "solver_named", lambda _: endless)
     found = design.minimize_subject_to(disc, jnp.array([0.3, 0.1]), args=(2.0,), steps=7, rounds=3)
     assert int(found.status) in (status.STALLED, status.OUT_OF_STEPS)
-    assert found.evaluations <= 1 + 3 * 7 * constrained._TRIALS
+    assert found.evaluations <= 1 + 3 * 7 * constrained._MAX_TRIALS
 
 
 def point(x, gradient, constraints=(), jacobian=(), code=0):
     x, gradient, constraints = (np.array(v, float) for v in (x, gradient, constraints))
     jacobian = np.array(jacobian, float).reshape(-1, len(x))
-    return trials.Point(x, 1.0, gradient, constraints, jacobian, code)
+    return trials.TrialPoint(x, 1.0, gradient, constraints, jacobian, code)
 
 
 LEFT = [[-1.0, 0.0]]  # the Jacobian of a limit -x <= 0
@@ -252,7 +252,7 @@ LEFT = [[-1.0, 0.0]]  # the Jacobian of a limit -x <= 0
 def test_conditions_of_a_minimum_by_hand(given, residual):
     """Bounds 0 to 1 on y; sizes 2 and 1."""
     bounds = np.array([-np.inf, 0.0]), np.array([np.inf, 1.0])
-    multipliers, found = kkt_conditions(point(*given), bounds, np.array([2.0, 1.0]), 0.0)
+    multipliers, found = solve_kkt_conditions(point(*given), bounds, np.array([2.0, 1.0]), 0.0)
     assert found == pytest.approx(residual, abs=1e-14)
     if given[0:2] == ([0.0, 0.0], [3.0, 5.0]):
         assert np.allclose(multipliers, [3.0])
@@ -268,10 +268,10 @@ def test_trial_points_are_within_bounds_and_never_nan():
         values = np.array([x[0] ** 2, x[1] - 1]) if code == 0 else np.full(2, np.nan)
         return trials.Evaluation(values, np.array([[2 * x[0], 0.0], [0.0, 1.0]]), code)
 
-    own = trials.Trials(
+    own = trials.ScaledProblem(
         evaluate, (np.array([0.1, 0.0]), np.array([3.0, 3.0])), 0.5, lambda _: False
     )
-    own.begin(own.at(np.array([1.0, 1.0])), np.array([0.1, 3.0]), 2.0, 100)
+    own.begin_run(own.evaluate_at(np.array([1.0, 1.0])), np.array([0.1, 3.0]), 2.0, 100)
     assert own.loss(own.start) == 2.0 and len(asked) == 1
     assert (own.constraints(own.start) == [0.5]).all() and own.jacobian(own.start)[0, 1] == 3.0
     assert np.allclose(own.gradient(own.start), [0.4, 0.0])
@@ -280,12 +280,12 @@ def test_trial_points_are_within_bounds_and_never_nan():
     beyond = np.array([25.0, 0.0])
     assert own.loss(beyond) > 1e9 and own.failures == 1
     assert (own.constraints(beyond) == [2.5]).all()  # of the last sound point
-    with pytest.raises(trials.RunEnd):
+    with pytest.raises(trials.RunEnded):
         own.gradient(beyond)
     assert own.evaluations == len(asked) == 3
-    own.begin(own.best, np.ones(2), 1.0, 1)
+    own.begin_run(own.best, np.ones(2), 1.0, 1)
     own.loss(np.array([1.5, 0.0]))
-    with pytest.raises(trials.RunEnd):
+    with pytest.raises(trials.RunEnded):
         own.loss(np.array([1.6, 0.0]))
 
 
@@ -320,4 +320,4 @@ def test_wrong_arguments(monkeypatch):
             design.minimize_subject_to(problem, jnp.ones(2), args=args, **given)
     monkeypatch.setitem(sys.modules, "ipyopt", None)
     with pytest.raises(ValueError, match=r"solver = 'ipopt': .*pip install 'jaxcable\[ipopt\]'"):
-        solvers.solver_named("ipopt")
+        nlp_solvers.solver_named("ipopt")

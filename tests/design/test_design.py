@@ -130,7 +130,7 @@ def test_influence_of_load_is_reciprocal():
             "'temperature': no group",
         ),
         ({"phase": 2}, "phase = 2: there are phases 0 to 1"),
-        ({"phases": []}, "phases: none, and no start"),
+        ({"phases": []}, "phases: there are none, and no start"),
     ],
 )
 def test_influence_refuses(arguments, said):
@@ -157,13 +157,13 @@ def test_retensioning_converges_quickly():
 def test_scatter_of_tolerances():
     matrix, whole = influence("shortening")
     tolerance = 1e-5 * (1 + np.arange(N) % 3)
-    worst, random = design.scatter(matrix, split(jnp.asarray(tolerance)))
+    worst, random = design.propagate_tolerances(matrix, split(jnp.asarray(tolerance)))
     np.testing.assert_allclose(flat(worst), np.abs(whole) @ tolerance, rtol=1e-12)
     np.testing.assert_allclose(flat(random), np.sqrt(whole**2 @ tolerance**2), rtol=1e-12)
     extreme = turned(tolerance * jnp.sign(whole[0]))[0] - loaded().tension["x"][0]
     assert abs(float(extreme / worst["x"][0]) - 1) < 0.05  # first order
     with pytest.raises(ValueError, match="tolerance: expected arrays"):
-        design.scatter(matrix, 1e-5)
+        design.propagate_tolerances(matrix, 1e-5)
 
 
 # --- load cases and objectives
@@ -201,17 +201,17 @@ def test_utilisation():
     law = jc.Polygonal([-0.01, 0.0, 0.02], [-100e6, 0.0, 400e6])
     cables = jc.replace(GROUPS["x"], strength=1000.0)
     strong = jc.replace(NET, elements={**GROUPS, "x": cables})
-    used = design.utilisation(strong, cases().tension)
+    used = design.utilization(strong, cases().tension)
     assert used["y"] is None and jnp.abs(used["x"] - cases().tension["x"] / 1000).max() < 1e-15
     mixed = jc.replace(FLAT, elements=[jc.Bars(LINKS[:6], area=1e-6, law=law), GROUPS["x"]])
-    used, unknown = design.utilisation(mixed, [jnp.array([200.0, -50.0] * 3), jnp.zeros(6)])
+    used, unknown = design.utilization(mixed, [jnp.array([200.0, -50.0] * 3), jnp.zeros(6)])
     assert unknown is None and np.allclose(used[:2], [0.5, 0.5], rtol=1e-12)
     for structure, forces, said in (
         (NET, cases().tension, "strength: no group has one"),
         (mixed, jnp.zeros(6), "tension: has 1 arrays"),
     ):
         with pytest.raises(ValueError, match=said):
-            design.utilisation(structure, forces)
+            design.utilization(structure, forces)
 
 
 def test_objectives():

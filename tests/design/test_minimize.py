@@ -335,10 +335,10 @@ def test_wrong_arguments():
         ({"steps": 0}, "steps = 0"),
         ({"scale": -1.0}, "scale = -1.0: must be positive and finite"),
         ({"loss": lambda x: x}, r"loss: expected a scalar float.*float64\[2\]"),
-        ({"loss": lambda x: (jnp.sum(x), 1.5)}, "loss: beside the value expected solutions"),
+        ({"loss": lambda x: (jnp.sum(x), 1.5)}, "loss: expected solutions or status codes"),
         ({"loss": 3.0}, "loss: expected a function"),
-        ({"params": {}}, "params: there is nothing to vary"),
-        ({"params": jnp.zeros(0)}, "params: there is nothing to vary"),
+        ({"params": {}}, "params: there are no parameters"),
+        ({"params": jnp.zeros(0)}, "params: there are no parameters"),
     ]
     for arguments, text in wrong:
         with pytest.raises(ValueError, match=text):

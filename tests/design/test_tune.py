@@ -126,9 +126,11 @@ def test_nothing_is_compiled_or_traced_again(monkeypatch):
     """Not by other numbers of structure, phases and targets, nor by the same call."""
     tune(MAST, STAGES, FORCES, [UPRIGHT])
     fit = importlib.import_module("jaxcable.design.fit")  # beside the function of that name
-    programs = [solver._analyse, sensitivity._pushed, fit._advanced]
+    programs = [solver._analyse, sensitivity._solve_with_tangents, fit._advance_compiled]
     before = [set(run.known) for run in programs]
-    monkeypatch.setattr(compilation, "_compiled", None)  # what would trace, lower and compile
+    monkeypatch.setattr(
+        compilation, "_compile_or_load", None
+    )  # what would trace, lower and compile
     other = Target("positions", 0.002, at=(1, 0), phase=1, within=2e-4)
     elsewhere = Target("tension", 60e3, at=[0], on="stays", phase=0, within=100.0)
     for again in (
@@ -241,10 +243,12 @@ def solved():
 
 def test_an_index_may_be_a_list():
     for at in ([0, 1], np.array([0, 1]), [True, True], (slice(0, 2),), ...):
-        found = Target("tension", at=at, on="stays").measured(solved())
+        found = Target("tension", at=at, on="stays").measured_values(solved())
         np.testing.assert_array_equal(found, solved().tension["stays"])
     with pytest.raises(ValueError, match=r"at: index 2 is out .* the result has shape \[2\]"):
-        Target("tension", at=[0, 2], on="stays").measured(solved())  # jax would take the nearest
+        Target("tension", at=[0, 2], on="stays").measured_values(
+            solved()
+        )  # jax would take the nearest
 
 
 def test_the_default_tolerance_is_that_of_the_kind_of_result():
@@ -264,11 +268,15 @@ def test_the_default_tolerance_is_that_of_the_kind_of_result():
     ("unknowns", "wanted", "said"),
     [
         ([], UPRIGHT, "unknowns: none"),
-        (FORCES, [], "targets: none"),
+        (FORCES, [], "targets: there are none"),
         ([(7, "pretension")], UPRIGHT, "unknowns.0.: phase 7; there are phases 0 to 1"),
-        ([(0, "tension")], UPRIGHT, "unknowns.0. = 'tension': not a statement; .* 'pretension'"),
-        ([(0, "shortening")], UPRIGHT, "unknowns.0.: phases.0. states no shortening"),
-        (["pretension"], UPRIGHT, "unknowns.0. = 'pretension': expected .phase, statement."),
+        (
+            [(0, "tension")],
+            UPRIGHT,
+            "unknowns.0. = 'tension': not a prestress input; .* 'pretension'",
+        ),
+        ([(0, "shortening")], UPRIGHT, "unknowns.0.: phases.0. has no shortening"),
+        (["pretension"], UPRIGHT, "unknowns.0. = 'pretension': expected .phase, prestress input."),
         (FORCES, [3.0], "targets.0.: expected a Target, got float"),
         (FORCES, [Target("tension", phase=3)], "targets.0..phase = 3: there are"),
     ],

@@ -10,12 +10,14 @@ import pytest
 from extensions.own_elements import GroundSprings, Nothing, TurningSprings
 from extensions.own_links import Brittle, Dampers, Hooks, Jacks, Lying, Thrusters
 from extensions.own_membrane import Cloth, Membranes
+from extensions.own_saddle import Saddles
 
 import jaxcable as jc
-from jaxcable.common.tree import Indices, pytree
+from jaxcable.common.tree import Indices, copy, pytree
 from jaxcable.elements import abilities, check
 from jaxcable.elements.element import Element, Result
 from jaxcable.elements.element_state import ElementState
+from jaxcable.elements.stated import Statement
 from jaxcable.elements.straight import Straight
 from jaxcable.loads.load import Dead, Following, Load, Measured, Moving, OnNodes
 from jaxcable.materials.law import Law
@@ -112,6 +114,10 @@ NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 4.0,
         Thrusters([[0, 1]], 10.0, 3.0),
         Dampers([[0, 1], [1, 2]], 10.0),
         Cloth([[0, 1, 2]], 1e4, 0.3),
+        Saddles([[0, 1, 2]], 1e4),
+        jc.SlidingCables([[0, 1, 2]], axial_stiffness=1e3, rest_length=9.9, expansion=1e-5),
+        jc.Catenaries([[0, 2]], axial_stiffness=1e5, weight=2.0, rest_length=8.5),
+        jc.Beams([[0, 1]], section=jc.Section.rectangle(0.1, 0.1, jc.Elastic(1e9))),
         jc.Cables([[0, 1]], axial_stiffness=1e3, rest_length=0.9),
     ],
     ids=lambda g: type(g).__name__,
@@ -282,6 +288,94 @@ class Timeless(Dampers):
 def test_a_memory_is_tried(kind, sentence):
     with pytest.raises(ValueError, match=sentence):
         check(pytree(indices=("links",))(kind)([[0, 1]], 10.0), NODES)
+
+
+class Everywhere(Cloth):
+    """It takes a statement for some elements as one for all."""
+
+    def restate(self, state, ends, statements):
+        return copy(state, stress=statements["pretension"].values)
+
+
+class Summed(Cloth):
+    """It forgets that values have components."""
+
+    def restate(self, state, ends, statements):
+        return copy(state, stress=statements["pretension"].values[:, 0])
+
+
+class Deaf(Cloth):
+    """It asks for a statement of another name."""
+
+    def restate(self, state, ends, statements):
+        return copy(state, stress=statements["stress"].values)
+
+
+@pytest.mark.parametrize(
+    ("kind", "sentence"),
+    [
+        (Everywhere, "restate: pretension: .* got other numbers; take `stated.over"),
+        (Summed, r"restate: pretension: .* got `stress` float64 of shape \(1,\)"),
+        (Deaf, "restate: pretension: .* got KeyError: 'stress'"),
+    ],
+)
+def test_statements_are_tried(kind, sentence):
+    group = pytree(indices=("links",))(kind)([[0, 1, 2]], 1e4)
+    stressed = copy(group.start(NODES[None, :3]), stress=jnp.array([[3.0, 2.0]]))
+    with pytest.raises(ValueError, match=sentence):
+        check(group, NODES, stressed)
+
+
+@pytest.mark.parametrize(
+    ("statement", "sentence"),
+    [
+        ("stress", "statements: 'stress' is none of .*; give a `Statement`"),
+        (Statement("sag", "m"), "statements: 'sag' is one of `Phase`; give the name alone"),
+    ],
+)
+def test_names_of_statements_are_tried(statement, sentence):
+    class Own(Membranes):
+        statements = (statement,)
+
+    with pytest.raises(ValueError, match=sentence):
+        jc.Structure(NODES, pytree(indices=("links",))(Own)([[0, 1, 2]], 1e4), jc.pinned([0]))
+
+
+class Lost(Dampers):
+    """One that is added has a memory of another shape."""
+
+    def found(self, state, ends, motion):
+        return copy(state, memory=motion)
+
+
+class Nowhere(Dampers):
+    """One that is added has no state."""
+
+    found = returns(None)
+
+
+@pytest.mark.parametrize(
+    ("kind", "sentence"),
+    [
+        (Lost, r"found: expected a state like that of `start`, got `memory` .* \(1, 2, 3\)"),
+        (Nowhere, "found: expected a state like that of `start`, got None"),
+    ],
+)
+def test_elements_that_are_added_are_tried(kind, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        check(pytree(indices=("links",))(kind)([[0, 1]], 10.0), NODES)
+
+
+class TwoSided(TurningSprings):
+    """Its moment has the sign of the quaternion."""
+
+    def _moment(self, motion):
+        return self.stiffness * 2 * motion[0, 4:]
+
+
+def test_quaternions_of_both_signs_are_tried():
+    with pytest.raises(ValueError, match="end_forces: other forces for the quaternions q and -q"):
+        check(pytree(indices=("links",))(TwoSided)([[1]], np.array([3.0])), NODES)
 
 
 def test_results_are_objects():

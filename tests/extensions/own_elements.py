@@ -4,10 +4,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-import jaxcable as jc
-from jaxcable.common.tree import Indices, pytree
-from jaxcable.elements.element import Element, ElementState
-from jaxcable.numerics.rotations import angles, conjugate, stereographic, turning
+from jaxcable.extend import (
+    Element,
+    ElementState,
+    Indices,
+    put,
+    pytree,
+    register,
+    rotations,
+)
 
 
 @pytree
@@ -15,7 +20,7 @@ class Nothing(ElementState):
     """Phases change nothing in it."""
 
 
-@jc.files.register
+@register
 @pytree(indices=("links",))
 class GroundSprings(Element):
     """Linear springs from nodes to the ground, along x, y and z.
@@ -32,9 +37,9 @@ class GroundSprings(Element):
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            object.__setattr__(self, "links", Indices(self.links))
+            put(self, links=Indices(self.links))
         if not isinstance(self.stiffness, jax.Array):
-            object.__setattr__(self, "stiffness", np.asarray(self.stiffness))
+            put(self, stiffness=np.asarray(self.stiffness))
 
     def start(self, ends):
         return Nothing()
@@ -63,24 +68,29 @@ class TurningSprings(Element):
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            object.__setattr__(self, "links", Indices(self.links))
+            put(self, links=Indices(self.links))
 
     def start(self, ends):
         return Nothing()
 
     def _moment(self, motion):
-        return self.stiffness * angles(stereographic(motion[0, 3:]))
+        return self.stiffness * _angles(motion)
 
     def end_forces(self, state, ends, motion):
         return jnp.concatenate([jnp.zeros(3), self._moment(motion)])[None]
 
     def end_forces_about(self, state, ends, motion, step):
-        moment = self._moment(jax.vmap(turning)(motion, step))
-        return jnp.concatenate([jnp.zeros(3), conjugate(step[0, 3:], moment)])[None]
+        moment = self._moment(jax.vmap(rotations.turning)(motion, step))
+        return jnp.concatenate([jnp.zeros(3), rotations.conjugate(step[0, 3:], moment)])[None]
 
     def tangent(self, state, ends, motion):
         still = jnp.zeros((1, 6))
         return jax.jacfwd(lambda step: self.end_forces_about(state, ends, motion, step))(still)
 
     def energy(self, state, ends, motion):
-        return 0.5 * self.stiffness * jnp.sum(angles(stereographic(motion[0, 3:])) ** 2)
+        return 0.5 * self.stiffness * jnp.sum(_angles(motion) ** 2)
+
+
+def _angles(motion):
+    """Rotation of a node as a vector, rad."""
+    return rotations.angles(rotations.stereographic(motion[0, 3:]))

@@ -2,12 +2,10 @@
 
 import jax.numpy as jnp
 
-import jaxcable as jc
-from jaxcable.common.tree import pytree
-from jaxcable.materials.law import Law
+from jaxcable.extend import Law, pytree, register
 
 
-@jc.files.register
+@register
 @pytree
 class Prager(Law):
     """Linear kinematic hardening (Prager 1956): one plastic strain p, back stress H p.
@@ -58,7 +56,7 @@ class Prager(Law):
         return p + (self.H * p + ends.reshape((1,) * (p.ndim - 1) + (2,))) / self.E
 
 
-@jc.files.register
+@register
 @pytree
 class Maxwell(Law):
     """Elastic, with a strain that creeps at the stress over a viscosity: it needs time.

@@ -5,11 +5,19 @@ import jax.numpy as jnp
 import numpy as np
 from extensions.own_elements import Nothing
 
-import jaxcable as jc
-from jaxcable.common import checks
-from jaxcable.common.tree import Indices, copy, pytree
-from jaxcable.elements.abilities import Jacked
-from jaxcable.elements.element import SECTION_STRAIN, TENSION, Element, ElementState
+from jaxcable.extend import (
+    SECTION_STRAIN,
+    TENSION,
+    Element,
+    ElementState,
+    Indices,
+    Jacked,
+    copy,
+    per_element,
+    put,
+    pytree,
+    register,
+)
 
 
 @pytree
@@ -26,10 +34,10 @@ class Joined(Element):
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            object.__setattr__(self, "links", Indices(np.asarray(self.links, np.int32)))
+            put(self, links=Indices(np.asarray(self.links, np.int32)))
         for name in self.per_element:
-            own = checks.per_element(getattr(self, name), len(self.links), name)
-            object.__setattr__(self, name, own)
+            own = per_element(getattr(self, name), len(self.links), name)
+            put(self, **{name: own})
 
     def start(self, ends):
         return Nothing()
@@ -46,7 +54,7 @@ class Joined(Element):
         return jnp.stack([-pull, pull])
 
 
-@jc.files.register
+@register
 @pytree(indices=("links",))
 class Hooks(Joined):
     """Cables with a stiffness in N/m that begin with a given slack, m."""
@@ -77,7 +85,7 @@ class Hooks(Joined):
         return self._longer(ends, motion) == 0
 
 
-@jc.files.register
+@register
 @pytree(indices=("links",))
 class Brittle(Joined):
     """Bars of a stiffness EA that break at a strain of 1 %; their stress is not told."""
@@ -116,7 +124,7 @@ class Jacks(Brittle, Jacked):
 
     statements = ("jacking",)
 
-    def restate(self, state, ends, inputs):
+    def restate(self, state, ends, statements):
         return state
 
     def lock(self, state, ends, motion):

@@ -3,16 +3,13 @@
 import jax.numpy as jnp
 import numpy as np
 
-import jaxcable as jc
-from jaxcable.common import checks
-from jaxcable.common.tree import pytree
-from jaxcable.loads.load import Dead
+from jaxcable.extend import Dead, floats, put, pytree, register
 
 PLACES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 PLACES, WEIGHTS = 0.5 * (1 + PLACES), 0.5 * WEIGHTS  # from 0 to 1 along an element
 
 
-@jc.files.register
+@register
 @pytree
 class PowerLawWind(Dead):
     """Wind on all elements of two ends, by the power law of the height z of their initial places.
@@ -30,8 +27,8 @@ class PowerLawWind(Dead):
     scales = ("reference",)
 
     def __post_init__(self):
-        object.__setattr__(self, "reference", checks.floats(self.reference, "reference"))
-        object.__setattr__(self, "exponent", checks.floats(self.exponent, "exponent"))
+        put(self, reference=floats(self.reference, "reference"))
+        put(self, exponent=floats(self.exponent, "exponent"))
 
     def check(self, structure):
         if any(group.links.shape[1] != 2 for group in structure.groups):

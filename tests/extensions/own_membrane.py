@@ -10,22 +10,34 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-import jaxcable as jc
-from jaxcable.common import checks
-from jaxcable.common.tree import Indices, copy, pytree
-from jaxcable.elements.abilities import Prestressable
-from jaxcable.elements.element import ElementState, Result
+from jaxcable.extend import (
+    ElementState,
+    Indices,
+    Prestressable,
+    Result,
+    copy,
+    per_element,
+    put,
+    pytree,
+    register,
+)
 
 
 @pytree
 class Strained(ElementState):
-    """What phases change: an initial strain, the same in all directions; and areas, [n_elem]."""
+    """What phases change: an initial strain, the same in all directions; and areas, [n_elem].
+
+    Also where the elements were when they were added, `moved` [n_elem, 3, 3] from their ends: there
+    they are unstressed.
+    """
 
     prestrain: object
     area: object
+    moved: object
+    present: object = None
 
 
-@jc.files.register
+@register
 @pytree(indices=("links",))
 class Membranes(Prestressable):
     """Triangles of a membrane.
@@ -44,22 +56,26 @@ class Membranes(Prestressable):
 
     per_element = ("stiffness", "poisson", "weight")
     results = (Result("membrane_forces", "N/m", ("xx", "yy", "xy")),)
-    outline = (0, 1, 2, 0)
+    face = (0, 1, 2)
     statements = ("prestrain",)
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            object.__setattr__(self, "links", Indices(np.asarray(self.links, np.int32)))
+            put(self, links=Indices(np.asarray(self.links, np.int32)))
         for name in self.per_element:
-            own = checks.per_element(getattr(self, name), len(self.links), name)
-            object.__setattr__(self, name, own)
+            own = per_element(getattr(self, name), len(self.links), name)
+            put(self, **{name: own})
 
     def start(self, ends):
         area = jax.vmap(lambda own: self._place(own)[2])(ends)
-        return Strained(jnp.zeros_like(area), area)
+        return Strained(jnp.zeros_like(area), area, jnp.zeros_like(ends))
 
-    def restate(self, state, ends, inputs):
-        stated = inputs["prestrain"]
+    def found(self, state, ends, motion):
+        none = jax.tree.map(jnp.zeros_like, state)
+        return copy(none, area=self._place(ends + motion)[2], moved=motion, present=state.present)
+
+    def restate(self, state, ends, statements):
+        stated = statements["prestrain"]
         return copy(state, prestrain=stated.over(stated.values, state.prestrain))
 
     def weights(self, state):
@@ -77,7 +93,8 @@ class Membranes(Prestressable):
 
     def _strain(self, state, ends, motion):
         """Deformation gradient [3, 2], Green's strain and prestrain [2, 2], area."""
-        axes, inverse, area = self._place(ends)
+        axes, inverse, area = self._place(ends + state.moved)
+        motion = motion - state.moved
         slope = jnp.stack([motion[1] - motion[0], motion[2] - motion[0]], axis=1) @ inverse
         cross = axes @ slope  # exact where the motion is small against the triangle
         strain = 0.5 * (cross + cross.T + slope.T @ slope)
@@ -112,10 +129,10 @@ class Membranes(Prestressable):
 class Stressed(Strained):
     """Also a force per width along warp and weft, [n_elem, 2], N/m."""
 
-    stress: object
+    stress: object = None
 
 
-@jc.files.register
+@register
 @pytree(indices=("links",))
 class Cloth(Membranes):
     """Triangles in the plane x, y, with warp along x and weft along y."""
@@ -125,15 +142,17 @@ class Cloth(Membranes):
 
     def start(self, ends):
         before = super().start(ends)
-        return Stressed(before.prestrain, before.area, jnp.zeros((len(ends), 2)))
+        stress = jnp.zeros((len(ends), 2))
+        return Stressed(before.prestrain, before.area, before.moved, stress=stress)
 
-    def restate(self, state, ends, inputs):
-        stated = inputs["pretension"]
+    def restate(self, state, ends, statements):
+        stated = statements["pretension"]
         return copy(state, stress=stated.over(stated.values, state.stress))
 
     def _strain(self, state, ends, motion):
         gradient, strain, inverse, area = super()._strain(state, ends, motion)
-        return gradient, (strain, self._place(ends)[0][:, :2], state.stress), inverse, area
+        axes = self._place(ends + state.moved)[0][:, :2]
+        return gradient, (strain, axes, state.stress), inverse, area
 
     def _forces(self, strain):
         strain, axes, stress = strain

@@ -139,8 +139,8 @@ def step_in_time(system, begun, masses, duration, damping=0.0, rho=None, method=
 
 def at_rest(structure, solution):
     """The system of a solution, and its motion."""
-    thawed, arrays, freedoms = tangent.prepared(structure, solution)
-    nodes, groups, carry = tangent.filled(thawed, arrays)
+    thawed, arrays, freedoms = tangent.split_state(structure, solution)
+    nodes, groups, carry = tangent.merge_state(thawed, arrays)
     return make_system(nodes, groups, carry, carry.motion, freedoms), carry.motion
 
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from jaxcable import linear
+from jaxcable.extend import Analysis, NumericFactor, Solver, register_solver
 
 
-class ByNumpy(linear.Solver):
+class ByNumpy(Solver):
     """The whole matrix as an array: what a solver needs, and nothing more."""
 
     name = "numpy"
@@ -15,7 +15,7 @@ class ByNumpy(linear.Solver):
         return Places(n, rows, indices)
 
 
-class Places(linear.Analysis):
+class Places(Analysis):
     def __init__(self, n, rows, columns):
         self.n, self.places = n, (rows, columns)
 
@@ -30,7 +30,7 @@ class Places(linear.Analysis):
         return Inverse(np.linalg.inv(matrix))
 
 
-class Inverse(linear.NumericFactor):
+class Inverse(NumericFactor):
     def __init__(self, inverse):
         self.inverse, self.n_bytes = inverse, inverse.nbytes
 
@@ -38,4 +38,4 @@ class Inverse(linear.NumericFactor):
         return (self.inverse.T if transposed else self.inverse) @ b
 
 
-NUMPY = linear.register(ByNumpy()).name
+NUMPY = register_solver(ByNumpy()).name

@@ -45,7 +45,7 @@ def test_groups_that_are_left_out_have_no_statement(field, value):
     full = {"guys": value, "mast": None}
     phases = [[jc.Phase(), jc.Phase(**{field: of})] for of in (short, full)]
     for read in (
-        lambda all_: all_[1].inputs(structure),
+        lambda all_: all_[1].statements(structure),
         lambda all_: presence_of(structure, all_, None),
     ):
         one, other = map(read, phases)
@@ -54,13 +54,15 @@ def test_groups_that_are_left_out_have_no_statement(field, value):
             np.testing.assert_array_equal(a, b)
     there = presence_of(structure, phases[0], None)
     assert (there is not None) == (field in ("adds", "removes"))
-    assert bool(phases[0][1].inputs(structure)[0]) == (value is not None and there is None)
+    assert bool(phases[0][1].statements(structure)[0]) == (value is not None and there is None)
     if field != "pretension":
         return
 
     def forces(force, more):
         return (
-            jc.Phase(pretension={"guys": force, **more}).inputs(structure)[0]["pretension"].values
+            jc.Phase(pretension={"guys": force, **more})
+            .statements(structure)[0]["pretension"]
+            .values
         )
 
     for more in ({}, {"mast": None}):
@@ -78,7 +80,7 @@ def test_they_may_lie_within_others():
     structure = jc.Structure(PLACES, groups, jc.pinned([0, 2, 3, 4]))
 
     def largest(value):
-        found = jc.Phase(pretension=value).inputs(structure)
+        found = jc.Phase(pretension=value).statements(structure)
         return [float(np.max(of["pretension"].values)) if of else None for of in found]
 
     assert largest({}) == [None] * 4

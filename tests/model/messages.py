@@ -272,14 +272,15 @@ jc.Section.disc(0.1, jc.Elastic)  # laws[0]: the class Elastic is not a law; cal
 jc.Section.disc(0.1, 210e9)  # laws[0]: float is not a uniaxial law such as Elastic
 polygon([[0, 0], [1, 1], [1, 0], [0, 1]])
     # points: the outline crosses itself: the edge from points[0] to points[1] crosses that from
-    # points[2] to points[3]; name its corners in turn
+    # points[2] to points[3]; list its corners in order
 polygon(SQUARE, [[[0.2, 0.2], [0.6, 0.7], [0.6, 0.2], [0.2, 0.6]]])
     # holes[0]: a hole crosses itself: ... holes[0][0] to holes[0][1]
 polygon(SQUARE, [[[0.5, 0.5], [1.5, 0.5], [1.5, 0.7], [0.5, 0.7]]])
     # points: a hole crosses it ...: the edge from points[1] to points[2] crosses that from
     # holes[0][0] to holes[0][1]
 polygon(SQUARE, [[[2, 2], [3, 2], [3, 3]]])  # holes[0][0] = [2.0, 2.0]: outside of the outline
-polygon([[0, 0], [1, 1], [2, 2], [3, 3]])  # points: all on one line, which has no area
+polygon([[0, 0], [1, 1], [2, 2], [3, 3]])
+    # points: all on one straight line, which encloses no area
 polygon([[0, 0], [1, 0], [np.nan, 1]])  # points[2] = [nan, 1.0]: must be finite
 
 ## loads
@@ -311,6 +312,13 @@ jc.LineLoads(UP, per="current")  # per = 'current': expected one of
 jc.AreaLoads([[0, 1, 2]], UP, per="x")  # per = 'x'
 jc.AreaLoads([[0, 1, 2]], 1.0)  # forces: expected shape (3,) or (1, 3), got ()
 loaded(jc.AreaLoads([[1, 2, 4]], UP))  # phases[0].loads[0]: faces[0] = [1, 2, 4]: ... subtract 1
+jc.AreaLoads([[0, 1, 2]])  # forces: missing; AreaLoads needs a value of it
+jc.AreaLoads(forces=(1.0, 2.0))  # forces: expected shape (3,) or (2, 3), got (2,)
+jc.AreaLoads([[0, 1, 2]], UP, elements=jc.only([0]))  # faces, elements: give faces, or a group
+jc.AreaLoads(forces=UP, on="net", elements=[0])  # elements: expected a selection such as only
+framed(jc.AreaLoads(forces=UP, on="beam"))  # ...on = 'beam': elements['beam'] (Beams) has no faces
+loaded(jc.FacePressure(pressure=1.0))  # ...faces: missing: elements (Cables) has no faces; give
+jc.FacePressure([[0, 1, 2]], 1.0, on="net")  # faces, on: give faces, or a group
 jc.FacePressure([[0, 1]], 1.0)  # faces: expected node numbers [n, 3]
 jc.FacePressure([[0, 1, 2], [0, 1, 0]], 1.0)  # faces[1] = [0, 1, 0]: a face has at least 3
 loaded(jc.FacePressure([[0, 1, 9]], 1.0))  # ...faces[0] = [0, 1, 9]: the structure has nodes 0 to 3
@@ -410,11 +418,11 @@ jc.Newton(linear_solver="lu")  # linear_solver = 'lu'
 ## results
 jc.describe(design.Design(*[0] * 9))  # code: got a Design; give its status
 jc.describe(np.zeros(2, int))  # code: expected one code, got shape (2,); take one
-jc.raise_if_failed(0)  # raise_if_failed: expected a solution, got int; ... describe(code)
+jc.raise_if_failed(0)  # raise_if_failed: expected a solution, got int; describe(code)
 traced(jc.raise_if_failed, solution())  # ...the solution is being traced
-jc.energy_balance(HUNG, PHASES[:1], solution())  # phases: 1 of them, the solution has 2
+jc.energy_balance(HUNG, PHASES[:1], solution())  # phases: got 1, the solution has 2
 jc.energy_balance(HUNG, [PHASES[0], jc.replace(PHASES[1], increments=3)], solution())
-    # phases[1]: 3 increments, in the solution 1
+    # phases[1]: has 3 increments, in the solution 1
 jc.energy_balance(HUNG, PHASES, twice(solution()))  # solution: is a batch
 jc.report(HUNG, solution(), energy=True)  # energy: the balance needs the phases
 
@@ -439,23 +447,23 @@ aimed(Target("positions", on="net"))  # ...on = 'net': the result of = 'position
 aimed(Target("tensions"))  # ...of = 'tensions': a phase has no such...mean 'tension'
 aimed(Target("status"))  # ...of = 'status': a phase has no such result
 aimed(Target("section_forces"))  # ...of = 'section_forces': this structure has no such
-aimed(Target("tension", [1.0, 2, 3], on="net"))  # ...value: has 3 numbers, but 2 numbers
-aimed(Target("positions", np.eye(2), at=(1, 2)))  # ...value: has 4 numbers, but 1 num
+aimed(Target("tension", [1.0, 2, 3], on="net"))  # ...value: has 3 numbers, but ... select 2
+aimed(Target("positions", np.eye(2), at=(1, 2)))  # ...value: has 4 numbers, but ... select 1
 aimed(Target("tension", on="net", at=5))  # ...at: index 5 is out of bounds...shape [2]
-aimed(Target("tension", on="net", at=np.zeros(2, bool)))  # ...at: means no number
+aimed(Target("tension", on="net", at=np.zeros(2, bool)))  # ...at: selects no entry
 aimed(Target(lambda result: "a"))  # ...of: expected an array of floats, got str
 aimed(Target(lambda result: result.status))  # ...of: expected an array of floats, got int32
 tuned([PAIR, PAIR], Target("tension"))  # unknowns[1] = (0, 'pretension'): is there twice
-tuned([(0, "pretensions")], Target("tension"))  # ...not a statement; ... did you mean 'pretension'
+tuned([(0, "pretensions")], Target("tension"))  # ...did you mean 'pretension'
 tuned(5, Target("tension"))  # unknowns: expected a list of pairs
 tuned([PAIR], 5)  # targets: expected a list of Target, got int
 jc.influence(HUNG, PHASES, of="tensions")  # of = 'tensions': ...did you mean 'tension'
 jc.influence(HUNG, PHASES, wrt="shortenings")  # wrt = 'shortenings': ...did you mean 'shortening'
 jc.influence(HUNG, PHASES, phase=0.5)  # phase = 0.5: there are phases 0 to 1
 design.adjustment(jnp.eye(2), jnp.ones(3))
-    # jacobian: has shape [2, 2], which is not one by 3 inputs
-design.scatter(jnp.eye(2), jnp.ones(3))
-    # tolerance: expected shape (2,), that of the inputs, got (3,)
+    # jacobian: has shape [2, 2], which does not end with 3 inputs
+design.propagate_tolerances(jnp.eye(2), jnp.ones(3))
+    # tolerance: expected shape (2,), as the inputs have, got (3,)
 design.confidence(3)  # fit: expected the result of fit, got int
 design.confidence(twice(a_fit()))  # fit: a batch of shape (2,)
 design.confidence(a_fit(), deviation=0.0)  # deviation = 0.0: must be posi
@@ -467,11 +475,11 @@ design.shape_distance(solution(), np.zeros((2, 3)), nodes=[1])
 design.tension_distance(solution(), {"net": np.ones(3), "mast": 1.0})
     # tension['net']: expected a number or shape (2,), one value per element
 design.tension_distance(solution(), {"nett": 1.0, "mast": 1.0})
-    # tension: expected a number, or the shape of the elements
+    # tension: expected a number, or a pytree like the elements
 design.envelope(3.0)  # values: expected arrays with the cases
-design.utilisation(HUNG, {"net": np.ones(3), "mast": np.ones(1)})  # tension: group 1 has 2 elements
-design.utilisation(HUNG, np.ones(2))  # tension: has 1 arrays, the structure 2 groups
-design.utilisation(3, 1.0)  # structure: expected a Structure, got int
+design.utilization(HUNG, {"net": np.ones(3), "mast": np.ones(1)})  # tension: group 1 has 2 elements
+design.utilization(HUNG, np.ones(2))  # tension: has 1 arrays, the structure 2 groups
+design.utilization(3, 1.0)  # structure: expected a Structure, got int
 design.slack_distance(net(), solution())  # solution: is of another structure
 design.nearest_kink(3, jnp.ones(2), jnp.ones(2))  # distance: expected a function, got int
 design.nearest_kink(lambda x: x, jnp.ones(2), jnp.ones(3))

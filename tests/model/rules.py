@@ -15,10 +15,10 @@ from jaxcable import design, forms
 from jaxcable.analysis.preparation import prepare, verdicts
 from jaxcable.analysis.solution import State
 from jaxcable.common.tree import fill, thaw
-from jaxcable.design.arguments import is_tolerance, tolerance, width_of
-from jaxcable.design.box import spread
+from jaxcable.design.arguments import check_tolerance, check_width, is_valid_tolerance
+from jaxcable.design.bounds import broadcast_to_params
 from jaxcable.mechanics.carry import unloaded
-from jaxcable.paths.trace import _settings
+from jaxcable.paths.trace import check_path_settings
 
 NODES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.2], [2.0, 0.0, 0.0]])
 LINKS = np.array([[0, 1], [1, 2]])
@@ -146,7 +146,7 @@ def varying(load):
 def of_path(name):
     def make(v):
         numbers = {"until": 1.0, "down_to": -1.0, "step": 0.1, "largest": 0.1, "tol": 1e-9}
-        own = _settings(net(), *(numbers | {name: v}).values(), True)
+        own = check_path_settings(net(), *(numbers | {name: v}).values(), True)
         task = prepare(net(), jc.Phase(loads=PULL), None, None)
         return verdicts(fill(task.thawed, task.arrays), task.method, own)[1][0]
 
@@ -207,11 +207,11 @@ def prestressed(v):
 
 
 def scaled(v):
-    return spread(v, jnp.ones(2), "scale", positive=True)
+    return broadcast_to_params(v, jnp.ones(2), "scale", positive=True)
 
 
 def tolerated(v):
-    return jnp.where(is_tolerance(tolerance(v, 1e-3)), 1.0, jnp.nan)
+    return jnp.where(is_valid_tolerance(check_tolerance(v, 1e-3)), 1.0, jnp.nan)
 
 
 def adjusted(v):
@@ -219,14 +219,14 @@ def adjusted(v):
 
 
 def scattered(v):
-    return design.scatter(jnp.eye(2), v)[0]
+    return design.propagate_tolerances(jnp.eye(2), v)[0]
 
 
 def used(v):
     return design.material_use(STRESSED, v)
 
 
-width = width_of
+width = check_width
 STRESSED = jc.solve(net(), jc.Phase(pretension=1.0))
 
 
@@ -267,7 +267,7 @@ lambda v: code(net(NODES * v)), 1.0, JOINED  # nodes: links[0] = [0, 1]: zero le
 ## materials/elastic.py
 lambda v: code(net(area=1.0, law=jc.Elastic(v))),  # E: E = -1.0: Young's modulus must be positive
 lambda v: code(net(area=1.0, law=jc.Elastic(v))), 1.0, 0.0  # E: E = 0.0: Young's
-## materials/points.py
+## materials/point_rules.py
 of_strains, STRAIN, [0.0, 1e-3, np.inf]  # strain: strain[2] = inf: must be finite
 of_strains, STRAIN, [0.0, 1e-3, 1e-3]  # strain: strain[2] = 0.001: must be above strain[1]
 of_strains, STRAIN, [1e-3, 2e-3, 3e-3]  # strain: strain: goes from 0.001
@@ -279,12 +279,12 @@ of_stresses("elastic"), STRESS, [-5e5, -5e5, 0.0, 1e6, 5e5]  # stress: stress[3]
 of_stresses("elastic"), STRESS, [-6e5, -6e5, 0.0, 1e6, 1e6]  # stress: ...segment 0 from the origin
 through_origin, [-1e6, 1e6], [-1e6, 2e6]  # stress: ...the curve has 500000 Pa at zero strain
 ## materials/presets.py
-drawn_steel, 1e8, -1.0  # _positive: yield_stress = -1.0
+drawn_steel, 1e8, -1.0  # _require_positive: yield_stress = -1.0
 ## sections/section.py
 fibres, [1.0, 1.0], [-1.0, 1.0]  # area: area[0] = -1.0
 ## sections/shapes.py
-lambda v: jc.Section.disc(v, LAW).area,  # _positive: diameter = -1
-lambda v: jc.Section.ring(1.0, v, LAW).area, 0.1, 0.6  # _within: thickness = 0.6: twice
+lambda v: jc.Section.disc(v, LAW).area,  # _positive_length: diameter = -1
+lambda v: jc.Section.ring(1.0, v, LAW).area, 0.1, 0.6  # _length_unless: twice
 ## sections/torsion.py
 thickness,  # thickness: thickness = -1.0
 ## sections/composites.py
@@ -319,7 +319,7 @@ of_method(jc.Newton, "max_steps"), 3.0, 0.0  # max_steps: max_steps = 0.0: must 
 of_method(jc.Newton, "max_steps"), 3.0, 2.5  # max_steps: max_steps = 2.5: expected a whole
 ## equilibrium/incremental.py
 of_method(jc.Incremental, "tol"), 0.1, np.nan  # tol: tol = nan
-## paths/run.py
+## paths/path_state.py
 of_path("until"),  # until: until = -1.0
 of_path("down_to"), -1.0, 1.0  # down_to: down_to = 1.0
 of_path("step"), 0.1, -0.1  # step: step = -0.1
@@ -346,7 +346,7 @@ chain, [0.1, 1.0, 1e6], [0.1, 1.0, -1.0]  # hanging_chain: axial_stiffness = -1.
 hung_to, (1.0, 0.0, 0.2), (0.0, 0.0, 0.2)  # second: first, second: the ends lie above each other
 ## forms/feasible.py
 prestressed,  # tension: tension = -1.0: with group ... so
-## design/box.py
+## design/bounds.py
 scaled, [1.0, 1.0], [1.0, -1.0]  # fill: scale[1] = -1.0
 ## design/arguments.py
 tolerated, 0.5, 1.0  # tol: tol = 1.0
@@ -366,6 +366,7 @@ used, 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
 OTHERWISE = {
     "analysis/absent.py:_states_nothing": "a traced increment may be other than zero: it counts",
     "analysis/absent.py:_judge_array": "a warning",
+    "analysis/absent.py:_loaded": "a warning",
     "analysis/preparation.py:_may_warn": "no rule: whether a warning can be given",
     "loads/groups.py:scattered": "no rule: which library computes",
     "loads/nodal.py:__str__": "no rule: what is said of it",
@@ -375,17 +376,17 @@ OTHERWISE = {
     "elements/beam.py:_differs": "a lean without `up` is NaN in `Beams.start`",
     "materials/polygonal.py:__post_init__": "no rule: puts the origin among known points",
     "sections/torsion.py:bredt_torsion": "a traced outline is not asked whether it crosses itself",
-    "sections/torsion.py:are_round": "no rule: which library computes",
-    "sections/shapes.py:_float": "no rule: which library computes",
-    "sections/outlines.py:corners": "traced outlines are refused",
-    "sections/composites.py:_summed": "NaN where it is traced",
+    "sections/torsion.py:are_concentric_circles": "no rule: which library computes",
+    "sections/shapes.py:_as_float": "no rule: which library computes",
+    "sections/outlines.py:checked_corners": "traced outlines are refused",
+    "sections/composites.py:_sum_torsion": "NaN where it is traced",
     "model/structure.py:__post_init__": "warnings; the rules of places are asked in any case",
-    "design/box.py:check": "bounds that are traced end in the status OUTSIDE (`Box.holds`)",
-    "stiffness/vibration.py:_with_mass": "no rule: how many modes have mass",
+    "design/bounds.py:check": "bounds that are traced end in the status OUTSIDE",
+    "stiffness/vibration.py:_without_massless_modes": "no rule: how many modes have mass",
     "stiffness/vibration.py:natural_frequencies": "NaN where it is traced: an unsymmetric tangent",
-    "stiffness/vibration.py:_suspect_catenaries": "no rule: a warning",
+    "stiffness/vibration.py:_warn_of_modes_within_spans": "no rule: a warning",
     "stiffness/buckling.py:buckling_factor": "NaN where it is traced",
-    "stiffness/buckling.py:_have_unstressed": "NaN where it is traced",
+    "stiffness/buckling.py:_can_be_unstressed": "NaN where it is traced",
     "model/supports.py:_directions": "traced directions are refused",
     "model/spins.py:free_spins": "a warning",
     "model/spins.py:warn": "a warning",

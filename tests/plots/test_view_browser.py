@@ -9,6 +9,7 @@ import os
 import browser
 import numpy as np
 import pytest
+from extensions.own_membrane import Membranes, sheet
 
 import jaxcable as jc
 
@@ -214,6 +215,27 @@ def test_beams_and_all_that_can_be_shown(chromium, tmp_path):
         for label in own.evaluate("view.model.columns.map(c => c.label)"):
             choose(own, "colour", label)
             assert own.locator("#bar-name").inner_text()
+        assert own.faults == []
+
+
+def test_faces_are_filled_and_picked(chromium, tmp_path):
+    nodes, triangles = sheet(3)
+    rim = np.flatnonzero(((nodes[:, :2] == 0) | (nodes[:, :2] == 1)).any(axis=1))
+    structure = jc.Structure(nodes, Membranes(triangles, 1e4), jc.pinned(rim))
+    solution = jc.solve(structure, jc.Phase(prestrain=0.01))
+    page = jc.plots.view(solution, tmp_path / "sheet.html", structure=structure)
+    with browser.opened(chromium, page.path) as own:
+        own.locator("#supports").uncheck()
+        own.locator("#ghost").uncheck()
+        filled = brightness(own)[1]
+        click(own, "element", 7)
+        name, found = values(own)
+        assert name == "Element 7" and found["state"] == "present"
+        assert found["membrane forces xx"] == "100 N/m"  # E t times the prestrain
+        own.locator("#picked-close").click()
+        own.evaluate("view.model.get('looks').fill(4)")
+        choose(own, "shot", 0)
+        assert brightness(own)[1] < 0.05 * filled
         assert own.faults == []
 
 

@@ -22,6 +22,7 @@ NAMES = {"jax": jax, "jnp": jnp, "np": np, "jc": jc, "scenes": scenes}
 
 PLACES = [jc, jc.loads, jc.sections, jc.elements]
 PLACES += [place for place in map(jc.__dict__.get, jc.__all__) if inspect.ismodule(place)]
+PLACES.remove(jc.extend)  # bases, with one example for all of them, and names of elsewhere
 
 METHODS = {
     jc.Section: "disc ring rectangle i_shape box polygon mesh composite shifted centred "

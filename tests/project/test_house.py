@@ -16,7 +16,7 @@ PACKAGE = ROOT / "jaxcable"
 FLOORS = """
     common; linear; numerics; materials; sections; elements; spaces; model; loads; mechanics;
     equilibrium; analysis; stiffness; results; paths; forms; design; scenes; plots, files;
-    reporting; cli; __init__, __main__
+    reporting; cli, extend; __init__, __main__
 """
 LEVEL = {name.strip(): k for k, floor in enumerate(FLOORS.split(";")) for name in floor.split(",")}
 TEXTS = {path: path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}
@@ -85,7 +85,7 @@ def test_no_module_imports_itself_by_way_of_others():
 def test_map_of_the_rooms_is_that_of_the_imports():
     """`python tests/rooms.py` writes it."""
     assert rooms.parts()[1] == rooms.drawn()
-    assert set(rooms.rooms()) == LEVEL.keys() - {"__init__", "__main__"}
+    assert set(rooms.rooms()) == LEVEL.keys() - {"__init__", "__main__", "extend"}
 
 
 def test_modules_and_functions_are_short_and_documented():

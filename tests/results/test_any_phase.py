@@ -8,7 +8,7 @@ import scenes
 
 import jaxcable as jc
 from jaxcable.plots.snapshots import Snapshots
-from jaxcable.results.between import forces_between
+from jaxcable.results.interpolation import interpolate_section_forces
 
 SECTION = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
 SPAN, LOAD = 6.0, 1e3  # m, N/m
@@ -82,7 +82,7 @@ def test_polynomials_through_gauss_lobatto_points(count):
     at = np.zeros((1, count, 6))
     at[0, :, 4], at[0, :, 2] = moment(points), slope(points) / length
     at[0, :, 5], at[0, :, 1] = moment(points), -slope(points) / length
-    found = np.asarray(forces_between(jnp.asarray(at), jnp.array([length]), x))[0]
+    found = np.asarray(interpolate_section_forces(jnp.asarray(at), jnp.array([length]), x))[0]
     size = np.abs(moment(x)).max()
     for k in (4, 5):  # rounding of interpolation up to degree 9
         np.testing.assert_allclose(found[:, k], moment(x), atol=1e-11 * size)
@@ -106,7 +106,7 @@ def test_forces_of_a_phase_have_derivatives(propped):
 
 def test_what_is_refused(propped):
     structure, solution = propped
-    with pytest.raises(ValueError, match="state: has 1 elements in group 0, the structure 2"):
+    with pytest.raises(ValueError, match="state: has 1 elements in group 0, the structure has 2"):
         nodes = [[0.0, 0, 0], [SPAN, 0, 0], [2 * SPAN, 0, 0]]
         two = jc.replace(
             structure, nodes=nodes, elements=jc.Beams([[0, 1], [1, 2]], section=SECTION)

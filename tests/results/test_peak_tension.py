@@ -75,9 +75,9 @@ def test_a_guy_of_300_metres(hung):
     # the quadrature of 200 points and its root are good to 1e-12
     assert float(solution.peak_tension["guy"][0]) == pytest.approx(high, rel=1e-10)
     assert float(solution.tension["guy"][0]) == pytest.approx((low + high) / 2, rel=1e-10)
-    used = jc.design.utilisation(structure, solution)
+    used = jc.design.utilization(structure, solution)
     assert float(used["guy"][0]) == pytest.approx(high / STRENGTH, rel=1e-10)
-    mean = jc.design.utilisation(structure, solution.tension)["guy"][0]
+    mean = jc.design.utilization(structure, solution.tension)["guy"][0]
     assert used["guy"][0] > 0.29 and mean < 0.22
 
 
@@ -94,15 +94,15 @@ def test_inextensible_tension_rises_by_the_weight_of_the_height():
 def test_utilisation_of_all_that_has_peaks(hung):
     structure, solution = hung
     peak = solution.peak_tension
-    used = jc.design.utilisation(structure, peak)
+    used = jc.design.utilization(structure, peak)
     assert used["tie"] is None and float(used["mast"][0]) == pytest.approx(1e5 / 2e6, rel=1e-12)
     for given in (solution, solution.last, solution.phases[0]):
-        found = jc.design.utilisation(structure, given)
+        found = jc.design.utilization(structure, given)
         assert jax.tree.all(jax.tree.map(lambda a, b: bool((a == b).all()), found, used))
-    path = jc.design.utilisation(structure, solution.phases[0].path)
+    path = jc.design.utilization(structure, solution.phases[0].path)
     assert path["guy"].shape == (2, 1) and path["guy"][-1] == used["guy"]
     batch = jax.tree.map(lambda a: jnp.stack([a, a]), solution)
-    assert jc.design.utilisation(structure, batch)["guy"].shape == (2, 1)
+    assert jc.design.utilization(structure, batch)["guy"].shape == (2, 1)
 
 
 def test_who_has_one_force_shares_it(hung):
@@ -164,7 +164,7 @@ def test_utilisation_differentiates():
         stiffness, weight, strength = EA * p[0], WEIGHT * p[1], STRENGTH * p[2]
         structure = alone(axial_stiffness=stiffness, weight=weight, strength=strength)
         solution = jc.solve(structure, jc.Phase(sag=40.0, loads=jc.SelfWeight()))
-        return jc.design.utilisation(structure, solution)[0], solution
+        return jc.design.utilization(structure, solution)[0], solution
 
     def used(p):
         return there(p)[0][0]

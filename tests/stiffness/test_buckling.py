@@ -125,8 +125,8 @@ def test_wrong_arguments():
         ((solution,), {"n": 0}, "n = 0: expected a whole number of at least 1"),
         ((solution, reference.phases[0]), {}, "reference: expected a Solution.*got PhaseResult"),
         ((solution.phases[0],), {}, "state: expected a Solution"),
-        ((blown,), {}, "state: loads that follow act on it"),
-        ((solution, blown), {}, "reference: loads that follow act on it"),
+        ((blown,), {}, "state: follower loads act on it"),
+        ((solution, blown), {}, "reference: follower loads act on it"),
     ):
         with pytest.raises(ValueError, match=said):
             buckling_factor(STRUT, *arguments, **options)
@@ -337,7 +337,7 @@ def test_the_lowest_of_all_roots(stable):
     """Against all roots of det K(f) = 0 by SciPy's unsymmetric pencil (QZ)."""
     for seed in range(5):
         before, after = pencil(seed, stable)
-        factor, modes = buckling._solve(jnp.asarray(before), jnp.asarray(after), 3)
+        factor, modes = buckling._solve_buckling_problem(jnp.asarray(before), jnp.asarray(after), 3)
         roots = scipy.linalg.eig(before, before - after, right=False)
         roots = np.sort(roots[np.isfinite(roots)].real)
         wanted = roots[roots > (0.0 if stable else 1.0)][:3]
@@ -352,7 +352,7 @@ def test_the_lowest_of_all_roots(stable):
 @jax.jit
 def lowest(shift, pair):
     before, after = pair + jnp.max(jnp.abs(pair)) * (shift - 1)
-    return jnp.log(buckling._solve(before, after, 1)[0][0])
+    return jnp.log(buckling._solve_buckling_problem(before, after, 1)[0][0])
 
 
 @pytest.mark.parametrize("stable", [True, False])
@@ -372,4 +372,4 @@ def test_derivatives_of_a_pencil(stable):
 
 def test_neither_is_stable():
     bad = -jnp.eye(8)
-    assert bool(jnp.isnan(buckling._solve(bad, 2 * bad, 3)[0]).all())
+    assert bool(jnp.isnan(buckling._solve_buckling_problem(bad, 2 * bad, 3)[0]).all())

@@ -182,7 +182,7 @@ def traced_modes(nodes):
         (lambda: stiffness.imperfect(STRUT, np.zeros((2, 6, 3)), 0.0), r"shapes: expected \[k, 7"),
         (lambda: stiffness.imperfect(STRUT, SIDEWAYS, [0.1] * 3), "amplitudes: expected a scalar"),
         (lambda: stiffness.modes(STRUT, None, n=0), "n = 0: expected a whole number"),
-        (lambda: stiffness.modes(STRUT, None), "state: expected a Solution or its last"),
+        (lambda: stiffness.modes(STRUT, None), "state: expected a Solution or its .last"),
         (lambda: stiffness.tangent_of(STRUT, STRUT), "state: expected a Solution .* got Structure"),
         (lambda: jax.jit(traced_modes)(STRUT.nodes), "state: is traced"),
         (

@@ -31,6 +31,7 @@ function decode(description, base64) {
   for (const shot of model.shots) shot.endNumber = shot.end ? ends++ : -1;
   model.beamOf = numbered(model.get("beam"), model.nElem);
   model.sagOf = numbered(model.get("sagging"), model.nElem);
+  model.faceOf = numbered(model.get("face"), model.nElem);
   let first = 0;
   for (const group of model.groups) { group.first = first; first += group.count; }
   return model;

@@ -1,4 +1,4 @@
-// WebGL 2: lines of a width in pixels, heads of arrows, and symbols at points.
+// WebGL 2: lines of a width in pixels, heads of arrows, triangles, and symbols at points.
 // What turns is a matrix: the corners of every line are made of its ends in the vertex shader. They
 // are vertices of their own and no instances, which software renderers draw one by one.
 
@@ -157,6 +157,7 @@ class Drawing {
     this.lines = this.program(LINES, LINES_INSIDE);
     this.thin = this.program(THIN, PLAIN_INSIDE);
     this.heads = this.program(HEADS, PLAIN_INSIDE);
+    this.faces = this.thin;
     this.marks = this.program(MARKS, MARKS_INSIDE);
     this.corners = new Map();
     this.layers = new Map();
@@ -199,8 +200,8 @@ class Drawing {
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, list, gl.STATIC_DRAW);
   }
 
-  // Put lines (ends [n * 6], colours and styles [n * 4], bytes) or marks (places [n * 3], kinds
-  // [n]) under a name; layers are drawn in the order in which their names came first.
+  // Put lines (ends [n * 6], colours and styles [n * 4], bytes), triangles (corners [n * 9], colours
+  // [n * 4]) or marks (places [n * 3], kinds [n]) under a name; layers are drawn in the order in which their names came first.
   set(name, kind, arrays, options = {}) {
     const gl = this.gl;
     let layer = this.layers.get(name);
@@ -209,16 +210,17 @@ class Drawing {
       this.layers.set(name, layer);
       const f = gl.FLOAT, bytes = arrays.slice(1).map((_, k) => [k + 1, 4, gl.UNSIGNED_BYTE, 0, 0]);
       if (kind === "marks") layer.own = this.bound(2, [[0, 3, f, 0, 0], [1, 1, f, 0, 0]]);
+      else if (kind === "faces") layer.own = this.bound(2, [[0, 3, f, 0, 0], ...bytes]);
       else layer.own = this.bound(arrays.length, [[0, 3, f, 24, 0], [0, 3, f, 24, 12], ...bytes]);
       if (kind === "lines") layer.ends = this.bound(2, [[0, 3, f, 0, 0], [1, 4, gl.UNSIGNED_BYTE, 0, 0]]);
     }
-    const times = { lines: 4, heads: 3, marks: 1 }[kind];
+    const times = { lines: 4, heads: 3, marks: 1, faces: 3 }[kind], width = { marks: 3, faces: 9 }[kind] ?? 6;
     const put = (buffer, values) => {
       gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
       gl.bufferData(gl.ARRAY_BUFFER, values, gl.DYNAMIC_DRAW);
     };
-    arrays.forEach((values, k) => put(layer.own.buffers[k], repeated(values, k === 0 ? 6 : 4, times)));
-    layer.count = arrays[0].length / (kind === "marks" ? 3 : 6);
+    arrays.forEach((values, k) => put(layer.own.buffers[k], kind === "faces" && k === 0 ? values : repeated(values, k === 0 ? 6 : 4, times)));
+    layer.count = arrays[0].length / width;
     layer.many = kind === "lines" && layer.count > this.few;
     if (layer.many) {
       put(layer.ends.buffers[0], arrays[0]);
@@ -271,7 +273,7 @@ class Drawing {
       layer.depth ? gl.enable(gl.DEPTH_TEST) : gl.disable(gl.DEPTH_TEST);
       gl.bindVertexArray((thin ? layer.ends : layer.own).vertices);
       if (layer.kind === "marks") gl.drawArrays(gl.POINTS, 0, layer.count);
-      else if (layer.kind === "heads") gl.drawArrays(gl.TRIANGLES, 0, 3 * layer.count);
+      else if (layer.kind === "heads" || layer.kind === "faces") gl.drawArrays(gl.TRIANGLES, 0, 3 * layer.count);
       else {
         const corners = thin ? [0, 1] : [0, 1, 2, 2, 1, 3];
         this.indices(layer.count, corners);

@@ -109,10 +109,11 @@ function memberLayer(look, keys) {
     const e = owner[s], kind = looks[e];
     for (let c = 0; c < 3; c++) colour[4 * s + c] = tint[3 * e + c];
     colour[4 * s + 3] = 255;
-    style[4 * s] = kind & 4 ? 0 : 10 * (kind & 1 ? Math.max(0.75 * width, 1) : width);
+    style[4 * s] = kind & 4 || model.faceOf[e] >= 0 ? 0 : 10 * (kind & 1 ? Math.max(0.75 * width, 1) : width);
     style[4 * s + 1] = kind & 1 ? 255 : 0;
   }
   drawing.set("members", "lines", [drawable(shown.segments, looks), colour, style]);
+  faceLayers(look, looks, tint);
   casingLayer(look, looks, width);
   const count = bit => looks.reduce((n, l) => n + ((l & bit) && !(l & 4 && bit !== 4) ? 1 : 0), 0);
   const loose = count(1), pressed = count(2), absent = count(4);
@@ -122,6 +123,25 @@ function memberLayer(look, keys) {
   const known = range && values.some(Number.isFinite);
   if (unknown && known) keys.push([`not known (${unknown})`, { stroke: "#969696" }]);
   showLegend(range, look.scale, !range || known ? "" : "known at the ends of phases only");
+}
+
+// Faces, in paler colours, and their edges: both behind the lines of other elements.
+function faceLayers(look, looks, tint) {
+  const corners = model.get("triangles"), face = model.get("face");
+  if (!corners) return;
+  const places = new Float32Array(3 * corners.length), colour = new Uint8Array(4 * face.length), edges = [];
+  face.forEach((e, t) => {
+    for (let j = 0; j < 3; j++) {
+      const at = 3 * corners[3 * t + j];
+      places.set(looks[e] & 4 ? [NaN, NaN, NaN] : shown.nodes.subarray(at, at + 3), 9 * t + 3 * j);
+      colour[4 * t + j] = 0.7 * tint[3 * e + j] + 0.3 * 255 * look.ground[j];
+    }
+    colour[4 * t + 3] = 255;
+  });
+  shape.owner.forEach((e, s) => { if (model.faceOf[e] >= 0 && !(looks[e] & 4)) edges.push(...shown.segments.subarray(6 * s, 6 * s + 6)); });
+  const count = edges.length / 6, ink = look.ink.map(x => 255 * x);
+  drawing.set("faces", "faces", [places, colour], { lift: -4e-4 });
+  drawing.set("edges", "lines", [new Float32Array(edges), fill(count, [...ink, 255]), fill(count, [8, 0, 0, 0])], { lift: -2e-4 });
 }
 
 // A dark rim along elements in compression: wider lines behind them.
@@ -255,7 +275,7 @@ function pickedLayer(look) {
   const lines = [];
   shape.owner.forEach((e, s) => { if (e === picked.number) lines.push(...shown.segments.subarray(6 * s, 6 * s + 6)); });
   const count = lines.length / 6, accent = look.accent.map(x => 255 * x);
-  drawing.set("picked", "lines", [new Float32Array(lines), fill(count, [...accent, 255]), fill(count, [10 * (lineWidth() + 5), 0, 0, 0])], { lift: -3e-3 });
+  drawing.set("picked", "lines", [new Float32Array(lines), fill(count, [...accent, 255]), fill(count, [10 * (lineWidth() + 5), 0, 0, 0])], { lift: model.faceOf[picked.number] < 0 ? -3e-3 : 1e-3 });
 }
 
 // --- time
@@ -329,7 +349,7 @@ function pick(x, y, reach) {
   const nodeSeen = new Uint8Array(model.nNode), first = shape.pieces;
   shape.element.forEach((e, k) => { if (present(e)) nodeSeen[first[2 * k]] = nodeSeen[first[2 * k + 1]] = 1; });
   shown.picked = pickAt(x, y, reach, camera.matrix(aspect()), canvas.clientWidth, canvas.clientHeight,
-    shown.nodes, shown.segments, shape.owner, seen);
+    shown.nodes, shown.segments, shape.owner, seen, model.get("triangles") ?? [], model.get("face"));
   rebuild();
 }
 
@@ -480,8 +500,12 @@ try {
     model, camera, shown, paint, look: lookFrom,
     drawn: (finished(), performance.now()),  // ms since the page began to load
     place(kind, number) {  // in pixels of the canvas: of a node, or of the middle of an element
-      let at = shown.nodes.subarray(3 * number, 3 * number + 3);
-      if (kind === "element") {
+      const node = k => shown.nodes.subarray(3 * k, 3 * k + 3), triangle = model.faceOf[number];
+      let at = node(number);
+      if (kind === "element" && triangle >= 0) {
+        const corners = [...model.row("triangles", triangle)].map(node);
+        at = [0, 1, 2].map(i => (corners[0][i] + corners[1][i] + corners[2][i]) / 3);
+      } else if (kind === "element") {
         const own = [...shape.owner.keys()].filter(s => shape.owner[s] === number), i = 6 * own[own.length >> 1];
         at = [0, 1, 2].map(k => own.length % 2 ? (shown.segments[i + k] + shown.segments[i + 3 + k]) / 2 : shown.segments[i + k]);
       }

@@ -113,7 +113,7 @@ function elementRows(model, number, shot) {
   const looks = model.row("looks", shot)[number], end = model.shots[shot].endNumber;
   const rows = [["group", group.name || "(one group)"], ["number in group", String(number - group.first)], ["kind", group.kind],
     ["nodes", `${model.get("first")[number]}, ${model.get("last")[number]}`]];
-  rows.push(["state", looks & 4 ? "absent" : looks & 1 ? "slack" : looks & 2 ? "compression" : "taut"]);
+  rows.push(["state", looks & 4 ? "absent" : looks & 1 ? "slack" : looks & 2 ? "compression" : model.faceOf[number] >= 0 ? "present" : "taut"]);
   let tension = NaN;  // the largest force is told where it differs
   for (const column of model.columns) {
     const value = model.row(column.array, shot)[number];

@@ -9,9 +9,9 @@ function onScreen(m, x, y, z, width, height) {
   return [0.5 * width * (1 + u), 0.5 * height * (1 - v), depth];
 }
 
-// A node within `reach` pixels, else the element: { kind, number } or null. Of those that are
-// about as near to the pointer, the one in front.
-function pickAt(x, y, reach, matrix, width, height, places, segments, owner, seen) {
+// A node within `reach` pixels, else the element, else the face under the pointer: { kind, number }
+// or null. Of those that are about as near to the pointer, the one in front.
+function pickAt(x, y, reach, matrix, width, height, places, segments, owner, seen, corners, face) {
   let best = null;
   const offer = (kind, number, apart, depth) => {
     const score = apart + 2 * reach * depth;  // depths differ by little within a structure
@@ -35,6 +35,16 @@ function pickAt(x, y, reach, matrix, width, height, places, segments, owner, see
     const t = square > 0 ? Math.min(1, Math.max(0, ((x - p[0]) * dx + (y - p[1]) * dy) / square)) : 0;
     const apart = Math.hypot(p[0] + t * dx - x, p[1] + t * dy - y);
     if (apart <= reach) offer("element", owner[s], apart, p[2] + t * (q[2] - p[2]));
+  }
+  if (best) return best;
+  for (let t = 0; t < corners.length / 3; t++) {
+    const [a, b, c] = [0, 1, 2].map(j => 3 * corners[3 * t + j])
+      .map(i => onScreen(matrix, places[i], places[i + 1], places[i + 2], width, height));
+    if (!seen.element(face[t]) || !a || !b || !c) continue;
+    const side = (p, q) => (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]);
+    const parts = [side(b, c), side(c, a), side(a, b)], whole = parts[0] + parts[1] + parts[2];
+    if (whole === 0 || parts.some(part => part / whole < 0)) continue;
+    offer("element", face[t], 0, (parts[0] * a[2] + parts[1] * b[2] + parts[2] * c[2]) / whole);
   }
   return best;
 }

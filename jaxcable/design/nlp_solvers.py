@@ -1,7 +1,8 @@
-"""Libraries that minimise a loss subject to constraints: SciPy's SLSQP and trust-constr, IPOPT.
+"""Run libraries of nonlinear programming: SciPy's SLSQP and trust-constr, and IPOPT.
 
-Each is a function of a problem (`trials.Trials`), the largest number of steps and a tolerance. None
-of them is asked whether it has converged: `optimality` judges the points that it accepts.
+Each is a function of a problem (`trials.ScaledProblem`), the largest number of steps and a
+tolerance. None of them is asked whether it has converged: `optimality` verifies the points that it
+accepts.
 """
 
 from __future__ import annotations
@@ -13,35 +14,35 @@ from typing import Any
 import numpy as np
 from scipy import optimize, sparse
 
-from .trials import RunEnd, Trials
+from .trials import RunEnded, ScaledProblem
 
-_FINEST = 1e-12  # least tolerance of IPOPT
+_LEAST_TOL = 1e-12  # least tolerance of IPOPT: below, rounding keeps it from ending
 _MEMORY = 50  # steps from which IPOPT takes the curvature; with its 6 it needs three times as many
-_NO_BOUND = 2e19  # what IPOPT takes for infinite, from 1e19 on
+_NO_BOUND = 2e19  # IPOPT takes what is beyond 1e19 for infinite
 
 
-def slsqp(problem: Trials, steps: int, tol: float) -> None:
+def run_slsqp(problem: ScaledProblem, steps: int, tol: float) -> None:
     """Run SciPy's SLSQP (Kraft 1988): dense, for up to some hundred parameters."""
     # a change of the loss says nothing of the gradient: in a valley it is small long before
-    _minimized(problem, "SLSQP", problem.jacobian, {"ftol": tol**3, "maxiter": steps})
+    _call_scipy(problem, "SLSQP", problem.jacobian, {"ftol": tol**3, "maxiter": steps})
 
 
-def trust_constr(problem: Trials, steps: int, tol: float) -> None:
+def run_trust_constr(problem: ScaledProblem, steps: int, tol: float) -> None:
     """Run SciPy's trust-constr (Byrd, Hribar, Nocedal 1999): interior points."""
 
     def jacobian(y):
-        # with the slacks of the limits a dense one is factorized for seconds a step
+        # SciPy adds slack variables: a dense Jacobian would be factorized for seconds a step
         return sparse.csr_matrix(problem.jacobian(y))
 
     with warnings.catch_warnings():
-        # of gradients that have not changed: its update leaves them out
+        # SciPy warns of gradients that have not changed, and leaves them out of its update
         warnings.filterwarnings("ignore", "delta_grad == 0.0")
         options = {"maxiter": steps, "gtol": tol**2, "xtol": tol**2, "barrier_tol": tol}
-        _minimized(problem, "trust-constr", jacobian, options, hess=optimize.BFGS())
+        _call_scipy(problem, "trust-constr", jacobian, options, hess=optimize.BFGS())
 
 
-def _minimized(problem, method: Any, jacobian: Any, options: Any, **more: Any) -> None:
-    """Call SciPy's `minimize`."""
+def _call_scipy(problem, method: Any, jacobian: Any, options: Any, **more: Any) -> None:
+    """Call SciPy's `minimize` with the problem's loss, constraints and bounds."""
     limits = optimize.NonlinearConstraint(
         problem.constraints, -np.inf, 0.0, jac=jacobian, hess=optimize.BFGS()
     )
@@ -57,7 +58,7 @@ def _minimized(problem, method: Any, jacobian: Any, options: Any, **more: Any) -
     )
 
 
-def ipopt(problem: Trials, steps: int, tol: float) -> None:
+def run_ipopt(problem: ScaledProblem, steps: int, tol: float) -> None:
     """Run IPOPT (Waechter, Biegler 2006): interior points, few evaluations.
 
     A failed analysis is NaN here: IPOPT shortens the step then, also while it restores feasibility.
@@ -67,18 +68,18 @@ def ipopt(problem: Trials, steps: int, tol: float) -> None:
     m, n = problem.reached.jacobian.shape
     ended = False
 
-    def number(function, y):
-        """A value of the problem; NaN where the analysis fails, or once the run is to end."""
+    def value_or_nan(function, y):
+        """Return a value of the problem; NaN if the analysis fails, or once the run is to end."""
         nonlocal ended
         try:
-            return np.nan if problem.point(y).failed else function(y)
-        except RunEnd:
+            return np.nan if problem.evaluate_scaled(y).failed else function(y)
+        except RunEnded:
             ended = True
             return np.nan
 
-    def put(function):
+    def writing(function):
         def filled(y, out):
-            out[:] = np.ravel(number(function, np.array(y)))
+            out[:] = np.ravel(value_or_nan(function, np.array(y)))
             return out
 
         return filled
@@ -92,10 +93,10 @@ def ipopt(problem: Trials, steps: int, tol: float) -> None:
         np.zeros(m),
         tuple(index.ravel() for index in np.indices((m, n))),
         (np.zeros(0, int), np.zeros(0, int)),
-        lambda y: number(problem.loss, np.array(y)),
-        put(problem.gradient),
-        put(problem.constraints),
-        put(problem.jacobian),
+        lambda y: value_or_nan(problem.loss, np.array(y)),
+        writing(problem.gradient),
+        writing(problem.constraints),
+        writing(problem.jacobian),
         intermediate_callback=lambda *_: not ended,
         ipopt_options={
             "hessian_approximation": "limited-memory",
@@ -103,20 +104,20 @@ def ipopt(problem: Trials, steps: int, tol: float) -> None:
             "bound_relax_factor": 0.0,
             "print_level": 0,
             "sb": "yes",
-            "tol": max(tol**2, _FINEST),
+            "tol": max(tol**2, _LEAST_TOL),
             "max_iter": steps,
         },
     )
     search.solve(problem.start.copy())
 
 
-def solver_named(name: Any) -> Callable[[Trials, int, float], None]:
+def solver_named(name: Any) -> Callable[[ScaledProblem, int, float], None]:
     """Return the function of a solver by its name.
 
     Raises:
         ValueError: there is no such solver, or it is not installed.
     """
-    known = {"slsqp": slsqp, "trust-constr": trust_constr, "ipopt": ipopt}
+    known = {"slsqp": run_slsqp, "trust-constr": run_trust_constr, "ipopt": run_ipopt}
     if name not in known:
         raise ValueError(f"solver = {name!r}: expected one of {', '.join(known)}")
     if name == "ipopt":

@@ -1,4 +1,4 @@
-"""Load cases from one prestressed state, envelopes over them, and utilisation."""
+"""Load cases from one prestressed state, envelopes over them, and utilization."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def solve_cases(
     *,
     start: Solution | State | None = None,
 ) -> Solution:
-    """Solve many load cases from one prestressed state, all at once.
+    """Solve many load cases from one prestressed state, all at once (`jax.vmap`).
 
     Args:
         structure, phases, method: as for `solve`; `phases` lead to the prestressed state.
@@ -85,11 +85,11 @@ def solve_cases(
 
 @pytree
 class Envelope:
-    """Extremes over load cases, each in the shape of one case.
+    """Extreme values over load cases, with the governing cases; each in the shape of one case.
 
     Attributes:
         lowest, highest: extreme values; NaN where the analysis of a case has failed.
-        lowest_case, highest_case: numbers of the governing cases.
+        lowest_case, highest_case: indices of the governing cases.
 
     Example:
         >>> tension = jnp.array([[200.0, 250.0], [230.0, 210.0]])  # [n_case, n_elem], N
@@ -105,7 +105,7 @@ class Envelope:
 
 
 def envelope(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> Envelope:
-    """Extremes over load cases.
+    """Find the extreme values over load cases, and the governing cases.
 
     Args:
         values: a pytree with the cases on the leading axes, such as ``solution.peak_tension``.
@@ -125,24 +125,25 @@ def envelope(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> Envelope:
     return Envelope(*(jax.tree.map(lambda v, f=f: f(v, axis=0), values) for f in functions))
 
 
-def utilisation(
+def utilization(
     structure: Structure, tension: ElementResults | PyTree[Float[ArrayLike, "... n_elem"] | None]
 ) -> PyTree[Float[Array, "... n_elem"] | None]:
-    """Force over breaking strength, -: ``N / strength`` of cables, ``|N| / strength`` of others.
+    """Compute the utilization of elements: axial force over breaking strength, -.
 
-    Compression is compared with the strength alone, without buckling: `stiffness.buckling_factor`
-    and `trace_path` show how far a state is from that. Of beams the axial force alone counts
-    (`fibre_stress` includes bending).
+    It is ``N / strength`` of cables, and ``|N| / strength`` of other elements. Compression is
+    compared with the strength alone, without buckling: `stiffness.buckling_factor` and `trace_path`
+    show how far a state is from that. Of beams only the axial force counts (`fibre_stress` includes
+    bending).
 
     Args:
-        structure: `Structure` whose groups have a `strength`, or a law that ends.
-        tension: `Solution`, `State`, or the result or path of a phase, of which the largest force
-            along each element counts, its `peak_tension`; or forces in the shape of the elements,
-            N. (Then give `peak_tension` of catenaries: their `tension` is the mean of both ends.)
+        structure: `Structure` whose groups have a `strength`, or a law with a rupture strain.
+        tension: `Solution`, `State`, or the result or path of a phase: then the largest force along
+            each element counts, its `peak_tension`. Or forces in the shape of the elements, N.
+            (Then give `peak_tension` of catenaries: their `tension` is the mean of both ends.)
             Leading axes (load cases, increments) are kept.
 
     Returns:
-        Utilisation in the shape of the elements; None for groups of unknown strength. It is
+        Utilization in the shape of the elements, -; None for groups of unknown strength. It is
         differentiable in forces and strengths.
 
     Raises:
@@ -189,5 +190,7 @@ def utilisation(
         size = force if group.tension_only else jnp.abs(force)
         found.append(None if limit is None else size / jnp.broadcast_to(limit, force.shape))
     if all(f is None for f in found):
-        raise ValueError("strength: no group has one; give strength=..., N, or a law that ends")
+        raise ValueError(
+            "strength: no group has one; give strength=..., N, or a law with a rupture strain"
+        )
     return structure.arrange(found)

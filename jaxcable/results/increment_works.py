@@ -1,4 +1,4 @@
-"""Work, stored energy and dissipated energy in each increment of an analysis.
+"""Work, stored energy and dissipated energy of each increment of an analysis.
 
 Work is computed from forces and displacements at both ends of an increment, by the trapezoidal
 rule; energies are those of the elements.
@@ -24,12 +24,14 @@ from ..mechanics.elementwise import each
 from ..mechanics.ramp import Ramp
 from ..spaces import space_of
 
-_SMALL = 1e-6  # of the largest load in the phase: stands for no load, and has a direction
+# Part of the largest load in the phase that stands for no load: it has a direction. Its own work is
+# a millionth of that of the load.
+_SMALL = 1e-6
 
 
 @functools.partial(program, static=("bundles",))
-def works(thawed, arrays, paths, bundles):
-    """Works and energies of all increments.
+def increment_works(thawed, arrays, paths, bundles):
+    """Compute works and energies of all increments; compiled.
 
     Args:
         thawed, arrays: structure and phases, as `preparation.prepare` gives them.
@@ -39,43 +41,45 @@ def works(thawed, arrays, paths, bundles):
 
     Returns:
         phase_terms: for each phase the terms of its increments, [6, n_inc], J: work of dead loads,
-            of following loads, of supports, of prestress, change of stored energy, dissipated
+            of follower loads, of supports, of prestress, change of stored energy, dissipated
             energy; and the stored energy at the end of the phase.
-        end: `marks` of the end of the analysis.
+        end: `end_fingerprint` of the analysis, by which its end is compared with a solution.
     """
     nodes, groups, carry, schedule = ready(fill(thawed, arrays), bundles)
 
     def marks_of(carry):
-        return marks(copy(carry, states=bundles.apart(carry.states)))
+        return end_fingerprint(copy(carry, states=bundles.apart(carry.states)))
 
     phase_terms, end, loads = [], marks_of(carry), carry.loads
     for k, (codes, path) in enumerate(paths):
         before = knowing(carry, loads, k)
         ramp = Ramp.build(nodes, groups, before, schedule.phase(k))
-        terms, level, carry = _phase(ramp, codes, path)
+        terms, stored_energy, carry = _phase_works(ramp, codes, path)
         reached = jnp.any(codes == status.OK)
         end = jax.tree.map(lambda a, b, ok=reached: jnp.where(ok, a, b), marks_of(carry), end)
-        phase_terms.append((terms, level))
+        phase_terms.append((terms, stored_energy))
     return phase_terms, end
 
 
-def marks(carry: Carry) -> list[Array]:
-    """Arrays that identify the end of an analysis: motion, nodal load, unstressed lengths."""
+def end_fingerprint(carry: Carry) -> list[Array]:
+    """Return arrays that identify the end of an analysis: motion, loads, unstressed lengths."""
     lengths = [state.rest_length for state in carry.states]
     return jax.tree.leaves((carry.motion, carry.nodal_load, lengths))
 
 
-def _phase(ramp, codes, path):
-    """Terms of the increments of a phase, [6, n_inc], stored energy at its end, and its `Carry`."""
+def _phase_works(ramp, codes, path):
+    """Return the terms of a phase's increments [6, n_inc], its final stored energy and `Carry`."""
     begin, n_inc, space = ramp.begin.motion, len(codes), space_of(ramp.groups)
     good, n_good = codes == status.OK, jnp.sum(codes == status.OK)
     path = path if space.kept(path) is not None else begin[None] + path
     path = jnp.where(good[:, None, None], path, begin[None])
     motions = jnp.concatenate([begin[None], path])
     factors = jnp.arange(n_inc + 1, dtype=begin.dtype) / n_inc
-    memories = None if ramp.memory is None else _memories(ramp, factors, motions)
+    memories = None if ramp.memory is None else _memory_history(ramp, factors, motions)
     small = _small_loads(ramp, factors)
-    points = lax.map(lambda point: _point(ramp, small, *point), (factors, motions, memories))
+    points = lax.map(
+        lambda point: _evaluate_load_factor(ramp, small, *point), (factors, motions, memories)
+    )
     old, new = (jax.tree.map(lambda x, s=s: x[s], points) for s in (np.s_[:-1], np.s_[1:]))
     moved = jax.vmap(space.between)(old.motion, new.motion)
 
@@ -85,24 +89,24 @@ def _phase(ramp, codes, path):
             return jnp.zeros(n_inc, begin.dtype)
         return 0.5 * jnp.sum((force[:-1] + force[1:]) * moved, axis=(1, 2))
 
-    dead, following = _works_within(old, new)
-    prestress, dissipated = _exchanged(ramp, points)
+    dead, following = _work_within_elements(old, new)
+    prestress, dissipated = _prestress_work_and_dissipation(ramp, points)
     terms = jnp.stack(
         [
             work("load") + dead,
             work("following") + following,
             work("supports"),
             prestress,
-            new.level - old.level,
+            new.stored_energy - old.stored_energy,
             dissipated,
         ]
     )
     end = jax.tree.map(lambda x: x[n_good], (factors, motions, memories))
-    return jnp.where(good, terms, 0.0), points.level[n_good], ramp.leave(*end)
+    return jnp.where(good, terms, 0.0), points.stored_energy[n_good], ramp.leave(*end)
 
 
-def _memories(ramp, factors, motions):
-    """Memory at the beginning of a phase and at the end of every increment."""
+def _memory_history(ramp, factors, motions):
+    """Return the history variables at the beginning of a phase and after every increment."""
 
     def follow(memory, increment):
         factor, motion = increment
@@ -115,24 +119,24 @@ def _memories(ramp, factors, motions):
 
 
 @pytree
-class _Point:
-    """Forces and energies at one load factor of a phase.
+class _LoadFactorState:
+    """Forces and energies of the structure at one load factor of a phase.
 
     The energy E of an element includes the potential of the loads q along it, as far as they work
-    on deflections between its ends (`elements`). Its stored energy is ``U = E - q dE/dq``, and
-    ``dU = dE/dm dm + dE/ds ds - q d(dE/dq)`` is the sum of the work at its ends, the work of
-    changes of its unstressed length s, and the work of the loads q. Here q is the load on the whole
-    element, which does not depend on s; a pressure is a q as it is.
+    on deflections between its ends (`elements`). Its stored energy is ``U = E - q dE/dq``. Then
+    ``dU = dE/dm dm + dE/ds ds - q d(dE/dq)`` is the sum of the work at its ends (motion m), of the
+    work of changes of its unstressed length s, and of the work of the loads q. Here q is the load
+    on the whole element, which does not depend on s. A pressure is taken as it is.
 
     Attributes:
         motion: of all rows.
         load: dead loads on every row, without reactions that are ramped out, N and N m.
-        following: following loads, or None.
+        following: follower loads, or None.
         supports: forces of supports that move, and reactions that are ramped out, or None.
-        states: of the elements, with jacks anchored at this load factor: a jack takes unstressed
-            length in.
-        alongs: loads q along the elements of each group, or None.
-        slopes: dE/dq, in the same form as `alongs`.
+        states: of the elements, with jacks locked off at this load factor, so that their unstressed
+            lengths include what the jacks have pulled in.
+        element_loads: loads q along the elements of each group, or None.
+        slopes: dE/dq, in the same form as `element_loads`.
         energies: E of each group, J.
     """
 
@@ -141,22 +145,22 @@ class _Point:
     following: Float[Array, "n_row n_freedom"] | None
     supports: Float[Array, "n_row n_freedom"] | None
     states: list[ElementState]
-    alongs: list[Amounts | None]
+    element_loads: list[Amounts | None]
     slopes: list[Amounts | None]
     energies: list[Float[Array, ""]]
 
     @property
-    def level(self):
-        """Stored energy U of all elements, J; of stacked points, for each of them."""
+    def stored_energy(self):
+        """Stored energy U of all elements, J; an array if load factors are stacked."""
         total = sum(self.energies)
-        for along, slopes in zip(self.alongs, self.slopes, strict=True):
+        for along, slopes in zip(self.element_loads, self.slopes, strict=True):
             if along is not None:
-                total = total - sum(_products(along, slopes))
+                total = total - sum(_summed_products(along, slopes))
         return total
 
 
 def _small_loads(ramp, factors):
-    """A small part of the largest load along every element in the phase, in the form of `_along`.
+    """Return a small part of the largest load along each element, as `_element_loads` does.
 
     The shape of an element without load is that under it.
     """
@@ -165,12 +169,17 @@ def _small_loads(ramp, factors):
         size = jnp.abs(load).reshape(*load.shape[:2], -1).sum(axis=-1)
         return _SMALL * load[jnp.argmax(size, axis=0), jnp.arange(load.shape[1])]
 
-    alongs = lax.map(lambda factor: [_along(state) for state in ramp.at(factor).states], factors)
-    return jax.tree.map(small, alongs)
+    def loads_at(factor):
+        return [_element_loads(state) for state in ramp.at(factor).states]
+
+    return jax.tree.map(small, lax.map(loads_at, factors))
 
 
-def _point(ramp, small, factor, motion, memory):
-    """`_Point` at a load factor; `small` as of `_small_loads`."""
+def _evaluate_load_factor(ramp, small, factor, motion, memory):
+    """Evaluate forces and energies at a load factor, given the motion and history variables.
+
+    `small` is what `_small_loads` returns.
+    """
     system = ramp.at(factor, memory)
     load, following, supports = system.load, None, None
     if ramp.released is not None:
@@ -184,45 +193,49 @@ def _point(ramp, small, factor, motion, memory):
     for group, state, least in zip(system.groups, system.states, small, strict=True):
         if state.jack_force is not None:
             state = each("lock", group, state, system.nodes, motion)
-        along, slopes = _along(state), None
+        along, slopes = _element_loads(state), None
         if along is None:
-            energy = _energy(group, state, system.nodes, motion)
+            energy = _group_energy(group, state, system.nodes, motion)
         else:
-            along = jax.tree.map(lambda a, b: jnp.where(_none(a), b, a), along, least)
+            along = jax.tree.map(lambda a, b: jnp.where(_is_unloaded(a), b, a), along, least)
             energy, slopes = jax.value_and_grad(
-                lambda q, group=group, state=state: _energy(
-                    group, _under(state, q), system.nodes, motion
+                lambda q, group=group, state=state: _group_energy(
+                    group, _with_element_loads(state, q), system.nodes, motion
                 )
             )(along)
             # an element that is never loaded may have no shape, and then no finite slope
-            slopes = jax.tree.map(lambda q, s: jnp.where(_none(q), 0.0, s), along, slopes)
-            state = _under(state, along)
+            slopes = jax.tree.map(lambda q, s: jnp.where(_is_unloaded(q), 0.0, s), along, slopes)
+            state = _with_element_loads(state, along)
         for items, item in zip(lists, (state, along, slopes, energy), strict=True):
             items.append(item)
-    return _Point(motion, load, following, supports, *lists)
+    return _LoadFactorState(motion, load, following, supports, *lists)
 
 
-def _energy(group, state, nodes, motion):
-    """Energy E of a group, J, see `_Point`."""
+def _group_energy(group, state, nodes, motion):
+    """Return the energy E of a group, J, see `_LoadFactorState`."""
     return jnp.sum(each("energy", group, state, nodes, motion))
 
 
-def _works_within(old, new):
-    """Work of dead loads and of pressures on deflections within elements, [n_inc] each."""
+def _work_within_elements(old, new):
+    """Return the work of dead loads, and of pressures, on deflections within elements, [n_inc]."""
     works = [0.0, 0.0]
-    for before, after, *slopes in zip(old.alongs, new.alongs, old.slopes, new.slopes, strict=True):
+    for before, after, *slopes in zip(
+        old.element_loads, new.element_loads, old.slopes, new.slopes, strict=True
+    ):
         if after is not None:
             change = jax.tree.map(lambda a, b: b - a, *slopes)
             mean = jax.tree.map(lambda a, b: 0.5 * (a + b), before, after)
-            works = [w - part for w, part in zip(works, _products(mean, change), strict=True)]
+            works = [
+                w - part for w, part in zip(works, _summed_products(mean, change), strict=True)
+            ]
     return works
 
 
-def _exchanged(ramp, points):
-    """Work of changes of unstressed lengths, and energy dissipated by laws, [n_inc] each.
+def _prestress_work_and_dissipation(ramp, points):
+    """Return the work of changes of unstressed lengths, and the dissipated energy, [n_inc] each.
 
-    The force that works on a change of length is the derivative of E at the memory before the
-    increment.
+    The force that works on a change of length is the derivative of E with the history variables
+    from before the increment.
     """
     n = len(points.motion) - 1
     old, new = np.arange(n), np.arange(1, n + 1)
@@ -231,11 +244,11 @@ def _exchanged(ramp, points):
         changes = ramp.end_states[k] is not None or ramp.jacks[k] is not None
         if not (changes or group.remembers):
             continue
-        # energies with unstressed lengths, motions and memory from before or after an increment
+        # energies with lengths, motions and history variables from before or after an increment
         sources = [(new, old, old), (old, new, old)] if changes else []
         sources += [(new, new, old)] if group.remembers else []
         indices = (np.concatenate(source) for source in zip(*sources, strict=True))
-        mixed = _mixed(ramp, points, k, *indices)
+        mixed = _energy_of_mixed_points(ramp, points, k, *indices)
         energies = points.energies[k]
         last = mixed[-n:] if group.remembers else energies[1:]
         if changes:
@@ -245,52 +258,52 @@ def _exchanged(ramp, points):
     return prestress, dissipated
 
 
-def _mixed(ramp, points, k, lengths, at, memory):
-    """E of a group with the unstressed lengths, motions and memory of given points, J.
+def _energy_of_mixed_points(ramp, points, k, lengths, motions, memory):
+    """Return E of a group with lengths, motions and history variables of different points, J.
 
     Args:
         ramp: the phase.
-        points: stacked `_Point`.
-        k: number of the group.
-        lengths, at, memory: indices of the points from which to take unstressed lengths, motions
-            and loads, and memory, [n] each.
+        points: stacked `_LoadFactorState`.
+        k: index of the group.
+        lengths, motions, memory: indices of the points from which to take unstressed lengths,
+            motions with their loads, and history variables, [n] each.
     """
-    states, along = points.states[k], points.alongs[k]
+    states, along = points.states[k], points.element_loads[k]
 
     def of_increment(indices):
         from_length, from_motion, from_memory = indices
-        state, load = _at(states, from_length), _at(along, from_motion)
-        state = copy(state, memory=_at(states.memory, from_memory))
-        state = state if load is None else _under(state, load)
-        return _energy(ramp.groups[k], state, ramp.nodes, points.motion[from_motion])
+        state, load = _entry_of_each(states, from_length), _entry_of_each(along, from_motion)
+        state = copy(state, memory=_entry_of_each(states.memory, from_memory))
+        state = state if load is None else _with_element_loads(state, load)
+        return _group_energy(ramp.groups[k], state, ramp.nodes, points.motion[from_motion])
 
-    return lax.map(of_increment, tuple(map(jnp.asarray, (lengths, at, memory))))
+    return lax.map(of_increment, tuple(map(jnp.asarray, (lengths, motions, memory))))
 
 
-def _at(tree, k):
-    """Entry k of all arrays of a tree."""
+def _entry_of_each(tree, k):
+    """Return entry `k` of all arrays of a pytree."""
     return jax.tree.map(lambda x: x[k], tree)
 
 
-def _along(state):
-    """Loads along the elements of a group, `Amounts`; None if none act."""
+def _element_loads(state):
+    """Return the loads along the elements of a group, `Amounts`; None if none act."""
     acting = state.element_load
     return None if acting is None else acting.amounts(state.rest_length)
 
 
-def _under(state, along):
-    """The state with the loads `along` the elements."""
+def _with_element_loads(state, along):
+    """Return the state of a group with other loads along its elements."""
     acting = state.element_load.with_amounts(along, state.rest_length)
     return copy(state, element_load=acting)
 
 
-def _none(load):
-    """Whether an element has no load, in a shape that broadcasts against `load`."""
+def _is_unloaded(load):
+    """Whether each element has no load, in a shape that broadcasts against `load`."""
     return load == 0 if load.ndim == 1 else jnp.all(load == 0, axis=-1, keepdims=True)
 
 
-def _products(loads, slopes):
-    """Sums of load times slope at every point, a list for the two kinds of load, [n_point] each."""
+def _summed_products(loads, slopes):
+    """Sum load times slope at every point, [n_point], for dead loads and for pressures."""
 
     def product(load, slope):
         return jnp.sum(load * slope, axis=tuple(range(1, load.ndim)))

@@ -1,7 +1,7 @@
-"""Correction onto the path: Newton's method for equilibrium and one linear condition.
+"""The corrector: Newton's method for equilibrium and one linear condition, onto the path.
 
-Unknowns are the freedoms u and the load factor f. With the residual R(u, f) and a condition
-``row . (u - u0) + rise (f - f0) = target`` each iteration solves
+Unknowns are the degrees of freedom u and the load factor f. With the residual R(u, f) and a
+condition ``row . (u - u0) + rise (f - f0) = target`` each iteration solves
 
     [ K    R_f  ] [du]   [ -R                           ]
     [ row  rise ] [df] = [ target - (left side so far)  ]
@@ -24,29 +24,33 @@ from ..equilibrium.newton_step import largest
 from ..mechanics.assembly import System
 from ..mechanics.ramp import Ramp
 
-_EXACT = 1e-3  # part of the allowed residual below which a guess is not improved
-_STEPS = 12  # most iterations; near the path quadratic convergence needs 3 to 6
+# A guess whose residual is below this part of the allowed one is taken as it is: a correction would
+# be below rounding, and could not be judged.
+_EXACT_GUESS = 1e-3
+# Most iterations: near the path quadratic convergence needs 3 to 6, and a shorter step is cheaper
+# than more of them.
+_MAX_ITERATIONS = 12
 
 
 @pytree
-class Corrected:
-    """The state of a correction, and its result.
+class CorrectorState:
+    """The state of the corrector's iteration; at its end, the result.
 
     Attributes:
         x: motion of all rows.
-        moved: sum of the steps from the origin of the condition, u - u0, [n_free].
+        moved: sum of the increments since the origin of the condition, u - u0, [n_free].
         factor: load factor.
         direction, rise: tangent of the path, du [n_free] and df, scaled so that
             ``row . du + rise df = 1`` with `row` and `rise` of the condition.
-        pull: derivative of the residual by the load factor, [n_free], N.
-        matrix: tangent stiffness, a matrix of `linear`.
+        residual_by_factor: derivative of the residual by the load factor, [n_free], N.
+        matrix: tangent stiffness, dense or `linear.Sparse`.
         converged: whether x is in equilibrium.
         regular: whether the bordered matrix is regular, so that there is a tangent.
         failed: whether the iteration has broken down.
         steps: number of iterations without the last one, which gives the tangent.
-        residual, scale: largest unbalanced force, and the force that it is judged by, N.
+        residual, scale: largest residual force, and the force that it is compared with, N.
         rounding: largest residual that the rounding of displacements leaves, N, here or at the
-            guess; 0 if no element states any.
+            guess; 0 if no element tells its own.
     """
 
     x: Float[Array, "n_row n_motion"]
@@ -54,7 +58,7 @@ class Corrected:
     factor: Float[Array, ""]
     direction: Float[Array, " n_free"]
     rise: Float[Array, ""]
-    pull: Float[Array, " n_free"]
+    residual_by_factor: Float[Array, " n_free"]
     matrix: Float[Array, "n_free n_free"] | linear.Sparse
     converged: Bool[Array, ""]
     regular: Bool[Array, ""]
@@ -65,7 +69,7 @@ class Corrected:
     rounding: Float[Array, ""]
 
 
-def correct(
+def correct_onto_path(
     ramp: Ramp,
     memory: list[PyTree[Array]] | None,
     guess: tuple[Float[Array, "n_row n_motion"], Float[Array, " n_free"], Float[Array, ""]],
@@ -73,13 +77,13 @@ def correct(
     condition: tuple[Float[Array, " n_free"], Float[Array, ""], Float[Array, ""]],
     tol: Float[Array, ""],
     active: Bool[Array, ""],
-) -> Corrected:
-    """Iterate from a guess to the path.
+) -> CorrectorState:
+    """Correct a guess onto the equilibrium path, by Newton's method with a linear condition.
 
     Args:
         ramp: the phase; not differentiated.
-        memory: memory of laws at the anchor, or None.
-        guess: motion, step from the origin of the condition, load factor.
+        memory: history variables at the last accepted point, or None.
+        guess: motion, increment from the origin of the condition u - u0, load factor.
         origin: load factor at the origin of the condition, f0.
         condition: `row`, `rise` and `target` of the condition.
         tol: relative residual that counts as equilibrium.
@@ -92,7 +96,7 @@ def correct(
     came_from = begin.rounding(begin.place(x))
 
     def unfinished(it):
-        return active & ~it.converged & ~it.failed & (it.steps <= _STEPS)
+        return active & ~it.converged & ~it.failed & (it.steps <= _MAX_ITERATIONS)
 
     def iterate(it):
         system = ramp.at(it.factor, memory)
@@ -103,31 +107,33 @@ def correct(
             return system.residual_and_scale(system.place(x))
 
         unit = zero + 1
-        residual, pull, scale = jax.jvp(unbalanced, (it.factor,), (unit,), has_aux=True)
+        residual, residual_by_factor, scale = jax.jvp(
+            unbalanced, (it.factor,), (unit,), has_aux=True
+        )
         # an unloaded start has no forces to judge by: take the load that the phase adds
-        scale = jnp.maximum(scale, largest(pull))
+        scale = jnp.maximum(scale, largest(residual_by_factor))
         rounding = jnp.maximum(system.rounding(x), came_from)
         allowed = jnp.maximum(tol * scale, rounding)
         small = jnp.all(jnp.abs(residual) <= allowed)
         # after a short step the guess is nearly in equilibrium: make one correction at least
-        settled = small & ((it.steps > 0) | jnp.all(jnp.abs(residual) <= _EXACT * allowed))
+        settled = small & ((it.steps > 0) | jnp.all(jnp.abs(residual) <= _EXACT_GUESS * allowed))
         matrix = system.tangent(x)
         lacks = target - row @ it.moved - rise * (it.factor - origin)
         rhs = jnp.where(settled, 0.0, -residual), jnp.where(settled, 1.0, lacks)
         du, df, regular = linear.solve_bordered(
-            matrix, pull, row, rise, *rhs, loose_unknowns(system, x)
+            matrix, residual_by_factor, row, rise, *rhs, unknowns_without_stiffness(system, x)
         )
         usable = regular & jnp.all(jnp.isfinite(du)) & jnp.isfinite(df)
         converged = settled | (small & ~usable)
         onward = usable & ~converged
         step = jnp.where(onward, du, 0.0)
-        return Corrected(
+        return CorrectorState(
             x=jnp.where(onward, system.move(x, step), x),
             moved=it.moved + step,
             factor=it.factor + jnp.where(onward, df, 0.0),
             direction=jnp.where(settled, du, it.direction),
             rise=jnp.where(settled, df, it.rise),
-            pull=pull,
+            residual_by_factor=residual_by_factor,
             matrix=matrix,
             converged=converged,
             regular=usable,
@@ -143,9 +149,11 @@ def correct(
     matrix = jax.eval_shape(lambda: begin.tangent(x))
     matrix = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), matrix)
     begun = still, zero, still, matrix, no, no, no, count, zero, zero, zero
-    return lax.while_loop(unfinished, iterate, Corrected(*guess, *begun))
+    return lax.while_loop(unfinished, iterate, CorrectorState(*guess, *begun))
 
 
-def loose_unknowns(system: System, x: Float[Array, "n_row n_motion"]) -> Bool[Array, " n_free"]:
-    """Unknowns of nodes that touch only slack elements, [n_free] bool."""
+def unknowns_without_stiffness(
+    system: System, x: Float[Array, "n_row n_motion"]
+) -> Bool[Array, " n_free"]:
+    """Return which unknowns belong to nodes that touch only slack elements, [n_free] bool."""
     return system.loose_nodes(x)[system.freedoms.row_of_unknown]

@@ -1,4 +1,4 @@
-"""Section forces of beams between the places at which results of phases have them."""
+"""Interpolate section forces of beams between the points at which results of phases have them."""
 
 from __future__ import annotations
 
@@ -14,27 +14,30 @@ from scipy.interpolate import CubicHermiteSpline
 from ..common.types import Array, Float
 from ..elements.bending import lobatto
 
-_MOST = 6  # points through which there is one polynomial; one through more would be of no use
+# Largest number of points through which there is one polynomial, with slopes of degree 11; higher
+# degrees would be of no use. Through more points there are cubics.
+_MOST_POINTS = 6
 
 
 @functools.cache
-def weights(
+def interpolation_matrices(
     count: int, sloped: bool, places: tuple[float, ...]
 ) -> tuple[Float[np.ndarray, "n_data n_place"], Float[np.ndarray, "n_data n_place"]]:
-    """The polynomial through values at `count` Gauss-Lobatto points, at places from 0 to 1.
+    """Return matrices that interpolate from `count` Gauss-Lobatto points to places from 0 to 1.
 
-    Of more than six points there are cubics from point to point instead.
+    They evaluate the polynomial through the values at the points; through more than six points
+    cubics from point to point instead.
 
     Args:
         count: number of points.
-        sloped: whether the slopes are given, too, after the values; else the values only.
+        sloped: whether the data are values and then slopes at the points, or values only.
         places: from 0 to 1.
 
     Returns:
-        Matrices that give values and slopes at the places from the data.
+        Matrices from the data to values, and to slopes, at the places.
     """
     points = lobatto(count)[0]
-    if count > _MOST:
+    if count > _MOST_POINTS:
         values = np.eye(count, (2 if sloped else 1) * count)
         slopes = np.eye(count, 2 * count, count) if sloped else np.gradient(values, points, axis=0)
         spline = CubicHermiteSpline(points, values, slopes)
@@ -51,24 +54,30 @@ def weights(
     return value, slope
 
 
-def forces_between(
+def interpolate_section_forces(
     forces: Float[Array, "n_elem n_point 6"],
     length: Float[Array, " n_elem"],
     places: Float[np.ndarray, " n_place"],
 ) -> Float[Array, "n_elem n_place 6"]:
-    """Section forces at any place from those at the Gauss-Lobatto points of beams.
+    """Interpolate section forces to any place from those at the Gauss-Lobatto points of beams.
 
-    Moments are the polynomial whose slopes at the points are the shear forces, ``My' = Vz`` and
-    ``Mz' = -Vy``, of degree 5 for three points, and shear forces are its slopes. This is exact
-    under uniform loads, and has what an axial force adds on a deflection up to degree 4.
+    Moments follow the polynomial whose slopes at the points are the shear forces, ``My' = Vz`` and
+    ``Mz' = -Vy``, of degree 5 for three points; shear forces are its slopes. This is exact under
+    uniform loads. Moments of an axial force on deflections are included up to degree 4.
 
     Args:
         forces: ``N, Vy, Vz, T, My, Mz`` at the points, [n_elem, n_point, 6], N and N m.
         length: distance of the ends of each element, [n_elem], m.
         places: from 0 to 1, [n_place].
+
+    Returns:
+        ``N, Vy, Vz, T, My, Mz`` at the places, [n_elem, n_place, 6].
     """
     count, at = forces.shape[1], tuple(map(float, places))
-    plain, (value, slope) = weights(count, False, at)[0], weights(count, True, at)
+    plain, (value, slope) = (
+        interpolation_matrices(count, False, at)[0],
+        interpolation_matrices(count, True, at),
+    )
     parts = jnp.moveaxis(forces, 2, 0)
     axial, torque = parts[0] @ plain, parts[3] @ plain
     span = length[:, None]
@@ -78,13 +87,13 @@ def forces_between(
     return jnp.stack([axial, shear_y, shear_z, torque, about_y @ value, about_z @ value], axis=2)
 
 
-def stored_forces(
+def interpolate_recorded_forces(
     parts: Sequence[Any],
     forces: Sequence[Float[Array, "n_elem n_point 6"] | None],
     positions: Float[Array, "n_node 3"],
     places: Float[np.ndarray, " n_place"],
 ) -> list[Any]:
-    """`forces_between` of every group from the section forces that a result has; None without.
+    """Interpolate the section forces of every group that a result has; None for other groups.
 
     Args:
         parts: groups, or what else has their `links`.
@@ -101,10 +110,12 @@ def stored_forces(
             links = part.links.array
             if len(values) != len(links):
                 raise ValueError(
-                    f"state: has {len(values)} elements in group {number}, the structure "
+                    f"state: has {len(values)} elements in group {number}, the structure has "
                     f"{len(links)}"
                 )
             chord = positions[links[:, 1]] - positions[links[:, 0]]
-            values = forces_between(values, jnp.sqrt((chord * chord).sum(axis=1)), places)
+            values = interpolate_section_forces(
+                values, jnp.sqrt((chord * chord).sum(axis=1)), places
+            )
         found.append(values)
     return found

@@ -1,9 +1,9 @@
-"""When `minimize` has converged: what is small beside the loss, and beside the parameters.
+"""When `minimize` has converged: what is small compared with the loss and the parameters.
 
 Gill, Murray and Wright, Practical Optimization (1981), section 8.2.3, ask for a small gradient, a
 small change of the loss and a small step, all at once, because each alone can be small far from a
 minimum. The size of a loss that falls to zero is taken from the loss at the start, which may be
-huge: the present loss is asked, too.
+huge: the present loss is compared with, too.
 """
 
 from __future__ import annotations
@@ -13,26 +13,28 @@ import dataclasses
 import jax.numpy as jnp
 
 from ..common.types import Array, Bool, Float
-from .box import Box
+from .bounds import BoxBounds
 
-_FIRST = 0.1  # part of the first loss that changes are compared with when the loss falls to zero
+# Part of the loss at the start that changes are compared with when the loss falls to zero. A larger
+# one would let `tol` mean less, the worse the start is.
+_FIRST = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
-class Criteria:
-    """The criteria for one problem.
+class MinimumCriteria:
+    """Criteria for a minimum of one problem, within bounds.
 
     Args:
-        box: `Box` of the parameters.
-        floor: least sizes of the parameters: those at the start, [n].
+        box: `BoxBounds` of the parameters.
+        floor: smallest sizes of the parameters: those at the start, [n].
         tol: largest measure of the gradient at convergence.
     """
 
-    box: Box
+    box: BoxBounds
     floor: Float[Array, " n"]
     tol: Float[Array, ""]
 
-    def measured(
+    def measure_gradient(
         self,
         x: Float[Array, " n"],
         inside: Float[Array, " n"],
@@ -40,11 +42,11 @@ class Criteria:
         first: Float[Array, ""],
         steepest: Float[Array, " n"],
     ) -> tuple[Float[Array, ""], Bool[Array, ""], Bool[Array, ""]]:
-        """The measure of the gradient `inside` the bounds, and whether it is small.
+        """Measure the gradient `inside` the bounds, and judge whether it is small.
 
-        It is small, surely or if no step lowers the loss, where every entry is, too. The loss at
-        the start says nothing of directions that hardly take part in it: the present loss counts,
-        unless it has fallen to zero, or a fall of the entry itself.
+        Every entry has to be small, too. The loss at the start says nothing of parameters that
+        hardly contribute to it: each entry is compared with the present loss, unless that has
+        fallen to zero, or with the largest size that the entry has had.
 
         Args:
             x: the point, [n].
@@ -53,16 +55,17 @@ class Criteria:
             steepest: largest size that each entry of the gradient has had, [n].
 
         Returns:
-            The measure; whether it is surely small; whether it is small if no step lowers the loss.
+            The measure; whether the gradient is small in any case; whether it is small enough for
+            a minimum if, besides, no step lowers the loss.
         """
-        promises = jnp.abs(inside) * jnp.maximum(self.floor, self.box.largest(x))
+        promises = jnp.abs(inside) * jnp.maximum(self.floor, self.box.largest_per_array(x))
         largest = jnp.max(promises)
         # the loss, or a part of the first one if that is more, since no change is small beside a
         # loss that falls to zero; of a loss above the first one only the part counts
         least = _FIRST * jnp.abs(first)
         against = jnp.where(value <= first, jnp.maximum(jnp.abs(value), least), least)
         measure = jnp.where(largest > 0, largest / against, 0.0)
-        beside, zero = promises <= self.tol * jnp.abs(value), self._zero(value, first)
+        beside, zero = promises <= self.tol * jnp.abs(value), self.loss_is_zero(value, first)
         surely, at_rest = (
             zero | jnp.all(beside | (jnp.abs(inside) <= part * steepest))
             for part in (self.tol**2, self.tol)
@@ -70,26 +73,26 @@ class Criteria:
         small = measure <= self.tol
         return measure, small & surely, small & at_rest
 
-    def _zero(self, value, first):
-        """Whether a loss is zero beside that at the start."""
+    def loss_is_zero(self, value, first):
+        """Whether a loss is zero compared with that at the start."""
         return jnp.abs(value) <= self.tol**3 * jnp.abs(first)
 
-    def short(self, step: Float[Array, " n"], x: Float[Array, " n"]) -> Bool[Array, ""]:
-        """Whether a step changes the parameters by next to nothing.
+    def step_is_short(self, step: Float[Array, " n"], x: Float[Array, " n"]) -> Bool[Array, ""]:
+        """Whether a step changes no parameter by more than a negligible amount.
 
-        That is sqrt(tol) of their sizes now, as for a loss that is known to `tol` (Gill, Murray and
-        Wright, 1981, section 8.2.3), or tol^1.5 of those at the start.
+        Negligible is sqrt(tol) of their sizes now, as for a loss that is known to `tol` (Gill,
+        Murray and Wright, 1981, section 8.2.3), or tol^1.5 of those at the start.
         """
-        allowed = jnp.maximum(self.box.largest(x), self.tol * self.floor)
+        allowed = jnp.maximum(self.box.largest_per_array(x), self.tol * self.floor)
         return jnp.all(jnp.abs(step) <= jnp.sqrt(self.tol) * allowed)
 
-    def little(
+    def decrease_is_small(
         self, promised: Float[Array, ""], value: Float[Array, ""], first: Float[Array, ""]
     ) -> Bool[Array, ""]:
-        """Whether a promised decrease is small beside the loss, or the loss has fallen to zero."""
-        return (promised <= self.tol * jnp.abs(value)) | self._zero(value, first)
+        """Whether a predicted decrease is small compared with the loss, or the loss is zero."""
+        return (promised <= self.tol * jnp.abs(value)) | self.loss_is_zero(value, first)
 
-    def near(
+    def minimum_is_near(
         self,
         x: Float[Array, " n"],
         moved: Float[Array, " n"],
@@ -98,15 +101,17 @@ class Criteria:
         value: Float[Array, ""],
         first: Float[Array, ""],
     ) -> Bool[Array, ""]:
-        """Whether the minimum along a step that was made is near, by slopes at its ends (secant).
+        """Whether the minimum along the last step is near, by the slopes at its ends (secant).
 
         Args:
             x: the point at its end, [n].
             moved: the step, [n].
-            slope, before: change of the loss along it at its end and at its beginning.
+            slope, before: change of the loss along the step, by the gradients at its end and start.
             value, first: loss at its end and at the start of the search.
         """
         bend = slope - before
         left = jnp.abs(slope) / jnp.where(bend > 0, bend, 1.0)
-        near = self.short(left * moved, x) & self.little(left * jnp.abs(slope), value, first)
+        near = self.step_is_short(left * moved, x) & self.decrease_is_small(
+            left * jnp.abs(slope), value, first
+        )
         return (bend > 0) & near

@@ -1,4 +1,4 @@
-"""Compiled programs of the functions that users optimize."""
+"""Keep the compiled programs of functions that users optimize; refuse derivatives of results."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import jax
 from ..common.types import PyTree
 
 
-class Programs:
-    """Programs by function object, so that a second call does not compile again.
+class ProgramCache:
+    """Compiled programs by function object, so that a second call does not compile again.
 
     The programs of a function are dropped when the function is deleted: they do not keep it alive.
 
@@ -22,12 +22,12 @@ class Programs:
     """
 
     def __init__(self, make: Callable[..., Callable[..., Any]]):
-        self.make, self.kept = make, weakref.WeakKeyDictionary()
+        self.make, self.programs_of = make, weakref.WeakKeyDictionary()
 
     def __call__(self, function: Callable[..., Any], *options: Hashable) -> Any:
-        """The program of a function with some options; it is made at the first call."""
+        """Return the program of a function with some options; make it at the first call."""
         try:
-            programs = self.kept.setdefault(function, {})
+            programs = self.programs_of.setdefault(function, {})
         except TypeError:  # the function has no hash, or allows no weak references: keep nothing
             return self.make(lambda: function, *options)
         if options not in programs:
@@ -36,13 +36,13 @@ class Programs:
 
 
 @jax.custom_jvp
-def underivable(tree: PyTree[Any]) -> PyTree[Any]:
-    """The identity; differentiating it is an error, instead of a silent NaN or zero."""
+def refuse_derivative(tree: PyTree[Any]) -> PyTree[Any]:
+    """Return the argument; its derivative is an error, instead of a silent NaN or zero."""
     return tree
 
 
-@underivable.defjvp
-def _underivable_jvp(primals, tangents):
+@refuse_derivative.defjvp
+def _raise_on_derivative(primals, tangents):
     raise ValueError(
         "a result of minimize or fit has no derivative; pass lax.stop_gradient of what it depends "
         "on, or differentiate its optimality conditions"

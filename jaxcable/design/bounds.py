@@ -1,4 +1,4 @@
-"""Bounds on parameters: projection into a box, and the entries that a bound blocks."""
+"""Bounds on parameters: project into them, find entries that they block; check arguments."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from ..common import checks, status
 from ..common import rules as _rules
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from .arguments import is_tolerance, tolerance
+from .arguments import check_tolerance, is_valid_tolerance
 
 
 @pytree(static=("counts",))
-class Box:
-    """Bounds of the parameters, all arrays one after the other; infinite for no bound.
+class BoxBounds:
+    """Lower and upper bounds of all parameters, flattened; infinite for no bound.
 
     Attributes:
         lower, upper: bounds, [n].
-        counts: number of entries of every array of the parameters.
+        counts: number of entries of each array of the parameters.
     """
 
     lower: Float[Array, " n"]
@@ -31,48 +31,51 @@ class Box:
     counts: tuple[int, ...]
 
     def project(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
-        """The nearest point in the box; entries beyond a bound become that bound exactly."""
+        """Return the nearest point within the bounds; entries beyond a bound become it exactly."""
         return jnp.clip(x, self.lower, self.upper)
 
-    def blocked(self, x: Float[Array, " n"], gradient: Float[Array, " n"]) -> Bool[Array, " n"]:
-        """True for entries at a bound that a step against the gradient would cross."""
+    def blocked_entries(
+        self, x: Float[Array, " n"], gradient: Float[Array, " n"]
+    ) -> Bool[Array, " n"]:
+        """Return True for entries at a bound that a step against the gradient would cross."""
         low, high = (x <= self.lower) & (gradient > 0), (x >= self.upper) & (gradient < 0)
         return low | high | (self.lower == self.upper)
 
-    def holds(self, x: Float[Array, " n"]) -> Bool[Array, ""]:
-        """Whether lower bounds are below upper ones and the parameters within them; scalar bool."""
+    def contains(self, x: Float[Array, " n"]) -> Bool[Array, ""]:
+        """Whether the bounds are in order and the parameters are within them; scalar bool."""
         outside = (x < self.lower) | (x > self.upper)
         return jnp.all((self.lower <= self.upper) & ~outside)
 
-    def of_arrays(
+    def norm_per_array(
         self, norm: Callable[[Float[Array, " m"]], Float[Array, ""]], x: Float[ArrayLike, " n"]
     ) -> Float[Array, " n"]:
-        """For every entry of `x` a norm of the array to which it belongs."""
+        """Return for every entry of `x` the norm of the array to which it belongs."""
         parts = jnp.split(jnp.asarray(x), np.cumsum(self.counts)[:-1])
         return jnp.concatenate([jnp.full_like(part, norm(part)) for part in parts])
 
     @jax.jit  # one function in a program
-    def largest(self, x: Float[ArrayLike, " n"]) -> Float[Array, " n"]:
-        """For every entry of `x` the largest entry, by size, of the array to which it belongs."""
-        return self.of_arrays(lambda part: jnp.max(jnp.abs(part), initial=0.0), x)
+    def largest_per_array(self, x: Float[ArrayLike, " n"]) -> Float[Array, " n"]:
+        """Return for every entry of `x` the largest absolute entry of its array."""
+        return self.norm_per_array(lambda part: jnp.max(jnp.abs(part), initial=0.0), x)
 
     @jax.jit
-    def sizes(self, x: Float[ArrayLike, " n"]) -> Float[Array, " n"]:
-        """Sizes of parameters that start at `x`: the largest of their array, of its bounds, or 1.
+    def typical_sizes(self, x: Float[ArrayLike, " n"]) -> Float[Array, " n"]:
+        """Return typical sizes of parameters that start at `x`.
 
-        Bounds that are infinite do not count.
+        The size is the largest absolute entry of their array; if all are zero, the largest finite
+        bound of the array; else 1.
         """
         ends = (jnp.where(jnp.isfinite(b), jnp.abs(b), 0.0) for b in (self.lower, self.upper))
-        start, bound = self.largest(x), self.largest(jnp.maximum(*ends))
+        start, bound = self.largest_per_array(x), self.largest_per_array(jnp.maximum(*ends))
         return jnp.where(start > 0, start, jnp.where(bound > 0, bound, 1.0))
 
 
-def numbers(
+def check_params(
     params: PyTree[Float[ArrayLike, " ..."]], name: str = "params"
 ) -> PyTree[Float[Array, " ..."]]:
-    """The parameters as a pytree of float arrays; ValueError for anything else."""
+    """Return the parameters as a pytree of float arrays; ValueError for anything else."""
     if not any(np.size(leaf) for leaf in jax.tree.leaves(params)):
-        raise ValueError(f"{name}: there is nothing to vary; expected at least one array of floats")
+        raise ValueError(f"{name}: there are no parameters; expected at least one array of floats")
 
     def as_array(path, x):
         x = checks.floats(x, name + jax.tree_util.keystr(path))
@@ -82,30 +85,35 @@ def numbers(
     return jax.tree_util.tree_map_with_path(as_array, params)
 
 
-def prepared(
+def prepare_search(
     params: PyTree[Float[ArrayLike, " ..."]],
     bounds: tuple[Any, Any] | None,
     tol: Float[ArrayLike, ""] | None,
-) -> tuple[PyTree[Float[Array, " ..."]], Box, Float[ArrayLike, ""]]:
-    """The start, the `Box` and the tolerance of a search, checked.
+) -> tuple[PyTree[Float[Array, " ..."]], BoxBounds, Float[ArrayLike, ""]]:
+    """Check and return the start, the bounds and the tolerance of a search.
 
     The default tolerance is 1e-6 in float64 and 1e-3 in other float types.
     """
-    params = numbers(params)
+    params = check_params(params)
     double = jnp.result_type(*jax.tree.leaves(params)) == jnp.float64
-    return params, make_box(bounds, params), tolerance(tol, 1e-6 if double else 1e-3)
+    return params, make_bounds(bounds, params), check_tolerance(tol, 1e-6 if double else 1e-3)
 
 
-def spread(
+def broadcast_to_params(
     value: PyTree[Float[ArrayLike, " ..."]] | None,
     params: PyTree[Float[Array, " ..."]],
     name: str,
     absent: float | None = None,
     positive: bool = False,
 ) -> PyTree[Float[Array, " ..."]]:
-    """A scalar, an array or a prefix pytree as a pytree of arrays of the shapes of `params`.
+    """Broadcast a scalar, an array or a prefix pytree to the arrays of `params`.
 
-    `absent` replaces None; with `positive` every entry has to be positive.
+    Args:
+        value: what is given, such as a bound; None at any place for `absent`.
+        params: the parameters.
+        name: the argument, for messages.
+        absent: number that stands for None.
+        positive: whether every entry has to be positive and finite.
     """
     if isinstance(value, list | tuple) and jax.tree_util.treedef_is_leaf(
         jax.tree.structure(params)
@@ -134,8 +142,8 @@ def spread(
     return jax.tree_util.tree_map_with_path(fill, tree, params)
 
 
-def make_box(bounds: tuple[Any, Any] | None, params: PyTree[Float[Array, " ..."]]) -> Box:
-    """The `Box` that `bounds` state, checked against the start as far as values are concrete.
+def make_bounds(bounds: tuple[Any, Any] | None, params: PyTree[Float[Array, " ..."]]) -> BoxBounds:
+    """Make `BoxBounds` of the argument `bounds`, checked against the start where not traced.
 
     Args:
         bounds: None, or (lower, upper), each None, a scalar, an array or a prefix pytree of the
@@ -154,7 +162,7 @@ def make_box(bounds: tuple[Any, Any] | None, params: PyTree[Float[Array, " ..."]
             "each parameter"
         )
     lower, upper = (
-        spread(bound, params, f"{name} bound", absent)
+        broadcast_to_params(bound, params, f"{name} bound", absent)
         for bound, name, absent in zip(bounds, ("lower", "upper"), (-np.inf, np.inf), strict=True)
     )
 
@@ -163,28 +171,34 @@ def make_box(bounds: tuple[Any, Any] | None, params: PyTree[Float[Array, " ..."]
         entry = jax.tree_util.keystr(path)
         if low is None or high is None:
             return
-        _refuse(np.isnan(low), "lower bound" + entry, "is NaN")
-        _refuse(np.isnan(high), "upper bound" + entry, "is NaN")
-        _refuse(low > high, "lower bound" + entry, "above the upper bound", low, high)
+        _refuse_first_bad_entry(np.isnan(low), "lower bound" + entry, "is NaN")
+        _refuse_first_bad_entry(np.isnan(high), "upper bound" + entry, "is NaN")
+        _refuse_first_bad_entry(
+            low > high, "lower bound" + entry, "above the upper bound", low, high
+        )
         if x is not None:
-            _refuse(x < low, "params" + entry, "the start is below its lower bound", x, low)
-            _refuse(x > high, "params" + entry, "the start is above its upper bound", x, high)
+            _refuse_first_bad_entry(
+                x < low, "params" + entry, "the start is below its lower bound", x, low
+            )
+            _refuse_first_bad_entry(
+                x > high, "params" + entry, "the start is above its upper bound", x, high
+            )
 
     jax.tree_util.tree_map_with_path(check, params, lower, upper)
     counts = tuple(leaf.size for leaf in jax.tree.leaves(params))
-    return Box(ravel_pytree(lower)[0], ravel_pytree(upper)[0], counts)
+    return BoxBounds(ravel_pytree(lower)[0], ravel_pytree(upper)[0], counts)
 
 
-def checked_code(
-    code: Int[Array, ""], box: Box, start: Float[Array, " n"], tol: Float[ArrayLike, ""]
+def search_status(
+    code: Int[Array, ""], box: BoxBounds, start: Float[Array, " n"], tol: Float[ArrayLike, ""]
 ) -> Int[Array, ""]:
-    """The status of a search, unless what was traced breaks a rule: bounds, start or tolerance."""
-    code = jnp.where(box.holds(start), code, status.OUTSIDE)
-    return jnp.where(is_tolerance(tol), code, status.INVALID_INPUT).astype(jnp.int32)
+    """Return the status of a search, or that of invalid traced bounds, start or tolerance."""
+    code = jnp.where(box.contains(start), code, status.OUTSIDE)
+    return jnp.where(is_valid_tolerance(tol), code, status.INVALID_INPUT).astype(jnp.int32)
 
 
-def _refuse(bad, name, rule, *values):
-    """Raise ValueError that names the first entry where `bad` is True, if there is one."""
+def _refuse_first_bad_entry(bad, name, rule, *values):
+    """Raise ValueError for the first entry where `bad` is True, if there is one."""
     if not np.any(bad):
         return
     index = tuple(int(i) for i in np.argwhere(bad)[0])
@@ -193,14 +207,14 @@ def _refuse(bad, name, rule, *values):
     raise ValueError(f"{name}{where}{shown}")
 
 
-def checked_call(
+def check_call_arguments(
     function: Callable[..., Any],
     args: tuple[Any, ...] | list[Any],
     steps: int,
     name: str,
     counted: str = "steps",
 ) -> tuple[Any, ...]:
-    """`args` as a tuple, once the arguments that `minimize` and `fit` share are checked.
+    """Check arguments that `minimize`, `fit` and others share; return `args` as a tuple.
 
     Raises:
         ValueError: `function` cannot be called, `args` is no tuple or list, or `steps` is no

@@ -1,4 +1,4 @@
-"""Values and status codes of what a loss or a function of residuals returns."""
+"""Split what a user's loss or residual function returns into values and a status."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..common.types import Array, ArrayLike, Float, Int, PyTree
 
 
 def split_loss(result: Any) -> tuple[Float[Array, ""], Int[Array, ""]]:
-    """Scalar and status from the result of a loss: a scalar, or (scalar, solutions or codes)."""
+    """Return scalar and status from what a loss returned: a scalar, or (scalar, solutions)."""
     value, outcomes = result if isinstance(result, tuple) and len(result) == 2 else (result, ())
     if value is None or hasattr(value, "status"):
         got = "None; it needs a return" if value is None else f"a {type(value).__name__} first"
@@ -23,23 +23,24 @@ def split_loss(result: Any) -> tuple[Float[Array, ""], Int[Array, ""]]:
             f"loss: expected a scalar float, or (scalar, solution), got {value.dtype}"
             f"{list(value.shape)}"
         )
-    return value, worst_code(outcomes, "loss")
+    return value, worst_status(outcomes, "loss")
 
 
 def split_residuals(result: Any) -> tuple[PyTree[Float[ArrayLike, " ..."]], Int[Array, ""]]:
-    """Residuals and status from a result: a pytree of residuals, or (pytree, solutions or codes).
+    """Return residuals and status from what was returned: residuals, or (residuals, solutions).
 
-    A pair is taken for the latter if its second part holds solutions and integers only.
+    Status codes may stand for solutions. A pair is taken for the latter if its second part holds
+    solutions and integers only.
     """
     if isinstance(result, tuple) and len(result) == 2:
         leaves = jax.tree.leaves(result[1], is_leaf=_has_status)
-        if all(_has_status(x) or _is_code(x) for x in leaves):
-            return _no_results(result[0]), worst_code(result[1], "residuals")
-    return _no_results(result), worst_code((), "residuals")
+        if all(_has_status(x) or _holds_status_codes(x) for x in leaves):
+            return _require_residuals(result[0]), worst_status(result[1], "residuals")
+    return _require_residuals(result), worst_status((), "residuals")
 
 
-def _no_results(residuals):
-    """The residuals; ValueError for results, whose arrays are no residuals, and for text."""
+def _require_residuals(residuals):
+    """Return the residuals; raise ValueError if there are solutions or texts among them."""
     for leaf in jax.tree.leaves(residuals, is_leaf=_has_status):
         if _has_status(leaf) or isinstance(leaf, str):
             text = "expected floats, or (floats, solution), got a"
@@ -47,20 +48,24 @@ def _no_results(residuals):
     return residuals
 
 
-def worst_code(outcomes: PyTree[Any], name: str) -> Int[Array, ""]:
-    """The largest status code in a pytree of solutions and arrays of codes; OK for no leaves."""
+def worst_status(outcomes: PyTree[Any], name: str) -> Int[Array, ""]:
+    """Return the largest status code in a pytree of solutions and codes; OK if it is empty."""
     code = jnp.int32(status.OK)
     for item in jax.tree.leaves(outcomes, is_leaf=_has_status):
         codes = jnp.asarray(getattr(item, "status", item))
         if not jnp.issubdtype(codes.dtype, jnp.integer):
-            raise ValueError(f"{name}: beside the value expected solutions or status codes")
+            raise ValueError(
+                f"{name}: expected solutions or status codes in the second part of the pair"
+            )
         code = jnp.maximum(code, jnp.max(codes, initial=status.OK))
     return code.astype(jnp.int32)
 
 
-def _is_code(item):
+def _holds_status_codes(item):
+    """Whether an item is an integer or an array of integers."""
     return not isinstance(item, str) and jnp.issubdtype(jnp.asarray(item).dtype, jnp.integer)
 
 
 def _has_status(item):
+    """Whether an item is a solution, or another result with a status."""
     return hasattr(item, "status")

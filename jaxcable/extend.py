@@ -1,0 +1,148 @@
+"""All that is needed to write an element, a uniaxial law, a load or a linear solver of your own.
+
+A class derives from a base class below, which says what to write and has defaults for the rest; an
+analysis, derivatives, pictures and reports then treat it as they treat those of the package.
+
+| what | base classes | tried by |
+|---|---|---|
+| element | `Element`; `Straight`; for more `Prestressable`, `Jacked`, ... | `check` |
+| its state | `ElementState`, or `AxialState` for an unstressed length | `check` |
+| uniaxial law | `Law` | |
+| load | `OnNodes`, `Moving`, `Dead`, `Measured`, `Following`; `OnGroups` beside them | |
+| linear solver | `Solver`, `Analysis`, `NumericFactor` | `register_solver` |
+
+Elements, states, laws and loads are pytrees: decorate them by `pytree`, which makes them frozen
+dataclasses whose fields are arrays; fields with topology are `Indices`. `copy` changes fields
+without the constructor. `register` lets files hold a class. Results of an element are named by
+`Result`, statements of phases that it knows alone by `Statement`. A constructor converts numbers
+(`floats`, `per_element`) and refuses those that break a rule (`refuse`); with a method ``rules()``
+an analysis also ends in INVALID_INPUT where traced numbers break one.
+
+The classes in `tests/extensions` of the source are complete: springs, links, a membrane, a rope
+over a saddle, laws with memory, a wind load, a solver.
+
+Example:
+    A linear spring between two nodes, without a length of its own:
+
+    >>> from jaxcable import extend
+    >>> @extend.pytree
+    ... class Nothing(extend.ElementState):
+    ...     '''Phases change nothing in it.'''
+    >>> @extend.pytree(indices=("links",))
+    ... class Springs(extend.Element):
+    ...     links: object
+    ...     stiffness: object
+    ...     per_element = ("stiffness",)
+    ...
+    ...     def __post_init__(self):
+    ...         count = len(self.links)
+    ...         extend.put(self, links=extend.Indices(self.links))
+    ...         extend.put(self, stiffness=extend.per_element(self.stiffness, count, "stiffness"))
+    ...         extend.refuse(self.rules())
+    ...
+    ...     def rules(self):
+    ...         return [extend.not_negative("stiffness", self.stiffness)]
+    ...
+    ...     def start(self, ends):
+    ...         return Nothing()
+    ...
+    ...     def end_forces(self, state, ends, motion):
+    ...         pull = self.stiffness * (ends[1] + motion[1] - ends[0] - motion[0])
+    ...         return jnp.stack([-pull, pull])
+    ...
+    ...     def energy(self, state, ends, motion):
+    ...         way = ends[1] + motion[1] - ends[0] - motion[0]
+    ...         return 0.5 * self.stiffness * way @ way
+
+    Two of them, 200 and 300 N/m, between nodes 5 m apart share it as 3 m to 2 m:
+
+    >>> nodes = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [5.0, 0.0, 0.0]]
+    >>> springs = Springs([[0, 1], [1, 2]], [200.0, 300.0])
+    >>> extend.check(springs, nodes)
+    >>> solution = jc.solve(jc.Structure(nodes, springs, jc.pinned([0, 2])), jc.Phase())
+    >>> print(solution.status, jnp.round(solution.positions[1], 9))
+    0 [3. 0. 0.]
+    >>> Springs([[0, 1]], -1.0)
+    Traceback (most recent call last):
+    ValueError: stiffness[0] = -1.0: must not be negative
+"""
+
+from .common.checks import floats, integers, per_element
+from .common.rules import Rule, not_negative, positive, refuse
+from .common.tree import Indices, copy, put, pytree
+from .elements.abilities import (
+    Bending,
+    Jacked,
+    Prestressable,
+    Rounding,
+    Sagging,
+    Secant,
+    Uniaxial,
+)
+from .elements.contract import check
+from .elements.element import (
+    PEAK_TENSION,
+    SECTION_FORCES,
+    SECTION_STRAIN,
+    TENSION,
+    Element,
+    Result,
+)
+from .elements.element_state import ElementLoad, ElementState
+from .elements.prestress import AxialState
+from .elements.stated import Stated, Statement
+from .elements.straight import Straight
+from .files.codec import register
+from .linear.solver import Analysis, NumericFactor, Solver
+from .linear.solver import register as register_solver
+from .loads.groups import OnGroups
+from .loads.load import Dead, Following, Measured, Moving, OnNodes
+from .materials.law import Law
+from .numerics import rotations
+
+__all__ = [
+    "PEAK_TENSION",
+    "SECTION_FORCES",
+    "SECTION_STRAIN",
+    "TENSION",
+    "Analysis",
+    "AxialState",
+    "Bending",
+    "Dead",
+    "Element",
+    "ElementLoad",
+    "ElementState",
+    "Following",
+    "Indices",
+    "Jacked",
+    "Law",
+    "Measured",
+    "Moving",
+    "NumericFactor",
+    "OnGroups",
+    "OnNodes",
+    "Prestressable",
+    "Result",
+    "Rounding",
+    "Rule",
+    "Sagging",
+    "Secant",
+    "Solver",
+    "Stated",
+    "Statement",
+    "Straight",
+    "Uniaxial",
+    "check",
+    "copy",
+    "floats",
+    "integers",
+    "not_negative",
+    "per_element",
+    "positive",
+    "put",
+    "pytree",
+    "refuse",
+    "register",
+    "register_solver",
+    "rotations",
+]

@@ -1,0 +1,41 @@
+"""The table of a report on surfaces: areas and weights of groups whose elements have faces."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..analysis.solution import State
+from ..loads.faces import areas
+from ..model.parts import groups_by_name, there
+from ..model.structure import Structure
+from ..stiffness.vibration import STANDARD_GRAVITY
+from .table import Column, Table, tabled
+
+
+def surfaces(structure: Structure, state: State) -> dict[str, Table]:
+    """Area, weight and mass per area of the elements that are there: ``surfaces``.
+
+    Returns:
+        A dict with the table; empty if no group has faces.
+    """
+    rows = []
+    found = groups_by_name(structure), state.carry.states, there(structure, state.present)
+    for (label, group), own, present in zip(*found, strict=True):
+        if group.face is None:
+            continue
+        corners = group.links.array[present][:, group.face]
+        nodes, positions = np.asarray(structure.nodes), np.asarray(state.positions)
+        initial, area = (float(areas(at[corners]).sum()) for at in (nodes, positions))
+        weights = group.weights(own)
+        weight = np.nan if weights is None else float(np.asarray(weights)[present].sum())
+        mass = weight / STANDARD_GRAVITY / initial if initial > 0 else np.nan
+        rows.append((label, int(present.sum()), initial, area, weight, mass))
+    if not rows:
+        return {}
+    heads = {"group": "", "elements": "", "initial area": "m2", "area": "m2", "weight": "N"}
+    heads["mass per initial area"] = "kg/m2"
+    columns = [
+        Column(head, unit, values)
+        for (head, unit), values in zip(heads.items(), zip(*rows, strict=True), strict=True)
+    ]
+    return {"surfaces": tabled("Surfaces", columns)}

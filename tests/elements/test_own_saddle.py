@@ -1,0 +1,256 @@
+"""A rope over a saddle, written in a test file: statements of own elements, phase by phase."""
+
+import json
+import sys
+
+import jax
+import jax.numpy as jnp
+import jsonschema
+import numpy as np
+import pytest
+from extensions.own_saddle import Saddles
+from numpy.testing import assert_allclose
+from oracles.taylor import slope
+
+import jaxcable as jc
+from jaxcable.cli import main
+from jaxcable.common import status
+from jaxcable.elements import check
+from jaxcable.files.codec import TYPES
+
+EA, MU, PULL = 1e6, 0.2, 1000.0
+NODES = np.array([[-3.0, 0.0, -4.0], [0.0, 0.0, 0.0], [5.0, 0.0, 0.0]])  # sides of 5 m
+TURN = np.arccos(0.6)  # of the rope at its saddle
+
+
+def rope(**groups):
+    """A rope from an anchor over a fixed saddle to an end that moves along its side."""
+    groups = groups or {"ropes": Saddles([[0, 1, 2]], EA)}
+    return jc.Structure(NODES, groups, jc.pinned([0, 1]) + jc.restrained([2], "yz"))
+
+
+def pulled(force, **own):
+    """A phase that adds a force at the end, and states what is given of the rope."""
+    load = jc.NodalLoads([2], jnp.stack([force, 0.0, 0.0]) if force else (0.0, 0.0, 0.0))
+    stated = {name: {"ropes": value} for name, value in own.items()}
+    return jc.Phase(loads=load, increments=2, own=stated or None)
+
+
+def history(mu=MU):
+    return [
+        pulled(PULL, friction=mu),  # slides towards the end
+        pulled(-0.8 * PULL),  # slides back
+        pulled(0.05 * PULL),  # sticks
+        pulled(2 * PULL, clamped=1.0),
+        pulled(0.5 * PULL, clamped=jc.only([0], 0.0)),  # slides by what the clamp has held
+        pulled(-0.25 * PULL, friction=0.0),
+    ]
+
+
+def test_forces_are_those_of_euler_and_of_the_clamp():
+    """The forces on the first side follow from those at the end, and all lengths from forces."""
+    solution = jc.solve(rope(), history())
+    assert solution.status == status.OK
+    k = np.exp(MU * TURN)
+    last = PULL * np.cumsum([1.0, -0.8, 0.05, 2.0, 0.5, -0.25])
+    stays = 0.2 * PULL * k  # after sliding back: it sticks below 0.2 PULL k^2, and a clamp holds it
+    first = [PULL / k, stays, stays, stays, last[4] / k, last[5]]
+    assert 0.25 < 0.2 * k**2
+    results = [phase.results["rope_forces"]["ropes"][0] for phase in solution.phases]
+    # tol 1e-10 of the residual
+    assert_allclose(results, np.stack([first, last], axis=1), rtol=1e-8)
+    rest = 10.0 - 5.0 / (1 + np.array(first) / EA)
+    moved = rest * (1 + last / EA) - 5.0
+    found = [phase.positions[2, 0] - NODES[2, 0] for phase in solution.phases]
+    assert_allclose(found, moved, rtol=1e-7)
+    assert_allclose(solution.reactions[0], np.array([-0.6, 0.0, -0.8]) * first[-1], rtol=1e-8)
+
+
+HANGING = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [3.0, 0.0, 4.0]])
+WEIGHT, PUSH = np.array([0.0, 0.0, -600.0]), np.array([200.0, 30.0, -300.0])
+
+
+def hung(elements, *phases):
+    """A rope between fixed ends, whose saddle hangs in it."""
+    structure = jc.Structure(HANGING, elements, jc.pinned([0, 2]))
+    return jc.solve(structure, list(phases))
+
+
+def test_a_clamped_rope_is_two_cables():
+    """The clamp is closed where a rope without friction has come to rest; then the load grows."""
+    weight, push = (jc.NodalLoads([1], force) for force in (WEIGHT, PUSH))
+    first = jc.Phase(pretension=500.0, loads=weight)
+    ropes = {"rope": Saddles([[0, 1, 2]], EA)}
+    clamped = hung(ropes, first, jc.Phase(own={"clamped": 1}, loads=push, increments=3))
+    free = hung(ropes, first, jc.Phase(loads=push))
+    slides = hung(jc.SlidingCables([[0, 1, 2]], axial_stiffness=EA), first, jc.Phase(loads=push))
+    assert clamped.status == free.status == slides.status == status.OK
+    assert_allclose(free.displacement, slides.displacement, atol=1e-9)  # of more than 1 cm
+    places = clamped.phases[0].positions
+    lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    forces = np.asarray(clamped.phases[0].results["rope_forces"]["rope"][0])
+    assert_allclose(forces[0], forces[1], rtol=1e-9)
+    links, rest = [[0, 1], [1, 2]], lengths / (1 + forces / EA)
+    cables = hung(
+        jc.Cables(links, axial_stiffness=EA, rest_length=rest),
+        jc.Phase(loads=jc.NodalLoads([1], WEIGHT + PUSH), increments=3),
+    )
+    assert cables.status == status.OK
+    assert_allclose(clamped.displacement, cables.displacement, atol=1e-9)
+    assert_allclose(clamped.results["rope_forces"]["rope"][0], cables.tension, rtol=1e-8)
+    assert np.abs(clamped.displacement - free.displacement).max() > 0.01
+
+
+def end(p):
+    """Where the end is after five phases, by friction, and the force in the anchor after two."""
+    solution = jc.solve(rope(), history(MU * p)[:5])
+    return solution.displacement[2, 0] + solution.phases[1].reactions[0, 0] / EA
+
+
+def test_gradient_by_a_statement():
+    at, value = jnp.ones(()), jax.jit(end)
+    gradient = jax.jit(jax.grad(end))(at)
+    assert slope(value, at, gradient, 0.5) == pytest.approx(2.0, abs=0.1)
+    assert slope(value, at, 1.01 * gradient, 0.5) == pytest.approx(1.0, abs=0.15)
+    many = jax.vmap(end)(jnp.array([0.5, 1.0]))
+    assert_allclose(many[1], end(1.0), rtol=1e-10)
+
+
+def test_it_keeps_its_contract():
+    ropes = Saddles([[0, 1, 2]], EA)
+    check(ropes, NODES)
+    check(ropes, NODES, conservative=True)  # without friction
+    ends = jnp.asarray(NODES)[None]
+    rough = jc.replace(ropes.start(ends), friction=jnp.array([MU]))
+    check(ropes, NODES, rough)
+    with pytest.raises(ValueError, match="the end forces are not its gradient"):
+        check(ropes, NODES, rough, conservative=True)
+
+
+def test_statements_of_two_groups_and_of_some_elements():
+    """Groups of one class are evaluated together; each has its own statements, in any phase."""
+    structure = rope(one=Saddles([[0, 1, 2]], EA), two=Saddles([[0, 1, 2]], EA), wire=WIRE)
+    stated = jc.Phase(own={"friction": {"two": [MU]}, "clamped": 0.0}).statements(structure)
+    assert [list(own) for own in stated] == [["clamped"], ["friction", "clamped"], []]
+    phases = [
+        jc.Phase(own={"friction": {"one": MU}}),
+        jc.Phase(own={"friction": {"two": jc.only([0], 2 * MU)}}, loads=PULLED),
+    ]
+    solution = jc.solve(structure, phases)
+    assert solution.status == status.OK
+    forces = solution.results["rope_forces"]
+    for name, mu in (("one", MU), ("two", 2 * MU)):
+        assert_allclose(forces[name][0, 1] / forces[name][0, 0], np.exp(mu * TURN), rtol=1e-9)
+
+
+PULLED = jc.NodalLoads([2], (PULL, 0.0, 0.0))
+WIRE = jc.Cables([[1, 2]], axial_stiffness=EA)
+
+
+@pytest.mark.parametrize(
+    ("own", "message"),
+    [
+        ({"clamp": 1.0}, "own: no group of the structure has a statement 'clamp'; there are 'fric"),
+        ({"pretension": 1.0}, r"own: 'pretension' is an argument of Phase: Phase\(pretension="),
+        ({"increments": 1.0}, "own: 'increments' is an argument"),
+        (3.0, r"own: expected a dict of statements by name, got"),
+        ({"clamped": True}, "clamped: expected numbers, got bool"),
+        (
+            {"clamped": {"ropes": 0.5}},
+            r"clamped\[0\] = 0.5: a clamp is open.*; in .*'ropes'",
+        ),
+        ({"friction": {"ropes": -0.1}}, r"friction\[0\] = -0.1: must not be negative"),
+        ({"friction": {"wire": 0.1}}, "friction: a statement of Saddles, not of Cables; in .*wire"),
+        ({"friction": {"rope": 0.1}}, "friction: no group 'rope' in .* did you mean 'ropes'"),
+        ({"friction": {"ropes": [0.1, 0.2]}}, r"friction: expected a scalar or shape \(1,\)"),
+    ],
+)
+def test_wrong_statements_are_refused(own, message):
+    structure = rope(ropes=Saddles([[0, 1, 2]], EA), wire=WIRE)
+    with pytest.raises(ValueError, match=message):
+        jc.solve(structure, jc.Phase(own=own))
+
+
+def test_traced_numbers_keep_their_rules():
+    with pytest.raises(ValueError, match=r"stiffness\[0\] = -1.0: must be positive"):
+        Saddles([[0, 1, 2]], -1.0)
+    soft = jax.jit(lambda k: jc.solve(rope(ropes=Saddles([[0, 1, 2]], k)), history()[:1]).status)
+    assert [int(soft(k)) for k in (EA, -EA)] == [status.OK, status.INVALID_INPUT]
+    codes = jax.jit(jax.vmap(lambda mu: jc.solve(rope(), history(mu)[:1]).status))
+    assert codes(jnp.array([MU, -MU])).tolist() == [status.OK, status.INVALID_INPUT]
+
+
+def test_files_and_commands(tmp_path, capsys):
+    structure = rope(ropes=Saddles([[0, 1, 2]], EA), wire=WIRE)
+    phases = [
+        jc.Phase(own={"friction": {"ropes": MU}}, loads=PULLED),
+        jc.Phase(own={"clamped": {"ropes": jc.only([0], 1.0)}, "friction": {"ropes": [0.0]}}),
+    ]
+    path = tmp_path / "rope.json"
+    jc.save_scene(path, (structure, phases))
+    jsonschema.validate(json.loads(path.read_text()), jc.files.scene_schema())
+    wrong = json.loads(path.read_text().replace("0.2", "true"))
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(wrong, jc.files.scene_schema())
+    again = jc.load_scene(path)
+    one, other = jc.solve(structure, phases), jc.solve(*again)
+    assert one.status == other.status == status.OK
+    forces = [np.asarray(s.results["rope_forces"]["ropes"]) for s in (one, other)]
+    assert (forces[0] == forces[1]).all()
+    jc.files.save_result(tmp_path / "rope.npz", structure, one)
+    read = jc.files.load_result(tmp_path / "rope.npz")
+    assert (read["rope_forces.ropes"] == forces[0]).all()
+    assert main(["info", str(path)]) == 0
+    text = capsys.readouterr().out
+    assert "friction 0.2 on ropes\n" in text and "clamped 1 on ropes\n" in text
+
+
+def test_commands_import_own_classes(tmp_path, monkeypatch, capsys):
+    """A module of the folder that the command line names registers them; without it they are
+    unknown, and one that is not there is refused."""
+    scene = rope(), [pulled(PULL, friction=MU)]
+    jc.save_scene(tmp_path / "rope.json", scene)
+    text = "from extensions import own_saddle\nown_saddle.register(own_saddle.Saddles)\n"
+    (tmp_path / "my_ropes.py").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(TYPES, "Saddles")
+    before = list(sys.path)
+    assert main(["info", "rope.json"]) == 2
+    assert "unknown type 'Saddles'" in capsys.readouterr().err
+    assert main(["info", "rope.json", "--import", "my_strings"]) == 2
+    assert "--import: No module named 'my_strings'" in capsys.readouterr().err
+    assert main(["info", "rope.json", "--import", "my_ropes"]) == 0
+    assert "friction 0.2" in capsys.readouterr().out
+    assert sys.path == before
+
+
+def test_studies_find_own_statements():
+    """The pull at which the anchor feels 600 N: by the friction, mu = log(1000 / 600) / turn."""
+    phases = history()[:1]
+    found = jc.design.tune(
+        rope(),
+        phases,
+        [(0, "friction")],
+        [jc.design.Target("reactions", -0.6 * 600.0, at=(0, 0), within=1e-3)],
+    )
+    assert_allclose(found.phases[0].own["friction"]["ropes"], np.log(1 / 0.6) / TURN, rtol=1e-5)
+    change = jc.influence(rope(), phases, of="reactions", wrt="friction")["ropes"]
+    assert_allclose(change[0, 0, 0], 0.6 * TURN * PULL * np.exp(-MU * TURN), rtol=1e-7)
+    with pytest.raises(ValueError, match=r"wrt = 'frictio': no input.*'friction'"):
+        jc.influence(rope(), phases, wrt="frictio")
+
+
+def test_a_rope_that_is_added_has_its_statements():
+    """Unstressed where it finds its ends, then with friction from the phase that adds it."""
+    structure = rope(ropes=Saddles([[0, 1, 2]], EA), wire=WIRE)
+    phases = [
+        jc.Phase(loads=PULLED),
+        jc.Phase(adds="ropes", own={"friction": MU}, loads=PULLED, increments=2),
+    ]
+    solution = jc.solve(structure, phases)
+    assert solution.status == status.OK
+    force = solution.results["rope_forces"]["ropes"][0]
+    assert_allclose(force[1] / force[0], np.exp(MU * TURN), rtol=1e-8)
+    assert_allclose(force[1] + solution.tension["wire"][0], 2 * PULL, rtol=1e-8)
+    with pytest.raises(ValueError, match=r"phases\[0\].friction\['ropes'\]: no element of the gr"):
+        jc.solve(structure, [jc.Phase(own={"friction": {"ropes": MU}}), *phases[1:]])
