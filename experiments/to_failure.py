@@ -26,7 +26,7 @@ from benchmarks.measure import timed
 from record import Record
 
 import jaxcable as jc
-from jaxcable.scenes.parts import chain
+from jaxcable.scenes.building_blocks import chain_links
 
 LEE = 1.8552  # published, times ten
 
@@ -176,7 +176,7 @@ def column(say):
     for n in (4, 8):
         z = np.linspace(0, length, n + 1)
         section = scenes.frames.solid(1.0, 1.0 / (2e4 * euler / ei), 2e4 * euler)
-        beams = jc.Beams(chain(range(n + 1)), section=section, torsional_stiffness=ei)
+        beams = jc.Beams(chain_links(range(n + 1)), section=section, torsional_stiffness=ei)
         held = scenes.frames.in_plane(n + 1).mask.array.copy()
         held[0, :3] = held[n, :2] = True
         structure = jc.Structure(np.column_stack([0 * z, 0 * z, z]), beams, jc.Supports(held))

@@ -25,7 +25,7 @@ from record import Record
 from scenes.frames import solid
 
 import jaxcable as jc
-from jaxcable.scenes.parts import chain
+from jaxcable.scenes.building_blocks import chain_links
 
 from .measure import by_turns, clock
 from .scaling import of_opensees
@@ -181,7 +181,7 @@ def fibres(say, cases):
     tips, rows = {}, []
     say("Cantilever of 2 m, 8 beams, round section of 100 mm, deflected by a quarter of its length")
     for k, section in sections.items():
-        beams = jc.Beams(chain(range(n + 1)), section=section, torsional_stiffness=1e5)
+        beams = jc.Beams(chain_links(range(n + 1)), section=section, torsional_stiffness=1e5)
         structure = jc.Structure(nodes, beams, supports=jc.clamped([0]))
 
         @jax.jit
