@@ -6,7 +6,8 @@ They are a stationary point of ``sum T l - p.x``, which is convex where all forc
 given instead, its force is an unknown: the Lagrange multiplier of that condition (`lengths`).
 
 `newton.equilibrate` iterates, with a tangent by autodiff and a line search, on elements that keep
-their force whatever their length (`strings`). The derivative is by the implicit function theorem.
+their force whatever their length (`strings`). The derivative follows from the implicit
+function theorem.
 """
 
 from __future__ import annotations
