@@ -1,10 +1,10 @@
 """Where do structures fail, and how exactly are limit and branch points located?
 
-References, all apart from the package: closed forms of the truss of von Mises (limit points, branch
-points, snap-back behind a soft hanger); plane extensible rods by shooting (`rods.py`) and the
-published limit load of Lee's frame, 18.552 (Schweizerhof and Wriggers 1986; only its digits,
-because it is given in other units of load); Euler's column; the derivative of the limit load in
-60 digits. Errors are relative to the limit load, of load factors.
+References, all independent of the package: closed forms of the truss of von Mises (limit points,
+bifurcation points, snap-back with a soft hanger); plane extensible rods by the shooting method
+(`rods.py`) and the published limit load of Lee's frame, 18.552 (Schweizerhof and Wriggers 1986; its
+digits only, because the unit of load differs); Euler's column; the derivative of the limit load in
+60 digits. Errors are those of load factors, relative to the limit load.
 
     python experiments/to_failure.py
 """

@@ -1,4 +1,4 @@
-"""Bridges that hang on stays: erected by free cantilevering, segment by segment."""
+"""Cable-stayed bridges, erected by free cantilevering, segment by segment."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def cable_stayed_bridge(
     weight: float = 30e3,
     paving: float = 4e3,
 ) -> Scene:
-    """Cable-stayed bridge in one plane: a pylon, and a deck on both sides that hangs on stays.
+    """Return a cable-stayed bridge in one plane: a pylon, and a deck on both sides with stays.
 
     The deck (a steel box of 2.0 x 1.0 m, 20 mm) is joined rigidly to the pylon (2.0 x 2.0 m, 40
     mm), which is clamped 20 m below. Stays are of strands of 195 kN/mm2, sized for 500 N/mm2 under
@@ -50,7 +50,7 @@ def cable_stayed_bridge(
         segment: length of a segment, m.
         height: of the pylon above the deck, m.
         stays: "fan", all from the upper third of the pylon, or "harp", all parallel.
-        weight: of the deck with its slab, which does not carry, N/m.
+        weight: weight of the deck with its slab, which has no stiffness here, N/m.
         paving: its weight, N/m.
 
     Returns:
