@@ -75,10 +75,10 @@ def nodes_coupled_by_loads(
 
 def _loaded_groups(load, groups):
     """Generate (index, group) of the element groups that a load along elements acts on."""
-    for number, group in enumerate(groups):
+    for index, group in enumerate(groups):
         weightless = isinstance(load, SelfWeight) and group.weight is None
-        if not weightless and number in load.on:
-            yield number, group
+        if not weightless and index in load.on:
+            yield index, group
 
 
 @pytree
@@ -107,12 +107,12 @@ class FormDependentLoads:
         for load in self.loads:
             if isinstance(load, AreaLoads):
                 forces = jnp.broadcast_to(load.forces, (len(load.faces), 3))
-                yield _force_on_face(load), (forces,), load.faces
+                yield _face_force_function(load), (forces,), load.faces
                 continue
-            for number, group in _loaded_groups(load, self.groups):
-                part = None if load.part is None else load.part[number]
-                arguments = group.properties(), group.initial_memory(), states[number], part
-                yield _force_on_element(load, number, group), arguments, group.links
+            for index, group in _loaded_groups(load, self.groups):
+                part = None if load.part is None else load.part[index]
+                arguments = group.properties(), group.initial_memory(), states[index], part
+                yield _element_force_function(load, index, group), arguments, group.links
 
     @property
     def acts(self) -> Bool[Array, ""]:
@@ -150,7 +150,7 @@ class FormDependentLoads:
         ]
 
 
-def _force_on_face(load):
+def _face_force_function(load):
     """Return the function from a face's corners [k, 3] and load [3], N/m2, to corner forces, N."""
 
     def force(corners, forces):
@@ -160,7 +160,7 @@ def _force_on_face(load):
     return force
 
 
-def _force_on_element(load, number, group):
+def _element_force_function(load, index, group):
     """Return the function from an element's ends [2, 3] and properties to its loads there, N."""
 
     def force(ends, properties, memory, given, part):
@@ -176,8 +176,8 @@ def _force_on_element(load, number, group):
             group, links=jnp.arange(2)[None], **{k: v[None] for k, v in properties.items()}
         )
         state = AxialState(rest_length, length[None] - rest_length)
-        acting = load if part is None else copy(load, part={number: part[None]})
-        whole = rest_length * acting.per_length(number, alone, state, ends)[0]
+        acting = load if part is None else copy(load, part={index: part[None]})
+        whole = rest_length * acting.per_length(index, alone, state, ends)[0]
         return jnp.stack([0.5 * whole, 0.5 * whole])
 
     return force

@@ -113,14 +113,14 @@ def feasible_prestress(
         {'struts': -1541.4, 'triangles': 630.2, 'verticals': 1000.0}
     """
     links, cable = links_and_tension_only(structure)
-    number = _group_numbers(structure, groups, len(links))
-    n_group = number.max() + 1
+    group_number = _group_numbers(structure, groups, len(links))
+    n_group = group_number.max() + 1
     if group is not None and not 0 <= group < n_group:
         raise ValueError(f"group = {group}: there are groups 0 to {n_group - 1}")
     free = ~structure.held().ravel()
-    spread = np.zeros((len(links), n_group))
-    spread[np.arange(len(links)), number] = 1.0
-    pulled = (spread * cable[:, None]).any(axis=0)
+    membership = np.zeros((len(links), n_group))
+    membership[np.arange(len(links)), group_number] = 1.0
+    pulled = (membership * cable[:, None]).any(axis=0)
     modes, tol = None, rank_tolerance(structure, tol)
     if checks.concrete(structure.nodes) is None:
         if group is None:
@@ -130,8 +130,8 @@ def feasible_prestress(
             )
     else:
         nodes = nodes_as_numpy(structure, "feasible_prestress")
-        sums = equilibrium_matrix(nodes, links)[0][free] @ spread
-        modes = _null_space(sums / np.sqrt(spread.sum(0)), tol) / np.sqrt(spread.sum(0))
+        sums = equilibrium_matrix(nodes, links)[0][free] @ membership
+        modes = _null_space(sums / np.sqrt(membership.sum(0)), tol) / np.sqrt(membership.sum(0))
         taut = _combine_to_taut_state(modes, pulled)
         if group is None:
             group = int(np.abs(taut).argmax())
@@ -147,28 +147,28 @@ def feasible_prestress(
         modes = np.linalg.qr(modes.T)[0].T
         if len(modes) > 1:
             return _make_prestress(
-                structure, free, links, number, taut / taut[group] * tension, modes
+                structure, free, links, group_number, taut / taut[group] * tension, modes
             )
-    solved = _solve_other_groups(structure, free, links, spread, group, tension, tol)
+    solved = _solve_other_groups(structure, free, links, membership, group, tension, tol)
     if isinstance(solved, jax.Array) and pulled.any():  # not checked above where nodes are traced
         solved = jnp.where(jnp.any(pulled & (solved <= 0)), jnp.nan, solved)
-    return _make_prestress(structure, free, links, number, solved, modes)
+    return _make_prestress(structure, free, links, group_number, solved, modes)
 
 
 def _group_numbers(structure, groups, n_elem):
     """Check `groups`, and return the group number of every element, [n_elem]."""
     if groups is None:
         return np.arange(n_elem)
-    number = np.asarray(values_of_all_elements(structure, groups, "groups"))
-    if not np.issubdtype(number.dtype, np.integer):
-        raise ValueError(f"groups: expected integers, got {number.dtype}")
-    if number.min() < 0:
-        k = int(number.argmin())
-        raise ValueError(f"groups[{k}] = {number[k]}: group numbers start at 0")
-    empty = np.bincount(number) == 0
+    group_number = np.asarray(values_of_all_elements(structure, groups, "groups"))
+    if not np.issubdtype(group_number.dtype, np.integer):
+        raise ValueError(f"groups: expected integers, got {group_number.dtype}")
+    if group_number.min() < 0:
+        k = int(group_number.argmin())
+        raise ValueError(f"groups[{k}] = {group_number[k]}: group numbers start at 0")
+    empty = np.bincount(group_number) == 0
     if empty.any():
         raise ValueError(f"groups: no element is in group {int(empty.argmax())}")
-    return number
+    return group_number
 
 
 def _null_space(matrix, tol):
@@ -240,15 +240,15 @@ def _combine_to_taut_state(modes, cable):
     return state
 
 
-def _solve_other_groups(structure, free, links, spread, group, tension, tol):
+def _solve_other_groups(structure, free, links, membership, group, tension, tol):
     """Return the tensions of all groups, [n_group], N, from that of one group: least squares by QR.
 
     The other tensions are NaN, with NaN derivatives, if the other groups alone have a state of
     self-stress: then they are not unique.
     """
     nodes, xp = _nodes_and_array_module(structure.nodes, tension)
-    sums = equilibrium_matrix(nodes, links)[0][free] @ spread.astype(nodes.dtype)
-    rest = np.delete(np.arange(spread.shape[1]), group)
+    sums = equilibrium_matrix(nodes, links)[0][free] @ membership.astype(nodes.dtype)
+    rest = np.delete(np.arange(membership.shape[1]), group)
     given = xp.reshape(xp.asarray(tension, nodes.dtype), (1,))
     if not len(rest):
         return given
@@ -266,10 +266,10 @@ def _nodes_and_array_module(nodes, tension):
     return nodes, np
 
 
-def _make_prestress(structure, free, links, number, group_tension, modes):
+def _make_prestress(structure, free, links, group_number, group_tension, modes):
     """Make the `Prestress` from the tensions of all groups."""
     nodes, xp = _nodes_and_array_module(structure.nodes, group_tension)
-    tension = xp.asarray(group_tension, nodes.dtype)[number]
+    tension = xp.asarray(group_tension, nodes.dtype)[group_number]
     unbalanced = equilibrium_matrix(nodes, links)[0][free] @ tension
     return Prestress(
         tension=arrange_as_elements(structure, tension),

@@ -105,12 +105,12 @@ def _evaluate_catenaries(structure, solution, method, absent, *arguments):
         )
     thawed, arrays, _ = prepared(structure, solution)
     return structure.arrange(
-        _evaluate_groups(thawed, arrays, *arguments, method=method, absent=absent)
+        _evaluate_catenary_groups(thawed, arrays, *arguments, method=method, absent=absent)
     )
 
 
 @functools.partial(jax.jit, static_argnames=("method", "absent"))
-def _evaluate_groups(thawed, arrays, *arguments, method, absent):
+def _evaluate_catenary_groups(thawed, arrays, *arguments, method, absent):
     """Evaluate a method for all elements of every catenary group, None for others; compiled."""
     nodes, groups, carry = filled(thawed, arrays)
     states = make_system(nodes, groups, carry, None, None, carry.nodal_load).states
@@ -119,8 +119,8 @@ def _evaluate_groups(thawed, arrays, *arguments, method, absent):
         if not isinstance(group, Sagging):
             return None
 
-        def value(member, *at):
-            return getattr(member, method)(*at, *arguments)
+        def value(element, *at):
+            return getattr(element, method)(*at, *arguments)
 
         found = over(value, group, state, nodes, carry.motion, absent=True)
         if state.present is None:

@@ -155,7 +155,7 @@ class SaddleSystem:
         return system, self.nodal_motion(z)
 
     def _given_length_groups(self, motion):
-        """Generate (initial ends, displaced by, L, unknowns) for each group with given lengths."""
+        """Generate (initial ends, displacements, L, unknowns) of each group with given lengths."""
         n = self.numbering
         for group, chosen, unknowns, lengths in zip(
             self.system.groups, n.given_elements, n.unknowns, self.given, strict=True
@@ -200,8 +200,10 @@ class SaddleSystem:
         ]
         return linear.assemble(parts, len(self.numbering.zeros), self.numbering.pattern)
 
-    def with_balancing_forces(self, motion: Float[Array, "n_node 3"]) -> Float[Array, " n_all"]:
-        """Return z of displacements [n_node, 3], with the forces that leave the smallest residual.
+    def unknowns_of_least_residual(
+        self, motion: Float[Array, "n_node 3"]
+    ) -> Float[Array, " n_all"]:
+        """Return z with given displacements [n_node, 3] and the forces of the smallest residual.
 
         These are weighted least squares, solved with the Hessian whose element stiffnesses are
         replaced by identity blocks.

@@ -39,9 +39,9 @@ def require_straight_elements(structure: Structure) -> None:
 def input_status(
     nodes: Float[Array, "n_node 3"], groups: Sequence[Element], *others: Any
 ) -> Int[Array, ""]:
-    """Return the status INVALID_INPUT if numbers of a structure or of `others` break their rules.
+    """Return INVALID_INPUT if numbers of a structure or of `others` break their rules, else OK.
 
-    Else it is OK. The numbers can be traced.
+    The numbers can be traced.
     """
     rules = [*rules_of([groups, others]), *(r for g in groups for r in place_rules(nodes, g))]
     return jnp.where(kept(rules), status.OK, status.INVALID_INPUT).astype(jnp.int32)

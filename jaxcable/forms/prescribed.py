@@ -219,7 +219,7 @@ def _solve_form(thawed, arrays, freedoms, saddle_numbering, axis_numbering, meth
         links = axis_numbering[0]
 
         def densities(x):
-            return _densities_of_forces(frozen.forces, x[links])
+            return _force_densities(frozen.forces, x[links])
 
         return start_by_force_density(system, densities, axis_numbering)
 
@@ -254,7 +254,7 @@ def _solve_form(thawed, arrays, freedoms, saddle_numbering, axis_numbering, meth
     return make_form(groups, positions, forces, code, worst, scale, steps, parameters, met)
 
 
-def _densities_of_forces(forces, ends):
+def _force_densities(forces, ends):
     """Return the force densities T/l of all elements, for `force_density.start_by_force_density`.
 
     The form of these force densities minimises a parabola that lies above ``sum T l - p.x`` and
@@ -306,7 +306,7 @@ def _solve_with_lengths(force_net, given, start, freedoms, saddle_numbering, met
     known = jnp.zeros((), bool)
     if struts:
         first = lengths.solve_saddle(
-            saddle, saddle.with_balancing_forces(start), tol, method.max_steps, ~known
+            saddle, saddle.unknowns_of_least_residual(start), tol, method.max_steps, ~known
         )
         known = first[1] == status.OK
     force = _SPRING_FORCE_RATIO * _force_scale(force_net)

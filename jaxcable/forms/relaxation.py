@@ -148,23 +148,23 @@ def _start_state(group, ends, force, rest):
     return copy(state, jack_force=force.values, jacked=force.chosen)
 
 
-def _forces_and_stiffness_bound(member, state, ends, motion):
+def _forces_and_stiffness_bound(element, state, ends, motion):
     """Return the end forces of an element, N, and an upper bound of its stiffness, N/m.
 
     The bound holds in any direction; a slack element has that of a taut one.
     """
 
     def along():
-        slope = jax.grad(lambda strain: member.force(strain, state.memory))
-        strain = jnp.maximum(member.strain(state, ends, motion), 0.0)
+        slope = jax.grad(lambda strain: element.force(strain, state.memory))
+        strain = jnp.maximum(element.strain(state, ends, motion), 0.0)
         return jnp.maximum(slope(strain), slope(jnp.zeros_like(strain))) / state.rest_length
 
     _, length, _, _ = stretch(ends, motion)
-    across = jnp.abs(member.tension(state, ends, motion)) / length
-    return member.end_forces(state, ends, motion), jacked_or(state, 0.0, along) + across
+    across = jnp.abs(element.tension(state, ends, motion)) / length
+    return element.end_forces(state, ends, motion), jacked_or(state, 0.0, along) + across
 
 
-def _unstressed_length(member, state, ends, motion):
+def _unstressed_length(element, state, ends, motion):
     """Return the unstressed length of an element, m.
 
     If the force is prescribed, it is the length after lock-off: with the element's law it has this
@@ -173,7 +173,7 @@ def _unstressed_length(member, state, ends, motion):
     if state.jack_force is None:
         return state.rest_length
     _, length, change, _ = stretch(ends, motion)
-    return member.locked(state, length, change).rest_length
+    return element.locked(state, length, change).rest_length
 
 
 @pytree

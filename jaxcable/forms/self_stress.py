@@ -300,7 +300,7 @@ def _allowed_rigid_motions(nodes, free, tol):
 
 
 def _orthogonal_complement(space, part):
-    """Return an orthonormal basis of what a space has orthogonal to one of its subspaces.
+    """Return an orthonormal basis of the complement of a subspace within a space.
 
     Args:
         space: orthonormal basis of the space, [n, n_free].

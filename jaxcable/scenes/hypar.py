@@ -13,7 +13,7 @@ import numpy as np
 from ..common.types import Float, Int
 from ..elements import Cables
 from .building_blocks import Scene, downward_loads, two_phase_scene
-from .nets import at_zero_height, grid, make_anchored_net
+from .nets import add_zero_height, grid, make_anchored_net
 
 NODE_NAMES = (5, 6, 7, 10, 11, 12, 15, 16, 17, 20, 21, 22)
 """Names of the free nodes in the paper, along x first."""
@@ -45,7 +45,7 @@ Source: Mihanovic, Trogrlic, Zivaljic (2011), Table 3, with its reference number
 def plan() -> tuple[Float[np.ndarray, "26 3"], Int[np.ndarray, "31 2"], Int[np.ndarray, " 12"]]:
     """Return the identified plan: nodes [26, 3], m, links [31, 2], free node numbers [12]."""
     places, links, free = grid(3, 4)
-    nodes = at_zero_height(0.4 * places)
+    nodes = add_zero_height(0.4 * places)
     nodes[places[:, 0] == 4, 0] = 1.2 + 0.795
     nodes[places[:, 1] == 5, 1] = 1.6 + 1.084
     return nodes, links, free

@@ -30,7 +30,7 @@ def grid(
     return np.array(places), np.array(along_x + along_y), np.array(free)
 
 
-def at_zero_height(plan: Float[np.ndarray, "n_node 2"]) -> Float[np.ndarray, "n_node 3"]:
+def add_zero_height(plan: Float[np.ndarray, "n_node 2"]) -> Float[np.ndarray, "n_node 3"]:
     """Add the height z = 0 to positions in plan, [n_node, 2]."""
     return np.column_stack([plan, np.zeros(len(plan))])
 
@@ -64,7 +64,7 @@ def flat_net(load: float = 150.0, increments: tuple[int, int] = (1, 10)) -> Scen
     """
     places, links, free = grid(2, 2)
     structure = make_anchored_net(
-        at_zero_height(0.4 * places), Cables(links, axial_stiffness=97.97e3), free
+        add_zero_height(0.4 * places), Cables(links, axial_stiffness=97.97e3), free
     )
     return two_phase_scene(structure, increments, downward_loads(free, load), pretension=200.0)
 

@@ -91,7 +91,7 @@ def roof_ring(
     nodes = np.concatenate([points_on_circle(r, angle, z) for r, z in rings])
     number = np.arange(n)
     upper, lower, inner = number, n + number, 2 * n + number
-    parts, short = _size_wheel(n, radius, hub, height, pretension)
+    parts, short = _wheel_statics(n, radius, hub, height, pretension)
     compressed = np.concatenate([chain_links(upper, closed=True), chain_links(lower, closed=True)])
     elements = {
         "rings": Bars(compressed, **parts["rings"]),
@@ -119,7 +119,7 @@ def roof_ring(
     return Scene(structure, [hanging, *[lift] * lifts, *joined, roof])
 
 
-def _size_wheel(n, radius, hub, height, pretension):
+def _wheel_statics(n, radius, hub, height, pretension):
     """Find forces and lengths by statics.
 
     Returns:

@@ -84,7 +84,7 @@ def suspension_footbridge(
         raise ValueError(f"n = {n}: must be even, and at least 4")
     require_positive(span=span, sag=sag, dead=dead, planks=planks)
     x = np.linspace(-span / 2, span / 2, n + 1)
-    height, posts, strands, hung = _size_bridge(x, span, sag, dead)
+    height, posts, strands, hung = _bridge_statics(x, span, sag, dead)
     back = x[-1] + span / 3
     nodes = np.zeros((2 * n + 6, 3))
     nodes[:6, 0] = [-back, back, x[0], x[-1], x[0], x[-1]]
@@ -123,7 +123,7 @@ def suspension_footbridge(
     return Scene(structure, [*phases, Phase(adds="girder"), Phase(loads=laid)])
 
 
-def _size_bridge(x, span, sag, dead):
+def _bridge_statics(x, span, sag, dead):
     """Find the shape and the lengths by statics.
 
     Returns:
