@@ -105,7 +105,8 @@ def kept_many(cases):
     jax.config.update("jax_enable_x64", True)
     say = record.Record("kept_programs_many")
     say(
-        f"\n{cases.nets} nets of different shape, each analysed once by jc.solve; {MOST_PROGRAMS} programs"
+        f"\n{cases.nets} nets of different shape, each analysed once by jc.solve; "
+        f"{MOST_PROGRAMS} programs"
     )
     say("are known at a time. Memory of the process, and its memory maps (65 530 are allowed)\n")
     say(f"{'nets':>6}{'MB':>8}{'maps':>8}")

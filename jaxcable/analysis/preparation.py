@@ -240,11 +240,8 @@ def _numbered(structure, method, stacks, groups, bundles, convex):
         settings = solver, symmetric, structure.rigid, space, convex, paired
         found = make_dof_map(fixed, rows, coupled, *settings)
         ends = tuple(group.links for group in groups)
-        return (
-            with_assembly(found, ends, rows is None and not space.rotates)
-            if are_loops_fused()
-            else found
-        )
+        own = rows is None and not space.rotates
+        return with_assembly(found, ends, own) if are_loops_fused() else found
 
     return number
 

@@ -196,9 +196,8 @@ def require_targets(targets: Sequence[Any], count: int) -> None:
         raise ValueError("targets: there are none; give at least one Target")
     for number, target in enumerate(targets):
         if not isinstance(target, Target):
-            raise ValueError(
-                f"targets[{number}]: expected a Target, got {checks.describe_type(target, 'Target(...)')}"
-            )
+            given = checks.describe_type(target, "Target(...)")
+            raise ValueError(f"targets[{number}]: expected a Target, got {given}")
         if not -count <= target.phase < count:
             raise ValueError(
                 f"targets[{number}].phase = {target.phase}: there are phases 0 to {count - 1}"

@@ -180,9 +180,8 @@ def tune(
     """
     phases = as_phases(structure, phases)
     if not isinstance(targets, Target | list | tuple):
-        raise ValueError(
-            f"targets: expected a list of Target, got {checks.describe_type(targets, 'Target(...)')}"
-        )
+        given = checks.describe_type(targets, "Target(...)")
+        raise ValueError(f"targets: expected a list of Target, got {given}")
     targets = [targets] if isinstance(targets, Target) else list(targets)
     values = _check_unknowns(phases, unknowns)
     require_targets(targets, len(phases))

@@ -35,6 +35,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.rotations import cross
 from ..numerics.vectors import scalar_product
 from ..sections import Section
+from ..sections.geometry import bends_alike
 from .abilities import Bending, Rounding
 from .element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Ends, Motion, Scalar
 from .member import Member
@@ -343,7 +344,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
 
     def bends_alike(self) -> Bool[Array, ""]:
         """Whether the element bends alike in all directions, so that its axes do not matter."""
-        return _alike(self.section)
+        return bends_alike(self.section)
 
     def axes(self, ends: Ends) -> Float[Array, "3 3"]:
         """Initial axes of the element, [3, 3]: ``axes[0]`` along it, then the section's y and z."""
@@ -394,15 +395,4 @@ def _differs(section):
     if any(checks.array_if_known(leaf) is None for leaf in jax.tree.leaves(section)):
         return False  # traced numbers are judged by `start`
     with jax.ensure_compile_time_eval():
-        return not bool(_alike(section))
-
-
-def _alike(section):
-    """Whether a section bends alike in all directions, about the axis of the element."""
-    stiffness = section.stiffness()
-    scale = jnp.maximum(stiffness[1, 1], stiffness[2, 2])
-    radius = jnp.sqrt(stiffness[0, 0] * scale)
-    apart = jnp.abs(stiffness[1, 1] - stiffness[2, 2]) + jnp.abs(stiffness[1, 2])
-    off = jnp.abs(stiffness[0, 1]) + jnp.abs(stiffness[0, 2])
-    tiny = 1e3 * jnp.finfo(stiffness.dtype).eps  # sums over some hundred fibres
-    return (apart <= tiny * scale) & (off <= tiny * radius)
+        return not bool(bends_alike(section))

@@ -52,7 +52,7 @@ class System(Elementwise):
     followers: list[Following] | None = None
 
     def without_softening(self) -> System:
-        """The system with laws that do not fall beyond their first peak, see `Law.without_softening`."""
+        """Return the system with materials that do not soften (`Law.without_softening`)."""
         return copy_with(self, groups=[group.without_softening() for group in self.groups])
 
     # --- points and steps
@@ -247,7 +247,7 @@ class System(Elementwise):
         return self.space.stabilize_free_spins(self._assemble(parts), x)
 
     def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[MatrixPart]:
-        """Matrices [n_elem, d, d] of the elements of all groups as `linear.assemble_matrix` takes them."""
+        """Transform matrices [n_elem, d, d] of all groups to the input of `linear.assemble_matrix`."""
         return [
             self.space.transform_to_unknowns(blocks, group.links, group.n_freedom, group.inner, x)
             for blocks, group in zip(matrices, self.groups, strict=True)
