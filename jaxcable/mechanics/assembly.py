@@ -247,7 +247,7 @@ class System(Elementwise):
         return self.space.stabilize_free_spins(self._assemble(parts), x)
 
     def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[MatrixPart]:
-        """Transform matrices [n_elem, d, d] of all groups to the input of `linear.assemble_matrix`."""
+        """Transform matrices of all groups to the input of `linear.assemble_matrix`."""
         return [
             self.space.transform_to_unknowns(blocks, group.links, group.n_freedom, group.inner, x)
             for blocks, group in zip(matrices, self.groups, strict=True)
