@@ -235,7 +235,7 @@ def _unless(ok, end, touched):
 
 
 def _teller(listen, phases):
-    """Return the function by which `newton.march` reports increments to the listener."""
+    """Return the function by which `newton.solve_increments` reports increments to the listener."""
 
     def news(number, count, factor, outcome):
         traced = {

@@ -303,7 +303,7 @@ def _solve_with_lengths(force_net, given, start, dof_map, saddle_numbering, meth
     Returns:
         The unknowns [n_all], status, number of steps, unbalanced forces [n_free] and their scale.
     """
-    tol = newton.limit(method, start.dtype)
+    tol = newton.residual_tolerance(method, start.dtype)
     saddle = _make_saddle(force_net, given, dof_map, saddle_numbering)
     known = jnp.zeros((), bool)
     if struts:
