@@ -25,8 +25,8 @@ from ..equilibrium.newton import Newton
 from ..mechanics.assembly import System
 from ..numerics import implicit
 from ..spaces.dof_map import DofMap
-from .along import FormDependentLoads, laws_can_carry
-from .members import system_with_fixed_supports
+from .form_dependent_loads import FormDependentLoads, laws_can_carry
+from .input_checks import system_with_fixed_supports
 
 
 @pytree
