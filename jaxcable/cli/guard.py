@@ -15,7 +15,7 @@ from pathlib import Path
 
 from ..common import writing
 from ..common.checks import InputWarning, UnstableWarning
-from ..common.interrupt import leave
+from ..common.interrupt import exit_interrupted
 from ..common.status import AnalysisError
 from ..files import FileError
 from ..plots.style import MADE_BY
@@ -69,7 +69,7 @@ def run_guarded(command: Callable[[Namespace], int | None], options: Namespace) 
         while thread.is_alive():
             thread.join(0.1)
     except KeyboardInterrupt:
-        leave()  # compiled programs cannot be stopped otherwise
+        exit_interrupted()  # compiled programs cannot be stopped otherwise
     (result,) = outcome
     return result if isinstance(result, int) else _report_error(result)
 

@@ -15,7 +15,7 @@ from ..files.doubts import counted, doubts, place
 from ..loads import LineLoads, SelfWeight, as_list
 from ..loads.faces import areas
 from ..model.parts import groups_by_name
-from ..spaces.freedoms import number_freedoms
+from ..spaces.dof_map import make_dof_map
 from ..stiffness.vibration import STANDARD_GRAVITY
 from . import inputs
 
@@ -62,8 +62,8 @@ def _print_scene(structure, phases):
         f"{int(partly.sum())} partially supported, {int(clamped.sum())} with rotations fixed"
     )
     rows, _ = structure.rows()
-    freedoms = number_freedoms(structure.fixed(structure.supports), rows, rigid=structure.rigid)
-    print(f"unknowns: {len(freedoms.free)} degrees of freedom")
+    dof_map = make_dof_map(structure.fixed(structure.supports), rows, rigid=structure.rigid)
+    print(f"unknowns: {len(dof_map.free)} degrees of freedom")
     named = groups_by_name(structure)
     for (label, group), lengths in zip(named, inputs.element_lengths(structure), strict=True):
         sizes, kind, unit = lengths, "lengths", "m"

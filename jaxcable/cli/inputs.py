@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..common.checks import suspect
+from ..common.checks import warn_user
 from ..common.types import ArrayLike, Float, PyTree
 from ..files import load_scene, read_csv, read_dxf, read_network, read_obj
 from ..files.doubts import counted
@@ -51,7 +51,7 @@ def read_scene(options: Namespace) -> Scene:
         )
     extent = float(np.ptp(np.asarray(found.structure.nodes, float), axis=0).max())
     if extent > _MOST_EXTENT:
-        suspect(
+        warn_user(
             f"{options.scene}: the structure extends over {extent / 1e3:.4g} km; nodes are in m: "
             "are these mm?"
         )

@@ -181,7 +181,7 @@ def _add_solve(commands):
     text = "incremental method with N corrections per increment, without full iteration (research)"
     command.add_argument("--corrections", type=_whole_number_up_to(20), metavar="N", help=text)
     text = "solver of linear equations (default: by size)"
-    command.add_argument("--linear-solver", choices=linear.offered(), help=text)
+    command.add_argument("--linear-solver", choices=linear.selectable_solver_names(), help=text)
 
 
 def _add_plot(commands):

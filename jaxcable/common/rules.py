@@ -3,7 +3,8 @@
 A constructor cannot look at a number that is being traced. An object with rules therefore lists
 them in ``rules()``: its constructor refuses known numbers that break a rule (`refuse`), and the
 compiled core of an analysis, in which all numbers are traced, ends in a status if one is broken
-(`kept`). Functions that only compute numbers, outside of any analysis, return NaN (`or_nan`).
+(`are_rules_kept`). Functions that only compute numbers, outside of any analysis, return NaN
+(`nan_if_broken`).
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .checks import concrete
-from .tree import Each
+from .checks import array_if_known
+from .tree import PerElement
 from .types import Array, ArrayLike, Bool, Float, PyTree
 
 
 class Rule(NamedTuple):
-    """One rule of one argument.
+    """A rule that the numbers of one argument keep.
 
     Attributes:
         name: of the argument.
@@ -44,19 +45,21 @@ class Rule(NamedTuple):
 def positive(
     name: str, values: Float[ArrayLike, " ..."] | None, text: str = "must be positive"
 ) -> Rule:
-    """The rule that numbers are above zero."""
+    """Return the rule that numbers are above zero."""
     return Rule(name, values, lambda v: v <= 0, text)
 
 
 def not_negative(
     name: str, values: Float[ArrayLike, " ..."] | None, text: str = "must not be negative"
 ) -> Rule:
-    """The rule that numbers are zero or above."""
+    """Return the rule that numbers are zero or above."""
     return Rule(name, values, lambda v: v < 0, text)
 
 
-def whole(name: str, values: ArrayLike | None, text: str = "expected a whole number") -> Rule:
-    """The rule that numbers have no fraction."""
+def whole_number(
+    name: str, values: ArrayLike | None, text: str = "expected a whole number"
+) -> Rule:
+    """Return the rule that numbers have no fraction."""
 
     def broken(v):
         # the remainder of an integer, which is zero, makes a long program
@@ -65,13 +68,13 @@ def whole(name: str, values: ArrayLike | None, text: str = "expected a whole num
     return Rule(name, values, broken, text)
 
 
-def refuse(rules: Sequence[Rule]) -> None:
-    """Raise ValueError for the first rule that known numbers break, naming the argument and index.
+def refuse_if_broken(rules: Sequence[Rule]) -> None:
+    """Raise ValueError for the first rule that known numbers break, naming argument and index.
 
     Traced numbers and NaN pass.
     """
     for rule in rules:
-        values: list[Any] = [concrete(v) for v in _all(rule.values)]
+        values: list[Any] = [array_if_known(v) for v in _values_as_tuple(rule.values)]
         if any(value is None for value in values):
             continue
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -86,8 +89,10 @@ def refuse(rules: Sequence[Rule]) -> None:
         raise ValueError(f"{rule.name}{where}{shown}: {rule.text}")
 
 
-def kept(rules: Sequence[Rule], among: Bool[ArrayLike, " ..."] | None = None) -> Bool[Array, ""]:
-    """Whether numbers keep the rules, scalar bool, traced.
+def are_rules_kept(
+    rules: Sequence[Rule], among: Bool[ArrayLike, " ..."] | None = None
+) -> Bool[Array, ""]:
+    """Return whether traced numbers keep all rules, a scalar bool.
 
     Args:
         rules: list of `Rule`.
@@ -97,24 +102,24 @@ def kept(rules: Sequence[Rule], among: Bool[ArrayLike, " ..."] | None = None) ->
     for rule in rules:
         if rule.values is None:
             continue
-        broken = rule.broken(*map(jnp.asarray, _all(rule.values)))
+        broken = rule.broken(*map(jnp.asarray, _values_as_tuple(rule.values)))
         sound = sound & ~jnp.any(broken if among is None else broken & among)
     return sound
 
 
-def or_nan(rule: Rule) -> Float[ArrayLike, " ..."]:
-    """The values of a rule: refused if known values break it, NaN where traced values break it."""
-    refuse([rule])
-    values = _all(rule.values)
-    if all(concrete(v) is not None for v in values):
+def nan_if_broken(rule: Rule) -> Float[ArrayLike, " ..."]:
+    """Return the values of a rule; refuse known ones that break it, replace traced ones by NaN."""
+    refuse_if_broken([rule])
+    values = _values_as_tuple(rule.values)
+    if all(array_if_known(v) is not None for v in values):
         return values[0]
     return jnp.where(rule.broken(*values), jnp.nan, values[0])
 
 
-def rules_of(tree: PyTree[Any]) -> list[Rule]:
-    """List of the rules of all objects in a tree of pytree objects, lists, tuples and dicts."""
-    if isinstance(tree, Each):
-        return [_of_each(tree)]
+def collect_rules(tree: PyTree[Any]) -> list[Rule]:
+    """Collect the rules of all objects in a tree of pytree objects, lists, tuples and dicts."""
+    if isinstance(tree, PerElement):
+        return [_rule_of_each_element(tree)]
     rules = tree.rules() if hasattr(tree, "rules") else []
     if dataclasses.is_dataclass(tree):
         parts: Iterable[Any] = [getattr(tree, field.name) for field in dataclasses.fields(tree)]
@@ -124,20 +129,22 @@ def rules_of(tree: PyTree[Any]) -> list[Rule]:
         parts = tree.values()
     else:
         parts = []
-    return [*rules, *(rule for part in parts for rule in rules_of(part))]
+    return [*rules, *(rule for part in parts for rule in collect_rules(part))]
 
 
-def _of_each(tree):
-    """A single rule for `Each`, broken for an element if its object breaks any of its rules."""
+def _rule_of_each_element(tree):
+    """Return a rule for `PerElement`: an element breaks it if its object breaks any of its own."""
     leaves, shape = jax.tree.flatten(tree.every)
 
     def broken(*leaves):
-        return jax.vmap(lambda *one: ~kept(rules_of(jax.tree.unflatten(shape, one))))(*leaves)
+        return jax.vmap(
+            lambda *one: ~are_rules_kept(collect_rules(jax.tree.unflatten(shape, one)))
+        )(*leaves)
 
-    return Rule("every", tuple(leaves), broken, "breaks a rule of its kind")
+    return Rule("every", tuple(leaves), broken, "breaks a rule of its class")
 
 
-def _all(values):
-    """The values of a rule as a tuple of arrays, or None; a list of numbers becomes one array."""
+def _values_as_tuple(values):
+    """Return the values of a rule as a tuple of arrays; None stays None."""
     values = values if isinstance(values, tuple) else (values,)
     return tuple(v if v is None or isinstance(v, jax.Array) else np.asarray(v) for v in values)

@@ -1,9 +1,9 @@
 """Frozen dataclasses as pytrees, with topology kept apart from numbers.
 
 Numbers (coordinates, stiffness, loads) are leaves. Topology (numbers of nodes, supports) is static
-metadata in an `Indices`, hashed by digest. Before the compiled core is entered, `thaw` takes the
-index arrays out of the metadata, so that they become arguments: two nets of equal shape then share
-one compilation, and no index array becomes a constant of a program.
+metadata in an `Indices`, hashed by digest. Before the compiled core is entered, `split_indices`
+takes the index arrays out of the metadata, so that they become arguments: two nets of equal shape
+then share one compilation, and no index array becomes a constant of a program.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .owned import owned
-from .summary import summary
+from .owned import owned_copy
+from .summary import summarize
 from .types import Array, ArrayLike, Bool, Float, Int, PyTree
 
 _T = TypeVar("_T")
@@ -68,13 +68,13 @@ class Indices:
 
 
 _NO_INDICES = "_no_indices"
-_PLAIN = {np.ndarray, type(None), float, int, bool}
+_LEAF_TYPES = {np.ndarray, type(None), float, int, bool}
 """Common types of leaves."""
 
 
 @dataclasses.dataclass(frozen=True)
-class _Slot:
-    """Takes the place of the index array of this number in a thawed object."""
+class _IndexSlot:
+    """Stands in a tree without indices for the index array of this number."""
 
     number: int
 
@@ -87,9 +87,9 @@ def pytree(
     indices: Sequence[str] = (),
     kw_only: bool = False,
 ) -> Any:
-    """Make `cls` a frozen dataclass and a pytree; fields that the options do not name are leaves.
+    """Make `cls` a frozen dataclass and a pytree, whose leaves are all fields but those named here.
 
-    Constructors keep read-only copies of NumPy arrays, lists and dicts (`owned`). Unlike with
+    Constructors keep read-only copies of NumPy arrays, lists and dicts (`owned_copy`). Unlike with
     `jax.tree_util.register_dataclass`, unflattening does not run `__post_init__`: constructors may
     validate values, while transformations may put any leaf in a field.
 
@@ -102,7 +102,7 @@ def pytree(
         return lambda c: pytree(c, static=static, indices=indices, kw_only=kw_only)
     cls = dataclasses.dataclass(frozen=True, eq=False, repr=False, kw_only=kw_only)(cls)
     if cls.__repr__ is object.__repr__:
-        cls.__repr__ = summary
+        cls.__repr__ = summarize
     meta = tuple(static) + tuple(indices)
     data = tuple(f.name for f in dataclasses.fields(cls) if f.name not in meta)
     cls._index_fields = tuple(indices)
@@ -116,7 +116,7 @@ def pytree(
         construct(obj, *arguments, **options)
         values = obj.__dict__
         for name in data:
-            values[name] = owned(values[name])
+            values[name] = owned_copy(values[name])
 
     cls.__init__ = init
 
@@ -137,8 +137,8 @@ def pytree(
     return cls
 
 
-def once(function: Callable[[Any], _T]) -> Callable[[Any], _T]:
-    """A function of one immutable object, computed once and kept in the object."""
+def computed_once(function: Callable[[Any], _T]) -> Callable[[Any], _T]:
+    """Decorate a function of one immutable object, so that its result is stored in the object."""
     name = f"_{function.__name__}_once"
 
     @functools.wraps(function)
@@ -151,12 +151,12 @@ def once(function: Callable[[Any], _T]) -> Callable[[Any], _T]:
     return kept
 
 
-def put(obj: object, **values: Any) -> None:
+def set_fields(obj: object, **values: Any) -> None:
     """Set fields of an object of a frozen class, in its constructor."""
     vars(obj).update(values)
 
 
-def copy(obj: _T, **changes: Any) -> _T:
+def copy_with(obj: _T, **changes: Any) -> _T:
     """Copy a `pytree` object with some fields changed, without running its constructor."""
     new, values = object.__new__(type(obj)), obj.__dict__
     fields = type(obj)._all_fields  # type: ignore[attr-defined]  # an object of a `pytree` class
@@ -165,8 +165,8 @@ def copy(obj: _T, **changes: Any) -> _T:
 
 
 @pytree
-class Each:
-    """An object for every element, such as a law or a section; leaves have an axis [n_elem].
+class PerElement:
+    """One object for every element, such as a law or a section; its leaves have an axis [n_elem].
 
     An element group has it in the place of a single object that all its elements share.
 
@@ -177,18 +177,20 @@ class Each:
     every: PyTree[Float[Array, "n_elem ..."]]
 
 
-def kind(obj: Any) -> Any:
-    """The object from which static members are read: `obj`, or that of all elements (`Each`)."""
-    return obj.every if isinstance(obj, Each) else obj
+def template_of(obj: Any) -> Any:
+    """Return the object with the static members: `obj`, or all objects of `PerElement` as one."""
+    return obj.every if isinstance(obj, PerElement) else obj
 
 
-def changed(function: Callable[[Any], Any], obj: Any) -> Any:
-    """``function(obj)``; for `Each`, the function of the object of every element."""
-    return Each(jax.vmap(function)(obj.every)) if isinstance(obj, Each) else function(obj)
+def apply_to_each(function: Callable[[Any], Any], obj: Any) -> Any:
+    """Return ``function(obj)``; for `Each` apply the function to the object of every element."""
+    return (
+        PerElement(jax.vmap(function)(obj.every)) if isinstance(obj, PerElement) else function(obj)
+    )
 
 
 def replace(obj: _T, **changes: Any) -> _T:
-    """A copy of a structure, group, phase or load with some fields changed; its checks run again.
+    """Copy a structure, group, phase or load with some fields changed; its checks run again.
 
     Args:
         obj: the object to copy.
@@ -208,25 +210,25 @@ def replace(obj: _T, **changes: Any) -> _T:
         >>> jc.replace(phases[1], increments=4).increments
         4
     """
-    fields = dataclasses.fields(obj)  # type: ignore[arg-type]  # as in `copy`
+    fields = dataclasses.fields(obj)  # type: ignore[arg-type]  # as in `copy_with`
     unknown = set(changes) - {f.name for f in fields if f.init}
     if unknown:
         raise ValueError(f"replace: {type(obj).__name__} has no field {sorted(unknown)[0]!r}")
-    return dataclasses.replace(obj, **changes)  # type: ignore[type-var]  # as in `copy`
+    return dataclasses.replace(obj, **changes)  # type: ignore[type-var]  # as in `copy_with`
 
 
-def _holds_indices(obj):
-    """Whether the class of an object has fields with `Indices`."""
+def _has_index_fields(obj):
+    """Tell whether the class of an object has fields with `Indices`."""
     return bool(getattr(type(obj), "_index_fields", ()))
 
 
-def plain(indices: Indices | Int[ArrayLike, " ..."]) -> Int[ArrayLike, " ..."]:
-    """The index array: that of `Indices`, or the one that replaces them in a compiled program."""
+def index_array(indices: Indices | Int[ArrayLike, " ..."]) -> Int[ArrayLike, " ..."]:
+    """Return the index array: that of `Indices`, or the array that replaces them in a program."""
     return indices.array if isinstance(indices, Indices) else indices
 
 
-def places(array: Int[ArrayLike, " ..."]) -> Int[np.ndarray, " ..."]:
-    """An index array as unsigned integers, so that programs need no code for negative indices.
+def unsigned_indices(array: Int[ArrayLike, " ..."]) -> Int[np.ndarray, " ..."]:
+    """Return indices as unsigned integers, so that programs need no code for negative ones.
 
     Arrays with negative entries, and arrays that are not signed integers, are returned unchanged.
     """
@@ -236,45 +238,45 @@ def places(array: Int[ArrayLike, " ..."]) -> Int[np.ndarray, " ..."]:
     return array.astype(np.uint32)
 
 
-def thaw(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
-    """Split `tree` into (the same tree with slots for its indices, list of index arrays).
+def split_indices(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
+    """Split `tree` into a tree with slots in the place of `Indices`, and the list of index arrays.
 
-    In a tree that `fill` has made, index arrays take the place of `Indices`.
+    In a tree that `merge_indices` has made, index arrays take the place of `Indices`.
     """
     arrays = []
 
     def slot(value):
-        arrays.append(places(value.array) if isinstance(value, Indices) else value)
-        return _Slot(len(arrays) - 1)
+        arrays.append(unsigned_indices(value.array) if isinstance(value, Indices) else value)
+        return _IndexSlot(len(arrays) - 1)
 
     def visit(obj):
         kind = type(obj)
-        if kind in _PLAIN or isinstance(obj, jax.Array):
+        if kind in _LEAF_TYPES or isinstance(obj, jax.Array):
             return obj
         if kind is list or kind is tuple:
             return kind(map(visit, obj))
         if not hasattr(kind, "_all_fields"):
             return jax.tree.map(
-                lambda x: visit(x) if _holds_indices(x) else x, obj, is_leaf=_holds_indices
+                lambda x: visit(x) if _has_index_fields(x) else x, obj, is_leaf=_has_index_fields
             )
         values = vars(obj)
-        if _holds_indices(obj):
+        if _has_index_fields(obj):
             names = (name for name in obj._index_fields if values[name] is not None)
-            return copy(obj, **{name: slot(values[name]) for name in names})
+            return copy_with(obj, **{name: slot(values[name]) for name in names})
         if _NO_INDICES in values:
             return obj
         changes = {name: visit(values[name]) for name in obj._data_fields}
         changes = {name: value for name, value in changes.items() if value is not values[name]}
         if changes:
-            return copy(obj, **changes)
+            return copy_with(obj, **changes)
         values[_NO_INDICES] = True  # it need not be searched again
         return obj
 
     return visit(tree), arrays
 
 
-def cast(tree: _T, dtype: Any) -> _T:
-    """A tree as arrays, with all floats converted to `dtype`."""
+def cast_floats(tree: _T, dtype: Any) -> _T:
+    """Return a tree of jax arrays, with all floats converted to `dtype`."""
 
     def cast_leaf(x):
         x = jnp.asarray(x)
@@ -283,20 +285,22 @@ def cast(tree: _T, dtype: Any) -> _T:
     return jax.tree.map(cast_leaf, tree)
 
 
-def fill(tree: _T, arrays: Sequence[Int[ArrayLike, " ..."]]) -> _T:
-    """Undo `thaw`: put index arrays, which may be traced, into the slots of a tree."""
+def merge_indices(tree: _T, arrays: Sequence[Int[ArrayLike, " ..."]]) -> _T:
+    """Undo `split_indices`: put index arrays, which may be traced, into the slots of a tree."""
 
     def visit(obj):
-        if not _holds_indices(obj):
+        if not _has_index_fields(obj):
             return obj
         values = {n: getattr(obj, n) for n in obj._index_fields}
-        return copy(obj, **{n: arrays[v.number] for n, v in values.items() if isinstance(v, _Slot)})
+        return copy_with(
+            obj, **{n: arrays[v.number] for n, v in values.items() if isinstance(v, _IndexSlot)}
+        )
 
-    return jax.tree.map(visit, tree, is_leaf=_holds_indices)
+    return jax.tree.map(visit, tree, is_leaf=_has_index_fields)
 
 
-def stacked(trees: Sequence[_T]) -> _T:
-    """Trees of equal structure as one tree with stacked leaves: by NumPy unless traced."""
+def stack_trees(trees: Sequence[_T]) -> _T:
+    """Stack the leaves of trees of equal structure, by NumPy unless one is traced."""
 
     def stack(*leaves):
         traced = any(isinstance(x, jax.core.Tracer) for x in leaves)
@@ -307,8 +311,8 @@ def stacked(trees: Sequence[_T]) -> _T:
     return jax.tree.map(stack, *trees)
 
 
-def where(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
-    """The pytree `new` where the condition holds, else `old`."""
+def select_tree(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
+    """Return the pytree `new` where the condition holds, else `old`."""
 
     def one(a, b):
         a, b = jnp.asarray(a), jnp.asarray(b)
@@ -319,28 +323,28 @@ def where(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
     return jax.tree.map(one, new, old)
 
 
-def joined(arrays: Sequence[ArrayLike]) -> ArrayLike:
-    """Concatenated arrays: by NumPy unless one is traced or on another device."""
-    if all(isinstance(x, np.ndarray) or _at_hand(x) for x in arrays):
+def concatenate(arrays: Sequence[ArrayLike]) -> ArrayLike:
+    """Concatenate arrays, by NumPy unless one is traced or on another device."""
+    if all(isinstance(x, np.ndarray) or _is_on_host(x) for x in arrays):
         return np.concatenate([np.asarray(x) for x in arrays])
     return jnp.concatenate([jnp.asarray(x) for x in arrays])
 
 
-def _at_hand(x):
-    """Whether `x` is a `jax.Array` that is not traced and is in the memory of the host."""
+def _is_on_host(x):
+    """Tell whether `x` is a `jax.Array` that is not traced and is in the memory of the host."""
     if not isinstance(x, jax.Array) or isinstance(x, jax.core.Tracer):
         return False
     return len(x.devices()) == 1 and next(iter(x.devices())).platform == "cpu"
 
 
-def computed(function: Callable[[Any, Any], Any], x: ArrayLike) -> ArrayLike:
-    """``function(numpy, x)`` for a known array on the host, else ``function(jax.numpy, x)``.
+def apply_numpy_or_jax(function: Callable[[Any, Any], Any], x: ArrayLike) -> ArrayLike:
+    """Return ``function(numpy, x)`` for a known array on the host, else ``function(jax.numpy, x)``.
 
     If `x` is a JAX array, so is the result, on the same device. NumPy is preferred because JAX
     would compile a program for every small operation.
     """
     if not isinstance(x, jax.Array):
         return function(np, np.asarray(x))
-    if _at_hand(x):
+    if _is_on_host(x):
         return jax.device_put(function(np, np.asarray(x)), x.sharding)
     return function(jnp, x)

@@ -8,9 +8,9 @@ name. It analyses a pattern once, and makes a factor of every matrix on it:
     x = factor.solve(b)                                # b [n] or [n, m]; transposed=True for A^T
     factor.pivots; factor.n_bytes; factor.release(); analysis.release()
 
-`host.Analysed` does all else, for every solver: it stores analyses and factors, scales matrices to
-unit diagonal, refuses those that are not finite, and judges pivots. All of it is NumPy on the host:
-a callback that calls jax can wait for itself for ever.
+`host.AnalysedPattern` does all else, for every solver: it stores analyses and factors, scales
+matrices to unit diagonal, refuses those that are not finite, and judges pivots. All of it is NumPy
+on the host: a callback that calls jax can wait for itself for ever.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 
 from ..common.types import Array, Bool, Float, Int
 
-_KNOWN: dict[str, Solver] = {}
+_REGISTERED: dict[str, Solver] = {}
 
 
 class Solver:
@@ -35,7 +35,7 @@ class Solver:
         analysis: class of its analyses.
         offered: whether users may name it; otherwise it is only chosen by size.
         on_device: whether it solves inside of the compiled program; then `solve_definite` and
-            `factorize` are called with matrices of jax, and `analyse` never.
+            `factorize` are called with matrices of jax, and `analyze` never.
         definite: whether it is only for matrices that are known to be positive semidefinite.
         fused: whether loops around it can become one function (`common.fusion`).
         exchanges_rows: whether it exchanges rows anywhere in the matrix, which a matrix with zeros
@@ -54,21 +54,21 @@ class Solver:
     exchanges_rows: bool = True
     iterates: bool = True
 
-    def available(self) -> bool:
-        """Whether the solver is installed."""
+    def is_installed(self) -> bool:
+        """Tell whether the solver is installed."""
         return self.package is None or importlib.util.find_spec(self.package) is not None
 
-    def missing(self) -> str:
-        """Text of the error where the solver is not installed."""
+    def missing_message(self) -> str:
+        """Return the text of the error where the solver is not installed."""
         extra = f"or install the extra jaxcable[{self.name}]"
         return f'{self.package} is not installed; use "superlu", {extra}'
 
-    def load(self) -> None:
-        """Load the library, if there is one, while the program is compiled or read from disk."""
+    def load_library(self) -> None:
+        """Load the solver's library, if any, while the program is compiled or read from disk."""
         return None
 
     def suits(self, n: int, banded: bool) -> bool:
-        """Whether to choose this solver if none is named and no earlier one in the list suits.
+        """Tell whether to choose this solver where none is named and no earlier one suits.
 
         Args:
             n: number of unknowns.
@@ -76,7 +76,7 @@ class Solver:
         """
         return False
 
-    def analyse(
+    def analyze(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
     ) -> Analysis:
         """Analyse a pattern once, for all matrices on it; unless `on_device`.
@@ -87,19 +87,19 @@ class Solver:
                 ascending.
         """
         if self.analysis is None:
-            raise NotImplementedError(f"{self.name}: has no analysis of patterns")
+            raise NotImplementedError(f"{self.name}: has no class for the analysis of a pattern")
         return self.analysis(n, indptr, indices)
 
     def solve_definite(
         self,
-        matrix: Any,  # a `pattern.Sparse`; that module imports this one
+        matrix: Any,  # a `pattern.SparseMatrix`; that module imports this one
         rhs: Float[Array, " n"],
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-        """Solution [n], and whether the matrix is positive definite; if `on_device`."""
+        """Solve with a definite matrix: x [n], and whether it is definite; if `on_device`."""
         raise NotImplementedError(f"{self.name}: solves on the host")
 
     def factorize(self, matrix: Any, loose: Bool[Array, " n"]) -> Any:
-        """A `direct.Direct` of a matrix without unknowns `loose`, [n] bool; if `on_device`."""
+        """Factorise to a `direct.OnDeviceFactor` without unknowns `loose`, [n]; if `on_device`."""
         raise NotImplementedError(f"{self.name}: solves on the host")
 
     def __repr__(self) -> str:
@@ -107,10 +107,10 @@ class Solver:
 
 
 class Analysis(abc.ABC):
-    """A pattern analysed by a solver.
+    """A pattern analysed by a solver, once for all matrices on it.
 
     Args:
-        n, indptr, indices: those of `Solver.analyse`.
+        n, indptr, indices: those of `Solver.analyze`.
     """
 
     def __init__(
@@ -122,10 +122,10 @@ class Analysis(abc.ABC):
     def factorize(
         self, values: Float[np.ndarray, " n_value"], definite: bool
     ) -> NumericFactor | None:
-        """A `NumericFactor` of a matrix; None if it is singular to working precision.
+        """Factorise a matrix on the pattern; return None if it is singular to working precision.
 
         Args:
-            values: entries in the order of `indices` of `Solver.analyse`, finite, float64; not to
+            values: entries in the order of `indices` of `Solver.analyze`, finite, float64; not to
                 be changed. The diagonal is 1, -1 or 0.
             definite: True demands a symmetric positive definite matrix, and returns None for
                 others. False allows indefinite and unsymmetric matrices.
@@ -137,7 +137,7 @@ class Analysis(abc.ABC):
 
 
 class NumericFactor(abc.ABC):
-    """A numeric factor.
+    """A factor of one matrix, made by `Analysis.factorize`.
 
     Attributes:
         pivots: of the elimination, [n]: the matrix is regular if none of them is small, and
@@ -163,58 +163,59 @@ AnySolver = TypeVar("AnySolver", bound=Solver)
 
 
 def register(solver: AnySolver) -> AnySolver:
-    """Add a solver to those that can be named; it is returned.
+    """Register a solver, so that it can be named, and return it.
 
     Without a name, it is chosen where it `suits` and no solver registered before does.
 
     Raises:
         ValueError: another solver has that name.
     """
-    if _KNOWN.setdefault(solver.name, solver) is not solver:
-        raise ValueError(f"solver {solver.name!r}: another one has that name")
+    if _REGISTERED.setdefault(solver.name, solver) is not solver:
+        raise ValueError(f"solver {solver.name!r}: this name is registered already")
     return solver
 
 
-def named(name: str) -> Solver:
-    """The solver of a name."""
-    return _KNOWN[name]
+def solver_named(name: str) -> Solver:
+    """Return the solver that is registered under a name."""
+    return _REGISTERED[name]
 
 
-def offered() -> tuple[str, ...]:
-    """Names that users may ask for, a tuple."""
-    return tuple(name for name, solver in _KNOWN.items() if solver.offered)
+def selectable_solver_names() -> tuple[str, ...]:
+    """Return the names of solvers that users may ask for."""
+    return tuple(name for name, solver in _REGISTERED.items() if solver.offered)
 
 
-def check(name: str | None, exchanges_rows: bool = False) -> None:
+def check_solver_name(name: str | None, exchanges_rows: bool = False) -> None:
     """Raise ValueError unless a name is None or that of an installed solver that users may name.
 
     With `exchanges_rows` the solver must exchange rows, too.
     """
     if name is None:
         return
-    if name not in offered():
-        raise ValueError(
-            f"linear_solver = {name!r}: expected None or one of {', '.join(offered())}"
-        )
-    solver = named(name)
-    if not solver.available():
-        raise ValueError(f"linear_solver = {name!r}: {solver.missing()}")
+    if name not in selectable_solver_names():
+        others = ", ".join(selectable_solver_names())
+        raise ValueError(f"linear_solver = {name!r}: expected None or one of {others}")
+    solver = solver_named(name)
+    if not solver.is_installed():
+        raise ValueError(f"linear_solver = {name!r}: {solver.missing_message()}")
     if exchanges_rows and not solver.exchanges_rows:
-        able = ", ".join(repr(other) for other in offered() if named(other).exchanges_rows)
+        able = ", ".join(
+            repr(other) for other in selectable_solver_names() if solver_named(other).exchanges_rows
+        )
         raise ValueError(
             f"linear_solver = {name!r}: cannot solve for forces of given lengths; use None or one "
             f"of {able}"
         )
 
 
-def choose(
+def choose_solver(
     n: int,
     banded: bool,
     name: str | None = None,
     exchanges_rows: bool = False,
     definite: bool = False,
 ) -> Solver:
-    """The solver of a name; if that is None, the first registered one that suits.
+    """Return the solver of a name; if that is None, the first registered one that suits.
 
     Args:
         n: number of unknowns.
@@ -224,7 +225,7 @@ def choose(
         definite: whether all matrices are known to be positive semidefinite.
     """
     if name is not None:
-        return named(name)
-    able = [s for s in _KNOWN.values() if s.exchanges_rows or not exchanges_rows]
+        return solver_named(name)
+    able = [s for s in _REGISTERED.values() if s.exchanges_rows or not exchanges_rows]
     able = [s for s in able if definite or not s.definite]
-    return next(s for s in able if s.available() and s.suits(n, banded))
+    return next(s for s in able if s.is_installed() and s.suits(n, banded))

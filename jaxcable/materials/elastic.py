@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ..common import checks
-from ..common.rules import Rule, positive, refuse
-from ..common.tree import copy, put, pytree
+from ..common.rules import Rule, positive, refuse_if_broken
+from ..common.tree import copy_with, pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
 from .law import Law, Memory, Numbers, Values
 
@@ -29,36 +29,36 @@ class Elastic(Law):
 
     E: Float[ArrayLike, ""]
 
-    rising = True
+    monotone = True
 
     def __post_init__(self):
-        E = checks.floats(self.E, "E")
+        E = checks.as_floats(self.E, "E")
         if E.shape != ():
             raise ValueError(f"E: expected a scalar (a group shares its law), got shape {E.shape}")
-        put(self, E=E)
-        refuse(self.rules())
+        set_fields(self, E=E)
+        refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """The rule of its number, see `common.rules`."""
+        """Return the rule of its number, see `common.rules`."""
         return [positive("E", self.E, "Young's modulus must be positive")]
 
     @property
     def modulus(self) -> Float[Array, ""]:
-        """Slope at the origin, Pa."""
+        """Young's modulus, the slope at the origin, Pa."""
         return self.E
 
     def stress_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Stress, Pa, at `strain`."""
+        """Return the stress at `strain`, Pa."""
         return self.E * strain
 
     def energy_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Strain energy per unstressed volume, J/m3."""
+        """Return the strain energy per unstressed volume, J/m3."""
         return 0.5 * self.E * strain**2
 
     def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
-        """Strain at `stress`, Pa."""
+        """Return the strain at `stress`, Pa."""
         return stress / self.E
 
-    def softened(self, compliance: Numbers) -> Elastic:
-        """The law in series with a spring of `compliance`, 1/Pa."""
-        return copy(self, E=self.E / (1 + compliance * self.E))
+    def in_series_with_spring(self, compliance: Numbers) -> Elastic:
+        """Return the law in series with a spring of `compliance`, 1/Pa."""
+        return copy_with(self, E=self.E / (1 + compliance * self.E))

@@ -1,18 +1,18 @@
-"""A fibre section: its constructors, its numbers, its equilibrium; `fibres` has its law."""
+"""`Section`: constructors, geometry and equilibrium of a fibre section; forces are in `fibres`."""
 
 from __future__ import annotations
 
 import jax.numpy as jnp
 
 from ..common import checks
-from ..common.rules import Rule, positive, refuse
-from ..common.tree import Indices, put, pytree
+from ..common.rules import Rule, positive, refuse_if_broken
+from ..common.tree import Indices, pytree, set_fields
 from ..common.types import Array, Float
 from ..materials import Parallel
-from ..materials.law import Law, uniaxial
+from ..materials.law import Law, require_law
 from . import capacity, composites, geometry, shapes, strains
 from .fibres import Fibres
-from .linear import Linear
+from .linear_section import LinearSection
 
 
 @pytree(static=("counts", "placed"), indices=("cells",))
@@ -65,38 +65,46 @@ class Section(Fibres):
 
     def __post_init__(self):
         for name in ("y", "z", "area"):
-            value = checks.floats(getattr(self, name), name)
+            value = checks.as_floats(getattr(self, name), name)
             if value.ndim != 1 or len(value) != len(self.y) or len(value) == 0:
                 raise ValueError(f"{name}: expected shape [n_fibre] as y, got {value.shape}")
-            put(self, **{name: value})
-        refuse(self.rules())
+            set_fields(self, **{name: value})
+        refuse_if_broken(self.rules())
         if self.own is not None:
-            put(self, own=checks.floats(self.own, "own"))
+            set_fields(self, own=checks.as_floats(self.own, "own"))
             if self.own.shape != (self.n_fibre, 3):
                 raise ValueError(f"own: expected shape [n_fibre, 3], got {self.own.shape}")
-        put(self, laws=tuple(self.laws) if isinstance(self.laws, list | tuple) else (self.laws,))
+        set_fields(
+            self, laws=tuple(self.laws) if isinstance(self.laws, list | tuple) else (self.laws,)
+        )
         for k, law in enumerate(self.laws):
-            uniaxial(law, f"laws[{k}]")
-        put(self, counts=(len(self.y),) if self.counts is None else tuple(self.counts))
+            require_law(law, f"laws[{k}]")
+        set_fields(self, counts=(len(self.y),) if self.counts is None else tuple(self.counts))
         if len(self.counts) != len(self.laws) or sum(self.counts) != len(self.y):
-            raise ValueError(f"counts = {self.counts}: must give every law its number of fibres")
+            raise ValueError(
+                f"counts = {self.counts}: expected the number of fibres of each law, "
+                f"{len(self.laws)} numbers with the sum {self.n_fibre}"
+            )
         for name, shape in (("torsion", (len(self.laws),)), ("points", None)):
             if getattr(self, name) is None:
                 continue
-            value = checks.floats(getattr(self, name), name)
+            value = checks.as_floats(getattr(self, name), name)
             if value.shape != (shape or (len(value) if value.ndim else 0, 2)):
-                told = f"one constant per law, {list(shape)}" if shape else "[n_point, 2]"
-                raise ValueError(f"{name}: expected shape {told}, got {value.shape}")
-            put(self, **{name: value})
+                wanted = f"one constant per law, {list(shape)}" if shape else "[n_point, 2]"
+                raise ValueError(f"{name}: expected shape {wanted}, got {value.shape}")
+            set_fields(self, **{name: value})
         if self.cells is not None and not isinstance(self.cells, Indices):
-            cells = checks.integers(self.cells, "cells", 4)
+            cells = checks.as_indices(self.cells, "cells", 4)
             count = 0 if self.points is None else len(self.points)
             if len(cells) != self.n_fibre or cells.max(initial=-1) >= count:
-                raise ValueError(f"cells: expected four of {count} points for every fibre")
-            put(self, cells=Indices(cells))
+                raise ValueError(
+                    f"cells: expected four indices of points, 0 to {count - 1}, for each of "
+                    f"{self.n_fibre} fibres"
+                )
+            set_fields(self, cells=Indices(cells))
 
     def rules(self) -> list[Rule]:
-        """The rules of its numbers, see `common.rules`; laws have rules of their own."""
+        """Return the rules that its numbers must satisfy, see `common.rules`; laws have others."""
         return [positive("area", self.area, "a fibre's area must be positive")]
 
     # --- shapes
@@ -125,7 +133,7 @@ class Section(Fibres):
     torsional_stiffness = geometry.torsional_stiffness
 
     def axial(self) -> tuple[Float[Array, ""], Law]:
-        """Area, m2, and the law of the axial force over it (all fibres at the same strain).
+        """Return the area, m2, and the law of the mean stress, with all fibres at the same strain.
 
         Example:
             >>> section = jc.Section.disc(0.05, jc.Elastic(210e9))
@@ -133,20 +141,23 @@ class Section(Fibres):
             >>> print(f"{1e6 * area:.1f} mm2, {law.modulus / 1e9:.0f} GPa")
             1963.5 mm2, 210 GPa
         """
-        areas = [jnp.sum(self.area[part]) for part in self._parts()]
+        areas = [jnp.sum(self.area[part]) for part in self._law_slices()]
         area: Array = sum(areas)  # type: ignore[assignment]  # an array: there is at least one law
         if len(self.laws) == 1:
             return area, self.laws[0]
         return area, Parallel(self.laws, jnp.stack(areas) / area)
 
-    def reduced(self) -> Section | Linear:
-        """The section as an analysis needs it: `Linear` if all laws are linear, else `extended`."""
+    def for_analysis(self) -> Section | LinearSection:
+        """Return the section as an analysis uses it.
+
+        `LinearSection` if all laws are, else `extended`.
+        """
         if not self.is_elastic:
-            return self.extended()
+            return self.extrapolated()
         torsion = None if self.torsion is None else self.torsional_stiffness()
-        return Linear(self.stiffness(), torsion)
+        return LinearSection(self.stiffness(), torsion)
 
     # --- equilibrium of the section
 
-    strains = strains.equilibrium
+    strains = strains.solve_strains
     interaction = capacity.interaction

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.rules import or_nan, positive
+from ..common.rules import nan_if_broken, positive
 from ..common.types import ArrayLike, Bool, Float
 from . import outlines
 
@@ -17,7 +17,7 @@ from . import outlines
 def rectangle_torsion(
     width: Float[ArrayLike, ""], height: Float[ArrayLike, ""]
 ) -> Float[ArrayLike, ""]:
-    """Torsion constant of a rectangle, m4, by Saint-Venant's series.
+    """Return the torsion constant of a rectangle, m4, by Saint-Venant's series.
 
     Source: Timoshenko and Goodier, Theory of Elasticity, art. 109.
     """
@@ -33,9 +33,9 @@ def rectangle_torsion(
 def bredt_torsion(
     points: Float[ArrayLike, "n 2"], thickness: Float[ArrayLike, "#n"]
 ) -> Float[ArrayLike, ""]:
-    """Torsion constant of a closed cell of thin walls, ``4 A^2 / sum(l / t)``.
+    """Return the torsion constant of a closed thin-walled cell, ``4 A^2 / sum(l / t)``.
 
-    ``A`` is the area inside of the middle line of the walls. The contribution of the walls as open
+    ``A`` is the area inside the middle line of the walls. The contribution of the walls as open
     strips, ``sum l t^3 / 3``, is left out: it is smaller by the square of thickness over width.
     Both arguments may be traced.
 
@@ -69,7 +69,7 @@ def bredt_torsion(
         >>> print(f"{box.torsional_stiffness() / 1e6:.2f} MN m2")  # G J
         5.54 MN m2
     """
-    points, thickness = checks.floats(points, "points"), checks.floats(thickness, "thickness")
+    points, thickness = checks.as_floats(points, "points"), checks.as_floats(thickness, "thickness")
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
         raise ValueError(f"points: expected shape [n, 2] with n >= 3, got {points.shape}")
     if thickness.shape not in ((), (len(points),)):
@@ -77,11 +77,15 @@ def bredt_torsion(
             f"thickness: expected a scalar or shape ({len(points)},), one value per wall, "
             f"got shape {thickness.shape}"
         )
-    thickness = or_nan(positive("thickness", thickness))
-    known = checks.concrete(points)
-    if known is not None and np.isfinite(known).all() and (text := outlines.crossed(known)):
+    thickness = nan_if_broken(positive("thickness", thickness))
+    known = checks.array_if_known(points)
+    if (
+        known is not None
+        and np.isfinite(known).all()
+        and (text := outlines.describe_line_fault(known))
+    ):
         raise ValueError(text)
-    traced = known is None or checks.concrete(thickness) is None
+    traced = known is None or checks.array_if_known(thickness) is None
     pack = jnp if traced else np
     y, z = points.T
     next_y, next_z = pack.roll(y, -1), pack.roll(z, -1)
@@ -90,20 +94,19 @@ def bredt_torsion(
     return 4 * area**2 / pack.sum(length / thickness)
 
 
-def are_round(parts: Sequence[tuple[Any, ...]]) -> Bool[ArrayLike, ""]:
-    """Whether all parts are discs and rings about one centre; traced if their numbers are.
+def are_concentric_circles(parts: Sequence[tuple[Any, ...]]) -> Bool[ArrayLike, ""]:
+    """Return whether all parts are discs and rings about one centre; traced if their numbers are.
 
-    Decided by comparing the torsion constant of each part with the polar moment of its area about
-    the common centroid. Both are equal only for a disc or a ring about this centre: any other shape
-    warps, which makes its torsion constant smaller, and about any other centre the polar moment is
-    larger.
+    Compares the torsion constant of each part with the polar moment of its area about the common
+    centroid. Both are equal only for a disc or a ring about this centre: any other shape warps,
+    which makes its torsion constant smaller, and about any other centre the polar moment is larger.
 
     Args:
         parts: list of (y, z, area, own, torsion) of one law each, as in `Section`.
     """
     if any(moments is None or torsion is None for *_, moments, torsion in parts):
         return False
-    traced = any(checks.concrete(v) is None for part in parts for v in part)
+    traced = any(checks.array_if_known(v) is None for part in parts for v in part)
     pack = jnp if traced else np
     y, z, area = (pack.concatenate([part[k] for part in parts]) for k in range(3))
     y0, z0 = area @ y / area.sum(), area @ z / area.sum()

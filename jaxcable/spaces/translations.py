@@ -1,7 +1,8 @@
-"""Nodes that have displacements only: cable nets, trusses.
+"""Nodes with three degrees of freedom, displacements only: cable nets, trusses.
 
-A motion [n_row, 3] has as many digits as a float. Nets are iterated with a *fine part* beside it,
-in three more columns: the displacement is the sum of both, to nearly twice as many digits.
+A motion [n_row, 3] has as many digits as a float. Nets are iterated with a *low-order part*
+beside it, in three more columns: the displacement is the sum of both, to nearly twice as many
+digits (double-double, see `numerics.compensated`).
 """
 
 from __future__ import annotations
@@ -14,136 +15,144 @@ from jax import lax
 
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int
-from ..linear import with_zero
-from ..numerics import exact
-from .freedoms import Freedoms, along, combined, numbers_of
-from .space import Forces, Group, Motion, Part, Space, Step, by_numbers, square
+from ..linear import append_zero
+from ..numerics import compensated
+from .dof_map import DofMap, element_unknowns, to_global, to_local
+from .space import (
+    ElementGroup,
+    Forces,
+    MatrixPart,
+    Motion,
+    Space,
+    Step,
+    as_square_matrices,
+    transform_by_jacobian,
+)
 
-_FINE = 6  # columns of a motion with a fine part; no other space has motions of so many
+# columns of a motion with a low-order part; motions of other spaces have seven
+_COLUMNS_WITH_LOW_PART = 6
 
 
-def is_fine(x: Float[Array, "... n_motion"]) -> bool:
-    """Whether motions have a fine part."""
-    return x.shape[-1] == _FINE
+def has_low_part(x: Float[Array, "... n_motion"]) -> bool:
+    """Return whether motions have a low-order part, see the module."""
+    return x.shape[-1] == _COLUMNS_WITH_LOW_PART
 
 
-def coarse(motion: Float[Array, "... n_motion"]) -> Float[Array, "... n_motion"]:
-    """Motions without a fine part."""
-    return motion[..., :3] if is_fine(motion) else motion
+def drop_low_part(motion: Float[Array, "... n_motion"]) -> Float[Array, "... n_motion"]:
+    """Return motions without their low-order part, if they have one."""
+    return motion[..., :3] if has_low_part(motion) else motion
 
 
-def refined(motion: Float[Array, "n_row 3"]) -> Float[Array, "n_row 6"]:
-    """Displacements [n_row, 3], m, with a fine part, which is zero."""
+def append_low_part(motion: Float[Array, "n_row 3"]) -> Float[Array, "n_row 6"]:
+    """Append a low-order part of zero to displacements, m."""
     return jnp.concatenate([motion, jnp.zeros_like(motion)], axis=1)
 
 
 @pytree
 class Translations(Space):
-    """The motion of a row is its displacement, [3], m, or [6] with a fine part; see `Space`."""
+    """Space of nodes without rotations: the motion of a row is its displacement, m; see `Space`."""
 
     @classmethod
     def of(
         cls,
         nodes: Float[Array, "n_row 3"],
-        groups: Sequence[Group],
-        freedoms: Freedoms,
+        groups: Sequence[ElementGroup],
+        dof_map: DofMap,
         prescribed: Motion | None,
-        bearing: Float[Array, "n_row 4"] | None,
+        support_rotation: Float[Array, "n_row 4"] | None,
     ) -> Self:
-        """The space of a system."""
-        return cls(freedoms, prescribed)
+        """Make the space of a system, see `Space.of`."""
+        return cls(dof_map, prescribed)
 
     @classmethod
-    def still(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
-        """Zero displacements."""
+    def at_rest(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
+        """Return zero displacements."""
         return jnp.zeros_like(nodes)
 
     @classmethod
-    def advanced(cls, motion: Motion, step: Forces) -> Motion:
-        """Motion plus step."""
-        return _after(motion, step) if is_fine(motion) else motion + step
+    def moved_by(cls, motion: Motion, step: Forces) -> Motion:
+        """Return the motion after a step of all rows: their sum."""
+        return _add_compensated(motion, step) if has_low_part(motion) else motion + step
 
     @classmethod
-    def between(cls, before: Motion, after: Motion) -> Forces:
-        """Displacement from one motion, without a fine part, to another."""
-        shift = coarse(after) - before
-        return shift + after[:, 3:] if is_fine(after) else shift
+    def displacement_between(cls, before: Motion, after: Motion) -> Forces:
+        """Return the displacement from one motion, without a low-order part, to another."""
+        shift = drop_low_part(after) - before
+        return shift + after[:, 3:] if has_low_part(after) else shift
 
     @classmethod
-    def borne(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
-        """The same displacements, because nothing turns."""
+    def rigid_link_motion(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
+        """Return the same displacements, because nothing rotates; see `Space.rigid_link_motion`."""
         return motion
 
-    def place(self, x: Motion) -> Motion:
-        """`x` with the freedoms that supports hold put to their prescribed values."""
-        if not is_fine(x):
-            return super().place(x)
-        fixed, axes, prescribed = self.freedoms.fixed, self.freedoms.axes, self._prescribed
+    def impose_supports(self, x: Motion) -> Motion:
+        """Return `x` with the displacements that supports fix at their prescribed values."""
+        if not has_low_part(x):
+            return super().impose_supports(x)
+        fixed, axes, prescribed = self.dof_map.fixed, self.dof_map.axes, self._known_prescribed
         high, low = x[:, :3], x[:, 3:]
         if axes is None:
             placed = [jnp.where(fixed, prescribed, high), jnp.where(fixed, 0.0, low)]
             return jnp.concatenate(placed, axis=1)
         # the difference, because components of the displacement itself would be rounded
-        away = along(axes, (prescribed - high) - low)
-        return _after(x, combined(axes, jnp.where(fixed, away, 0.0)))
+        away = to_local(axes, (prescribed - high) - low)
+        return _add_compensated(x, to_global(axes, jnp.where(fixed, away, 0.0)))
 
-    def spread(self, x: Motion, step: Step) -> Forces:
-        """Displacement of every row."""
-        numbering = self.freedoms.numbering
+    def prolong(self, x: Motion, step: Step) -> Forces:
+        """Return the displacement of every row that belongs to a step of the unknowns."""
+        numbering = self.dof_map.unknown_assembly
         if numbering is None:
-            components = with_zero(step)[self.freedoms.number]
+            components = append_zero(step)[self.dof_map.unknown_of_dof]
         else:
-            components = numbering.spread(step).reshape(self.freedoms.number.shape)
-        return (
-            components if self.freedoms.axes is None else combined(self.freedoms.axes, components)
-        )
+            components = numbering.apply_transpose(step).reshape(self.dof_map.unknown_of_dof.shape)
+        return components if self.dof_map.axes is None else to_global(self.dof_map.axes, components)
 
     def move(self, x: Motion, step: Step) -> Motion:
-        """The motion after a step [n_free]."""
-        return self.advanced(x, self.spread(x, step))
+        """Return the motion after a step of the unknowns from `x`."""
+        return self.moved_by(x, self.prolong(x, step))
 
-    def size(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
-        """Norms of forces."""
+    def force_norm(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
+        """Return the norms of forces, N."""
         return jnp.sqrt(jnp.sum(force**2, axis=-1))
 
-    def collected(self, force: Forces, x: Motion, spread: Forces | None = None) -> Step:
-        """Components of forces along the free freedoms."""
-        components = force if self.freedoms.axes is None else along(self.freedoms.axes, force)
-        flat, numbering = components.reshape(-1), self.freedoms.numbering
-        chosen = flat[self.freedoms.free] if numbering is None else numbering(flat)
-        return self.freedoms.released(chosen)
+    def restrict(self, force: Forces, x: Motion, row_step: Forces | None = None) -> Step:
+        """Return the components of forces along the free degrees of freedom, [n_free], N."""
+        components = force if self.dof_map.axes is None else to_local(self.dof_map.axes, force)
+        flat, numbering = components.reshape(-1), self.dof_map.unknown_assembly
+        chosen = flat[self.dof_map.free] if numbering is None else numbering(flat)
+        return self.dof_map.zero_temporarily_fixed(chosen)
 
     def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:
-        """Unbalanced forces along held freedoms."""
-        fixed, axes = self.freedoms.fixed, self.freedoms.axes
+        """Return the support reactions: unbalanced forces along fixed degrees of freedom."""
+        fixed, axes = self.dof_map.fixed, self.dof_map.axes
         if axes is None:
             return jnp.where(fixed, unbalanced, 0.0)
-        return combined(axes, jnp.where(fixed, along(axes, unbalanced), 0.0))
+        return to_global(axes, jnp.where(fixed, to_local(axes, unbalanced), 0.0))
 
-    def slopes(self, x: Motion) -> Float[Array, "n_row 3 3"] | None:
-        """Directions of the freedoms, one in each column; None if they are x, y, z."""
-        axes = self.freedoms.axes
+    def motion_jacobian(self, x: Motion) -> Float[Array, "n_row 3 3"] | None:
+        """Return the directions of the unknowns, one in each column; None if they are x, y, z."""
+        axes = self.dof_map.axes
         return None if axes is None else jnp.swapaxes(jnp.asarray(axes), 1, 2)
 
-    def part(
+    def transform_to_unknowns(
         self,
         blocks: Float[Array, "n_elem ..."],
         links: Int[ArrayLike, "n_elem n_end"],
         width: int,
         inner: Sequence[tuple[int, int]],
         x: Motion,
-    ) -> Part:
-        """Matrices by the unknowns of their ends, and the numbers of these unknowns."""
-        number = numbers_of(self.freedoms.number, links, width, inner)
-        blocks, slopes = square(blocks), self.slopes(x)
+    ) -> MatrixPart:
+        """Transform element matrices to unknowns, see `Space.transform_to_unknowns`."""
+        number = element_unknowns(self.dof_map.unknown_of_dof, links, width, inner)
+        blocks, slopes = as_square_matrices(blocks), self.motion_jacobian(x)
         if slopes is not None:
             n_end = (blocks.shape[1] - len(inner)) // width
-            blocks = by_numbers(blocks, slopes[links[:, :n_end]], len(inner))
+            blocks = transform_by_jacobian(blocks, slopes[links[:, :n_end]], len(inner))
         return blocks, number
 
 
-def _after(x, step):
-    """A motion with a fine part after a step of all rows, [n_row, 6]."""
-    high, lost = exact.two_sum(x[:, :3], step)
-    high, low = exact.two_sum(high, x[:, 3:] + lax.stop_gradient(lost))
+def _add_compensated(x, step):
+    """Add a step of all rows to a motion with a low-order part, without rounding errors."""
+    high, lost = compensated.two_sum(x[:, :3], step)
+    high, low = compensated.two_sum(high, x[:, 3:] + lax.stop_gradient(lost))
     return jnp.concatenate([high, lax.stop_gradient(low)], axis=1)

@@ -62,7 +62,7 @@ def test_too_late_is_said():
     out, warning = printed("import jax.numpy; jax.numpy.ones(3)")
     if jax.__version_info__ < (0, 11):  # jax 0.12 fuses loops of this size without being asked
         assert out == "False"
-    assert "RuntimeWarning: fuse_loops: jax has computed already" in warning
+    assert "RuntimeWarning: fuse_loops: jax has already computed something" in warning
 
 
 def compiled(function, *arguments):
@@ -139,7 +139,7 @@ def test_a_gradient_is_two_functions(name):
 def test_only_nets_are_solved_so():
     def solver(scene, to_end=True):
         schedule = prepare(*scene, None, None, to_end=to_end).thawed[3]
-        return schedule.freedoms.pattern.solver.name
+        return schedule.dof_map.pattern.solver.name
 
     assert [solver(make()[:2]) for make in NETS.values()] == ["rolling"] * len(NETS)
     assert solver(jc.scenes.saddle(3, 3), to_end=False) == "dense"  # a path may become unstable

@@ -358,7 +358,7 @@ def test_the_digest_is_of_the_code_in_memory(monkeypatch):
         exec(f"def tension(self, state, nodes, motion):\n    return {factor} * state", space)
         space["tension"].__qualname__ = "Straight.tension"
         changes.append((Straight, "tension", space["tension"]))
-        changes.append((vectors, "a_partial", functools.partial(vectors.inner, b=factor)))
+        changes.append((vectors, "a_partial", functools.partial(vectors.scalar_product, b=factor)))
     name, number = next((n, v) for n, v in vars(newton).items() if type(v) is float)
     code = Straight.tension.__code__
     changes.append((newton, name, 2 * number))
@@ -386,6 +386,7 @@ def test_lines_and_comments_do_not_count():
     one = "def f(x):\n    return {'a', 'b'} & x"
     texts = one, "\n\n# words\n" + one, one.replace("'a'", "'c'")
     first, moved, other = (
-        python_objects.of_code(compile(text, f"file{k}", "exec")) for k, text in enumerate(texts)
+        python_objects.digest_of_code(compile(text, f"file{k}", "exec"))
+        for k, text in enumerate(texts)
     )
     assert first == moved != other
