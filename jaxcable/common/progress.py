@@ -239,7 +239,7 @@ def announce_compilation(listen: Callable[[Any], object] | None) -> Iterator[Non
 
     def still():
         if listen.count == count:
-            listen.print_line("compiling")
+            listen.print_line("compiling the solver: some seconds, in the first run only")
 
     timer = threading.Timer(listen.pause, still)
     timer.daemon = True
