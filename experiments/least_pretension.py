@@ -1,13 +1,13 @@
 """How little pretension does the hyperbolic paraboloid net need?
 
-Question   Seven jacks, one for each cable: the least sum of the forces that they leave in the 31
-           links, such that under three load cases no node moves more than 30 mm and no link has
-           less than 80 N (none may come near to slackening).
+Question   Seven jacks, one for each cable: the least sum of the forces in the 31 links after
+           lock-off, such that under three load cases no node moves more than 30 mm and no link has
+           less than 80 N (so that none is nearly slack).
 Reference  Fresh analyses of the optimum with 100 + 10 increments from the disturbed geometry; the
            same problem by SciPy's SLSQP with these gradients from the same 20 random starts (it has
            several optima); the multipliers against optima for other limits.
 Error      Largest deflection over its limit and smallest tension over its limit, at the optimum;
-           sum of the forces relative to SLSQP's, -.
+           sum of the forces relative to that of SLSQP, -.
 Command    python experiments/least_pretension.py
            (writes experiments/results/least_pretension.txt and .png)
 
@@ -26,9 +26,9 @@ from scipy import optimize
 import jaxcable as jc
 from jaxcable import design
 from jaxcable.scenes import hypar
-from jaxcable.scenes.nets import grid
+from jaxcable.scenes.nets import orthogonal_grid
 
-PLACES, LINKS, FREE = grid(3, 4)
+PLACES, LINKS, FREE = orthogonal_grid(3, 4)
 STRUCTURE, _ = jc.scenes.hypar_net(disturbed=False)
 EA = 100.72e3
 CABLE = np.where(np.arange(31) < 16, np.arange(31) // 4, 4 + (np.arange(31) - 16) // 5)
@@ -55,7 +55,7 @@ def problem(jacks, limits):
 
 
 def fresh(jacks):
-    """Deflections [3, 12], m, and tensions [3, 31], N, of analyses of their own."""
+    """Return deflections [3, 12], m, and tensions [3, 31], N, of separate analyses."""
     structure, (prestress, _) = jc.scenes.hypar_net()
     prestress = jc.replace(prestress, jacking=jnp.asarray(jacks)[CABLE])
     moved, tension = [], []

@@ -1,4 +1,4 @@
-"""How long does the first call of an analysis take, once and in the next process; what is kept?
+"""How long does the first call of an analysis take, without and with programs kept on disk?
 
 Question   first_call: seconds to trace, to lower and to compile, and lines of StableHLO, of the
            analysis of ready scenes, by itself and as value with gradient, and with the number of
@@ -13,8 +13,8 @@ Error      None: the results are those of the tests; those from disk are equal t
            (`tests/common/test_keeping.py`). Lines do not depend on the machine.
 Results    first_call.txt and .json; kept_programs_first.txt; kept_programs_many.txt
 
-Every first call is one in a process of its own, without the import; the unit is measured before and
-after each scene, and its mean taken, since the machine is not as fast every minute. "plain" is a
+Every first call runs in a separate process, and the import does not count. The unit is the mean of
+measurements before and after each scene, since the speed of the machine varies. "plain" is a
 call of `solve` as it is, with all its results; "jitted" the sum of the squares of the displacements
 inside `jax.jit`, as a function of the nodes; "gradient" its value and gradient. Run: median of 15
 further calls, other nodes in each. "fused": after `jaxcable.fuse_loops`.
@@ -100,18 +100,21 @@ def kept_many(cases):
     import jax
 
     import jaxcable as jc
-    from jaxcable.common.compilation import MOST
+    from jaxcable.common.compilation import MOST_PROGRAMS
 
     jax.config.update("jax_enable_x64", True)
     say = record.Record("kept_programs_many")
-    say(f"\n{cases.nets} nets of different shape, each analysed once by jc.solve; {MOST} programs")
+    say(
+        f"\n{cases.nets} nets of different shape, each analysed once by jc.solve; "
+        f"{MOST_PROGRAMS} programs"
+    )
     say("are known at a time. Memory of the process, and its memory maps (65 530 are allowed)\n")
     say(f"{'nets':>6}{'MB':>8}{'maps':>8}")
     for k in range(cases.nets + 1):
         if k:
             net = jc.scenes.saddle(3 + (k - 1) % 25, 3 + (k - 1) // 25, load=100.0)
             assert int(jc.solve(*net).status) == 0
-        if k in (0, 1, 10, MOST) or k % 100 == 0:
+        if k in (0, 1, 10, MOST_PROGRAMS) or k % 100 == 0:
             say("{:6}{:8.0f}{:8}".format(k, *resident()))
     jc.forget_programs()
     gc.collect()

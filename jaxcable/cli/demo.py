@@ -1,4 +1,4 @@
-"""``demo``: the hyperbolic paraboloid net beside the published deflections."""
+"""``demo``: analyse a published hyperbolic paraboloid net and compare its deflections."""
 
 from __future__ import annotations
 
@@ -19,10 +19,12 @@ _PICTURE = "hypar_net.png"
 
 def run(options: Namespace) -> None:
     """Prestress and load the net, print a table of deflections, write a picture."""
-    picture = outputs.target(options.plot, outputs.PICTURES, "--plot", usual=_PICTURE)
+    picture = outputs.check_output_file(options.plot, outputs.PICTURES, "--plot", usual=_PICTURE)
     structure, phases = scenes.hypar_net()
-    free = hypar.plan()[2]
-    offsets = np.linalg.norm(np.asarray(structure.nodes)[free] - hypar.plan()[0][free], axis=1)
+    free = hypar.identified_plan()[2]
+    offsets = np.linalg.norm(
+        np.asarray(structure.nodes)[free] - hypar.identified_plan()[0][free], axis=1
+    )
     print("Hyperbolic paraboloid net: 31 links, 26 nodes, 12 of them free, EA 100.72 kN")
     print(
         f"  start    the plan with every free node moved (by {1e3 * offsets.min():.0f} to "
@@ -40,8 +42,8 @@ def run(options: Namespace) -> None:
         path = phase.path
         print(
             f"phase {number}   {int(path.iterations.sum())} Newton iterations in "
-            f"{len(path.load_factor)} increments, largest residual {float(path.residual.max()):.1e}"
-            f" N ({float(path.relative_residual.max()):.1e} of the largest nodal force)"
+            f"{len(path.load_factor)} increments, largest relative residual "
+            f"{float(path.relative_residual.max()):.1e}"
         )
     print(f"time      {seconds[1]:.4f} s (first call, with compilation: {seconds[0]:.2f} s)")
     status.raise_if_failed(solution)
@@ -62,5 +64,5 @@ def run(options: Namespace) -> None:
         "The plan of this net is not published; it was identified from these deflections, so the "
         "agreement is no validation."
     )
-    outputs.picture(plots.net(solution, magnify=5.0), picture)
+    outputs.save_picture(plots.net(solution, magnify=5.0), picture)
     print(f"\npicture   {picture}")

@@ -1,4 +1,4 @@
-"""``info``: what is in a scene or a net, and whether it is sound."""
+"""``info``: show what is in a scene or a net, and what looks like a mistake."""
 
 from __future__ import annotations
 
@@ -9,76 +9,93 @@ import numpy as np
 from ..analysis.phases import all_stated
 from ..analysis.preparation import prepare
 from ..analysis.presence import presence_of
+from ..elements import Bars, Cables
 from ..elements.abilities import STATEMENTS, statements_of
 from ..files.doubts import counted, doubts, place
-from ..loads import as_list
+from ..loads import LineLoads, SelfWeight, as_list
 from ..loads.faces import areas
 from ..model.parts import groups_by_name
-from ..spaces.freedoms import number_freedoms
+from ..spaces.dof_map import make_dof_map
 from ..stiffness.vibration import STANDARD_GRAVITY
 from . import inputs
 
-_MOST = 12  # nodes that are listed of a kind
-_SIDE = 135.0  # degrees within which all links of a group lie at a corner of it
+_MOST = 12  # nodes that are listed; two per corner of a six-sided net
+_SIDE = 135.0
+"""Degrees within which all links of a group lie at a corner of its net.
+
+At a corner of a rectangle that is 90, along a straight edge 180: the mean of both.
+"""
+_PROPERTIES = {
+    "axial_stiffness": ("EA =", "N"),
+    "area": ("area", "m2"),
+    "rest_length": ("unstressed length", "m"),
+    "weight": ("weight g =", "N/m"),
+    "strength": ("breaking force", "N"),
+    "expansion": ("thermal expansion", "1/K"),
+}
+"""What the properties of groups are called, and their units."""
 
 
 def run(options: Namespace) -> None:
     """Print the contents of the files that `options` name."""
-    if inputs.is_scene(options):
+    if inputs.is_scene_file(options):
         options.scene = options.files[0]
-        inputs.refuse_unread(options)
-        return _scene(*inputs.scene(options))
-    return _net(inputs.net(options))
+        inputs.refuse_options_of_other_formats(options)
+        return _print_scene(*inputs.read_scene(options))
+    return _print_net(inputs.read_net(options))
 
 
-def _scene(structure, phases):
-    """Print the contents of a scene."""
+def _print_scene(structure, phases):
+    """Print what is in a scene."""
     prepare(structure, phases, None, None)  # checks the scene and issues its warnings
     nodes = np.asarray(structure.nodes)
     print(
         f"scene of {counted(structure.n_node, 'node')}, "
         f"{counted(len(phases), 'phase')}, {nodes.dtype}"
     )
-    print(f"extent: {_extent(nodes)}")
+    print(f"extent: {_bounding_box_text(nodes)}")
     fixed = structure.supports.fixed(structure.n_node)
     pinned, clamped = fixed[:, :3].all(axis=1), fixed[:, 3:].any(axis=1)
     partly = fixed[:, :3].any(axis=1) & ~pinned
     print(
-        f"supports: {int(pinned.sum())} nodes held, {int(partly.sum())} partly, "
-        f"{int(clamped.sum())} against rotation"
+        f"supports: {counted(int(pinned.sum()), 'node')} fixed in all translations, "
+        f"{int(partly.sum())} partially supported, {int(clamped.sum())} with rotations fixed"
     )
     rows, _ = structure.rows()
-    freedoms = number_freedoms(structure.fixed(structure.supports), rows, rigid=structure.rigid)
-    print(f"unknowns: {len(freedoms.free)}")
+    dof_map = make_dof_map(structure.fixed(structure.supports), rows, rigid=structure.rigid)
+    print(f"unknowns: {len(dof_map.free)} degrees of freedom")
     named = groups_by_name(structure)
-    for (label, group), lengths in zip(named, inputs.lengths(structure), strict=True):
+    for (label, group), lengths in zip(named, inputs.element_lengths(structure), strict=True):
         sizes, kind, unit = lengths, "lengths", "m"
         if group.face is not None:
             sizes, kind, unit = areas(nodes[group.links.array[:, group.face]]), "areas", "m2"
+        count, total = counted(len(lengths), "element"), inputs.format_number(sizes.sum())
         print(
-            f"{type(group).__name__} {label}".strip() + f": {counted(len(lengths), 'element')}, "
-            f"{kind} {inputs.spread(sizes)} {unit}, {inputs.short(sizes.sum())} {unit} in total"
+            f"{type(group).__name__} {label}".strip() + f": {count}, "
+            f"{kind} {inputs.format_range(sizes)} {unit}, {total} {unit} in total"
         )
-        for field in ("axial_stiffness", "area", "rest_length", "weight", "strength", "expansion"):
+        for field, (name, own_unit) in _PROPERTIES.items():
             value = getattr(group, field, None)
             if value is not None:
-                print(f"  {field} {inputs.spread(value)}")
+                per_area = field == "weight" and group.face is not None
+                print(f"  {name} {_with_prefix(value, 'N/m2' if per_area else own_unit)}")
         if group.face is not None and group.weight is not None:
             weight = float(group.weights(group.start(nodes[group.links.array])).sum())
-            mass = inputs.short(weight / STANDARD_GRAVITY / float(sizes.sum()))
-            print(f"  weighs {inputs.short(weight)} N in total, {mass} kg/m2")
-        for field in ("law", "section"):
-            if getattr(group, field, None) is not None:
-                print(f"  {field} {type(getattr(group, field)).__name__}")
+            mass = inputs.format_number(weight / STANDARD_GRAVITY / float(sizes.sum()))
+            print(f"  weighs {inputs.format_number(weight)} N in total, {mass} kg/m2")
+        if isinstance(group, Cables | Bars) and group.law is not None:
+            print(f"  stress-strain law {type(group.law).__name__}")
+        if group.section is not None:
+            print(f"  section of {counted(len(np.ravel(group.section.y)), 'fibre')}")
     presence = presence_of(structure, phases, None)
     for number, phase in enumerate(phases, 1):
-        _phase(number, phase, structure)
+        _print_phase(number, phase, structure)
         if presence is not None:
-            _changes(number - 1, structure, presence)
+            _print_activation(number - 1, structure, presence)
 
 
-def _changes(k, structure, presence):
-    """Print which elements phase `k` adds and removes, and how many are there then."""
+def _print_activation(k, structure, presence):
+    """Print which elements phase `k` adds and removes, and how many are active in it."""
     for word, change in (("adds", 1), ("removes", -1)):
         parts = []
         names = [label for label, _ in groups_by_name(structure)]
@@ -90,23 +107,55 @@ def _changes(k, structure, presence):
         if parts:
             print(f"  {word} {', '.join(parts)}")
     total = sum(present.shape[1] for present in presence.present)
-    print(f"  {sum(int(p[k].sum()) for p in presence.present)} of {total} elements there")
+    print(f"  {sum(int(p[k].sum()) for p in presence.present)} of {total} elements active")
 
 
-def _phase(number, phase, structure):
-    """Print the contents of a phase."""
+def _print_phase(number, phase, structure):
+    """Print what is in a phase."""
     print(f"phase {number}: {counted(phase.increments, 'increment')}")
     stated = phase.statements(structure)
     for name in all_stated(phase):
-        print(f"  {name} {_stated(name, [of.get(name) for of in stated], structure)}")
+        print(f"  {name} {_describe_statement(name, [of.get(name) for of in stated], structure)}")
     for load in as_list(phase.loads):
-        print(f"  {load}")
+        print(f"  {_describe_load(load)}")
     if phase.supports is not None:
-        print("  other supports")
+        print("  new supports, which replace those before")
 
 
-def _stated(field, statements, structure):
-    """What a phase states, with the names of the groups, and of those that it passes by."""
+def _describe_load(load):
+    """Return a load in words, with its values where these are a single vector."""
+    if isinstance(load, SelfWeight | LineLoads):
+        where = "" if load.on is None else f" on {load.on}"
+        where += "" if load.elements is None else " (some elements)"
+    if isinstance(load, SelfWeight):
+        direction = np.asarray(load.direction, float)
+        plain = np.array_equal(direction, [0.0, 0.0, -1.0])
+        return f"self-weight{where}" + ("" if plain else f", times {_vector_text(direction)}")
+    if isinstance(load, LineLoads):
+        forces = np.asarray(load.forces, float) * np.asarray(load.factor, float)[..., None]
+        size = _with_prefix(forces, "N/m", is_vector=forces.ndim == 1)
+        return f"line load {size}{where} (per {load.per} length)"
+    return str(load)
+
+
+def _with_prefix(values, unit, is_vector=False):
+    """Return the range of some numbers, or one vector, with its unit; forces in kN or MN."""
+    values = np.asarray(values, float)
+    largest = np.abs(values).max(initial=0.0)
+    prefix, factor = "", 1.0
+    if unit.startswith("N") and largest >= 1e3:
+        prefix, factor = ("M", 1e-6) if largest >= 1e6 else ("k", 1e-3)
+    write = _vector_text if is_vector else inputs.format_range
+    return f"{write(factor * values)} {prefix}{unit}"
+
+
+def _vector_text(values):
+    """Return the components of a vector as text."""
+    return f"({', '.join(inputs.format_number(float(value)) for value in values)})"
+
+
+def _describe_statement(field, statements, structure):
+    """Return an input of a phase in words: its values by group, and the groups without it."""
     parts: dict[str, list[str]] = {}
     without, cold = [], []
     for (label, group), stated in zip(groups_by_name(structure), statements, strict=True):
@@ -119,26 +168,26 @@ def _stated(field, statements, structure):
         values = np.asarray(stated.values)
         meant = np.ones(len(values), bool) if stated.chosen is None else stated.chosen
         unit = statements_of(group)[field].unit
-        text = f"{inputs.spread(values[meant])} {unit}".removesuffix(" -")
+        text = f"{inputs.format_range(values[meant])} {unit}".removesuffix(" -")
         some = "" if meant.all() else f" ({int(meant.sum())} of {len(meant)} elements)"
         parts.setdefault(text, []).append(f"{label}{some}".strip())
-    told = [f"{text} on {', '.join(names)}" for text, names in parts.items()]
+    described = [f"{text} on {', '.join(names)}" for text, names in parts.items()]
     if len(statements) == 1:
-        told = [part.removesuffix(" on ").replace(" on (", " (") for part in told]
+        described = [part.removesuffix(" on ").replace(" on (", " (") for part in described]
     if without:
-        told.append(f"none on {', '.join(without)}")
-    told += [f"{', '.join(cold)} has no expansion"] if cold else []
-    return "; ".join(told)
+        described.append(f"none on {', '.join(without)}")
+    described += [f"{', '.join(cold)} has no expansion"] if cold else []
+    return "; ".join(described)
 
 
-def _net(net):
-    """Print the contents of a net."""
+def _print_net(net):
+    """Print what is in a net."""
     kinds = {kind: net.kinds.count(kind) for kind in dict.fromkeys(net.kinds)}
     counts = ", ".join(f"{count} {kind}s" for kind, count in kinds.items())
     print(f"net of {len(net.nodes)} nodes, {len(net.links)} links: {counts}")
-    print(f"extent: {_extent(net.nodes)}")
+    print(f"extent: {_bounding_box_text(net.nodes)}")
     ends = net.nodes[net.links]
-    print(f"lengths {inputs.spread(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))} m")
+    print(f"lengths {inputs.format_range(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))} m")
     held = net.fixed.any(axis=1)
     print(f"supports: {int(held.sum())} nodes")
     if net.groups is not None:
@@ -149,19 +198,20 @@ def _net(net):
         print(f"nodes with points, by layer: {', '.join(counts)}")
     for name, value in net.values.items():
         known = value[~np.isnan(value)]
-        print(f"{name} {inputs.spread(known)} ({len(known)} links)")
+        print(f"{name} {inputs.format_range(known)} ({len(known)} links)")
     if net.loads is not None:
-        total = ", ".join(inputs.short(f) for f in net.loads.sum(axis=0))
+        total = ", ".join(inputs.format_number(f) for f in net.loads.sum(axis=0))
         print(f"loads: sum ({total}) N")
     single = np.bincount(net.links.ravel(), minlength=len(net.nodes)) == 1
-    _places("nodes with one link", net, np.flatnonzero(single))
-    _places("corners of groups in plan", net, np.setdiff1d(_corners(net), np.flatnonzero(single)))
+    _print_nodes("end nodes", net, np.flatnonzero(single))
+    corners = np.setdiff1d(_group_corners(net), np.flatnonzero(single))
+    _print_nodes("corners of groups in plan", net, corners)
     for text in doubts(net.nodes, net.links, held):
         print(f"doubtful: {text}")
 
 
-def _places(what, net, nodes):
-    """Print numbers and places of some nodes, those of supports marked."""
+def _print_nodes(what, net, nodes):
+    """Print the indices and positions of some nodes; supports are marked."""
     print(f"{what}: {len(nodes)}")
     for k in nodes[:_MOST].tolist():
         print(f"  node {k} at {place(net.nodes[k])}{', support' * bool(net.fixed[k].any())}")
@@ -169,8 +219,8 @@ def _places(what, net, nodes):
         print(f"  and {len(nodes) - _MOST} more")
 
 
-def _corners(net):
-    """Nodes at which two or more links of a group lie on one side in plan, within `_SIDE`, [n]."""
+def _group_corners(net):
+    """Find the nodes at which the links of a group lie within `_SIDE` degrees in plan, [n]."""
     labels = np.array(net.groups or [""] * len(net.links))
     found = []
     for label in dict.fromkeys(labels.tolist()):
@@ -189,6 +239,6 @@ def _corners(net):
     return np.unique(np.array(found, int))
 
 
-def _extent(nodes):
-    """The size of the bounding box of nodes, as text."""
-    return " x ".join(inputs.short(float(v)) for v in np.ptp(nodes, axis=0)) + " m"
+def _bounding_box_text(nodes):
+    """Return the sides of the bounding box of nodes as text."""
+    return " x ".join(inputs.format_number(float(v)) for v in np.ptp(nodes, axis=0)) + " m"

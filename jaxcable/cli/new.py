@@ -1,4 +1,4 @@
-"""``new``: write a small scene that explains itself, to begin with, and the same in Python."""
+"""``new``: write a small commented scene to begin with, and the same as a Python script."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from argparse import Namespace
 from importlib import resources
 from pathlib import Path
 
-from ..common.writing import written_together
+from ..common.writing import atomic_write_together
 from ..files import scene_schema
 from ..files.layout import laid_out
 from . import outputs
-from .guard import Refused, require_writable
+from .guard import BadInput, require_writable
 
 KINDS = {
     "net": "a saddle of prestressed cables, under snow",
@@ -29,37 +29,42 @@ def run(options: Namespace) -> None:
     outputs.check_suffix(str(scene), (".json",), "--save")
     script = scene.with_suffix(".py")
     if script.stem in sys.stdlib_module_names | {"jax", "jaxcable", "matplotlib", "numpy", "scipy"}:
-        raise Refused(f"--save {scene}: {script.name} would hide Python's module of that name")
+        raise BadInput(f"--save {scene}: {script.name} would hide Python's module of that name")
     if scene.name == _SCHEMA:
-        raise Refused(f"--save {scene}: is the name of the schema that is written beside the scene")
-    texts = {scene: _template(f"{options.kind}.json"), script: _template(f"{options.kind}.py.txt")}
+        raise BadInput(
+            f"--save {scene}: is the name of the schema that is written beside the scene"
+        )
+    texts = {
+        scene: _template_text(f"{options.kind}.json"),
+        script: _template_text(f"{options.kind}.py.txt"),
+    }
     there = [str(path) for path in texts if path.exists()]
     if there and not options.force:
         names = ", ".join(there)
-        raise Refused(f"{names}: there already; --save names another file, --force replaces")
+        raise BadInput(f"{names}: exists already; --save names another file, --force replaces it")
     schema = scene.with_name(_SCHEMA)
     if not schema.exists() or (options.force and _is_scene_schema(schema)):
         texts[schema] = laid_out(scene_schema()) + "\n"
     require_writable(*texts)
-    with written_together() as begin:
+    with atomic_write_together() as begin:
         for path, text in texts.items():
             begin(path).write(text)
     name, picture = shlex.quote(str(scene)), shlex.quote(str(scene.with_suffix(".png")))
     print(f"wrote {scene}: {KINDS[options.kind]}")
-    print(f"wrote {script}: the same in Python, with a picture and a page that turns")
+    print(f"wrote {script}: the same in Python, with a picture and an interactive 3-D view (HTML)")
     if schema in texts:
-        print(f"wrote {schema}: with it editors explain and check the scene")
+        print(f"wrote {schema}: with it, editors explain and check the scene")
     print(f"next:\n  jaxcable solve {name} --plot {picture}\n  jaxcable view {name}")
 
 
 def _is_scene_schema(schema):
-    """Whether a file is a schema of scenes, of any version of jaxcable."""
+    """Return whether a file is a schema of scenes, of any version of jaxcable."""
     try:
         return '"urn:jaxcable:scene:' in schema.read_text("utf-8")[:1000]
     except (OSError, UnicodeDecodeError):
         return False
 
 
-def _template(name):
-    """The text of a file in `templates`."""
+def _template_text(name):
+    """Return the text of a file in `templates`."""
     return (resources.files(__package__) / "templates" / name).read_text("utf-8")

@@ -2,18 +2,36 @@
 
 from __future__ import annotations
 
+import re
 import sys
+from argparse import Namespace
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from ..analysis.solution import Solution
-from ..common.status import OK, AnalysisError, raise_if_failed
+from ..common.status import (
+    BEYOND_PEAK,
+    DRIFTED,
+    NOT_CONVERGED,
+    OK,
+    SINGULAR,
+    AnalysisError,
+    describe,
+    raise_if_failed,
+)
 from ..files import save_dxf, save_network, save_opensees, save_result, save_vtk
 from ..model.structure import Structure
 from ..plots import style
-from .guard import FAILED, Refused, refusing, require_ours, require_writable, say
+from .guard import (
+    FAILED,
+    BadInput,
+    print_message,
+    refuse_value_errors,
+    require_own_file,
+    require_writable,
+)
 
 PICTURES = (".png", ".pdf", ".svg")
 RESULTS = (".json", ".npz", ".csv", ".vtk", ".py", ".dxf")
@@ -26,16 +44,41 @@ _WRITERS: tuple[tuple[str, Callable[..., list[Path]]], ...] = (
     (".vtk", save_vtk),
     (".py", save_opensees),
 )
-"""Ends of names of results, and what writes them; `save_result` writes the others."""
+"""Endings of names of results, and what writes them; `save_result` writes all others."""
+
+
+_RESIDUAL = re.compile(r", residual \S+ N(?=: )")
+"""The residual in a message of `raise_if_failed`, whose size says nothing if steps diverge."""
+_ADVICE = {
+    NOT_CONVERGED: (
+        "no equilibrium found. Likely: a mechanism (without prestress a net has no stiffness "
+        "across its surface; a frame may lack a support or turn about a hinge), or a load beyond "
+        "the capacity. Try: more increments; check supports, prestress and units"
+    ),
+    SINGULAR: (
+        "the stiffness of an increment is singular, so the incremental method cannot step. Try: "
+        "leave out --corrections, or prestress the structure before it is loaded"
+    ),
+    DRIFTED: (
+        "the unbalanced force of the incremental method is too large. Try: more increments, more "
+        "--corrections, or leave out --corrections"
+    ),
+    BEYOND_PEAK: (
+        "no equilibrium found below the peaks of the stress-strain curves, nor beyond them: the "
+        "load is more than the structure carries. Reduce it, or strengthen the elements with the "
+        "largest strains"
+    ),
+}
+"""What failed and what to try, where the text of the status names arguments of Python."""
 
 
 def check_suffix(path: str | None, known: Sequence[str], option: str) -> None:
-    """Raise `Refused`, naming the option, if a path has none of the known suffixes."""
+    """Raise `BadInput`, naming the option, if a path has none of the known suffixes."""
     if path is not None and Path(path).suffix.lower() not in known:
-        raise Refused(f"{option} {path}: expected a name that ends with {', '.join(known)}")
+        raise BadInput(f"{option} {path}: expected a name that ends with {', '.join(known)}")
 
 
-def target(
+def check_output_file(
     given: str | None,
     known: Sequence[str],
     option: str = "--save",
@@ -43,9 +86,9 @@ def target(
     usual: str | Path | None = None,
     inputs: Sequence[str] = (),
 ) -> str:
-    """The path of the file that a command writes, found fit for that before long work begins.
+    """Return the path of the file that a command writes; raise before long work if it cannot.
 
-    It is empty if no file is named.
+    The path is empty if no file is named.
 
     Args:
         given: path on the command line, or None.
@@ -53,7 +96,7 @@ def target(
         option: that names it.
 
     Options:
-        usual: path of the file if none is given; it replaces only what this program has made.
+        usual: path if none is given; the file replaces only one that this program has written.
         inputs: files that the command reads.
     """
     path = usual if given is None else given
@@ -62,32 +105,42 @@ def target(
     check_suffix(str(path), known, option)
     require_writable(path, inputs=inputs)
     if given is None:
-        require_ours(path, option)
+        require_own_file(path, option)
     return str(path)
 
 
-def picture(figure: Figure, path: str) -> None:
+def save_picture(figure: Figure, path: str) -> None:
     """Save a figure as a file of moderate size."""
     style.save(figure, path, dpi=130)
 
 
-def result(path: str | Path, structure: Structure, solution: Solution) -> list[Path]:
-    """Save a result in the format of the path's suffix; returns the paths of the files."""
+def save_solution(path: str | Path, structure: Structure, solution: Solution) -> list[Path]:
+    """Save a result in the format of the path's suffix; return the paths of the files."""
     save = next((own for end, own in _WRITERS if str(path).lower().endswith(end)), save_result)
     if save is save_opensees and int(solution.status) != OK:
-        say(f"{path}: not written: a failed analysis has no state to compute again")
+        print_message(
+            f"{path}: not written: the analysis failed, so that there is no state for OpenSees"
+        )
         return []
-    with refusing(path):
+    with refuse_value_errors(path):
         return save(path, structure, solution)
 
 
-def ended(scene: str, solution: Solution) -> int | None:
-    """Exit status of a command whose analysis has ended: it says why if that has failed."""
+def report_failure(options: Namespace, solution: Solution) -> int | None:
+    """Return the exit status of a command after its analysis; if that failed, print why.
+
+    The texts of `status` name arguments of Python; here they name what a user of the command line
+    can change.
+    """
     if int(solution.status) == OK:
         return None
     sys.stdout.flush()
     try:
         raise_if_failed(solution)
     except AnalysisError as error:
-        say(f"{scene}: {error}")
+        text = _RESIDUAL.sub("", str(error))
+        code = int(solution.status)
+        if code in _ADVICE:
+            text = text.replace(describe(code), _ADVICE[code])
+        print_message(f"{options.scene}: {text}")
     return FAILED

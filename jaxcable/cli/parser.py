@@ -13,7 +13,7 @@ from pathlib import Path
 from .. import linear
 from ..files.reading import number, whole
 from . import convert, demo, form, info, new, optimize, plot, schema, settings, solve, view
-from .guard import Refused, guarded
+from .guard import BadInput, run_guarded
 
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
 """Negative numbers, which are no options; Python's own pattern has no exponents (-4e3)."""
@@ -22,38 +22,38 @@ _STATUS = "exit status: 0 done, 1 the analysis failed, 2 bad input, 130 interrup
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit status.
+    """Run a command; return the exit status.
 
     Args:
-        arguments: words after the name of the program; None for those that this process was started
-            with. It is the command's own then, and keeps the flag of XLA that fuses loops. Where
-            another program gives arguments, all of its settings are as before at the end.
+        arguments: words after the name of the program; None for those of this process, which then
+            keeps the flag of XLA that fuses loops. If another program gives arguments, its settings
+            are restored at the end.
     """
     options = parser().parse_args(arguments)
-    with settings.of_command(options.quiet, whole_process=arguments is None):
-        return guarded(_run, options)
+    with settings.command_settings(options.quiet, whole_process=arguments is None):
+        return run_guarded(_import_and_run, options)
 
 
-def _run(options):
+def _import_and_run(options):
     """Import the modules of the user's own classes that `options` name, then run the command."""
     sys.path.insert(0, str(Path.cwd()))  # where scripts, unlike `python -m`, do not look
     try:
         for name in options.modules:
             importlib.import_module(name)
     except ImportError as error:
-        raise Refused(f"--import: {error}") from None
+        raise BadInput(f"--import: {error}") from None
     finally:
         sys.path.remove(str(Path.cwd()))
     return options.run(options)
 
 
 def parser() -> argparse.ArgumentParser:
-    """The parser of the command line, with all commands."""
+    """Return the parser of the command line, with all commands."""
     top = argparse.ArgumentParser(
         prog="jaxcable",
         description="Prestressed cable structures: form, analysis in phases, prestress. SI units.\n"
-        "A scene is a JSON file with a structure and its phases: `jaxcable new net` writes one to\n"
-        "begin with, which explains itself. `jaxcable COMMAND --help` explains a command.",
+        "A scene is a JSON file with a structure and its phases; `jaxcable new net` writes one,\n"
+        "with comments, to begin with. `jaxcable COMMAND --help` explains a command.",
         epilog=f"example: jaxcable solve net.json --plot net.png --report\n{_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -62,27 +62,27 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(
         title="commands", dest="command", required=True, metavar="COMMAND"
     )
-    _new(commands)
-    _info(commands)
-    _solve(commands)
-    _plot(commands)
-    _view(commands)
-    _form(commands)
-    _optimize(commands)
-    _convert(commands)
-    _schema(commands)
-    _demo(commands)
+    _add_new(commands)
+    _add_info(commands)
+    _add_solve(commands)
+    _add_plot(commands)
+    _add_view(commands)
+    _add_form(commands)
+    _add_optimize(commands)
+    _add_convert(commands)
+    _add_schema(commands)
+    _add_demo(commands)
     for command in commands.choices.values():
-        _flag(command, "--quiet", "print errors only: no results, no warnings, no progress")
-        text = "module to run first, installed or in this folder, that registers your own classes"
+        _add_flag(command, "--quiet", "print errors only: no results, no warnings, no progress")
+        text = "Python module, installed or in this folder, that registers your own classes"
         command.add_argument(
             "--import", dest="modules", action="append", default=[], metavar="MODULE", help=text
         )
     return top
 
 
-def _command(commands, module, example):
-    """Add the command of a module, whose docstring begins with the help, and return its parser."""
+def _add_command(commands, module, example):
+    """Add the command of a module, whose docstring begins with its help; return its parser."""
     name = module.__name__.split(".")[-1]
     text = " ".join((module.__doc__ or "").split("\n\n")[0].split()).removeprefix(f"``{name}``: ")
     command = commands.add_parser(
@@ -97,17 +97,17 @@ def _command(commands, module, example):
     return command
 
 
-def _saves(command, text, **settings):
+def _add_save_option(command, text, **settings):
     """Add the option that names the file to write."""
     command.add_argument("--save", metavar="FILE", help=text, **settings)
 
 
-def _flag(command, name, text):
+def _add_flag(command, name, text):
     """Add an option without a value."""
     command.add_argument(name, action="store_true", help=text)
 
 
-def _reads(command, scene=True):
+def _add_input_files(command, scene=True):
     """Add the arguments of a command that reads a scene, or else a scene or a net."""
     if scene:
         text = "scene, JSON (written by save_scene or by hand; `jaxcable schema` describes it)"
@@ -118,147 +118,166 @@ def _reads(command, scene=True):
         )
         command.add_argument("files", nargs="+", metavar="file", help=text)
         text = (
-            "metres per unit of an OBJ file (default 1) or DXF file (default: its own unit); of "
-            "the drawing if one is made of a scene (default 1)"
+            "meters per unit of an OBJ file (default 1) or DXF file (default: the unit in the "
+            "file); for a drawing made of a scene: meters per unit of the drawing (default 1)"
         )
-        command.add_argument("--scale", type=_positive, metavar="S", help=text)
-        text = "of DXF and OBJ: largest distance of points that become one node, m (default 1e-6)"
-        command.add_argument("--tol", type=_positive, metavar="D", help=text)
-        text = 'of a DXF file: layer whose points are supports, "*" for all points'
+        command.add_argument("--scale", type=_parse_positive, metavar="S", help=text)
+        text = "DXF and OBJ: points closer than this become one node, m (default 1e-6)"
+        command.add_argument("--tol", type=_parse_positive, metavar="D", help=text)
+        text = 'DXF: layer whose points are supports, "*" for all points'
         command.add_argument("--supports", metavar="LAYER", help=text)
-        text = "of a DXF file: largest distance of arcs from chords in their place, m"
-        command.add_argument("--sagitta", type=_positive, metavar="D", help=text)
-        text = "of a DXF file: read layers that are off or frozen, and invisible entities, too"
-        _flag(command, "--hidden", text)
+        text = "DXF: maximum chord error when arcs become straight pieces, m"
+        command.add_argument("--sagitta", type=_parse_positive, metavar="D", help=text)
+        text = "DXF: also read layers that are off or frozen, and invisible entities"
+        _add_flag(command, "--hidden", text)
         text = (
-            "of CSV tables: what the files call the columns node, x, y, z, support, fx, first, "
-            "last, kind, group and others, as x=X_COORD support=Fixed; free=NAME for a column in "
-            "which 1 means free"
+            "CSV tables: names in the files of the columns node, x, y, z, support, fx, first, "
+            "last, kind, group and others, such as x=X_COORD support=Fixed; free=NAME for a column "
+            "in which 1 means free"
         )
         command.add_argument("--columns", nargs="+", metavar="COLUMN=NAME", help=text)
-        text = "make nodes where links cross in plan or touch, of these groups (default: of all)"
+        text = "add nodes where links of these groups (default: all) cross in plan or touch"
         command.add_argument("--split", nargs="*", metavar="GROUP", help=text)
-    text = "largest file that is read, MB (default 64)"
-    command.add_argument("--largest", type=_positive, default=64.0, metavar="MB", help=text)
+    text = "refuse files larger than this, MB (default 64)"
+    command.add_argument("--largest", type=_parse_positive, default=64.0, metavar="MB", help=text)
 
 
-def _new(commands):
-    command = _command(commands, new, "bridge --save my_bridge.json")
+def _add_new(commands):
+    """Add the command ``new``."""
+    command = _add_command(commands, new, "bridge --save my_bridge.json")
     text = "; ".join(f"{kind}: {about}" for kind, about in new.KINDS.items())
     command.add_argument("kind", choices=new.KINDS, help=text)
-    text = "scene to write (.json; default its kind, in this folder); the script lies beside it"
-    _saves(command, text)
-    text = "replace files that exist; otherwise the command writes nothing and ends with 2"
-    _flag(command, "--force", text)
+    text = "scene to write (.json; default: KIND.json here); the Python script goes beside it"
+    _add_save_option(command, text)
+    text = "replace existing files; otherwise nothing is written, and the exit status is 2"
+    _add_flag(command, "--force", text)
 
 
-def _demo(commands):
-    command = _command(commands, demo, "--plot hypar.png")
+def _add_demo(commands):
+    """Add the command ``demo``."""
+    command = _add_command(commands, demo, "--plot hypar.png")
     text = "picture to write (png, pdf, svg; default hypar_net.png)"
     command.add_argument("--plot", metavar="FILE", help=text)
 
 
-def _solve(commands):
+def _add_solve(commands):
+    """Add the command ``solve``."""
     example = "net.json --plot net.png --save result.json --save net.vtk --report net.txt"
-    command = _command(commands, solve, example)
-    _reads(command)
+    command = _add_command(commands, solve, example)
+    _add_input_files(command)
     command.add_argument("--plot", metavar="FILE", help="picture to write (png, pdf, svg)")
     text = (
         "result: .json, .npz, .csv (tables), .vtk (ParaView), .py (OpenSees), .dxf, .compas.json; "
         "can be repeated"
     )
-    _saves(command, text, action="append", default=[])
-    text = "report: reactions, forces, cutting list; a .txt, .csv or .json file, or on the screen"
-    command.add_argument("--report", metavar="FILE", nargs="?", const="-", help=text)
-    text = "relative residual of the equilibrium (default 1e-10; 1e-5 in float32)"
-    command.add_argument("--tol", type=_positive, help=text)
-    text = "increments with this many corrections instead of equilibrium iterations"
-    command.add_argument("--corrections", type=_up_to(20), metavar="N", help=text)
-    text = "default: by size"
-    command.add_argument("--linear-solver", choices=linear.offered(), help=text)
-
-
-def _plot(commands):
-    command = _command(commands, plot, "mast.json --of My --save moments.pdf")
-    _reads(command)
-    text = "picture to write (png, pdf, svg; default: beside the scene, with its name, .png)"
-    _saves(command, text)
+    _add_save_option(command, text, action="append", default=[])
     text = (
-        "what to draw: tension (default), utilisation (force over strength) or another result as "
-        "colours; N, Vy, Vz, T, My, Mz as a diagram on beams"
+        "report: displacements, reactions, forces, cutting list; to a .txt, .csv or .json file, or "
+        "without FILE on the screen"
+    )
+    command.add_argument("--report", metavar="FILE", nargs="?", const="-", help=text)
+    text = "largest residual over nodal force at convergence (default 1e-10; 1e-5 in float32)"
+    command.add_argument("--tol", type=_parse_positive, help=text)
+    text = "incremental method with N corrections per increment, without full iteration (research)"
+    command.add_argument("--corrections", type=_whole_number_up_to(20), metavar="N", help=text)
+    text = "solver of linear equations (default: by size)"
+    command.add_argument("--linear-solver", choices=linear.selectable_solver_names(), help=text)
+
+
+def _add_plot(commands):
+    """Add the command ``plot``."""
+    command = _add_command(commands, plot, "mast.json --of My --save moments.pdf")
+    _add_input_files(command)
+    text = "picture to write (png, pdf, svg; default: beside the scene, with its name, .png)"
+    _add_save_option(command, text)
+    text = (
+        "what to draw: tension (default), utilization (force / breaking force) or another result "
+        "as colors; N, Vy, Vz, T, My, Mz as diagrams on beams"
     )
     command.add_argument("--of", default="tension", metavar="RESULT", help=text)
-    text = "default: by the shape of the structure"
+    text = "direction of view (default: by the shape of the structure)"
     command.add_argument("--view", choices=("plan", "elevation", "space"), help=text)
-    _flag(command, "--sequence", "the end of every phase, beside each other")
-    text = "factor on displacements (default 1), not of diagrams"
-    command.add_argument("--magnify", type=_positive, metavar="X", help=text)
-    _flag(command, "--reactions", "draw the reactions of supports, too")
+    _add_flag(command, "--sequence", "draw the end of every phase, side by side")
+    text = "scale factor of displacements (default 1), not for diagrams"
+    command.add_argument("--magnify", type=_parse_positive, metavar="X", help=text)
+    _add_flag(command, "--reactions", "also draw the support reactions")
 
 
-def _view(commands):
-    command = _command(commands, view, "net.json --save net.html")
-    _reads(command)
-    _saves(command, "page to write (default: the name of the scene, .html, in this folder)")
-    _flag(command, "--no-open", "write the page, open no browser")
+def _add_view(commands):
+    """Add the command ``view``."""
+    command = _add_command(commands, view, "net.json --save net.html")
+    _add_input_files(command)
+    _add_save_option(
+        command, "HTML file to write (default: the name of the scene, .html, in this folder)"
+    )
+    _add_flag(command, "--no-open", "only write the file, do not open a browser")
 
 
-def _form(commands):
-    command = _command(commands, form, "net.json --force-density 50 --save formed.json")
-    _reads(command)
+def _add_form(commands):
+    """Add the command ``form``."""
+    command = _add_command(commands, form, "net.json --force-density 50 --save formed.json")
+    _add_input_files(command)
     method = command.add_mutually_exclusive_group()
     text = (
-        "force density, N/m: a number, or group=number for each group (default: what the first "
-        "phase with force densities states)"
+        "force density, N/m: a number, or group=number for each group (default: the values in the "
+        "first phase that has them)"
     )
     method.add_argument("--force-density", nargs="+", metavar="Q", help=text)
-    text = "tension of all cables in the form, N; likewise"
+    text = "tension of all cables in the form, N: a number, or group=number for each group"
     method.add_argument("--tension", nargs="+", metavar="T", help=text)
     text = (
-        "length in the form of groups without force density or tension, as masts and guys: "
-        "group=drawn for that in the scene, or group=number, m; their forces are found"
+        "length of groups without given force density or tension, such as masts and guys: "
+        "group=drawn for the length in the scene, or group=number, m; their forces are found"
     )
     command.add_argument("--length", nargs="+", metavar="L", help=text)
     text = (
-        "phases whose loads act in the form, from 1, or none (default: the first phase that has "
+        "phases (1, 2, ...) whose loads act in the form, or none (default: the first phase with "
         "loads)"
     )
     command.add_argument("--loads", nargs="+", metavar="PHASE", help=text)
-    _saves(command, "scene to write (.json)")
+    _add_save_option(command, "scene to write (.json)")
 
 
-def _optimize(commands):
+def _add_optimize(commands):
+    """Add the command ``optimize``."""
     example = "net.json --deflection 0.03 --lowest 80 --bounds 0 5000 --save tuned.json"
-    command = _command(commands, optimize, example)
-    _reads(command)
-    text = "tension that all elements shall have at the end, N (least squares)"
+    command = _add_command(commands, optimize, example)
+    _add_input_files(command)
+    text = "wanted final tension of all elements, N (least squares)"
     command.add_argument("--target", type=number, metavar="T", help=text)
-    text = "least pretension with which no node of the last phase moves more than this, m"
-    command.add_argument("--deflection", type=_positive, metavar="D", help=text)
-    text = "least pretension with which no tension at the end is lower than this, N"
-    command.add_argument("--lowest", type=_positive, metavar="T", help=text)
-    text = "least and greatest pretension, N (default 0 and no limit)"
+    text = "smallest pretension with which no node moves more than this in the last phase, m"
+    command.add_argument("--deflection", type=_parse_positive, metavar="D", help=text)
+    text = "smallest pretension with which no final tension is lower than this, N"
+    command.add_argument("--lowest", type=_parse_positive, metavar="T", help=text)
+    text = "smallest and largest pretension allowed, N (default: 0 and no limit)"
     names, whole_range = ("LOW", "HIGH"), (0.0, float("inf"))
     command.add_argument(
         "--bounds", type=number, nargs=2, metavar=names, default=whole_range, help=text
     )
-    _flag(command, "--one", "one pretension for each group of elements")
-    text = "steps of the search at most (default 100)"
-    command.add_argument("--steps", type=_up_to(100_000), default=100, metavar="N", help=text)
-    _saves(command, "scene to write (.json), if the search comes to its end")
-    text = "write the best scene found even if the search does not come to its end (exit status 1)"
-    _flag(command, "--keep", text)
+    text = "the same pretension for all elements of a group"
+    _add_flag(command, "--same-in-group", text)
+    command.add_argument("--one", dest="same_in_group", action="store_true", help=argparse.SUPPRESS)
+    text = "maximum number of steps of the search (default 100)"
+    command.add_argument(
+        "--steps", type=_whole_number_up_to(100_000), default=100, metavar="N", help=text
+    )
+    _add_save_option(command, "scene to write (.json), if the search converges within the limits")
+    text = "write the best scene found even if the search does not converge (exit status 1)"
+    _add_flag(command, "--keep", text)
+    _add_flag(command, "--details", "also print the optimality residual of the search")
 
 
-def _info(commands):
-    _reads(_command(commands, info, "net.json"), scene=False)
+def _add_info(commands):
+    """Add the command ``info``."""
+    _add_input_files(_add_command(commands, info, "net.json"), scene=False)
 
 
-def _convert(commands):
+def _add_convert(commands):
+    """Add the command ``convert``."""
     example = "net.obj --scale 0.001 --anchors ends --axial-stiffness 1e6 --save net.json"
-    command = _command(commands, convert, example)
-    _reads(command, scene=False)
-    text = 'supported nodes: numbers, ranges as 5-8, "ends" (nodes with one link), or both'
+    command = _add_command(commands, convert, example)
+    _add_input_files(command, scene=False)
+    text = 'supported nodes: numbers, ranges such as 5-8, "ends" (end nodes), or both'
     command.add_argument("--anchors", nargs="+", metavar="NODE", help=text)
     for name, unit in (
         ("axial-stiffness", "EA, N"),
@@ -268,29 +287,30 @@ def _convert(commands):
         ("pretension", "N"),
         ("force-density", "N/m"),
     ):
-        text = f"{unit}, where the file gives none: a number, or group=number for each group"
+        text = f"{unit}; for links without a value in the file: a number, or group=number"
         command.add_argument(f"--{name}", nargs="+", metavar="X", help=text)
-    text = "groups that are bars, such as masts"
+    text = "groups that are bars (carry compression), such as masts"
     command.add_argument("--bars", nargs="+", metavar="GROUP", default=(), help=text)
-    text = "scene to write (.json), or of a scene or net: a drawing (.dxf), a graph (.compas.json)"
-    _saves(command, text, required=True)
+    text = "scene to write (.json), or a drawing (.dxf) or graph (.compas.json) of a scene or net"
+    _add_save_option(command, text, required=True)
 
 
-def _schema(commands):
-    command = _command(commands, schema, "--save scene.schema.json")
-    _saves(command, "file to write instead (.json)")
+def _add_schema(commands):
+    """Add the command ``schema``."""
+    command = _add_command(commands, schema, "--save scene.schema.json")
+    _add_save_option(command, "file to write instead of the screen (.json)")
 
 
-def _positive(word):
-    """A positive number."""
+def _parse_positive(word):
+    """Parse a positive number."""
     value = number(word)
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{word}: expected a positive number")
     return value
 
 
-def _up_to(most):
-    """A function that reads a whole number from 0 to `most`."""
+def _whole_number_up_to(most):
+    """Return a function that parses a whole number from 0 to `most`."""
 
     def whole_number(word):
         value = whole(word)

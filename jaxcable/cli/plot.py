@@ -12,21 +12,25 @@ from ..common import status
 from ..elements.element import SECTION_FORCES
 from ..model.structure import Structure
 from ..plots.style import RENAMED_COLORS
-from . import derived, outputs
-from .analysed import shown
-from .guard import Refused, say
+from . import file_names, outputs
+from .guard import BadInput, print_message
+from .solving import solve_and_show
 
 
 def run(options: Namespace) -> int | None:
-    """Draw the scene that `options` name; returns the exit status, 1 if the analysis fails."""
+    """Draw the scene that `options` name; return the exit status, 1 if the analysis fails."""
     diagram = options.of in SECTION_FORCES.components
     for name in ("sequence", "magnify", "reactions"):
         if diagram and getattr(options, name):
-            raise Refused(f"--{name}: not of a diagram; give --of tension, or another color")
+            raise BadInput(
+                f"--{name}: not for diagrams; give --of tension, or another result shown as colors"
+            )
     if options.sequence and options.reactions:
-        raise Refused("--reactions: not in a sequence")
-    usual = derived.beside(options.scene, ".png")
-    path = outputs.target(options.save, outputs.PICTURES, usual=usual, inputs=[options.scene])
+        raise BadInput("--reactions: not with --sequence")
+    usual = file_names.path_beside(options.scene, ".png")
+    path = outputs.check_output_file(
+        options.save, outputs.PICTURES, usual=usual, inputs=[options.scene]
+    )
 
     def draw(structure: Structure, solution: Solution) -> Figure | None:
         if int(solution.status) != status.OK:
@@ -41,10 +45,10 @@ def run(options: Namespace) -> int | None:
         reactions = options.reactions
         return plots.net(solution, None, magnify, color=color, reactions=reactions, **same)
 
-    solution, figure = shown(options, draw)
+    solution, figure = solve_and_show(options, draw)
     if figure is None:
-        say(f"{path}: not drawn: the analysis failed")
+        print_message(f"{path}: not drawn: the analysis failed")
     else:
-        outputs.picture(figure, path)
+        outputs.save_picture(figure, path)
         print(f"wrote {path}")
-    return outputs.ended(options.scene, solution)
+    return outputs.report_failure(options, solution)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from pathlib import Path
 
-from ..common.writing import written
+from ..common.writing import atomic_write
 from ..files import scene_schema
 from ..files.layout import laid_out
 from . import outputs
@@ -13,11 +13,11 @@ from . import outputs
 
 def run(options: Namespace) -> None:
     """Print the schema, or write it to the file that `options` name."""
-    outputs.target(options.save, (".json",))
+    outputs.check_output_file(options.save, (".json",))
     text = laid_out(scene_schema())
     if options.save is None:
         print(text)
         return
-    with written(options.save) as stream:
+    with atomic_write(options.save) as stream:
         stream.write(text + "\n")
     print(f'wrote {options.save}; in a scene beside it: "$schema": "{Path(options.save).name}"')

@@ -9,34 +9,34 @@ from collections.abc import Iterator
 import jax
 import matplotlib
 
-from ..common import fusion, keeping
-from .guard import say
+from ..common import fusion, program_store
+from .guard import print_message
 
 _PRECISION = "jax_enable_x64"
 
 
 @contextlib.contextmanager
-def of_command(quiet: bool, whole_process: bool) -> Iterator[None]:
-    """Set what commands need; at the end everything is as before.
+def command_settings(quiet: bool, whole_process: bool) -> Iterator[None]:
+    """Set precision, kept programs and warnings for a command; restore all at the end.
 
     Args:
         quiet: whether to leave out warnings.
-        whole_process: whether the process has been started for the command, so that XLA is asked to
-            fuse loops. It reads its flags once and keeps them: this one is not taken back.
+        whole_process: whether the process was started for the command, so that XLA is asked to fuse
+            loops. XLA reads its flags once: this one is not taken back.
     """
     if whole_process:
-        fusion.ask()
+        fusion.request_fused_loops()
         matplotlib.use("Agg")  # pictures go to files; no display is needed
     double = getattr(jax.config, _PRECISION)
-    with warnings.catch_warnings(), keeping.restored():
+    with warnings.catch_warnings(), program_store.restore_kept_programs():
         with warnings.catch_warnings(record=True) as refused:
             warnings.simplefilter("always", RuntimeWarning)
-            keeping.keep_programs()
+            program_store.keep_programs()
         # of files that another process is just writing; `keep_programs` says so in the block only
         text = "Error (reading|writing) persistent compilation cache entry"
         warnings.filterwarnings("ignore", text)
         for warning in () if quiet else refused:
-            say(f"warning: {warning.message}")
+            print_message(f"warning: {warning.message}")
         jax.config.update(_PRECISION, True)
         try:
             yield

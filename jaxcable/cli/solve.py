@@ -14,71 +14,87 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..files.opensees import require_exportable
 from ..reporting import report
-from . import derived, inputs, outputs
-from .guard import refusing, require_writable, say
+from . import file_names, inputs, outputs
+from .guard import print_message, refuse_value_errors, require_writable
 
-_STAGED = "no balance of work and energy: elements come or go"
+_STAGED = "energy check not available with construction stages (adds, removes)"
 
 
 def run(options: Namespace) -> int | None:
-    """Analyse the scene that `options` name; returns the exit status, 1 if the analysis fails."""
+    """Analyse the scene that `options` name; return the exit status, 1 if the analysis fails."""
     for path in options.save:
         outputs.check_suffix(path, outputs.RESULTS, "--save")
     outputs.check_suffix(options.plot, outputs.PICTURES, "--plot")
     if options.report not in (None, "-"):
         outputs.check_suffix(options.report, outputs.REPORTS, "--report")
     report_path = None if options.report == "-" else options.report
-    results = [file for path in options.save for file in derived.files(path, derived.RESULT)]
-    reports = derived.files(report_path, derived.REPORT)
+    results = [
+        file for path in options.save for file in file_names.files_to_write(path, file_names.RESULT)
+    ]
+    reports = file_names.files_to_write(report_path, file_names.REPORT)
     require_writable(options.plot, *results, *reports, inputs=[options.scene])
-    structure, phases = inputs.scene(options)
-    with refusing(options.scene):
+    structure, phases = inputs.read_scene(options)
+    with refuse_value_errors(options.scene):
         if any(path.lower().endswith(".py") for path in options.save):
             require_exportable(structure)
-        solution = solver.solve(structure, phases, _method(options), progress=not options.quiet)
+        solution = solver.solve(
+            structure, phases, _choose_method(options), progress=not options.quiet
+        )
         # energies take time: they are computed for a report only
         staged = any(phase.adds is not None or phase.removes is not None for phase in phases)
         energy = options.report is not None and not staged
         findings = report(structure, solution, phases, energy=energy)
     if options.report is not None and staged:
         findings = replace(findings, summary=(*findings.summary, _STAGED))
-    wrote = _write(options, structure, solution, findings)  # before printing: the reader may end
+    # before anything is printed, because the reader of a pipe may end
+    wrote = _write_files(options, structure, solution, findings)
+    findings = replace(findings, summary=_without_cause(findings.summary, solution))
     print(findings.text() if options.report == "-" else "\n".join(findings.summary))
-    print("\n".join([*highlights(solution), *(f"wrote {path}" for path in wrote)]))
-    return outputs.ended(options.scene, solution)
+    print("\n".join([*largest_values(solution), *(f"wrote {path}" for path in wrote)]))
+    return outputs.report_failure(options, solution)
 
 
-def _write(options, structure, solution, findings):
-    """Write the files that the options ask for; returns their paths."""
+def _write_files(options, structure, solution, findings):
+    """Write the files that the options ask for; return their paths."""
     wrote = [] if options.report in (None, "-") else findings.save(options.report)
     for path in options.save:
-        wrote += outputs.result(path, structure, solution)
+        wrote += outputs.save_solution(path, structure, solution)
     if options.plot is not None:
         if int(solution.status) == status.OK:
-            outputs.picture(plots.net(solution, structure=structure), options.plot)
+            outputs.save_picture(plots.net(solution, structure=structure), options.plot)
             wrote.append(options.plot)
         else:
-            say(f"{options.plot}: not drawn: the analysis failed")
+            print_message(f"{options.plot}: not drawn: the analysis failed")
     return wrote
 
 
-def _method(options):
-    """The method of analysis that the options ask for."""
+def _choose_method(options):
+    """Return the method of analysis that the options ask for."""
     if options.corrections is not None:
         return Incremental(options.corrections, linear_solver=options.linear_solver)
     return Newton(tol=options.tol, linear_solver=options.linear_solver)
 
 
-def highlights(solution: Solution) -> list[str]:
-    """Lines of text with the largest displacements, since the last phase began and in all."""
+def _without_cause(summary, solution):
+    """Return the summary of a failed analysis without the cause, which follows on stderr."""
+    code = int(solution.status)
+    if code == status.OK:
+        return summary
+    failed = [k for k, p in enumerate(solution.phases, 1) if int(p.status) != status.OK]
+    return (f"status {code}: the analysis failed in phase {failed[0]}", *summary[1:])
+
+
+def largest_values(solution: Solution) -> list[str]:
+    """Return lines with the largest displacements, in the last phase and in all, and the forces."""
     if int(solution.status) != status.OK:
         return []
-    parts: dict[str, Any] = {"in phase 1": solution}
-    if len(solution.phases) > 1:
-        last = f"in phase {len(solution.phases)}"
-        parts = {last: solution.phases[-1], "in all phases": solution}
+    last = len(solution.phases)
+    parts: dict[str, Any] = {"from the start": solution}
+    if last > 1:
+        total = f"from the start (phases 1 to {last})"
+        parts = {f"in phase {last} alone": solution.phases[-1], total: solution}
     moved = [
-        f"largest displacement {name}: {inputs.farthest(part.displacement)[1]}"
+        f"largest displacement {name}: {inputs.largest_displacement(part.displacement)[1]}"
         for name, part in parts.items()
     ]
-    return [*moved, f"forces: {inputs.spread(solution.peak_tension)} N"]
+    return [*moved, f"final axial forces: {inputs.format_range(solution.peak_tension)} N"]

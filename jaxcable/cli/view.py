@@ -1,4 +1,4 @@
-"""``view``: analyse a scene and open a page in which it turns, with its phases and results."""
+"""``view``: analyse a scene and open an interactive 3-D view (HTML) of its phases and results."""
 
 from __future__ import annotations
 
@@ -7,20 +7,22 @@ from argparse import Namespace
 from pathlib import Path
 
 from .. import plots
-from . import derived, outputs
-from .analysed import shown
+from . import file_names, outputs
+from .solving import solve_and_show
 
 
 def run(options: Namespace) -> int | None:
-    """Write and open the page; returns the exit status, 1 if the analysis fails."""
-    usual = derived.beside(options.scene, ".html").name
-    out = outputs.target(options.save, outputs.PAGES, usual=usual, inputs=[options.scene])
+    """Write and open the page; return the exit status, 1 if the analysis fails."""
+    usual = file_names.path_beside(options.scene, ".html").name
+    out = outputs.check_output_file(
+        options.save, outputs.PAGES, usual=usual, inputs=[options.scene]
+    )
     title = Path(options.scene).stem
-    solution, page = shown(
+    solution, page = solve_and_show(
         options,
         lambda structure, solution: plots.view(solution, out, structure=structure, title=title),
     )
     print(f"wrote {page.path}")
     if not options.no_open:
         webbrowser.open(page.path.resolve().as_uri())
-    return outputs.ended(options.scene, solution)
+    return outputs.report_failure(options, solution)

@@ -4,8 +4,8 @@ Other abilities are stated by an attribute of `Element`, because a law or a load
 
 | attribute | methods that an element must then have |
 |---|---|
-| `remembers` | `size`, `initial_memory`; `settle` and `section_strain`, a result, or `settled` |
-| `breaks` | `beyond`; `section_strain`, a result; `extended` if its iteration may not pass an end |
+| `remembers` | `size`, `initial_memory`; `settled`, or `commit_memory` and `section_strain` |
+| `has_rupture` | `is_ruptured`, `section_strain`; `extrapolated` if it may not pass an end |
 | `tension_only` | `is_slack`, `at_kink` |
 | `rotates` | `end_forces_about` |
 | `slides` | `slid` |
@@ -101,8 +101,9 @@ def mixed(start: Array, end: Array, factor: Float[ArrayLike, ""]) -> Array:
 class Uniaxial(Element):
     """Elements with one strain along their axis, from which their force follows.
 
-    `forms.statements` and `design.slack_distance` ask for them, and form finding for those that are
-    `straight.Straight`. On paths they stay slack, or taut, where rounding hides their strain.
+    `forms.equivalent_prestress` and `design.slack_distance` ask for them, and form finding for
+    those that are `straight.Straight`. On paths they stay slack, or taut, where rounding hides
+    their strain.
     """
 
     @abc.abstractmethod
@@ -229,7 +230,7 @@ class Room:
 class Pulling(Element):
     """Cables whose state at a point follows from one number, their tension.
 
-    A net of them is solved with these tensions as unknowns, see `equilibrium.tensions`.
+    A net of them is solved with these tensions as unknowns, see `equilibrium.tension_unknowns`.
     """
 
     def pulls(self, state: OwnState) -> bool:
@@ -237,7 +238,7 @@ class Pulling(Element):
         return True
 
     def fits_cones(self, state: OwnState) -> bool:
-        """Whether `equilibrium.cones` applies: straight between nodes, and of a linear law."""
+        """Whether `conic_interior_point` applies: straight between nodes, and of a linear law."""
         return False
 
     @abc.abstractmethod

@@ -8,7 +8,7 @@ with ``c_along = tau/(L0 (1 + e))`` and ``c_across = tau/(L0 (A + e))`` of `hang
 tau the force ``c d`` is linear in the chord, and the derivative of Psi by tau is minus the equation
 of `hanging`, which here reads ``gap = sag``: how much longer a straight cable could be under this
 tension, and what the sag takes of this. Hence tau can be an unknown of its own beside the chords
-(`equilibrium.tensions`). (Derived for this package.)
+(`equilibrium.tension_unknowns`). (Derived for this package.)
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import jax.numpy as jnp
 
 from ..common.tree import pytree
 from ..common.types import Array, Float
-from ..numerics.vectors import inner
+from ..numerics.vectors import scalar_product
 from .element import Scalar
 from .hanging_terms import directed, ratio_less_1, strained, two_springs
 
@@ -55,7 +55,7 @@ def under(
 ) -> Under:
     """`Under` for ``tau - |q| L0/2``, the other arguments as of `hang`."""
     weight, unit = directed(load)
-    across = chord - inner(chord, unit) * unit
+    across = chord - scalar_product(chord, unit) * unit
     omega, excess = weight * rest_length / stiffness, excess / rest_length**2
     least = tension / stiffness
     strain, theta = strained(least, omega)
@@ -70,7 +70,7 @@ def under(
 
     u = jnp.log(jnp.where(tension > 0, least, 1.0))
     rising, falling = jax.jvp(rise, (u,), (jnp.ones_like(u),))
-    half = 0.5 * inner(across, across) / rest_length
+    half = 0.5 * scalar_product(across, across) / rest_length
     return Under(
         stiffness / rest_length * (spring * chord + further * (chord - across)),
         (chord / (1 + strain) ** 2 + rising * across) / rest_length,

@@ -5,13 +5,13 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from ..common import status
-from ..common.tree import pytree, where
+from ..common.tree import pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..linear.sparse import Factored
+from ..linear.sparse import FactoredMatrix
 from ..mechanics.assembly import System
 from ..mechanics.pieces import along_chain
 from .newton_state import NewtonState
-from .newton_step import largest
+from .newton_step import max_abs
 
 _MET = 1e-6  # length over initial length at which two nodes have met
 # Residual over its rounding up to which the status is AT_ROUNDING: an iteration that rounding stops
@@ -20,7 +20,7 @@ _NEAR_ROUNDING = 8.0
 
 
 @pytree
-class Outcome:
+class IncrementOutcome:
     """Outcome of an increment.
 
     Attributes:
@@ -28,10 +28,10 @@ class Outcome:
         code: status.
         steps: number of Newton steps.
         factorizations: of the tangent; with sparse matrices there can be fewer than steps.
-        residual: largest unbalanced force at a free freedom, N.
+        residual: largest unbalanced force at a free degree of freedom, N.
         scale: the force that the residual is compared with, N.
-        rounding: largest residual that the rounding of displacements leaves at a free freedom, N;
-            0 if no element states any (`abilities.Rounding`).
+        rounding: largest residual that the rounding of displacements leaves at a free degree of
+            freedom, N; 0 if no element states any (`abilities.Rounding`).
         equilibrated: whether the increment was iterated to equilibrium.
         stable: whether the tangent at x is known to have no negative eigenvalue.
     """
@@ -88,8 +88,8 @@ def make_outcome(
     x: Float[Array, "n_row n_motion"],
     active: Bool[ArrayLike, ""],
     ruptured: Bool[ArrayLike, ""],
-    factored: Factored | None,
-) -> Outcome:
+    factored: FactoredMatrix | None,
+) -> IncrementOutcome:
     """Return the outcome of an increment from the end of its iteration.
 
     Args:
@@ -100,13 +100,13 @@ def make_outcome(
         ruptured: whether it ended beyond the end of a law's curve.
         factored: what was factored at its start.
     """
-    forces = largest(end.residual), _largest_rounding(end)
+    forces = max_abs(end.residual), _largest_rounding(end)
     code = jnp.maximum(_find_failure_cause(system, end, *forces), status.OK)
-    if system.breaks:
+    if system.has_rupture:
         ruptured = active & (code != status.NONFINITE) & ruptured
         code = jnp.where(ruptured, status.MATERIAL_FAILURE, code)
     good = active & (code == status.OK)
-    x = where(good, end.x, x)
+    x = select_tree(good, end.x, x)
     if factored is None or end.factored is None:
         count = end.steps
     else:
@@ -114,7 +114,7 @@ def make_outcome(
     # after an earlier failure nothing was evaluated
     residual, rounding = (jnp.where(active, force, jnp.nan) for force in forces)
     stable = good & end.stable
-    return Outcome(x, code, end.steps, count, residual, end.scale, rounding, good, stable)
+    return IncrementOutcome(x, code, end.steps, count, residual, end.scale, rounding, good, stable)
 
 
 def _largest_rounding(end):

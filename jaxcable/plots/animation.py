@@ -13,7 +13,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from ..analysis.solution import Solution
-from ..common.writing import written
+from ..common.writing import atomic_write
 from ..model.structure import Structure
 from .element_lines import ColorScale, ElementLines, draw_ghost, line_legend
 from .layout import arrange_pictures, finish_layout
@@ -131,7 +131,7 @@ def _save_gif(images, path, rate):
     """Save all frames as a GIF that repeats; the last frame is shown longer."""
     times = [round(1000 / rate)] * len(images)
     times[-1] *= _LAST_FRAME_FACTOR
-    with written(path, "wb") as stream:
+    with atomic_write(path, "wb") as stream:
         options = {"save_all": True, "append_images": images[1:], "duration": times, "loop": 0}
         images[0].save(stream, "GIF", **options)
 
@@ -159,5 +159,5 @@ def _save_html(images, path, rate):
         "@WAIT@": str(round(1000 / rate)),
         "@FRAMES@": ",\n".join(frames),
     }
-    with written(path) as stream:
+    with atomic_write(path) as stream:
         stream.write(fill_template("frames.html", parts))

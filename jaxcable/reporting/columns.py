@@ -12,67 +12,73 @@ from ..model.structure import Structure
 from .table import Column
 
 
-def of_elements(structure: Structure, numbers: Sequence[int]) -> list[Column]:
-    """Columns that name all elements of the groups `numbers`: group, element, first, last node."""
+def element_columns(structure: Structure, groups: Sequence[int]) -> list[Column]:
+    """Return the columns that name elements: group, element, start node, end node.
+
+    Args:
+        structure: `Structure`.
+        groups: indices of the groups, all of whose elements have a row.
+    """
     named = groups_by_name(structure)
-    parts = [(named[k][0], first_and_last(named[k][1])) for k in numbers]
+    parts = [(named[k][0], first_and_last(named[k][1])) for k in groups]
     ends = np.concatenate([np.zeros((0, 2), int), *(ends for _, ends in parts)])
     return [
         Column("group", "", [label for label, ends in parts for _ in ends]),
         Column("element", "", [k for _, ends in parts for k in range(len(ends))]),
-        Column("first", "", ends[:, 0]),
-        Column("last", "", ends[:, 1]),
+        Column("first", "", ends[:, 0], heading="start node"),
+        Column("last", "", ends[:, 1], heading="end node"),
     ]
 
 
-def joined(
+def concatenate_groups(
     structure: Structure,
     parts: Sequence[Float[np.ndarray, " n_elem"] | None],
-    numbers: Sequence[int],
+    groups: Sequence[int],
 ) -> Float[np.ndarray, " n"]:
-    """Values of the groups `numbers`, one after the other; NaN for a group without values.
+    """Return the values of some groups in one array; NaN for a group without values.
 
     Args:
         structure: `Structure`.
         parts: for every group an array [n_elem], or None.
-        numbers: of groups.
+        groups: indices of the groups that are meant.
     """
-    every = (
+    arrays = (
         np.full(len(structure.groups[k].links), np.nan) if parts[k] is None else parts[k]
-        for k in numbers
+        for k in groups
     )
-    return np.concatenate([np.zeros(0), *every])
+    return np.concatenate([np.zeros(0), *arrays])
 
 
-def joined_each(
+def concatenate_states(
     structure: Structure,
     states: Sequence[Sequence[Float[np.ndarray, " n_elem"] | None]],
-    numbers: Sequence[int],
+    groups: Sequence[int],
 ) -> Float[np.ndarray, "n_state n"]:
-    """Values of groups in several states, each `joined`, [n_state, n]."""
-    count = sum(len(structure.groups[k].links) for k in numbers)
-    found = [joined(structure, parts, numbers) for parts in states]
-    return np.array(found).reshape(len(states), count)
+    """Return `concatenate_groups` of the values in each of some states, [n_state, n]."""
+    count = sum(len(structure.groups[k].links) for k in groups)
+    arrays = [concatenate_groups(structure, parts, groups) for parts in states]
+    return np.array(arrays).reshape(len(states), count)
 
 
-def envelope(
+def envelope_columns(
     name: str,
     unit: str,
     values: Float[np.ndarray, "n_state n"],
     states: Sequence[str],
     sign: int,
     beside: Sequence[tuple[str, str, Float[np.ndarray, "n_state n"]]] = (),
-    nothing: float = 0.0,
+    rounding: float = 0.0,
+    heading: str = "",
 ) -> list[Column]:
-    """The extreme values over some states, and the state in which each of them is.
+    """Return the columns of the extreme values over some states, and of the state of each.
 
     Args:
-        name, unit: of the column of extreme values.
+        name, unit, heading: of the column of extreme values.
         values: in every state, [n_state, n]; NaN where there is no value.
         states: their names.
-        sign: 1 for the highest values, -1 for the lowest.
-        beside: name, unit and values of columns that tell more of the same state.
-        nothing: of states that differ by this the first one governs.
+        sign: 1 for the maximum, -1 for the minimum.
+        beside: name, unit and values of columns that give more of the governing state.
+        rounding: of states whose values differ by at most this the first one governs.
 
     Returns:
         The column `name`, those `beside`, and ``in``; without values where no state has one.
@@ -80,10 +86,23 @@ def envelope(
     nowhere = np.full((1, values.shape[1]), np.nan)
     sizes = np.concatenate([nowhere, sign * values])
     sizes = np.where(np.isnan(sizes), -np.inf, sizes)
-    which = (sizes >= sizes.max(axis=0) - nothing).argmax(axis=0)
-    found = [
-        Column(head, of, np.take_along_axis(np.concatenate([nowhere, x]), which[None], axis=0)[0])
-        for head, of, x in ((name, unit, values), *beside)
-    ]
+    which = (sizes >= sizes.max(axis=0) - rounding).argmax(axis=0)
+
+    def governing(array):
+        return np.take_along_axis(np.concatenate([nowhere, array]), which[None], axis=0)[0]
+
+    columns = [Column(name, unit, governing(values), heading=heading)]
+    columns += [Column(head, of, governing(array)) for head, of, array in beside]
     names = [None, *states]
-    return [*found, Column("in", "", [names[k] for k in which])]
+    governing_states = [names[k] for k in which]
+    shown = [name for name in governing_states if name is not None]
+    heading = states_heading(shown or states)
+    return [*columns, Column("in", "", governing_states, heading=heading)]
+
+
+def states_heading(states: Sequence[str]) -> str:
+    """Return the heading of a column with names of states: "phase" or "case" if all are such."""
+    kinds = {name.split(" ")[0] for name in states}
+    kind = kinds.pop() if kinds in ({"phase"}, {"case"}) else "phase or case"
+    within = kind == "phase" and any(", " in name for name in states)
+    return "phase, load factor" if within else kind

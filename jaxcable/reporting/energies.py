@@ -2,42 +2,70 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from ..analysis.phases import Phase
+from ..analysis.solution import Solution, State
+from ..model.structure import Structure
 from ..results.energy import energy_balance
-from .table import Column, tabled
+from .table import Column, Table, make_table
 
-_IMBALANCE = 0.05  # imbalance over the largest term of a phase from which there is a note
+_IMBALANCE = 0.05
+"""Imbalance over the largest term of a phase from which there is a note.
+
+The trapezoidal rule leaves a few per cent where a net stiffens in ten increments; more shows a
+jump.
+"""
+_TERMS = {
+    "dead": "gravity-type loads",
+    "following": "follower loads",
+    "supports": "support movements",
+    "prestress": "prestress",
+    "stored": "stored energy",
+    "dissipated": "dissipated energy",
+    "imbalance": "imbalance",
+}
+"""Terms of `EnergyBalance`, which are columns, and their headings."""
 
 
-def energy(structure, solution, phases, start=None, names=None):
-    """Work of all that acts, and stored and dissipated energy, with a line per phase.
+def energy_table(
+    structure: Structure,
+    solution: Solution,
+    phases: Sequence[Phase],
+    start: Solution | State | None = None,
+    names: Sequence[str] | None = None,
+) -> Table:
+    """Return the work of all that acts, the stored and the dissipated energy, with a row per phase.
 
     Args:
         structure, phases, solution, start: as for `energy_balance`.
         names: of the phases; None for their numbers.
     """
     balance = energy_balance(structure, phases, solution, start)
-    terms = ("dead", "following", "supports", "prestress", "stored", "dissipated", "imbalance")
-    called = (
-        list(range(1, len(balance.relative_imbalance) + 1)) if names is None else [*map(str, names)]
-    )
+    count = len(balance.relative_imbalance)
+    labels = list(range(1, count + 1)) if names is None else [*map(str, names)]
     columns = [
-        Column("phase", "", called),
-        *(Column(term, "J", np.asarray(getattr(balance, term))) for term in terms),
-        Column("part", "%", 100 * np.asarray(balance.relative_imbalance)),
+        Column("phase", "", labels),
+        *(
+            Column(term, "J", np.asarray(getattr(balance, term)), heading=heading)
+            for term, heading in _TERMS.items()
+        ),
+        Column("part", "%", 100 * np.asarray(balance.relative_imbalance), heading="imbalance"),
     ]
     notes = [
-        f"stored at the end: {float(balance.level[-1]):.6g} J",
-        "work by the trapezoidal rule, whose error falls with the square of the increments; "
-        "part: imbalance over the largest term",
+        f"energy stored at the end: {float(balance.level[-1]):.6g} J",
+        "work is summed over load steps by the trapezoidal rule: four times more accurate with "
+        "twice as many increments",
+        "imbalance in %: of the largest term of the phase",
     ]
     for k, gaps in enumerate(balance.increments):
         if balance.relative_imbalance[k] > _IMBALANCE and len(gaps):
             worst = int(np.abs(gaps).argmax())
             notes.append(
-                f"phase {called[k]} is not balanced: {gaps[worst]:.3g} J in increment "
-                f"{worst + 1} of {len(gaps)}; it jumped there, began out of balance, or needs more "
-                "increments"
+                f"phase {labels[k]} does not balance: {gaps[worst]:.3g} J in increment {worst + 1} "
+                f"of {len(gaps)}. Either the structure jumped there, or it was not in equilibrium "
+                "when the phase began, or more increments are needed"
             )
-    return tabled("Energy: work = stored + dissipated + imbalance", columns, notes)
+    return make_table("Energy: work = stored + dissipated + imbalance", columns, notes)

@@ -1,4 +1,4 @@
-"""Lowest and highest values along elements, of polynomials piece by piece."""
+"""Minimum and maximum of values along elements, of piecewise polynomials."""
 
 from __future__ import annotations
 
@@ -10,14 +10,18 @@ from ..common.types import Float
 from ..elements.bending import lobatto
 from ..results.interpolation import interpolation_matrices
 
-_FINE = 17  # places at which it is taken; between them are cubics, with errors of 1e-7
-_NEAR = 1e-9  # of the largest value: what exceeds an end by less is rounding
+_FINE = 17
+"""Number of places at which a polynomial is replaced by cubics.
+
+Their error falls with the fourth power of the distance: a moment of degree 5 is met within 1e-7.
+"""
+_NEAR = 1e-9  # of the largest value: what exceeds the value at an end by less is rounding
 
 
 class Extremes(NamedTuple):
-    """Lowest and highest values along elements, and where they are, from 0 to 1.
+    """Minimum and maximum of values along elements, and their places, from 0 to 1.
 
-    A place is NaN where the values are the same all along, and everything where there is no value.
+    A place is NaN where the values are constant; everything is NaN where there is no value.
     """
 
     low: Float[np.ndarray, " *shape"]
@@ -26,32 +30,37 @@ class Extremes(NamedTuple):
     high_at: Float[np.ndarray, " *shape"]
 
 
-def interpolation(
+def fine_interpolation(
     count: int, sloped: bool
 ) -> tuple[
     Float[np.ndarray, " n_fine"],
     Float[np.ndarray, "n_data n_fine"],
     Float[np.ndarray, "n_data n_fine"],
 ]:
-    """The polynomial through values at `count` Gauss-Lobatto points, at many places.
+    """Return matrices that evaluate the polynomial through Gauss-Lobatto points at many places.
+
+    Args:
+        count: number of points, [n_point].
+        sloped: whether the data are values and slopes at the points, or values alone.
 
     Returns:
         places: from 0 to 1, [n_fine], the points among them.
-        values, slopes: matrices [n_data, n_fine] that give both there, from the data; see
-            `results.between.interpolation_matrices`.
+        values, slopes: matrices [n_data, n_fine] that give both at the places from the data; see
+            `interpolation_matrices`.
     """
     places = np.unique(np.concatenate([np.linspace(0.0, 1.0, _FINE), lobatto(count)[0]]))
     return places, *interpolation_matrices(count, sloped, tuple(places.tolist()))
 
 
-def cubics(
+def hermite_cubics(
     values: Float[np.ndarray, "*shape n_point"],
     slopes: Float[np.ndarray, "*shape n_point"],
     places: Float[np.ndarray, " n_point"],
 ) -> Float[np.ndarray, "*shape n_piece 4"]:
-    """Coefficients of 1, t, t^2, t^3 of the cubics with given values and slopes at the places.
+    """Return the cubics between places with given values and slopes there.
 
-    From place to place t goes from 0 to 1.
+    Returns:
+        Coefficients of 1, t, t^2, t^3, where t goes from 0 to 1 between two places.
     """
     size = np.diff(places)
     change, first = np.diff(values, axis=-1), slopes[..., :-1] * size
@@ -60,29 +69,29 @@ def cubics(
     return np.stack([values[..., :-1], first, change - first - third, third], axis=-1)
 
 
-def derivatives(
+def cubic_derivatives(
     cubic: Float[np.ndarray, "*shape n_piece 4"], places: Float[np.ndarray, " n_point"]
 ) -> Float[np.ndarray, "*shape n_piece 4"]:
-    """Coefficients of the derivatives by the place of `cubics` between the places."""
+    """Return the derivatives of `hermite_cubics` by the place, likewise as coefficients."""
     slope = np.zeros_like(cubic)
     slope[..., :3] = cubic[..., 1:] * [1, 2, 3]
     return slope / np.diff(places)[:, None]
 
 
-def parabola(
+def fit_parabola(
     values: Float[np.ndarray, "*shape n_point"], places: Float[np.ndarray, " n_point"]
 ) -> Float[np.ndarray, "*shape 1 4"]:
-    """Coefficients of one parabola from 0 to 1 through all values, which are on one."""
+    """Return the parabola from 0 to 1 on which all values are, likewise as coefficients."""
     powers = np.linalg.pinv(places[:, None] ** np.arange(3))
     quadratic = values @ powers.T
     return np.concatenate([quadratic, np.zeros_like(quadratic[..., :1])], axis=-1)[..., None, :]
 
 
-def along(
+def polynomial_extremes(
     coefficients: Float[np.ndarray, "*shape n_piece 4"],
     places: Float[np.ndarray, " 1+n_piece"],
 ) -> Extremes:
-    """`Extremes` of polynomials up to cubics between places."""
+    """Return the `Extremes` of piecewise polynomials, cubics or less, between places."""
     _, one, two, three = np.moveaxis(coefficients, -1, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         # both roots of the slope; this form keeps the digits of the smaller one
@@ -94,14 +103,14 @@ def along(
     c = coefficients[..., None, :]
     values = c[..., 0] + t * (c[..., 1] + t * (c[..., 2] + t * c[..., 3]))
     at = places[:-1, None] + np.diff(places)[:, None] * t
-    return among(values, at)
+    return sampled_extremes(values, at)
 
 
-def among(
+def sampled_extremes(
     values: Float[np.ndarray, "*shape n_piece n_place"],
     at: Float[np.ndarray, "*shape n_piece n_place"],
 ) -> Extremes:
-    """`Extremes` of given values at places; of equal ones the first of a piece counts."""
+    """Return the `Extremes` of values at places; of equal ones the first of a piece counts."""
     shape = (*values.shape[:-2], values.shape[-2] * values.shape[-1])
     # ends of all pieces come before places between them
     values = np.swapaxes(values, -1, -2).reshape(shape)

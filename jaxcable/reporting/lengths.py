@@ -6,32 +6,38 @@ import itertools
 
 import numpy as np
 
-from ..analysis import solution as results
+from ..analysis.solution import Solution
 from ..common.types import Float, Int
 from ..elements import Cables, SlidingCables
 from ..model.parts import first_and_last, groups_by_name, per_group
 from ..model.structure import Structure
-from .columns import joined, of_elements
-from .table import Column, Table, tabled
+from .columns import concatenate_groups, element_columns
+from .table import Column, Table, make_table
 
-_STRAIGHT = -0.5  # cosine between two elements at a node up to which a cable runs through: 60 deg
-_WARMTH = "at the temperature before the first phase"
-_ADDED = "; elements that were added, at that of the phase which added them"
+_THROUGH = -0.5
+"""Cosine between two elements at a node up to which one cable runs through them.
+
+The direction changes by 60 degrees then: more than at any clamp of a net, less than at the corner
+of a triangle, where cables end.
+"""
+_REFERENCE = "unstressed lengths at the reference temperature (before the first phase)"
+_ADDED = "; of added elements at the temperature of the phase that added them"
 
 
-def cutting_list(structure: Structure, solution: results.Solution) -> Table:
-    """Unstressed lengths of all elements, at the temperature before the first phase.
+def cutting_list_table(structure: Structure, solution: Solution) -> Table:
+    """Return the unstressed lengths of all elements, at the temperature before the first phase.
 
-    Elements that a phase has added have seen only changes of temperature since then.
-
-    Where cables run through several elements (see `cables`), these tell the number of their cable
-    in the group, and its unstressed length up to their first and last node: where its clamps are to
-    be marked.
+    Elements that a phase has added have seen only changes of temperature since then. Where cables
+    run through several elements (see `cable_tables`), there are also the number of the cable in its
+    group, and the unstressed length along it up to the start and the end node of the element: the
+    positions of clamp marks.
     """
-    lengths, chained = _lengths(structure, solution)
+    lengths, chained = _lengths_and_chains(structure, solution)
     kept = [k for k, length in enumerate(lengths) if length is not None]
     marks = [np.full((len(group.links), 3), np.nan) for group in structure.groups]
-    notes = [_reference(solution)]
+    notes = [_reference_temperature(solution)]
+    if not all(isinstance(structure.groups[k], Cables) for k in kept):
+        notes.append("beams and bars: length between nodes, without connections")
     for k, (label, _) in enumerate(groups_by_name(structure)):
         for number, (elements, turned) in enumerate(chained[k]):
             along = np.cumsum([0.0, *lengths[k][elements]])
@@ -40,27 +46,31 @@ def cutting_list(structure: Structure, solution: results.Solution) -> Table:
             marks[k][elements, 1:] = np.where(turned[:, None], span[:, ::-1], span)
         if k in kept:
             pieces, total = len(lengths[k]), np.sum(lengths[k])
-            notes.append(f"{label or 'all'}: {pieces} pieces, {total:.3f} m in total")
-    length = Column("unstressed length", "m", joined(structure, lengths, kept))
-    columns = [*of_elements(structure, kept), length]
+            plural = "piece" if pieces == 1 else "pieces"
+            notes.append(f"{label or 'all'}: {pieces} {plural}, {total:.3f} m in total")
+    length = Column("unstressed length", "m", concatenate_groups(structure, lengths, kept))
+    columns = [*element_columns(structure, kept), length]
     if any(len(elements) > 1 for found in chained for elements, _ in found):
         cable, *ends = np.concatenate([marks[k] for k in kept]).T
         columns.append(Column("cable", "", [None if np.isnan(x) else int(x) for x in cable]))
-        columns += [Column(head, "m", x) for head, x in zip(("from", "to"), ends, strict=True)]
-        notes.append("from, to: where the first and last node are along the cable")
-    return tabled("Cutting list", columns, notes)
+        names = {"from": "start position", "to": "end position"}
+        for (name, heading), x in zip(names.items(), ends, strict=True):
+            columns.append(Column(name, "m", x, heading=heading))
+        notes.append(
+            "start and end position: of the nodes along the unstressed cable (clamp marks)"
+        )
+    return make_table("Cutting list: fabrication lengths", columns, notes)
 
 
-def cables(structure: Structure, solution: results.Solution) -> dict[str, Table]:
-    """Unstressed lengths of whole cables, each a chain of elements of its group: ``cables``.
+def cable_tables(structure: Structure, solution: Solution) -> dict[str, Table]:
+    """Return the unstressed lengths of whole cables, each a chain of elements: ``cables``.
 
-    There is no such table where every cable is a single element.
-
-    A cable runs through a node from one element to another of its group if they turn by 60 degrees
-    at most; of several pairs at a node the straightest come first.
+    A cable runs through a node from one element to another of its group if its direction changes by
+    60 degrees at most; of several pairs at a node the straightest come first. There is no such
+    table where every cable is a single element.
     """
     rows = []
-    groups = zip(groups_by_name(structure), *_lengths(structure, solution), strict=True)
+    groups = zip(groups_by_name(structure), *_lengths_and_chains(structure, solution), strict=True)
     for (label, group), length, found in groups:
         ends = first_and_last(group)
         for k, (elements, turned) in enumerate(found):
@@ -69,51 +79,52 @@ def cables(structure: Structure, solution: results.Solution) -> dict[str, Table]
             rows.append((label, k, len(elements), int(nodes[0, 0]), int(nodes[-1, 1]), total))
     if all(row[2] == 1 for row in rows):
         return {}
-    heads = ("group", "cable", "elements", "first", "last", "unstressed length")
+    names = ("group", "cable", "elements", "first", "last", "unstressed length")
+    headings = {"first": "start node", "last": "end node"}
     columns = [
-        Column(head, "m" if head == heads[-1] else "", values)
-        for head, values in zip(heads, zip(*rows, strict=True), strict=True)
+        Column(name, "m" if name == names[-1] else "", values, heading=headings.get(name, ""))
+        for name, values in zip(names, zip(*rows, strict=True), strict=True)
     ]
     notes = (
-        _reference(solution),
-        "a cable: elements of a group that go on from node to node within 60 degrees",
+        _reference_temperature(solution),
+        "a cable: consecutive elements of a group whose direction changes by less than 60 degrees",
     )
-    return {"cables": tabled("Cables", columns, notes)}
+    return {"cables": make_table("Whole cables: fabrication lengths", columns, notes)}
 
 
-def _reference(solution):
-    """At which temperature the lengths are, in words."""
+def _reference_temperature(solution):
+    """Return a sentence on the temperature of the lengths."""
     states = solution.last.carry.states
     added = any(state.present is not None and state.warmth is not None for state in states)
-    return _WARMTH + _ADDED if added else _WARMTH
+    return _REFERENCE + _ADDED if added else _REFERENCE
 
 
-def _lengths(structure, solution):
-    """Lengths [n_elem] of every group, or None, and its `chains`; two lists."""
+def _lengths_and_chains(structure, solution):
+    """Return the lengths [n_elem] of every group, or None, and its `cable_chains`; two lists."""
     lengths = per_group(structure, solution.last.rest_length)
     positions, chained = np.asarray(solution.last.positions, float), []
     states = solution.last.carry.states
     for k, (group, state) in enumerate(zip(structure.groups, states, strict=True)):
         runs = isinstance(group, Cables) and not isinstance(group, SlidingCables)
-        chained.append(chains(first_and_last(group), positions) if runs else [])
+        chained.append(cable_chains(first_and_last(group), positions) if runs else [])
         if lengths[k] is not None and state.warmth is not None:
             lengths[k] = lengths[k] / np.asarray(state.warmth)
     return lengths, chained
 
 
-def chains(
+def cable_chains(
     ends: Int[np.ndarray, "n_elem 2"], positions: Float[np.ndarray, "n_node 3"]
 ) -> list[tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]]:
-    """Elements that follow each other along cables.
+    """Find the elements that follow each other along cables.
 
     Args:
         ends: first and last node of every element, [n_elem, 2].
         positions: of the nodes, m.
 
     Returns:
-        For each cable its elements in order, and whether each is turned, so that its last node
-        comes first; two arrays [n]. A cable begins with its element of the lowest number, at an end
-        if it has one.
+        For each cable its elements in order, and whether each runs against the cable, so that its
+        end node comes first; two arrays [n]. A cable begins at the end on the side of the start
+        node of its element with the lowest index; a closed one begins with that element.
     """
     chord = positions[ends[:, 1]] - positions[ends[:, 0]]
     chord = chord / np.maximum(np.linalg.norm(chord, axis=1, keepdims=True), 1e-300)
@@ -125,7 +136,7 @@ def chains(
     for here in meeting.values():
         out = np.array([chord[k] if side == 0 else -chord[k] for k, side in here])
         cosine = out @ out.T
-        pairs = [p for p in itertools.combinations(range(len(here)), 2) if cosine[p] <= _STRAIGHT]
+        pairs = [p for p in itertools.combinations(range(len(here)), 2) if cosine[p] <= _THROUGH]
         for a, b in sorted(pairs, key=lambda p: cosine[p]):
             if here[a] not in beyond and here[b] not in beyond:
                 beyond[here[a]], beyond[here[b]] = here[b], here[a]

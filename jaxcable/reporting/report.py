@@ -9,29 +9,30 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..analysis.phases import Phase
 from ..analysis.solution import Solution, State
 from ..common import status
-from ..common.writing import written_together
+from ..common.writing import atomic_write_together
 from ..files.results import as_csv
-from ..model.parts import groups_by_name, one_case, there
+from ..model.parts import one_case
 from ..model.structure import Structure
 from ..model.topology import require_same
 from . import stability, states
-from .energies import energy as energies
-from .internal_forces import internal_forces
-from .lengths import cables, cutting_list
-from .members import groups, members
-from .own_results import own_results
-from .reactions import equilibrium, reactions
-from .slackness import loose, slack
-from .stresses import stresses
-from .surfaces import surfaces
-from .table import Table, as_text, finite, headed
+from .axial_forces import axial_force_table, exceeded_strength_sentence, group_tables
+from .displacements import displacement_tables, large_displacement_sentence
+from .element_results import element_result_tables
+from .energies import energy_table
+from .lengths import cable_tables, cutting_list_table
+from .reactions import equilibrium_table, reaction_table
+from .section_forces import section_force_tables
+from .slackness import loose_node_table, slack_cable_table
+from .stresses import stress_tables
+from .summary import has_no_result, summary_sentences
+from .surfaces import surface_tables
+from .table import Table, common_scales, csv_header, finite_or_none, table_text
 
-_LONG = 30  # number of lines of a table up to which its text shows all of them
+_LONG = 30
+"""Number of rows of a table up to which its text shows all of them: half a printed page."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,19 +42,23 @@ class Report:
     Attributes:
         status: status code of the analysis.
         summary: sentences on the whole analysis.
-        tables: dict from name to `Table`:
+        tables: dict from name to `Table`; empty if nothing has converged:
 
-            - ``reactions`` and ``equilibrium``: of the supports on the structure, along x, y, z;
-            - ``groups``: lowest and highest force of every group, if there are several;
-            - ``members``: axial force, utilisation and envelope of every element;
+            - ``reactions``: of supports on the structure, along x, y, z; ``equilibrium``: their
+              sum, and that of the loads;
+            - ``groups``: smallest and largest force of every group, if there are several;
+            - ``members``: axial force, utilization and envelope of every element;
+            - ``displacements``: of every node that moves, from the start, after every phase (in
+              every case), and ``displacement_envelope``;
             - ``N``, ``Vy``, ``Vz``, ``T``, ``My``, ``Mz``: section forces of beams, with the signs
               of `section_forces`; without those that are zero everywhere;
-            - ``stresses``, ``stress_envelope``: lowest and highest stress of fibres, and of bars
-              and cables with an area, at the end and over all converged increments;
+            - ``stresses``, ``stress_envelope``: smallest and largest stress of fibres, and of bars
+              and cables with an area, in the final state and over all load steps;
             - ``cutting_list``, of all elements; ``cables``, of chains of them, if there are any;
             - ``surfaces``: areas and weights of groups whose elements have faces;
-            - ``slack``, ``loose``; ``results``, lowest and highest value of other results that
-              elements have, and by the name of each its values in all elements, at all places;
+            - ``slack``, ``loose``: cables without tension; nodes attached to such cables only;
+            - ``results``: smallest and largest value of other results that elements have, and by
+              the name of each its values in all elements, at all places;
             - ``energy`` if it was asked for.
 
     Example:
@@ -68,13 +73,14 @@ class Report:
     tables: Mapping[str, Table]
 
     def text(self, rows: int = _LONG) -> str:
-        """The report as text; of a table with more than `rows` lines those that govern."""
+        """Return the report as text; of a table with more than `rows` rows those that govern."""
         parts = ["\n".join(self.summary)]
-        parts += [as_text(table, rows) for table in self.tables.values()]
+        scales = common_scales(list(self.tables.values()))
+        parts += [table_text(table, rows, scales) for table in self.tables.values()]
         return "\n\n".join(parts) + "\n"
 
     def csv(self) -> Mapping[str, str]:
-        """Every table as CSV with all digits in SI units, a dict from its name to the text.
+        """Return every table as CSV with all digits in SI units, a dict from its name to the text.
 
         ``summary`` has the sentences on the whole analysis, and the notes of each table.
         """
@@ -83,16 +89,16 @@ class Report:
         return {
             "summary": as_csv(sentences),
             **{
-                name: as_csv([headed(table), *table.rows])  # None is an empty field
+                name: as_csv([csv_header(table), *table.rows])  # None is an empty field
                 for name, table in self.tables.items()
             },
         }
 
     def dict(self) -> Mapping[str, Any]:
-        """Everything as dicts, lists, numbers and texts, ready for JSON."""
+        """Return everything as dicts, lists, numbers and texts, ready for JSON."""
         tables = {name: dataclasses.asdict(table) for name, table in self.tables.items()}
         for table in tables.values():
-            table["rows"] = [[finite(value) for value in row] for row in table["rows"]]
+            table["rows"] = [[finite_or_none(value) for value in row] for row in table["rows"]]
         return {"status": self.status, "summary": list(self.summary), "tables": tables}
 
     def save(self, path: str | PathLike[str]) -> list[Path]:
@@ -111,10 +117,10 @@ class Report:
         elif suffix == ".json":
             texts = {path: json.dumps(self.dict(), indent=1, allow_nan=False) + "\n"}
         elif suffix == ".txt":
-            texts = {path: self.text(rows=10**9)}  # all lines
+            texts = {path: self.text(rows=10**9)}  # all rows
         else:
             raise ValueError(f"path = {str(path)!r}: expected a name with .txt, .csv or .json")
-        with written_together() as begin:
+        with atomic_write_together() as begin:
             for name, text in texts.items():
                 begin(name).write(text)
         return list(texts)
@@ -133,12 +139,12 @@ def report(
     buckling: bool | Solution | State = False,
     energy: bool | Solution | State = False,
 ) -> Report:
-    """Report a result: reactions, section forces and stresses with envelopes, lengths to cut.
+    """Report a result: displacements, reactions, forces and stresses with envelopes, cutting list.
 
     Args:
         structure: `Structure` that was analysed.
         solution: its `Solution`; if it has failed, the report is on the last converged state, and
-            says so.
+            says so, or has no tables if no increment has converged.
         phases: the phases of the analysis, as many as the solution has; only `energy` needs them.
 
     Options:
@@ -156,13 +162,14 @@ def report(
             where they add or remove elements.
 
     Returns:
-        `Report`; `Report` has its tables. Forces and utilisation in ``members`` are by the largest
-        force along an element; compression is compared with strength alone. Reactions act on the
-        structure; a component that no support holds has no value. Section forces of beams are given
-        at both ends, with the lowest and the highest along the element, and their envelope over the
-        ends of phases or the cases; stresses over all converged increments of these, because every
-        increment records strains. Elements that are not there have no values. Unstressed lengths
-        are at the temperature before the first phase.
+        `Report`; its class lists the tables. Force and utilization in ``members`` are those of the
+        largest force along an element; compression is compared with strength alone, without
+        buckling. Displacements are from the start, that is from the nodes of the input. Reactions
+        act on the structure; a component that is not supported has no value. Section forces of
+        beams are given at both ends, with the smallest and the largest along the element, and their
+        envelope over the ends of phases or the cases; stresses over all load steps, because every
+        increment records strains. Inactive elements have no values. Unstressed lengths are at the
+        temperature before the first phase.
 
     Raises:
         ValueError: `solution` is no `Solution`, a batch, or belongs to another structure; another
@@ -201,95 +208,84 @@ def report(
     """
     one_case(solution)
     require_same(structure, solution.last.topology, "solution")
-    if phases is not None:
-        # type checkers take any other sequence for a single phase here
-        phases = list(phases) if isinstance(phases, list | tuple) else [phases]  # type: ignore[list-item]
-        if len(phases) != len(solution.phases):
-            raise ValueError(
-                f"phases: {len(phases)} of them, the solution has {len(solution.phases)}; give "
-                "those of this analysis, without those that it was started from"
-            )
+    phases = _check_phases(phases, solution)
     balanced = energy is not False and energy is not None
     if balanced and phases is None:
         raise ValueError("energy: the balance needs the phases of the analysis, too: phases=...")
-    state, end = solution.last, states.last_of(solution)
     own_names = names if cases is None else None
-    called = states.phase_names(solution, own_names)
+    labels = states.check_phase_names(solution, own_names)
     if cases is None:
         good = None
-        counted, failed = states.of_phases(solution, names)
+        counted, failed = states.converged_phases(solution, names)
     else:
-        good, failed = states.each_case(cases, names)
-        counted = states.of_cases(good)
-    heads = [f"phase {k}" for k in range(1, len(called) + 1)]
+        good, failed = states.converged_cases(cases, names)
+        counted = states.case_ends(good)
+    heads = [f"phase {k}" for k in range(1, len(labels) + 1)]
     if own_names is not None:
-        heads = [f"{head}, {name}" for head, name in zip(heads, called, strict=True)]
-    summary = _summary(structure, solution, failed, heads)
+        heads = [f"{head}, {name}" for head, name in zip(heads, labels, strict=True)]
+    summary = summary_sentences(structure, solution, heads, failed)
+    if has_no_result(solution):
+        return Report(int(solution.status), tuple(summary), {})
     if buckling is not False and buckling is not None:
         reference = None if buckling is True else buckling
-        summary.append(stability.buckling(structure, state, reference))
+        summary.append(stability.buckling_sentence(structure, solution.last, reference))
+    tables = _make_tables(structure, solution, counted, good, labels)
+    findings = (
+        exceeded_strength_sentence(tables["members"]),
+        large_displacement_sentence(structure, solution),
+    )
+    summary += [sentence for sentence in findings if sentence is not None]
+    if balanced:
+        tables["energy"] = energy_table(
+            structure,
+            solution,
+            phases,  # type: ignore[arg-type]  # of an analysis: not None here
+            None if energy is True else energy,  # type: ignore[arg-type]  # not False here
+            own_names,
+        )
+    return Report(int(solution.status), tuple(summary), tables)
+
+
+def _check_phases(phases, solution):
+    """Return the phases of an analysis as a list, or None; ValueError for another number."""
+    if phases is None:
+        return None
+    phases = list(phases) if isinstance(phases, list | tuple) else [phases]
+    if len(phases) != len(solution.phases):
+        raise ValueError(
+            f"phases: {len(phases)} of them, the solution has {len(solution.phases)}; give "
+            "those of this analysis, without those that it was started from"
+        )
+    return phases
+
+
+def _make_tables(structure, solution, counted, cases, labels):
+    """Return the tables of a report but for the energies, a dict.
+
+    Args:
+        structure, solution: as for `report`.
+        counted: `EnvelopeState` of every phase or case that counts, by name.
+        cases: `Solution` of every case, by name; None if phases count.
+        labels: names of all phases.
+    """
+    state, end = solution.last, states.last_state(solution)
     ended = cases is None and solution.status == status.OK  # the end is that of the last phase
     every = counted if ended else {"end": end, **counted}
     several = len(every) > 1
     kind = "ends of phases" if cases is None else "cases"
-    forces = members(structure, state, counted, several)
-    tables = {
-        **groups(forces),
-        "reactions": reactions(structure, state, end.fixed, counted, several),
-        "equilibrium": equilibrium(structure, state),
+    forces = axial_force_table(structure, state, counted, several)
+    return {
+        **group_tables(forces),
+        "reactions": reaction_table(structure, state, end.fixed, counted, several),
+        "equilibrium": equilibrium_table(structure, state),
         "members": forces,
-        **internal_forces(structure, end, counted if several else {}, kind),
-        **stresses(structure, solution, good, called),
-        "cutting_list": cutting_list(structure, solution),
-        **cables(structure, solution),
-        **surfaces(structure, state),
-        "slack": slack(structure, every),
-        "loose": loose(structure, every),
-        **own_results(structure, state, counted, several),
+        **displacement_tables(structure, solution, counted, cases is not None),
+        **section_force_tables(structure, end, counted if several else {}, kind),
+        **stress_tables(structure, solution, cases, labels),
+        "cutting_list": cutting_list_table(structure, solution),
+        **cable_tables(structure, solution),
+        **surface_tables(structure, state),
+        "slack": slack_cable_table(structure, every),
+        "loose": loose_node_table(structure, every),
+        **element_result_tables(structure, state, counted, several),
     }
-    if balanced:
-        start = None if energy is True else energy
-        tables["energy"] = energies(structure, solution, phases, start, own_names)
-    return Report(int(solution.status), tuple(summary), tables)
-
-
-def _summary(structure, solution, failed, heads):
-    """Sentences on status, size, phases (with these `heads`) and failed cases, a list."""
-    code = int(solution.status)
-    groups = groups_by_name(structure)
-    counts = [f"{len(g.links)} {type(g).__name__} {n}".strip() for n, g in groups]
-    lines = [f"status {code}: {status.describe(code)}"]
-    lines.append(f"{structure.n_node} nodes; {', '.join(counts)}")
-    for head, phase in zip(heads, solution.phases, strict=True):
-        path = phase.path
-        good = np.asarray(path.status) == status.OK
-        text = f"{head}: {int(good.sum())} of {good.size} increments converged"
-        if good.any():
-            k = np.flatnonzero(good)[-1]
-            rounding = float(path.rounding[k])
-            left = f" (rounding leaves up to {rounding:.1e} N)" if rounding > 0 else ""
-            text += (
-                f", residual {float(path.residual[k]):.1e} N{left}, "
-                f"{float(path.relative_residual[k]):.1e} of the largest nodal force; "
-                f"{int(path.n_slack[k])} slack"
-            )
-        if int(phase.status) == status.OK and phase.present is not None:
-            masks = there(structure, phase.present)
-            text += f"; {sum(int(m.sum()) for m in masks)} of {sum(map(len, masks))} elements there"
-        if int(phase.status) == status.OK and not bool(phase.stable):
-            text += (
-                "; UNSTABLE at its end: the tangent stiffness has a negative eigenvalue (where "
-                "moments, following loads or elements make it unsymmetric, its symmetric part has: "
-                "then the state may be stable all the same)"
-            )
-        lines.append(text)
-    if code != status.OK:
-        last = solution.last
-        lines.append(
-            "FAILED: what follows is the last converged state, "
-            f"{heads[max(int(last.phase), 0)]}, load factor {float(last.load_factor):.6g}"
-        )
-    for code in dict.fromkeys(failed.values()):
-        names = ", ".join(name for name, cause in failed.items() if cause == code)
-        lines.append(f"left out of envelopes: {names} (status {code}: {status.describe(code)})")
-    return lines

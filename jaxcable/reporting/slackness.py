@@ -1,4 +1,4 @@
-"""The tables of a report on what is slack: cables, and nodes that only slack cables touch."""
+"""The tables of a report on slack cables, and on nodes that are attached to slack cables only."""
 
 from __future__ import annotations
 
@@ -8,44 +8,49 @@ import numpy as np
 
 from ..model.parts import groups_by_name, per_group, slack_cables, there
 from ..model.structure import Structure
-from .states import State
-from .table import Column, Table, tabled
+from .columns import states_heading
+from .states import EnvelopeState
+from .table import Column, Table, make_table
 
 
-def slack(structure: Structure, states: Mapping[str, State]) -> Table:
-    """Cables without tension, and the states in which they are slack."""
-    found = {}
+def slack_cable_table(structure: Structure, states: Mapping[str, EnvelopeState]) -> Table:
+    """Return the cables without tension, and the states in which they are slack."""
+    found: dict[tuple[str, int], list[str]] = {}
     for name, (state, _) in states.items():
-        for label, _, _, slack in _groups(structure, state):
+        for label, _, _, slack in _cable_groups(structure, state):
             for k in np.flatnonzero(slack):
                 found.setdefault((label, int(k)), []).append(name)
     columns = [Column("group", "", [label for label, _ in found])]
-    columns += [Column("element", "", [k for _, k in found]), _states(found)]
-    return tabled("Slack cables", columns, () if found else ("none",))
+    columns += [Column("element", "", [k for _, k in found]), _states_column(found)]
+    return make_table("Slack cables", columns, () if found else ("none",))
 
 
-def loose(structure, states):
-    """Nodes that only slack cables touch, but for pinned ones, and the states in which they are."""
-    found = {}
+def loose_node_table(structure: Structure, states: Mapping[str, EnvelopeState]) -> Table:
+    """Return the nodes that are attached to slack cables only, and the states in which they are.
+
+    Pinned nodes, and inactive nodes of construction stages, do not count.
+    """
+    found: dict[int, list[str]] = {}
     for name, (state, fixed) in states.items():
-        taut = fixed.array[: structure.n_node, :3].all(axis=1)
-        touched = np.zeros(structure.n_node, bool)  # a node that waits is not loose
-        for _, links, present, slack in _groups(structure, state):
-            touched[links[present]] = True
-            taut[links[present & ~slack]] = True
-        for k in np.flatnonzero(~taut & touched):
+        held = np.array(fixed.array[: structure.n_node, :3].all(axis=1))
+        attached = np.zeros(structure.n_node, bool)
+        for _, links, present, slack in _cable_groups(structure, state):
+            attached[links[present]] = True
+            held[links[present & ~slack]] = True
+        for k in np.flatnonzero(~held & attached):
             found.setdefault(int(k), []).append(name)
-    columns = [Column("node", "", list(found)), _states(found)]
-    return tabled("Loose nodes", columns, () if found else ("none",))
+    columns = [Column("node", "", list(found)), _states_column(found)]
+    return make_table("Nodes attached to slack cables only", columns, () if found else ("none",))
 
 
-def _groups(structure, state):
-    """Of every group its name, its links, and which elements are there, and which slack."""
+def _cable_groups(structure, state):
+    """Yield name, links, active elements and slack elements of every group."""
     parts = per_group(structure, state.tension), there(structure, state.present)
     for (label, group), force, present in zip(groups_by_name(structure), *parts, strict=True):
         yield label, group.links.array, present, slack_cables(group, force, present)
 
 
-def _states(found):
-    """The column that says in which states a node or an element is what it is."""
-    return Column("in", "", [", ".join(names) for names in found.values()])
+def _states_column(found):
+    """Return the column with the names of the states in which a node or element is listed."""
+    heading = states_heading([name for names in found.values() for name in names])
+    return Column("in", "", [", ".join(names) for names in found.values()], heading=heading)

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..analysis import solution as results
+from ..analysis.solution import Solution, State
 from ..model.parts import pieces
 from ..model.structure import Structure
 from ..stiffness import buckling_factor
 
 
-def buckling(
-    structure: Structure,
-    state: results.State,
-    reference: results.Solution | results.State | None = None,
+def buckling_sentence(
+    structure: Structure, state: State, reference: Solution | State | None = None
 ) -> str:
-    """A sentence on the lowest buckling factor of a state, by linear theory.
+    """Return a sentence on the lowest buckling factor of a state, by linear theory.
 
     Args:
         structure, state, reference: as for `stiffness.buckling_factor`.
@@ -25,25 +23,25 @@ def buckling(
     if reference is not None:
         before = np.asarray(getattr(reference, "last", reference).positions)
     ends = pieces(structure.groups)[0]
-    turn = np.degrees(_turn(before[ends], np.asarray(state.positions)[ends]))
+    rotation = np.degrees(_largest_rotation(before[ends], np.asarray(state.positions)[ends]))
     loads = "the loads and all forces of this state"
     if reference is not None:
-        loads = "what has come since the reference"
+        loads = "the loads since the reference state"
     if np.isnan(factor):
         return (
-            "buckling: no estimate; the state is a mechanism or has buckled, or cables went slack "
-            "since the reference (trace_path follows the path)"
+            "buckling: no estimate: the state is a mechanism or has buckled, or cables went slack "
+            "since the reference state; jaxcable.trace_path (Python) follows the path"
         )
     if np.isinf(factor):
-        return f"buckling: at no multiple of {loads}, by linear theory"
+        return f"buckling: at no multiple of {loads} (linear theory)"
     return (
-        f"buckling: at {factor:.4g} times {loads}, by linear theory, which takes turns for small: "
-        f"elements have turned by {turn:.2g} degrees at most"
+        f"buckling: at {factor:.4g} times {loads} (linear theory, for small rotations; elements "
+        f"have rotated by up to {rotation:.2g} degrees)"
     )
 
 
-def _turn(before, after):
-    """Largest rotation of elements, rad, from their ends before and after, [n, 2, 3]."""
+def _largest_rotation(before, after):
+    """Return the largest rotation of chords, rad, from their ends before and after, [n, 2, 3]."""
     first, second = before[:, 1] - before[:, 0], after[:, 1] - after[:, 0]
     sine = np.linalg.norm(np.cross(first, second), axis=1)
     return float(np.arctan2(sine, (first * second).sum(axis=1)).max())

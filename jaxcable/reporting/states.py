@@ -8,72 +8,86 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from ..analysis import solution as results
 from ..analysis.results import Results
+from ..analysis.solution import Solution
 from ..common import status
 from ..model.supports import Fixed
 
 
-class State(NamedTuple):
+class EnvelopeState(NamedTuple):
     """A state that counts in envelopes: the end of a phase, or a case.
 
     Attributes:
-        result: `State`, `PhaseResult` or `Solution`.
-        fixed: freedoms that supports hold in this state.
+        result: `State` (the last converged one), `PhaseResult` or `Solution`.
+        fixed: degrees of freedom that supports fix in this state.
     """
 
     result: Results
     fixed: Fixed
 
 
-def last_of(solution: results.Solution) -> State:
-    """The last converged state."""
-    return State(solution.last, solution.last.fixed[int(solution.last.phase) + 1])
+def last_state(solution: Solution) -> EnvelopeState:
+    """Return the last converged state."""
+    return EnvelopeState(solution.last, solution.last.fixed[int(solution.last.phase) + 1])
 
 
-def phase_names(solution: results.Solution, names: Sequence[str] | None) -> list[str]:
-    """The names of all phases; ValueError for a wrong number of names, or names not apart."""
-    return _checked(names, len(solution.phases), "phase", 1)
-
-
-def of_phases(
-    solution: results.Solution, names: Sequence[str] | None
-) -> tuple[dict[str, State], dict[str, int]]:
-    """Ends of phases that have converged, and status codes of the others, dicts by name.
+def check_phase_names(solution: Solution, names: Sequence[str] | None) -> list[str]:
+    """Return the names of all phases, "phase 1" and so on if none are given.
 
     Raises:
-        ValueError: a wrong number of names, or names that are not apart.
+        ValueError: a wrong number of names, or a name that occurs twice.
     """
-    names, phases = phase_names(solution, names), list(solution.phases)
-    codes = [int(phase.status) for phase in phases]
-    return _apart(names, codes, lambda k: State(phases[k], solution.last.fixed[k + 1]))
+    return _check_names(names, len(solution.phases), "phase", 1)
 
 
-def each_case(
-    cases: results.Solution, names: Sequence[str] | None
-) -> tuple[dict[str, results.Solution], dict[str, int]]:
-    """Cases that have converged, one `Solution` each, and status codes of the others, by name.
+def converged_phases(
+    solution: Solution, names: Sequence[str] | None
+) -> tuple[dict[str, EnvelopeState], dict[str, int]]:
+    """Return the ends of phases that have converged, and the status codes of the others, by name.
 
     Raises:
-        ValueError: no leading axis of cases; a wrong number of names, or names that are not apart.
+        ValueError: a wrong number of names, or a name that occurs twice.
+    """
+    names, phases = check_phase_names(solution, names), list(solution.phases)
+    codes = [int(phase.status) for phase in phases]
+    ends = [EnvelopeState(phase, solution.last.fixed[k]) for k, phase in enumerate(phases, 1)]
+    return _separate_failed(names, codes, ends)
+
+
+def converged_cases(
+    cases: Solution, names: Sequence[str] | None
+) -> tuple[dict[str, Solution], dict[str, int]]:
+    """Return the cases that have converged, and the status codes of the others, by name.
+
+    Args:
+        cases: `Solution` with a leading axis [n_case].
+        names: of the cases; None for "case 0" and so on.
+
+    Raises:
+        ValueError: no leading axis of cases; a wrong number of names, or a name that occurs twice.
     """
     codes = np.asarray(cases.status)
     if codes.ndim != 1:
         raise ValueError(f"cases: expected a leading axis [n_case], got shape {codes.shape}")
-    names = _checked(names, len(codes), "case", 0)
+    names = _check_names(names, len(codes), "case", 0)
     cases = jax.tree.map(np.asarray, cases)
-    return _apart(names, codes.tolist(), lambda k: jax.tree.map(lambda x: x[k], cases))
+    each = [jax.tree.map(lambda x, k=k: x[k], cases) for k in range(len(codes))]
+    return _separate_failed(names, codes.tolist(), each)
 
 
-def _apart(names, codes, of):
-    """What `of` makes of the numbers of those that have converged, and codes of others, by name."""
-    coded = dict(zip(names, codes, strict=True))
-    good = {name: of(k) for k, name in enumerate(names) if codes[k] == status.OK}
-    return good, {name: code for name, code in coded.items() if code != status.OK}
+def _separate_failed(names, codes, results):
+    """Return the results with status OK, and the codes of the others, two dicts by name."""
+    good, failed = {}, {}
+    for name, code, result in zip(names, codes, results, strict=True):
+        if code == status.OK:
+            good[name] = result
+        else:
+            failed[name] = code
+    return good, failed
 
 
-def _checked(names, count, kind, first):
-    """The names of cases or phases, a list; those by number if there are none."""
+def _check_names(names, count, kind, first):
+    """Return the names of cases or phases, a list; numbers from `first` on if there are none."""
     if names is None:
         return [f"{kind} {k}" for k in range(first, first + count)]
     names = list(map(str, names))
@@ -84,6 +98,6 @@ def _checked(names, count, kind, first):
     return names
 
 
-def of_cases(cases: dict[str, results.Solution]) -> dict[str, State]:
-    """Ends of cases, a dict by name."""
-    return {name: State(case, case.last.fixed[-1]) for name, case in cases.items()}
+def case_ends(cases: dict[str, Solution]) -> dict[str, EnvelopeState]:
+    """Return the ends of some cases, by name."""
+    return {name: EnvelopeState(case, case.last.fixed[-1]) for name, case in cases.items()}

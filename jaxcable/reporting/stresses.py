@@ -1,4 +1,4 @@
-"""The tables of a report on stresses of fibres: at the end, and over all converged increments."""
+"""The tables of a report on stresses: in the final state, and over all load steps."""
 
 from __future__ import annotations
 
@@ -11,23 +11,24 @@ from ..elements import Beams
 from ..model.parts import groups_by_name
 from ..model.structure import Structure
 from ..sections import Section
-from .columns import envelope, of_elements
-from .fibres import instants, stressed
-from .table import Column, Table, tabled
+from .columns import element_columns, envelope_columns
+from .fibre_stresses import has_stresses, increment_stresses
+from .table import Column, Table, make_table
 
 _WHERE = (("at", "-"), ("y", "m"), ("z", "m"))
-"""Name and unit of the columns that say where a stress is: along the element, in the section."""
+"""Name and unit of the columns with the place of a stress: along the element, in the section."""
+_HEADINGS = {"at": "x/L"}
 
 
-def stresses(
+def stress_tables(
     structure: Structure,
     solution: Solution,
     cases: Mapping[str, Solution] | None,
     phases: Sequence[str],
 ) -> dict[str, Table]:
-    """Stresses of fibres in the last converged state, and their envelope, a dict of `Table`.
+    """Return the stresses in the final state and their envelope, a dict of `Table`.
 
-    Groups that have a stiffness only have no stresses; if all are such, there is no table.
+    Groups that have only a stiffness EA have no stresses; if all are such, there is no table.
 
     Args:
         structure: `Structure`.
@@ -35,91 +36,103 @@ def stresses(
         cases: cases that have converged, by name; None for an envelope over the phases.
         phases: names of all phases, for that envelope.
     """
-    if not stressed(structure, solution):
+    if not has_stresses(structure, solution):
         return {}
-    reached = int(solution.last.phase) + 1  # number of phases of which an increment has converged
+    reached = int(solution.last.phase) + 1  # number of phases with a converged increment
     if cases is None:
-        every = instants(structure, solution, phases[:reached])
+        every = increment_stresses(structure, solution, phases[:reached])
         end = every[-1:]
     else:
-        end = instants(structure, solution, ["end"] * reached, max(reached - 1, 0))[-1:]
+        end = increment_stresses(structure, solution, ["end"] * reached, max(reached - 1, 0))[-1:]
         parts = [
-            instants(structure, case, [name] * len(case.phases)) for name, case in cases.items()
+            increment_stresses(structure, case, [name] * len(case.phases))
+            for name, case in cases.items()
         ]
         every = [instant for part in parts for instant in part]
-    if not end:  # no increment has converged, or elements tell strains alone
+    if not end:  # no increment has converged, or elements have strains alone
         return {}
-    found = {"stresses": _at_end(structure, end[0])}
+    found = {"stresses": _final_stress_table(structure, end[0])}
     if len(every) > 1 or cases:
         kind = "phases" if cases is None else "cases"
-        found["stress_envelope"] = _envelope(structure, every, kind)
+        found["stress_envelope"] = _stress_envelope_table(structure, every, kind)
     return found
 
 
-def _at_end(structure, end):
-    """The table of the last converged state."""
+def _final_stress_table(structure, end):
+    """Return the table of the final state."""
     low, high, used = end.stresses
     known = bool(np.isfinite(used).any())
-    columns = of_elements(structure, end.groups)[:2]
-    for head, found in (("lowest", low), ("highest", high)):
-        columns.append(Column(head, "Pa", found[0], governs=not known))
-        columns += [Column(*place, x) for place, x in zip(_WHERE, found[1:], strict=True)]
+    columns = element_columns(structure, end.groups)[:2]
+    for name, heading, found in (("lowest", "min", low), ("highest", "max", high)):
+        columns.append(Column(name, "Pa", found[0], governs=not known, heading=heading))
+        columns += [
+            Column(*place, x, heading=_HEADINGS.get(place[0], ""))
+            for place, x in zip(_WHERE, found[1:], strict=True)
+        ]
     gone = bool(np.isnan(low[0]).any())
-    columns.append(Column("used", "-", used, governs=known))
-    notes = _notes(structure, end, known, gone)
-    return tabled("Stresses of fibres at the end, tension positive", columns, notes)
+    columns.append(Column("used", "-", used, governs=known, heading="utilization"))
+    notes = _stress_notes(structure, end, known, gone)
+    return make_table("Stresses in the final state, tension positive", columns, notes)
 
 
-def _envelope(structure, every, kind):
-    """The table of the extremes over `every` instant, of "phases" or "cases"."""
+def _stress_envelope_table(structure, every, kind):
+    """Return the table of the extremes over some `IncrementStresses`, of "phases" or "cases"."""
     names = [instant.name for instant in every]
     low, high, used = (np.stack(x, axis=-2) for x in zip(*(i.stresses for i in every), strict=True))
-    most, state = envelope("used", "-", used, names, 1)
+    most, state = envelope_columns("used", "-", used, names, 1, heading="max. utilization")
     known = bool(np.isfinite(most.values).any())
-    columns = of_elements(structure, every[0].groups)[:2]
-    for head, found, sign in (("lowest", low, -1), ("highest", high, 1)):
+    columns = element_columns(structure, every[0].groups)[:2]
+    for name, heading, found, sign in (("lowest", "min", low, -1), ("highest", "max", high, 1)):
         beside = [(*place, x) for place, x in zip(_WHERE, found[1:], strict=True)]
-        extreme, at, *others = envelope(head, "Pa", found[0], names, sign, beside)
+        extreme, at, *others = envelope_columns(
+            name, "Pa", found[0], names, sign, beside, heading=heading
+        )
         columns += [extreme._replace(governs=not known), at._replace(detail=True), *others]
     columns += [most._replace(governs=known), state._replace(detail=True)]
-    return tabled(f"Stresses of fibres over all converged increments of all {kind}", columns)
+    return make_table(f"Stress envelope, all load steps of all {kind}, tension positive", columns)
 
 
-def _notes(structure, end, known, gone):
-    """Sentences on stresses.
+def _stress_notes(structure, end, known, gone):
+    """Return the notes on stresses, a tuple.
 
     Args:
         structure: `Structure`.
-        end: the `Instant` that is told.
+        end: the `IncrementStresses` of the final state.
         known: whether any law has a strength.
-        gone: whether any element is not there.
+        gone: whether any element is not active.
     """
     notes = []
     beams = [
         (label, group) for label, group in groups_by_name(structure) if isinstance(group, Beams)
     ]
     if beams:
-        notes.append("at: part of the element from its first node; y, z: point of the section")
+        notes.append("x/L: position from the start node, 0 to 1; y, z: point of the section")
     other = [(label, group.section) for label, group in beams if not group.section.is_elastic]
     if other:
-        reach = [f"{100 * _reach(section):.2g} % ({label or 'beams'})" for label, section in other]
+        reach = [
+            f"{100 * _edge_overhang(section):.2g} % ({label or 'beams'})"
+            for label, section in other
+        ]
         notes.append(
-            "of laws that are not linear: at centres of fibres, integration points; edges are "
-            f"further out by {', '.join(reach)}"
+            "nonlinear laws: stresses at centers of fibres and at integration points; the edge of "
+            f"the section is further out by {', '.join(reach)}"
         )
     if known:
-        notes.append("used: stress over the strength of the law of the fibre, the largest share")
+        notes.append("utilization: stress / strength of the law of the fibre, the largest")
     labels = enumerate(label for label, _ in groups_by_name(structure))
     without = [label for k, label in labels if k not in end.groups]
     if without:
-        notes.append(f"{', '.join(without)}: a stiffness only, no stress")
+        notes.append(f"{', '.join(without)}: no area given, so no stress")
     if gone:
-        notes.append("no stress: the element is not there")
+        notes.append("no stress: the element is not active in the final state")
     return tuple(notes)
 
 
-def _reach(section: Section) -> float:
-    """How much further the edge of a section is than its outermost fibre; 0 if unknown."""
+def _edge_overhang(section: Section) -> float:
+    """Return by how much the edge of a section is further out than its outermost fibre.
+
+    Relative to the distance of the fibre; 0 if the edge is unknown.
+    """
     if section.points is None:
         return 0.0
     points, fibres = np.asarray(section.points, float), np.stack([section.y, section.z], axis=1)

@@ -9,18 +9,18 @@ from ..loads.faces import areas
 from ..model.parts import groups_by_name, there
 from ..model.structure import Structure
 from ..stiffness.vibration import STANDARD_GRAVITY
-from .table import Column, Table, tabled
+from .table import Column, Table, make_table
 
 
-def surfaces(structure: Structure, state: State) -> dict[str, Table]:
-    """Area, weight and mass per area of the elements that are there: ``surfaces``.
+def surface_tables(structure: Structure, state: State) -> dict[str, Table]:
+    """Return area, weight and mass per area of the active elements of each group: ``surfaces``.
 
     Returns:
         A dict with the table; empty if no group has faces.
     """
     rows = []
-    found = groups_by_name(structure), state.carry.states, there(structure, state.present)
-    for (label, group), own, present in zip(*found, strict=True):
+    groups = groups_by_name(structure), state.carry.states, there(structure, state.present)
+    for (label, group), own, present in zip(*groups, strict=True):
         if group.face is None:
             continue
         corners = group.links.array[present][:, group.face]
@@ -32,10 +32,10 @@ def surfaces(structure: Structure, state: State) -> dict[str, Table]:
         rows.append((label, int(present.sum()), initial, area, weight, mass))
     if not rows:
         return {}
-    heads = {"group": "", "elements": "", "initial area": "m2", "area": "m2", "weight": "N"}
-    heads["mass per initial area"] = "kg/m2"
+    units = {"group": "", "elements": "", "initial area": "m2", "area": "m2", "weight": "N"}
+    units["mass per initial area"] = "kg/m2"
     columns = [
-        Column(head, unit, values)
-        for (head, unit), values in zip(heads.items(), zip(*rows, strict=True), strict=True)
+        Column(name, unit, values)
+        for (name, unit), values in zip(units.items(), zip(*rows, strict=True), strict=True)
     ]
-    return {"surfaces": tabled("Surfaces", columns)}
+    return {"surfaces": make_table("Surfaces", columns)}

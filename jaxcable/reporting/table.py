@@ -4,32 +4,58 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-_SCALED = ("N", "N m", "J")
-_SHARED = 4  # columns from which a unit that all of them have is said in the title
-_NOTHING = 1e-9  # of the largest number with the same unit, or of 1 N, J, Pa: less is rounding
-_LEVER = 1e-3  # m; at it the largest force makes the least moment that counts beside it
+_KILO_UNITS = ("N", "N m", "J")
+_KILO = 1e4
+"""Size from which a report gives all forces (works) in kN (kJ).
+
+Nets of models in the laboratory carry hundreds of newtons, structures tens of kilonewtons; below
+the limit a number has at most four digits before its point.
+"""
+_WIDTH = 110  # columns of notes, as of the widest table; a landscape page has 120 of 9 points
+_OVERHANG = 4  # characters by which a heading may be wider than the values below it
+_SHARED = 4
+"""Number of columns from which a unit that all of them have is in the title, not in each heading.
+
+Two or three units make no line too long; section forces have seven."""
+_NEGLIGIBLE = 1e-7
+"""Share of the largest number of a unit, or of 1 N, J, Pa, up to which a text gives zero.
+
+Analyses end with a residual of 1e-10 of the forces (`Newton.tol`), which makes moments of up to
+1e-8 of the largest in slender beams. CSV and JSON have all digits.
+"""
+_LEVER = 1e-3
+"""Lever, m, at which the largest force of a table makes the least moment that is shown beside it.
+
+A force of 100 kN in the position of a node that is known to 1e-12 m makes moments of 1e-7 N m.
+"""
 
 Cell: TypeAlias = int | float | str | None
+Scales: TypeAlias = Mapping[str, tuple[str, float]]
+"""Prefix and factor with which a text gives numbers of a unit, by unit: ``{"N": ("k", 1e-3)}``."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """A table: title, columns with units, lines, and notes.
+    """A table: title, columns with units, rows, and notes.
 
     Attributes:
         title: title in words.
-        columns: name of each column.
+        columns: name of each column, as in CSV and JSON; spaces after a name tell it from the same
+            name before it.
         units: unit of each column, "" for none; forces are in "N" and lengths in "m".
-        rows: lines of the table, lists of numbers and texts; None where there is no value.
+        rows: rows of the table, lists of numbers and texts; None where there is no value.
         notes: sentences on the table.
-        governing: number of the column whose largest values the text shows if the table is long, or
-            numbers of such columns.
-        details: numbers of the columns that the text leaves out.
+        governing: index of the column whose largest values the text shows if the table is long, or
+            indices of such columns.
+        details: indices of the columns that the text leaves out.
+        headings: heading of each column in the text; None for the names.
+        millimeters: indices of the columns of lengths that the text gives in mm.
 
     Example:
         >>> table = jc.reporting.Table("Loads", ("node", "F"), ("", "N"), [[3, -15.0]])
@@ -44,17 +70,21 @@ class Table:
     notes: tuple[str, ...] = ()
     governing: int | tuple[int, ...] | None = None
     details: tuple[int, ...] = ()
+    headings: tuple[str, ...] | None = None
+    millimeters: tuple[int, ...] = ()
 
 
 class Column(NamedTuple):
     """A column of a table.
 
     Attributes:
-        name: in words; columns may have the same.
-        unit: "" for none, "-" for shares; forces are in "N" and lengths in "m".
+        name: in CSV and JSON; columns may have the same.
+        unit: "" for none, "-" for ratios; forces are in "N" and lengths in "m".
         values: numbers or texts, an array or a list; NaN and None where there is no value.
-        governs: whether the text of a long table shows the lines with its largest values.
+        governs: whether the text of a long table shows the rows with its largest values.
         detail: whether the text leaves it out.
+        heading: in the text; "" for the name.
+        millimeters: whether the text gives its lengths in mm.
     """
 
     name: str
@@ -62,113 +92,178 @@ class Column(NamedTuple):
     values: Sequence[Cell] | np.ndarray
     governs: bool = False
     detail: bool = False
+    heading: str = ""
+    millimeters: bool = False
 
 
-def tabled(title: str, columns: Sequence[Column], notes: Sequence[str] = ()) -> Table:
-    """A table from its columns; spaces after a name tell it from the same name before it."""
+def make_table(title: str, columns: Sequence[Column], notes: Sequence[str] = ()) -> Table:
+    """Return the table of some columns; spaces after a name tell it from the same name before."""
     names = [column.name for column in columns]
     governing = tuple(k for k, column in enumerate(columns) if column.governs)
     return Table(
         title,
         tuple(name + " " * names[:k].count(name) for k, name in enumerate(names)),
         tuple(column.unit for column in columns),
-        [list(row) for row in zip(*(_cells(c.values) for c in columns), strict=True)],
+        [list(row) for row in zip(*(_cell_values(c.values) for c in columns), strict=True)],
         tuple(notes),
         governing if len(governing) > 1 else next(iter(governing), None),
         tuple(k for k, column in enumerate(columns) if column.detail),
+        tuple(column.heading or column.name for column in columns),
+        tuple(k for k, column in enumerate(columns) if column.millimeters),
     )
 
 
-def _cells(values):
-    """The values of a column as cells, None for NaN."""
+def _cell_values(values):
+    """Return the values of a column as cells, None for NaN."""
     values = values.tolist() if isinstance(values, np.ndarray) else values
     return [None if isinstance(v, float) and math.isnan(v) else v for v in values]
 
 
-def headed(table: Table) -> list[str]:
-    """The header of a table: names of columns with their units, a list.
+def csv_header(table: Table) -> list[str]:
+    """Return the names of the columns with their units, the first line of a CSV table.
 
     A name that occurs several times follows the column that it belongs to: "lowest in".
     """
     names = [column.strip() for column in table.columns]
-    found, owner = [], ""
+    header, owner = [], ""
     for name, unit in zip(names, table.units, strict=True):
         if names.count(name) == 1:
             owner = name
         else:
             name = f"{owner} {name}".strip()
-        found.append(f"{name} ({unit})" if unit else name)
-    return found
+        header.append(f"{name} ({unit})" if unit else name)
+    return header
 
 
-def finite(value: Cell) -> Cell:
-    """A value for JSON: None for a number that is not finite."""
+def finite_or_none(value: Cell) -> Cell:
+    """Return a value for JSON: None for a number that is not finite."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def as_text(table, most):
-    """A table as text of at most `most` lines; large forces and works in kN and kJ, Pa in MPa."""
+def common_scales(tables: Sequence[Table]) -> Scales:
+    """Return the scales of a report, so that forces and moments of all tables have one unit each.
+
+    Forces are in kN, and then moments in kN m, if one of either is at least `_KILO`; stresses are
+    in MPa.
+    """
+    largest = {
+        unit: max((_largest_size(table, table.rows, unit) for table in tables), default=0.0)
+        for unit in _KILO_UNITS
+    }
+    largest["N"] = largest["N m"] = max(largest["N"], largest["N m"])
+    scales = {unit: ("k", 1e-3) for unit, size in largest.items() if size >= _KILO}
+    return {**scales, "Pa": ("M", 1e-6)}
+
+
+def table_text(table: Table, most: int, scales: Scales) -> str:
+    """Return a table as text of at most `most` rows; those that govern are shown.
+
+    Args:
+        table: `Table`.
+        most: number of rows that are shown.
+        scales: of the report, see `common_scales`.
+    """
     rows, notes = table.rows, list(table.notes)
     if len(rows) > most:
         if table.governing is not None:
-            rows = sorted(rows, key=lambda row: -_governing(table, row))
+            rows = sorted(rows, key=lambda row: -_governing_size(table, row))
         rows = rows[:most]
-        which = "the largest" if table.governing is not None else "the first"
-        notes.append(f"{which} {most} of {len(table.rows)}; the tables have all")
-    scales = {unit: ("k", 1e-3) for unit in _SCALED if _largest(table, rows, unit) >= 1e4}
-    scales["Pa"] = ("M", 1e-6)
-    prefixes, factors = zip(*(scales.get(unit, ("", 1.0)) for unit in table.units), strict=True)
-    units = [prefix + unit for prefix, unit in zip(prefixes, table.units, strict=True)]
-    title, heads = _headings(table, units)
-    sizes = {unit: _largest(table, table.rows, unit) for unit in (*_SCALED, "Pa")}
-    least = {unit: _NOTHING * max(size, 1.0) for unit, size in sizes.items()}
+        which = "largest" if table.governing is not None else "first"
+        notes.append(f"the {which} {most} of {len(table.rows)} rows; files have all rows")
+    scaled = [scales.get(unit, ("", 1.0)) for unit in table.units]
+    for k in table.millimeters:
+        scaled[k] = ("m", 1e3)
+    units = [prefix + unit for (prefix, _), unit in zip(scaled, table.units, strict=True)]
+    title, headings = _title_and_headings(table, units)
+    sizes = {unit: _largest_size(table, table.rows, unit) for unit in (*_KILO_UNITS, "Pa")}
+    least = {unit: _NEGLIGIBLE * max(size, 1.0) for unit, size in sizes.items()}
     least["N m"] = max(least["N m"], _LEVER * least["N"])
+    columns = zip(*rows, strict=True)  # none without rows
     texts = [
-        [_cell(value, factor, unit, least.get(unit, 0.0)) for value in column]
-        for column, factor, unit in zip(zip(*rows, strict=True), factors, table.units, strict=False)
-    ]  # none without rows
+        [_cell_text(value, factor, unit, least.get(table_unit, 0.0)) for value in column]
+        for column, (_, factor), unit, table_unit in zip(
+            columns, scaled, units, table.units, strict=False
+        )
+    ]
     shown = [k for k, column in enumerate(texts) if any(column) and k not in table.details]
+    wrapped = _wrap_headings([headings[k] for k in shown], [max(map(len, texts[k])) for k in shown])
+    height = max(map(len, wrapped), default=0)
     padded = []
-    for k in shown:
-        width = max(map(len, [heads[k], *texts[k]]))
-        padded.append([text.rjust(width) for text in (heads[k], *texts[k])])
-    lines = ["  ".join(["", *line]) for line in zip(*padded, strict=True)]
-    return "\n".join([title, *lines, *(f"  {note}" for note in notes)])
+    for k, heading in zip(shown, wrapped, strict=True):
+        lines = [*[""] * (height - len(heading)), *heading, *texts[k]]
+        width = max(map(len, lines))
+        padded.append([line.rjust(width) for line in lines])
+    lines = ["  ".join(["", *line]).rstrip() for line in zip(*padded, strict=True)]
+    wrapped_notes = [
+        line
+        for note in notes
+        for line in textwrap.wrap(note, _WIDTH, initial_indent="  ", subsequent_indent="    ")
+    ]
+    return "\n".join([title, *lines, *wrapped_notes])
 
 
-def _governing(table, row):
-    """Size of the largest value of a row in the columns that govern."""
+def _wrap_headings(headings, widths):
+    """Break headings into lines, a list of lists.
+
+    If one is wider than the values of its column, `widths`, all break before their units; names
+    break if they are too wide.
+    """
+    if all(len(heading) <= width for heading, width in zip(headings, widths, strict=True)):
+        return [[heading] for heading in headings]
+    wrapped = []
+    for heading, width in zip(headings, widths, strict=True):
+        name, _, unit = heading.rpartition(" (")
+        if name:
+            lines = _break_in_two(name) if len(name) > width + _OVERHANG else [name]
+            wrapped.append([*lines, f"({unit}"])
+        else:
+            wrapped.append(_break_in_two(heading) if len(heading) > width else [heading])
+    return wrapped
+
+
+def _break_in_two(heading):
+    """Break a heading of several words where the longer line is shortest, a list of lines."""
+    words = heading.split()
+    breaks = [[" ".join(words[:k]), " ".join(words[k:])] for k in range(1, len(words))]
+    return min(breaks, key=lambda lines: max(map(len, lines)), default=[heading])
+
+
+def _governing_size(table, row):
+    """Return the size of the largest value of a row in the columns that govern."""
     columns = table.governing if isinstance(table.governing, tuple) else (table.governing,)
     return max(abs(row[k] or 0.0) for k in columns)
 
 
-def _headings(table, units):
-    """Title and names of columns with their units; one that many columns share is in the title."""
+def _title_and_headings(table, units):
+    """Return the title and the headings with units; one that many columns share is in the title."""
     named = {unit for unit in units if unit not in ("", "-")}
     shared = len(named) == 1 and sum(unit in named for unit in units) >= _SHARED
-    left = ("", "-", *named) if shared else ("",)
-    heads = [
-        c.strip() if u in left else f"{c.strip()} ({u})"
-        for c, u in zip(table.columns, units, strict=True)
+    left = ("", "-", *named) if shared else ("", "-")
+    names = table.headings or [name.strip() for name in table.columns]
+    headings = [
+        name if unit in left else f"{name} ({unit})"
+        for name, unit in zip(names, units, strict=True)
     ]
-    return (f"{table.title} ({named.pop()})" if shared else table.title), heads
+    return (f"{table.title} ({named.pop()})" if shared else table.title), headings
 
 
-def _largest(table, rows, unit):
-    """Largest absolute number in the columns of a unit."""
+def _largest_size(table, rows, unit):
+    """Return the largest absolute number in the columns of a unit."""
     columns = [k for k, other in enumerate(table.units) if other == unit]
     sizes = [abs(row[k]) for row in rows for k in columns if row[k] is not None]
     return max(sizes, default=0.0)
 
 
-def _cell(value, factor, unit, least):
-    """The text of a cell; a number below `least` is rounding and becomes zero."""
+def _cell_text(value, factor, unit, least):
+    """Return the text of a cell in its unit of the text; a number below `least` becomes zero."""
     if value is None:
         return ""
     if not isinstance(value, float):
         return str(value)
     if unit == "m":
         return f"{value:.5f}"
+    if unit == "mm":
+        return f"{round(value * factor, 2) + 0.0:.2f}"  # no "-0.00"
     if unit == "-":
         return f"{value:.3f}"
     value = 0.0 if abs(value) < least else value * factor

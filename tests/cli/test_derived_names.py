@@ -6,7 +6,7 @@ import pytest
 import scenes
 
 import jaxcable as jc
-from jaxcable.cli import derived, main
+from jaxcable.cli import file_names, main
 from jaxcable.files.results import result_tables
 
 
@@ -48,8 +48,8 @@ def test_tables_replace_no_file_that_others_have_written(folder, capsys, option,
     (folder / name).write_bytes(data)
     line = refused(["solve", "net.json", option, "net.csv"], capsys)
     assert line == (
-        f"jaxcable: {name}: there already, and no table of this program; net.csv would replace it: "
-        "give another name"
+        f"jaxcable: {name}: exists and was not written by jaxcable; net.csv would replace it: give "
+        "another name"
     )
     assert (folder / name).read_bytes() == data
     assert sorted(path.name for path in folder.iterdir()) == [name, "net.json"]
@@ -74,18 +74,18 @@ def test_two_files_of_a_call_have_two_names(folder, capsys):
         (["--save", "a.json", "--report", "a.json"], "a.json"),
     ):
         line = refused(["solve", "net.json", *words], capsys)
-        assert line == f"jaxcable: {name}: named for two files that this command writes"
+        assert line == f"jaxcable: {name}: two outputs of this command have this name"
     Path("a.vtk").write_text("old")
     Path("b.vtk").hardlink_to("a.vtk")
     line = refused(["solve", "net.json", "--save", "a.vtk", "--save", "b.vtk"], capsys)
-    assert line == "jaxcable: b.vtk: named for two files that this command writes"
+    assert line == "jaxcable: b.vtk: two outputs of this command have this name"
 
 
 def test_a_path_without_a_name_has_no_picture_beside_it(folder, capsys):
     for command in ("plot", "view"):
         for path, named in ((".", "."), ("", "scene"), ("/", "/")):
             line = refused([command, path], capsys)
-            assert line == f"jaxcable: {named}: is no name of a file"
+            assert line == f"jaxcable: {named}: is not the name of a file"
 
 
 def test_pictures_pages_and_schemas_that_nobody_has_named_are_known_by_their_marks(folder, capsys):
@@ -101,7 +101,7 @@ def test_pictures_pages_and_schemas_that_nobody_has_named_are_known_by_their_mar
     ):
         line = refused(words, capsys)
         assert line == (
-            f"jaxcable: {name}: there already, and not of this program; {option} names another file"
+            f"jaxcable: {name}: exists and was not written by jaxcable; {option} names another file"
         )
     assert Path("net.html").read_text() == page and Path("net.png").read_bytes() == notes
     assert Path("hypar_net.png").read_bytes() == notes
@@ -125,16 +125,16 @@ def test_tables_of_this_program_are_known_and_replaced(tmp_path, monkeypatch, ca
 
     first = written()
     assert {Path(f"arch-{name}.csv") for name in ("nodes", "members", "summary")} <= first.keys()
-    looked_for = derived.files("arch.csv", derived.REPORT) + derived.files(
-        "arch.csv", derived.RESULT
-    )
+    looked_for = file_names.files_to_write(
+        "arch.csv", file_names.REPORT
+    ) + file_names.files_to_write("arch.csv", file_names.RESULT)
     assert first.keys() <= set(map(Path, looked_for))
     for path in first:  # what a user may have left of it
         path.write_text(path.read_text().splitlines()[0] + "\n")
     assert written() == first
     solution = jc.solve(*scene)
     assert int(solution.status) == 0
-    assert set(derived.RESULT) == set(result_tables(scene.structure, solution))
+    assert set(file_names.RESULT) == set(result_tables(scene.structure, solution))
     assert capsys.readouterr().err == ""
 
 

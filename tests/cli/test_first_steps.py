@@ -111,7 +111,7 @@ def test_new_replaces_nothing_unasked(tmp_path, monkeypatch, capsys):
     Path("scene.schema.json").write_text("mine, too")
     assert main(["new", "dome"]) == 2
     assert one_line(capsys.readouterr().err) == (
-        "jaxcable: dome.py: there already; --save names another file, --force replaces"
+        "jaxcable: dome.py: exists already; --save names another file, --force replaces it"
     )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["dome.py", "scene.schema.json"]
     assert main(["new", "dome", "--save", "other.json"]) == 0
@@ -288,7 +288,7 @@ def test_plot_draws_what_its_options_ask_for(scenes, solved, capsys, monkeypatch
         monkeypatch.setattr(plots, name, recorded(name))
     by_nodes = {len(scene[0].nodes): scene[2] for scene in solved.values()}
     monkeypatch.setattr(
-        "jaxcable.cli.analysed.solver.solve",
+        "jaxcable.cli.solving.solver.solve",
         lambda structure, *_, **__: by_nodes[len(structure.nodes)],
     )
     plain = {"magnify": 1.0, "color": "tension", "view": None}
@@ -338,10 +338,10 @@ def test_plot_names_what_it_cannot_draw(scenes, capsys):
     for words, message in (
         ("net.json --of My", "net.json: solution: has no beams"),
         ("net.json --of beauty", "color = 'beauty': expected one of"),
-        ("mast.json --of My --sequence", "--sequence: not of a diagram"),
-        ("mast.json --of My --magnify 2", "--magnify: not of a diagram"),
-        ("mast.json --of My --reactions", "--reactions: not of a diagram"),
-        ("net.json --sequence --reactions", "--reactions: not in a sequence"),
+        ("mast.json --of My --sequence", "--sequence: not for diagrams"),
+        ("mast.json --of My --magnify 2", "--magnify: not for diagrams"),
+        ("mast.json --of My --reactions", "--reactions: not for diagrams"),
+        ("net.json --sequence --reactions", "--reactions: not with --sequence"),
         ("net.json --save p.doc", "--save p.doc: expected a name that ends with .png"),
         ("none.json", "none.json: No such file or directory"),
     ):

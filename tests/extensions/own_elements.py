@@ -8,10 +8,10 @@ from jaxcable.extend import (
     Element,
     ElementState,
     Indices,
-    put,
     pytree,
     register,
     rotations,
+    set_fields,
 )
 
 
@@ -37,9 +37,9 @@ class GroundSprings(Element):
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            put(self, links=Indices(self.links))
+            set_fields(self, links=Indices(self.links))
         if not isinstance(self.stiffness, jax.Array):
-            put(self, stiffness=np.asarray(self.stiffness))
+            set_fields(self, stiffness=np.asarray(self.stiffness))
 
     def start(self, ends):
         return Nothing()
@@ -68,7 +68,7 @@ class TurningSprings(Element):
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            put(self, links=Indices(self.links))
+            set_fields(self, links=Indices(self.links))
 
     def start(self, ends):
         return Nothing()
@@ -80,8 +80,10 @@ class TurningSprings(Element):
         return jnp.concatenate([jnp.zeros(3), self._moment(motion)])[None]
 
     def end_forces_about(self, state, ends, motion, step):
-        moment = self._moment(jax.vmap(rotations.turning)(motion, step))
-        return jnp.concatenate([jnp.zeros(3), rotations.conjugate(step[0, 3:], moment)])[None]
+        moment = self._moment(jax.vmap(rotations.move_node_by_series)(motion, step))
+        return jnp.concatenate([jnp.zeros(3), rotations.conjugate_moment(step[0, 3:], moment)])[
+            None
+        ]
 
     def tangent(self, state, ends, motion):
         still = jnp.zeros((1, 6))
@@ -93,4 +95,4 @@ class TurningSprings(Element):
 
 def _angles(motion):
     """Rotation of a node as a vector, rad."""
-    return rotations.angles(rotations.stereographic(motion[0, 3:]))
+    return rotations.rotation_vector(rotations.to_stereographic(motion[0, 3:]))

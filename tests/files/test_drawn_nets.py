@@ -300,8 +300,8 @@ def test_cables_that_end_on_an_arc_are_joined_to_it(tmp_path, capsys):
     assert "doubtful: 3 crossings of links in plan without a node" in capsys.readouterr().out
     assert main([*words, "--split"]) == 0
     out = capsys.readouterr().out
-    assert f"split: 0 nodes made, {chords + 6} links of {chords + 3}" in out
-    assert "nodes with one link: 2\n" in out and "doubtful" not in out
+    assert f"split: 0 nodes added, {chords + 6} links instead of {chords + 3}" in out
+    assert "end nodes: 2\n" in out and "doubtful" not in out
 
 
 def test_properties_by_layer(tmp_path):
@@ -336,7 +336,7 @@ def test_the_command_line_splits_and_takes_layers(tmp_path, monkeypatch, capsys)
     assert main(["info", "roof.dxf"]) == 0
     out = capsys.readouterr().out
     assert "groups: NET 10, EDGE 4" in out and "nodes with points, by layer: SUPPORT 4" in out
-    assert "nodes with one link: 20\n  node 0 at (2, 0, 0) m" in out and "  and 8 more" in out
+    assert "end nodes: 20\n  node 0 at (2, 0, 0) m" in out and "  and 8 more" in out
     assert "corners of groups in plan: 4\n" in out and "at (12, 12, 4) m" in out
     assert "doubtful: 25 crossings of links in plan without a node, and 20 nodes on a link" in out
     stiff = ["--axial-stiffness", "NET=2e7", "EDGE=1e8", "--strength", "NET=2e5"]
@@ -344,7 +344,7 @@ def test_the_command_line_splits_and_takes_layers(tmp_path, monkeypatch, capsys)
     assert main(words) == 2
     assert "are not connected to a support: 25 crossings of links" in capsys.readouterr().err
     assert main([*words, "--split"]) == 0
-    assert "split: 25 nodes made, 84 links of 14" in capsys.readouterr().out
+    assert "split: 25 nodes added, 84 links instead of 14" in capsys.readouterr().out
     structure, _ = jc.load_scene("roof.json")
     assert structure.elements["EDGE"].axial_stiffness.tolist() == [1e8] * 24
     assert structure.elements["EDGE"].strength is None

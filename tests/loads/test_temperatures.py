@@ -119,7 +119,7 @@ def test_statements_shortenings_jacks_and_new_elements_between_changes():
     np.testing.assert_allclose(heat, ALPHA * np.array([0.0, 0.0, -60.0, -75.0]), atol=1e-18)
     table = jc.report(structure, solution).tables["cutting_list"]
     np.testing.assert_allclose([row[4] for row in table.rows], cold, rtol=1e-14)
-    assert "at that of the phase which added them" in table.notes[0]
+    assert "of added elements at the temperature of the phase that added them" in table.notes[0]
 
 
 @pytest.mark.filterwarnings("ignore:supports of phases")  # all nodes are held on purpose

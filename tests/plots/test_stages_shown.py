@@ -47,8 +47,8 @@ def test_results_say_what_is_there(hung):
     assert list(solution.told) == ["tension", "peak_tension", "present"]
     alone = jc.solve(structure, phases[:1])  # where nothing comes or goes
     assert int(alone.status) == 0 and alone.present is None and "present" not in alone.told
-    report = jc.report(structure, alone)
-    assert "no force: the element is not there" not in report.tables["members"].notes
+    notes = jc.report(structure, alone).tables["members"].notes
+    assert "no final force: the element is not active in the final state" not in notes
 
 
 def test_a_failed_analysis_does_not_know(failed):
@@ -75,9 +75,9 @@ def test_reports_leave_out_what_is_not_there(hung):
     structure, _, solution = hung
     report = jc.report(structure, solution)
     assert [line.split("; ")[-1] for line in report.summary if line.startswith("phase")] == [
-        "2 of 3 elements there",
-        "3 of 3 elements there",
-        "2 of 3 elements there",
+        "2 of 3 elements active",
+        "3 of 3 elements active",
+        "2 of 3 elements active",
     ]
     table = report.tables["members"]
     rows = {(row[0], row[1]): dict(zip(table.columns, row, strict=True)) for row in table.rows}
@@ -87,7 +87,7 @@ def test_reports_leave_out_what_is_not_there(hung):
     assert gone["force"] is None and gone["used"] is None
     # in phase 2 the stiffnesses 1 : 3 share 1 500 N
     assert gone["highest"] == pytest.approx(1125.0, rel=1e-3) and gone["in "] == "phase 2"
-    assert "no force: the element is not there" in table.notes
+    assert "no final force: the element is not active in the final state" in table.notes
     assert report.tables["slack"].rows == [] and report.tables["loose"].rows == []
     assert "present" not in report.tables
 
@@ -151,4 +151,4 @@ def test_the_command_line_counts_them(hung, tmp_path, capsys):
     main(["info", str(tmp_path / "hung.json")])
     text = capsys.readouterr().out
     assert "adds 1 of row" in text and "removes 1 of aid" in text
-    assert text.count("3 of 3 elements there") == 1
+    assert text.count("3 of 3 elements active") == 1

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.reporting.lengths import chains
+from jaxcable.reporting.lengths import cable_chains
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_a_report_of_a_state_out_of_balance_says_so(net):
     assert float(good.split(": ")[1].split(" N")[0]) < 1e-6
     last = jc.replace(solution.last, reactions=solution.last.reactions.at[0, 0].add(7.0))
     bad = jc.report(structure, jc.replace(solution, last=last)).tables["equilibrium"].notes[0]
-    assert bad.startswith("forces out of balance: 7.0e+00 N")
+    assert bad.startswith("unbalanced force: 7.0e+00 N")
 
 
 def test_a_failed_analysis_is_reported_as_failed(net):
@@ -141,7 +141,7 @@ def test_slack_cables_and_loose_nodes(net, told):
     assert found.status == 0
     assert found.tables["slack"].rows == [["", 0, "phase 1"], ["", 1, "phase 1"]]
     assert found.tables["loose"].rows == [[1, "phase 1"]]
-    assert found.tables["members"].notes == ("no group has a strength: no utilisation",)
+    assert found.tables["members"].notes == ("no group has a strength: no utilization",)
 
 
 def test_groups_say_which_element_is_most_used(flat):
@@ -182,7 +182,7 @@ def crossed(n=4):
 
 def test_cables_of_a_net_run_through_all_crossings():
     nodes, links = crossed()
-    found = chains(links, nodes)
+    found = cable_chains(links, nodes)
     assert sorted(len(elements) for elements, _ in found) == [5] * 8
     assert sorted(np.concatenate([elements for elements, _ in found])) == list(range(40))
     for elements, turned in found:
@@ -197,12 +197,12 @@ def test_a_ring_is_one_cable_and_a_corner_ends_two():
     angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     ring = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
     links = np.column_stack([np.arange(12), np.roll(np.arange(12), -1)])
-    ((elements, turned),) = chains(links, ring)
+    ((elements, turned),) = cable_chains(links, ring)
     assert sorted(elements) == list(range(12)) and not turned.any()
     corner = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0]])  # a right angle: no cable goes on
-    assert len(chains(np.array([[0, 1], [1, 2]]), corner)) == 2
+    assert len(cable_chains(np.array([[0, 1], [1, 2]]), corner)) == 2
     flat = np.array([[0.0, 0, 0], [1, 0, 0], [1.6, 0.8, 0]])  # 53 degrees: it does
-    assert len(chains(np.array([[0, 1], [2, 1]]), flat)) == 1
+    assert len(cable_chains(np.array([[0, 1], [2, 1]]), flat)) == 1
 
 
 def test_marks_are_sums_of_unstressed_lengths():
@@ -240,7 +240,7 @@ def test_the_cutting_list_is_at_the_reference_temperature(net, told):
     table = told.tables["cutting_list"]
     cut = np.array(column(table, "unstressed length"))
     np.testing.assert_allclose(cut * (1 + 2.4e-4), solution.rest_length["net"], rtol=1e-15)
-    assert table.notes[0] == "at the temperature before the first phase"
+    assert table.notes[0].endswith("at the reference temperature (before the first phase)")
     assert f"net: 24 pieces, {cut.sum():.3f} m in total" in table.notes
     alone = jc.report(net[0], solution).tables["cutting_list"]  # the state knows how warm it is
     assert column(alone, "unstressed length") == cut.tolist()
@@ -261,7 +261,7 @@ def test_text_csv_and_dict_say_the_same(told, tmp_path):
         assert len(rows) == len(table.rows)
         for row, meant in zip(rows, table.rows, strict=True):
             assert row == ["" if v is None else str(v) for v in meant]
-    assert "force (N)" in texts["members"]
+    assert "force (N)" in texts["members"] and "u in phase (m)" not in texts["displacements"]
     paths = told.save(tmp_path / "net.csv")
     assert sorted(p.name for p in paths)[0] == "net-cables.csv"
     assert json.loads(told.save(tmp_path / "net.json")[0].read_text()) == data
@@ -272,9 +272,13 @@ def test_text_csv_and_dict_say_the_same(told, tmp_path):
 
 def test_the_text_shows_what_governs_in_fitting_units(told):
     text = told.text(rows=5)
-    assert "force (kN)" in text and "most used (-)" in text
-    assert "the largest 5 of 24; the tables have all" in text
-    shown = text.split("Forces, tension positive")[1].split("Cutting list")[0].splitlines()[2:7]
+    headings = told.tables["members"].headings
+    assert {"final force", "max. force", "max. utilization"} <= {*headings}
+    assert "(kN)" in text and "utilization" in text
+    assert "the largest 5 of 24 rows; files have all rows" in text
+    part = text.split("Axial forces (largest along each element)")[1].split("Displacements")[0]
+    shown = [line for line in part.splitlines() if line.startswith("    net")]
+    assert len(shown) == 5
     used = [float(line.split()[-1]) for line in shown]
     assert used == sorted(used, reverse=True)
     assert used[0] == pytest.approx(max(column(told.tables["members"], "most used")), abs=5e-4)
@@ -284,7 +288,7 @@ def test_the_text_shows_what_governs_in_fitting_units(told):
 def test_a_cable_net_has_no_tables_of_sections(flat):
     tables = jc.report(*flat).tables
     assert list(tables) == [
-        *("reactions", "equilibrium", "members"),
+        *("reactions", "equilibrium", "members", "displacements", "displacement_envelope"),
         *("cutting_list", "cables", "slack", "loose"),
     ]
     assert tables["reactions"].columns[:6] == ("node", "Rx", "Ry", "Rz", "R", "largest R")
@@ -308,3 +312,81 @@ def test_wrong_arguments_are_named(net):
             jc.report(*arguments, **options)
     with pytest.raises(ValueError, match=r"solution: .*supports"):
         jc.energy_balance(other, jc.Phase(), solution)
+
+
+# --- what an engineer must not overlook
+
+
+def strung(strength, load):
+    """The report of a taut cable of 2 m and 1 kN, with a load in the middle."""
+    cable = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e6, strength=strength)
+    nodes = [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]
+    structure = jc.Structure(nodes, {"stay": cable}, jc.pinned([0, 2]))
+    phases = [jc.Phase(pretension=1e3), jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, load)))]
+    return structure, jc.solve(structure, phases), phases
+
+
+def test_forces_above_the_breaking_force_are_said():
+    structure, solution, _ = strung([2e3, 5e3], -200.0)
+    assert int(solution.status) == 0
+    force = float(solution.tension["stay"][0])
+    assert 2e3 < force < 5e3
+    (line,) = [x for x in jc.report(structure, solution).summary if "STRENGTH" in x]
+    assert line == (
+        "STRENGTH EXCEEDED: 1 element above the breaking force (stay: 1 of 2); largest utilization "
+        f"{force / 2e3:.3g} (stay, element 0, phase 2)"
+    )
+    structure, solution, _ = strung(1e4, -200.0)
+    assert not [x for x in jc.report(structure, solution).summary if "STRENGTH" in x]
+
+
+def test_displacements_of_every_phase_and_their_envelope(net):
+    structure, solution, _ = strung(1e4, -200.0)
+    tables = jc.report(structure, solution).tables
+    table, envelope = tables["displacements"], tables["displacement_envelope"]
+    assert table.columns == ("node", "phase", "ux", "uy", "uz", "u", "u in phase")
+    assert [row[:2] for row in table.rows] == [[1, "phase 1"], [1, "phase 2"]]  # what moves
+    last = np.asarray(solution.displacement)[1]
+    assert table.rows[1][2:5] == last.tolist()
+    assert table.rows[1][5] == pytest.approx(np.linalg.norm(last), rel=1e-15)
+    own = np.linalg.norm(np.asarray(solution.phases[1].displacement)[1])
+    assert table.rows[1][6] == pytest.approx(own, rel=1e-15)
+    found = dict(zip(envelope.columns, envelope.rows[0], strict=True))
+    assert found["min uz"] == last[2] and found["max u"] == table.rows[1][5]
+    assert list(found.values())[-1] == "phase 2"
+    text = jc.report(structure, solution).text()
+    assert f"{1e3 * last[2]:.2f}" in text.split("Displacements from the start (mm)")[1]
+    # of cases, each from the same start
+    structure, _, start, batch = net
+    table = jc.report(structure, start, cases=batch).tables["displacements"]
+    assert table.columns == ("node", "case", "ux", "uy", "uz", "u")
+    assert {row[1] for row in table.rows} == {"case 0", "case 1"}
+
+
+def test_displacements_of_a_tenth_of_the_extent_are_doubted():
+    structure, solution, _ = strung(1e9, -5e5)
+    moved = float(np.abs(solution.displacement).max())
+    assert int(solution.status) == 0 and moved > 0.2
+    (line,) = [x for x in jc.report(structure, solution).summary if x.startswith("CHECK")]
+    assert f"node 1 has moved by {moved:.4g} m" in line and "nodes in m" in line
+    structure, solution, _ = strung(1e9, -200.0)
+    assert not [x for x in jc.report(structure, solution).summary if x.startswith("CHECK")]
+
+
+def test_nothing_that_converged_means_no_tables(tmp_path):
+    """A table of zeros would look like a result."""
+    structure, _, phases = strung(1e4, -200.0)
+    phases = [jc.replace(phases[0], loads=jc.NodalLoads([1], (0.0, 0.0, np.nan))), phases[1]]
+    told = jc.report(structure, jc.solve(structure, phases), phases, buckling=True, energy=True)
+    assert told.status == 3 and dict(told.tables) == {}
+    assert told.summary[-1] == "FAILED: no results: phase 1 did not converge in its first increment"
+    assert not [x for x in told.summary if x.startswith("left out")]
+    assert [path.name for path in told.save(tmp_path / "r.csv")] == ["r-summary.csv"]
+
+
+def test_a_report_has_one_unit_for_each_kind_of_quantity():
+    """Forces in kN in one table are in kN in all; reading N beside kN costs a factor of 1000."""
+    structure, solution, _ = strung(1e5, -2e4)
+    text = jc.report(structure, solution).text()
+    assert int(solution.status) == 0 and "(kN)" in text
+    assert "(N)" not in text.replace("unbalanced", "") and "(N m)" not in text

@@ -11,8 +11,8 @@ import scipy.optimize
 from oracles.taylor import slope
 
 import jaxcable as jc
-from jaxcable.cli.solve import highlights
-from jaxcable.common.tree import copy
+from jaxcable.cli.solve import largest_values
+from jaxcable.common.tree import copy_with
 from jaxcable.elements.element_state import ElementLoad
 from jaxcable.mechanics.elementwise import each
 from jaxcable.plots.element_forces import ElementForces
@@ -138,10 +138,10 @@ def test_the_larger_end_tension_differentiates():
     @jax.value_and_grad
     def there(p):
         group = jc.Catenaries([[0, 1]], axial_stiffness=EA * p[1], rest_length=370.0 * p[3])
-        group = copy(group, links=group.links.array)
+        group = copy_with(group, links=group.links.array)
         nodes = p[0] * NODES[:2]
         load = jnp.array([[0.0, 0.0, -WEIGHT]]) * p[2]
-        state = copy(group.start(nodes[group.links]), element_load=ElementLoad(load))
+        state = copy_with(group.start(nodes[group.links]), element_load=ElementLoad(load))
         return each("peak_tension", group, state, nodes, jnp.zeros_like(nodes))[0] / STRENGTH
 
     def peak(p):
@@ -201,7 +201,7 @@ def test_reports_pictures_and_files_use_it(hung, tmp_path):
     used = ElementForces(told, structure.groups, structure, "utilization").value[0]
     assert used == mean / STRENGTH  # forces as they are
 
-    assert highlights(solution)[1] == f"forces: -100000 to {peak:.6g} N"
+    assert largest_values(solution)[1] == f"final axial forces: -100000 to {peak:.6g} N"
 
     for name in ("r.npz", "r.json"):
         jc.files.save_result(tmp_path / name, structure, solution)

@@ -98,19 +98,19 @@ def test_reports_tell_of_buckling():
     reference, solution = prestressed(), pressed(2e3)
     plain = jc.report(STRUT, solution)
     assert not any("buckling" in line for line in plain.summary)
-    note = "utilisation in compression is force over strength, buckling is not in it: see"
+    note = "utilization in compression: force / strength; buckling is not checked here, see"
     assert any(own.startswith(note) for own in plain.tables["members"].notes)
     assert not any(note in own for own in jc.report(STRUT, reference).tables["members"].notes)
 
     def told(solution, buckling):
         return jc.report(STRUT, solution, buckling=buckling).summary[-1]
 
-    start = "buckling: at 4 times what has come since the reference, by linear theory"
+    start = "buckling: at 4 times the loads since the reference state (linear theory"
     assert told(solution, reference).startswith(start)
     moved = jc.replace(solution.last, positions=solution.positions.at[1, 0].add(HEIGHT / 10))
     leaning = told(jc.replace(solution, last=moved), reference.last)
     assert leaning.startswith(start)
-    assert leaning.endswith("turned by 5.7 degrees at most")  # atan 0.1
+    assert leaning.endswith("have rotated by up to 5.7 degrees)")  # atan 0.1
     never = "buckling: at no multiple of the loads and all forces of this state"
     assert told(solution, True).startswith(never)
     assert told(pressed(1.25 * ACROSS), True).startswith("buckling: no estimate")

@@ -1,0 +1,85 @@
+"""Names of files that a command derives from another name: tables of a CSV, pictures of a scene.
+
+The user has not given these names, so that a file of somebody else may be there. It is replaced
+only if this program has written it, which the first line of a table shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from .guard import BadInput
+
+RESULT = {
+    "nodes": "node,support,x (m)",
+    "elements": "group,element,first,last,",
+    "increments": "phase,increment,load_factor,status,",
+}
+"""Tables of a result (`files.save_result`) by name, and how the first line of each begins."""
+
+_FORCES = "group,element,first,last,at first ("
+REPORT = {
+    "summary": "of,note",
+    "displacements": "node,phase,ux (m),",
+    "displacement_envelope": "node,min ux (m),",
+    "groups": "group,elements,lowest (N),",
+    "reactions": "node,R",
+    "equilibrium": "of,x (N),",
+    "members": "group,element,first,last,force (N),",
+    **dict.fromkeys(("N", "Vy", "Vz", "T", "My", "Mz"), _FORCES),
+    "stresses": "group,element,lowest (Pa),",
+    "stress_envelope": "group,element,lowest (Pa),",
+    "cutting_list": "group,element,first,last,unstressed length (m)",
+    "cables": "group,cable,elements,first,last,unstressed length (m)",
+    "slack": "group,element,in",
+    "loose": "node,in",
+    "energy": "phase,",
+}
+"""Tables of a report (`reporting.Report.save`), likewise."""
+
+_UNITLESS = "summary", "slack", "loose"  # no column has a unit: the whole line must be that
+
+
+def path_beside(path: str, suffix: str) -> Path:
+    """Return the path with another suffix, for a file beside that of a scene.
+
+    Raises:
+        BadInput: the path has no file name, as "." has none.
+    """
+    try:
+        return Path(path).with_suffix(suffix)
+    except ValueError:
+        raise BadInput(f"{path or 'scene'}: is not the name of a file") from None
+
+
+def files_to_write(path: str | None, tables: Mapping[str, str]) -> list[Path]:
+    """Return the files that are written for a path: itself, or the tables of a CSV.
+
+    Args:
+        path: as on the command line; None is no file.
+        tables: `RESULT` or `REPORT`.
+
+    Raises:
+        BadInput: a table would replace a file that this program has not written.
+    """
+    if path is None:
+        return []
+    named = Path(path)
+    if named.suffix.lower() != ".csv":
+        return [named]
+    found = {name: named.with_name(f"{named.stem}-{name}.csv") for name in tables}
+    for name, file in found.items():
+        if file.is_file() and not _is_own_table(file, tables[name], name in _UNITLESS):
+            raise BadInput(
+                f"{file}: exists and was not written by jaxcable; {path} would replace it: give "
+                "another name"
+            )
+    return list(found.values())
+
+
+def _is_own_table(file, begin, whole_line):
+    """Return whether the first line of a file is that of a table of this program."""
+    with file.open("rb") as stream:
+        line = stream.readline(10_000).decode("utf-8", "replace").rstrip("\r\n")
+    return line == begin if whole_line else line.startswith(begin) and " (" in line

@@ -1,0 +1,80 @@
+"""Refuse, in words, dense matrices that do not fit into memory."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import jax
+
+_CONTROL_GROUP = Path("/sys/fs/cgroup")  # limits of a container (control groups, version 2)
+
+
+def available_bytes() -> int | None:
+    """Return the bytes of memory left for arrays on the default device; None if that is unknown.
+
+    On the host those of the machine and, in a container, those below its limit.
+    """
+    device = getattr(jax.config, "jax_default_device", None) or jax.local_devices()[0]
+    stats = device.memory_stats() if isinstance(device, jax.Device) else None
+    if stats and "bytes_limit" in stats:
+        return stats["bytes_limit"] - stats.get("bytes_in_use", 0)
+    left = [_machine_bytes(), _container_bytes()]
+    return min((amount for amount in left if amount is not None), default=None)
+
+
+_NEVER_REFUSED = 1 << 26  # bytes that are never refused: less than jax itself takes
+
+
+def require_memory(n_bytes: float, what: str, way_out: str) -> None:
+    """Raise ValueError if arrays do not fit into memory.
+
+    Args:
+        n_bytes: what the arrays of a computation need together.
+        what: needs it, in words; begins the message.
+        way_out: what to do instead, in words.
+    """
+    if n_bytes < _NEVER_REFUSED:
+        return
+    left = available_bytes()
+    if left is not None and n_bytes > left:
+        raise ValueError(
+            f"{what}: needs about {_format_bytes(n_bytes)} of memory, and "
+            f"{_format_bytes(left)} are left; {way_out}"
+        )
+
+
+def _machine_bytes():
+    """Return the bytes that the machine can give without swapping; None if that is unknown."""
+    try:
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return 1024 * int(line.split()[1])
+    except (OSError, ValueError, IndexError):
+        pass
+    try:  # other systems: all of the memory
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):
+        return None
+
+
+def _container_bytes():
+    """Return the bytes left below the limit of the container; None if it has no limit.
+
+    Files that the system caches count as used there, but are given back when memory is needed.
+    """
+    try:
+        limit = int((_CONTROL_GROUP / "memory.max").read_text())
+        used = int((_CONTROL_GROUP / "memory.current").read_text())
+        stat = dict(
+            line.split() for line in (_CONTROL_GROUP / "memory.stat").read_text().splitlines()
+        )
+        files = int(stat.get("inactive_file", 0)) + int(stat.get("active_file", 0))
+        return limit - max(used - files, 0)
+    except (OSError, ValueError):  # no such file, or "max"
+        return None
+
+
+def _format_bytes(n_bytes):
+    """Write an amount of memory in MiB or GiB."""
+    return f"{n_bytes / 2**30:.3g} GiB" if n_bytes >= 2**30 else f"{n_bytes / 2**20:.3g} MiB"

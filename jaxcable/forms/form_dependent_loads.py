@@ -1,0 +1,195 @@
+"""Loads that depend on the form that is sought: self-weight, line loads and area loads.
+
+They are the loads of an analysis that begins with the form found. There the unstressed length is
+``l / (1 + e)``, where the strain e follows from the force by the group's law; initial or projected
+lengths and areas are those of the form. During form finding the loads follow the nodes, with exact
+derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from ..common.tree import Indices, copy_with, pytree
+from ..common.types import Array, Bool, Float, Int
+from ..elements.bar import Straight
+from ..elements.element import Element
+from ..elements.element_state import ElementState
+from ..elements.prestress import AxialState, element
+from ..loads import AreaLoads, LineLoads, Load, NodalLoads, SelfWeight, as_list
+from ..model.structure import Structure
+
+
+def split_loads(
+    structure: Structure, loads: Load | Sequence[Load] | None, nodal_only: bool = False
+) -> tuple[list[NodalLoads], list[SelfWeight | LineLoads | AreaLoads]]:
+    """Check loads, and split them into `NodalLoads` and loads that depend on the form.
+
+    Raises:
+        ValueError: a load of another kind; with `nodal_only` any load but `NodalLoads`.
+    """
+    given: list[Any] = as_list(loads)  # their kinds are checked below
+    nodal, others = [], []
+    for k, load in enumerate(given):
+        depends = not nodal_only and isinstance(load, SelfWeight | LineLoads | AreaLoads)
+        if not depends and not isinstance(load, NodalLoads):
+            kinds = (
+                "NodalLoads" if nodal_only else "NodalLoads, SelfWeight, LineLoads and AreaLoads"
+            )
+            raise ValueError(
+                f"loads[{k}]: {type(load).__name__} is not known before the form is: it depends on "
+                "unstressed lengths, follows the nodes, varies, or moves supports; this function "
+                f"takes {kinds}"
+            )
+        load.check(structure)
+        if not depends:
+            nodal.append(load)
+            continue
+        if load.asks_begun:  # the phase begins in the form: its geometry is the input geometry
+            load = copy_with(load, geometry="input")
+        others.append(load.among(structure))
+    return nodal, others
+
+
+def nodes_coupled_by_loads(
+    structure: Structure, others: Sequence[Load]
+) -> tuple[tuple[Indices, int, tuple[()]], ...]:
+    """Return the nodes that each load couples, in the order of `FormDependentLoads`.
+
+    Returns:
+        Triples (nodes [n, k], 3, ()) as `number_freedoms` takes them: the derivative of the load on
+        a node by the other nodes of its element or face needs places in a sparse matrix.
+    """
+    nodes = []
+    for load in others:
+        if isinstance(load, AreaLoads):
+            nodes.append(load.faces)
+        else:
+            nodes += [group.links for _, group in _loaded_groups(load, structure.groups)]
+    return tuple((ends if isinstance(ends, Indices) else Indices(ends), 3, ()) for ends in nodes)
+
+
+def _loaded_groups(load, groups):
+    """Generate (index, group) of the element groups that a load along elements acts on."""
+    for index, group in enumerate(groups):
+        weightless = isinstance(load, SelfWeight) and group.weight is None
+        if not weightless and index in load.on:
+            yield index, group
+
+
+@pytree
+class FormDependentLoads:
+    """Loads that depend on the form, as one follower load for the system of equations.
+
+    Attributes:
+        groups: element groups of the structure, with links as arrays; their laws give the
+            unstressed lengths.
+        loads: `SelfWeight`, `LineLoads` and `AreaLoads`, as `split_loads` returns them.
+    """
+
+    groups: list[Element]
+    loads: list[SelfWeight | LineLoads | AreaLoads]
+
+    def _force_functions(self, states, moved):
+        """Generate, for each load and group, the force function of one element or face.
+
+        Args:
+            states: per group the `force_elements.ForceElementState`.
+            moved: positions of all nodes, [n_node, 3], m.
+
+        Yields:
+            The function, its arguments for all elements or faces, and their nodes [n, k].
+        """
+        for load in self.loads:
+            if isinstance(load, AreaLoads):
+                forces = jnp.broadcast_to(load.forces, (len(load.faces), 3))
+                yield _face_force_function(load), (forces,), load.faces
+                continue
+            for index, group in _loaded_groups(load, self.groups):
+                part = None if load.part is None else load.part[index]
+                arguments = group.properties(), group.initial_memory(), states[index], part
+                yield _element_force_function(load, index, group), arguments, group.links
+
+    @property
+    def acts(self) -> Bool[Array, ""]:
+        """Whether the load acts: always True."""
+        return jnp.ones((), bool)
+
+    def following_forces(
+        self,
+        groups: Sequence[Element] | None,
+        states: Sequence[ElementState],
+        nodes: Float[Array, "n_node 3"] | None,
+        moved: Float[Array, "n_node 3"],
+    ) -> Float[Array, "n_node 3"]:
+        """Return the force on every node, [n_node, 3], N, at the positions `moved`, [n_node, 3]."""
+        total = jnp.zeros_like(moved)
+        for function, arguments, links in self._force_functions(states, moved):
+            total = total.at[links].add(jax.vmap(function)(moved[links], *arguments))
+        return total
+
+    def following_blocks(
+        self,
+        groups: Sequence[Element] | None,
+        states: Sequence[ElementState],
+        nodes: Float[Array, "n_node 3"] | None,
+        moved: Float[Array, "n_node 3"],
+    ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]:
+        """Return the derivative of the forces by the positions, for the tangent stiffness.
+
+        Returns:
+            A list of (blocks [n, k, 3, k, 3], N/m, nodes [n, k]).
+        """
+        return [
+            (jax.vmap(jax.jacfwd(function))(moved[links], *arguments), links)
+            for function, arguments, links in self._force_functions(states, moved)
+        ]
+
+
+def _face_force_function(load):
+    """Return the function from a face's corners [k, 3] and load [3], N/m2, to corner forces, N."""
+
+    def force(corners, forces):
+        alone = copy_with(load, faces=jnp.arange(len(corners))[None], forces=forces)
+        return alone.element_forces([], [], corners, corners.shape, corners.dtype)
+
+    return force
+
+
+def _element_force_function(load, index, group):
+    """Return the function from an element's ends [2, 3] and properties to its loads there, N."""
+
+    def force(ends, properties, memory, given, part):
+        vector = ends[1] - ends[0]
+        length = jnp.sqrt(vector @ vector)
+        # a prescribed force, or a force density times the length: then a spring of length zero
+        axial = given.force + given.stiffness * length
+        strain = element(group, properties).strain_at(axial, memory)
+        # a force beyond the law ends in a status of the form; until then avoid NaN
+        strain = jnp.where(jnp.isfinite(strain) & (strain > -1), strain, 0.0)
+        rest_length = (length / (1 + strain))[None]
+        alone = copy_with(
+            group, links=jnp.arange(2)[None], **{k: v[None] for k, v in properties.items()}
+        )
+        state = AxialState(rest_length, length[None] - rest_length)
+        acting = load if part is None else copy_with(load, part={index: part[None]})
+        whole = rest_length * acting.per_length(index, alone, state, ends)[0]
+        return jnp.stack([0.5 * whole, 0.5 * whole])
+
+    return force
+
+
+def laws_can_carry(
+    groups: Sequence[Straight], tensions: Sequence[Float[Array, " n_elem"]]
+) -> Bool[Array, ""]:
+    """Return whether the law of every element can carry its force: a strain exists, bool."""
+    carried = jnp.ones((), bool)
+    for group, tension in zip(groups, tensions, strict=True):
+        low, high = group.capacity()
+        strain = group.strain_at(tension, group.initial_memory())
+        carried = carried & jnp.all((tension >= low) & (tension <= high) & (strain > -1))
+    return carried

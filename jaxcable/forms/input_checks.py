@@ -1,0 +1,152 @@
+"""Checks of the input of form finding: structures of straight elements, forces and lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..analysis.by_group import spread
+from ..common import checks, status
+from ..common.rules import Rule, are_rules_kept, collect_rules, nan_if_broken
+from ..common.selection import Only, Selection
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..elements.element import Element, ElementState
+from ..elements.straight import Straight
+from ..loads import NodalLoads
+from ..mechanics.assembly import System
+from ..model.parts import group_path, groups_by_name
+from ..model.structure import Structure, place_rules
+from ..spaces import Translations
+from ..spaces.dof_map import DofMap
+
+
+def require_straight_elements(structure: Structure) -> None:
+    """Raise ValueError unless `structure` consists of straight elements (cables, bars) only."""
+    if not isinstance(structure, Structure):
+        raise ValueError(f"structure: expected a Structure, got {type(structure).__name__}")
+    for where, group in structure.named_groups():
+        if not isinstance(group, Straight) or group.links.shape[1] != 2:
+            raise ValueError(
+                f"elements{where} ({type(group).__name__}) is not made of straight elements with "
+                "two ends; form finding takes Cables, Bars, and classes that derive from "
+                "`elements.straight.Straight`"
+            )
+
+
+def input_status(
+    nodes: Float[Array, "n_node 3"], groups: Sequence[Element], *others: Any
+) -> Int[Array, ""]:
+    """Return INVALID_INPUT if numbers of a structure or of `others` break their rules, else OK.
+
+    The numbers can be traced.
+    """
+    rules = [*collect_rules([groups, others]), *(r for g in groups for r in place_rules(nodes, g))]
+    return jnp.where(are_rules_kept(rules), status.OK, status.INVALID_INPUT).astype(jnp.int32)
+
+
+def sum_nodal_loads(
+    loads: Sequence[NodalLoads], shape: tuple[int, int], dtype: np.dtype
+) -> Float[Array, "n_node 3"]:
+    """Sum nodal loads at every node, `shape` [n_node, 3], N."""
+    forces: Iterable[Any] = (load.nodal_forces(shape, dtype) for load in loads)
+    return sum(forces, start=jnp.zeros(shape, dtype))
+
+
+def values_by_group(
+    value: PyTree[Float[ArrayLike, " ..."] | Only] | None,
+    structure: Structure,
+    name: str,
+    is_length: bool = False,
+) -> tuple[list[Float[ArrayLike, " n_elem"] | None], list[Bool[np.ndarray, " n_elem"]]]:
+    """Check forces, force densities or lengths of elements, and return them group by group.
+
+    Forces and force densities of cables must not be negative, lengths must be positive: known
+    values are refused, traced ones become NaN.
+
+    Args:
+        value: a scalar, [n_elem], `only(...)`, or a prefix pytree of the elements.
+        structure: `Structure`.
+        name: argument that an error message names.
+        is_length: whether the values are lengths.
+
+    Returns:
+        values: per group floats [n_elem], zero for elements without a value, or None if no element
+            of the group has a value.
+        chosen: per group the elements that have a value, [n_elem] bool, NumPy.
+    """
+    values, chosen = [], []
+    names = groups_by_name(structure)
+    for (label, group), given in zip(names, spread(value, structure, name), strict=True):
+        n_elem = len(group.links)
+        meant = np.full(n_elem, given is not None)
+        if isinstance(given, Selection):
+            raise ValueError(f"{name}: only(...) has no values here; give only(elements, values)")
+        if isinstance(given, Only):
+            meant = given.element_mask(n_elem, name)
+            checks.floats_per_element(given.values, len(given.elements), name)
+            given = given.merged_with(np.zeros(n_elem))
+        given = checks.floats_per_element(given, n_elem, name)
+        if given is not None and (is_length or group.tension_only):
+            # the argument and the group that it is for, as a user writes it
+            key = f"[{int(label) if label.isdigit() else label!r}]" if label else ""
+            broken, text = _negative_forces, "a cable carries tension only; use Bars"
+            if is_length:
+                broken, text = _nonpositive_lengths, "must be positive"
+            given = nan_if_broken(Rule(f"{name}{key}", (given, meant), broken, text))
+        values.append(given)
+        chosen.append(meant)
+    return values, chosen
+
+
+def _negative_forces(values, meant):
+    """Return which of the elements that are `meant` have a negative force, [n_elem] bool."""
+    return meant & (values < 0)
+
+
+def _nonpositive_lengths(values, meant):
+    """Return which of the elements that are `meant` have no positive length, [n_elem] bool."""
+    return meant & (values <= 0)
+
+
+def require_single_input(
+    structure: Structure,
+    names: Sequence[str],
+    chosen: Sequence[Sequence[Bool[np.ndarray, " n_elem"]]],
+    missing: str | None = None,
+) -> None:
+    """Raise ValueError for an element that has several of the inputs, or none of them.
+
+    Args:
+        structure: `Structure`.
+        names: names of the inputs (tension, length ...).
+        chosen: which elements each of them concerns, from `values_by_group`.
+        missing: end of the message for an element without input; None if elements may have none.
+    """
+    for k, masks in enumerate(zip(*chosen, strict=True)):
+        count = np.sum(masks, axis=0)
+        wrong = count > 1 if missing is None else count != 1
+        if not wrong.any():
+            continue
+        e = int(wrong.argmax())
+        where = f"element {e} of {group_path(structure, k)}"
+        if not count[e]:
+            raise ValueError(f"{names[0]}: {where} {missing}")
+        twice = ", ".join(name for name, mask in zip(names, masks, strict=True) if mask[e])
+        several = "both" if len(names) == 2 else "more than one of them"
+        raise ValueError(f"{twice}: {where} has {several}; give one")
+
+
+def system_with_fixed_supports(
+    nodes: Float[Array, "n_node 3"],
+    groups: list[Element],
+    states: list[ElementState],
+    load: Float[Array, "n_node 3"],
+    dof_map: DofMap,
+    followers: list[Any] | None = None,
+) -> System:
+    """Make the `System` of elements between nodes whose supports do not move."""
+    space = Translations(dof_map, jnp.zeros_like(nodes))
+    return System(nodes, groups, states, load, space, followers)

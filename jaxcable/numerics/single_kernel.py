@@ -1,0 +1,232 @@
+"""Whole-program fusion: a function compiled to a single kernel, and batches mapped case by case.
+
+XLA's backend for CPUs compiles a loop to one kernel where it is asked to (`common.fusion`). The
+operations before and after the loop remain many small kernels, and a chain of more than eight is
+handed over to another thread, which takes longer than they do. `as_single_kernel` puts a whole
+function into a loop with one iteration.
+
+Under `jax.vmap` it becomes a loop over the cases. `jax.vmap` would compute both branches of every
+`lax.cond` for all cases, and as many iterations as the slowest of them needs; a loop computes what
+each case needs, by the same path as the case alone.
+
+To this end the function is a primitive of jax, `_KERNEL`, whose parameter is the function's
+program. Its derivative is linear in the changes of the arguments: a second primitive,
+`_LINEAR_KERNEL`, which takes intermediate results from the first one.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from ..common import jax_internals as internals
+from ..common.compilation import without_garbage_collection
+from ..common.jax_internals import function_of_jaxpr
+
+Tree = TypeVar("Tree")
+
+
+def as_single_kernel(function: Callable[..., Tree]) -> Callable[..., Tree]:
+    """Return a function that runs `function` as a single kernel, and batches case by case.
+
+    All transformations of jax work on it. Where jax has no primitives to define, the result is
+    `function` itself: slower, with the same values.
+
+    Args:
+        function: function of pytrees of arrays; it must not close over traced values, nor call the
+            host.
+    """
+    if _KERNEL is None or _LINEAR_KERNEL is None:
+        return function
+
+    def run(*arguments):
+        leaves, tree = jax.tree.flatten(arguments)
+        trees = []
+
+        def flat(*leaves):
+            values, found = jax.tree.flatten(function(*tree.unflatten(leaves)))
+            trees.append(found)
+            return [lax.convert_element_type(x, jnp.result_type(x)) for x in values]
+
+        program = jax.make_jaxpr(flat)(*leaves)
+        return trees[0].unflatten(_KERNEL.bind(*leaves, program=program))
+
+    return run
+
+
+def _run_in_loop(*leaves, program, **_):
+    """Evaluate a program inside a loop of one iteration, which XLA compiles to one kernel."""
+    compute = function_of_jaxpr(program)
+    floats = [x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating) and x.size]
+    if not floats:
+        return compute(*leaves)
+    # XLA would remove a loop that it knows to have one iteration: the count depends on a value
+    begun = -1 - jnp.isnan(floats[0].ravel()[0]).astype(jnp.int32)
+    blank = [jnp.zeros(x.shape, x.dtype) for x in program.out_avals]
+
+    def once(_):
+        return jnp.ones((), jnp.int32), compute(*leaves)
+
+    return lax.while_loop(lambda state: state[0] < 0, once, (begun, blank))[1]
+
+
+def _result_shapes(*_, program, **__):
+    """Return shapes and dtypes of the results of a program, for tracing."""
+    return program.out_avals
+
+
+def _replace_at(values, places, some):
+    """Return a list of `values` in which the entries `some` stand at `places`."""
+    values = list(values)
+    for k, x in zip(places, some, strict=True):
+        values[k] = x
+    return values
+
+
+def _pack_by_dtype(arrays):
+    """Concatenate arrays to one vector for each dtype, in the order in which dtypes first appear.
+
+    Every result of a loop is first filled with zeros by a kernel of its own: few results are best.
+    """
+    kinds = {}
+    for x in arrays:
+        kinds.setdefault(jnp.result_type(x), []).append(jnp.ravel(x))
+    return [jnp.concatenate(parts) for parts in kinds.values()]
+
+
+def _unpack_by_dtype(vectors, like):
+    """Split the vectors of `_pack_by_dtype` into arrays with the shapes and dtypes of `like`."""
+    kinds = dict.fromkeys(x.dtype for x in like)
+    left, found = dict(zip(kinds, vectors, strict=True)), []
+    for x in like:
+        found.append(left[x.dtype][: x.size].reshape(x.shape))
+        left[x.dtype] = left[x.dtype][x.size :]
+    return found
+
+
+def _kernel_jvp(primals, tangents, *, program, **_):
+    """Forward derivative of `_KERNEL`: one kernel for values and linearization, one for changes."""
+    moving = [k for k, t in enumerate(tangents) if not internals.is_zero_tangent(t)]
+    floating = [jnp.issubdtype(x.dtype, jnp.inexact) for x in program.out_avals]
+    compute, traced = function_of_jaxpr(program), {}
+
+    def forward(*leaves):
+        def of_moving(*some):
+            values = compute(*_replace_at(leaves, moving, some))
+            return [x for x, own in zip(values, floating, strict=True) if own], values
+
+        at = [leaves[k] for k in moving]
+        _, linear, values = jax.linearize(of_moving, *at, has_aux=True)
+        part = jax.make_jaxpr(linear)(*at)
+        places = {id(x): k for k, x in enumerate(leaves)}
+        traced["part"], traced["place"] = part.jaxpr, [places.get(id(x)) for x in part.consts]
+        pairs = zip(part.consts, traced["place"], strict=True)
+        return [*values, *_pack_by_dtype([x for x, place in pairs if place is None])]
+
+    found = _KERNEL.bind(*primals, program=jax.make_jaxpr(forward)(*primals))
+    values, packed = found[: len(floating)], found[len(floating) :]
+    part, place = traced["part"], traced["place"]
+    given = [primals[k] for k in place if k is not None]  # arguments need not be stored twice
+
+    def linear(*arguments):
+        kept, known, changes = _split_by_counts(arguments, len(packed), len(given))
+        pairs = list(zip(part.constvars, place, strict=True))
+        kept = iter(_unpack_by_dtype(kept, [x.aval for x, k in pairs if k is None]))
+        known = iter(known)
+        needed = [next(kept if k is None else known) for k in place]
+        return internals.bind_constants(part, needed)(*changes)
+
+    arguments = *packed, *given, *(tangents[k] for k in moving)
+    known = len(packed) + len(given)
+    changes = _LINEAR_KERNEL.bind(
+        *arguments, program=jax.make_jaxpr(linear)(*arguments), known=known
+    )
+    changes = iter(changes)
+    return values, [
+        next(changes) if own else internals.zero_tangent(x)
+        for x, own in zip(values, floating, strict=True)
+    ]
+
+
+def _split_by_counts(values, *counts):
+    """Split a list into parts with these numbers of entries, and the rest."""
+    ends = list(itertools.accumulate(counts, initial=0))
+    return [values[i:k] for i, k in itertools.pairwise([*ends, len(values)])]
+
+
+def _linear_kernel_jvp(primals, tangents, *, program, known):
+    """Forward derivative of `_LINEAR_KERNEL`; linear again if its known arguments do not change."""
+    if any(not internals.is_zero_tangent(t) for t in tangents[:known]):
+        return _kernel_jvp(primals, tangents, program=program)
+    further = *primals[:known], *map(internals.instantiate_tangent, tangents[known:])
+    return [_LINEAR_KERNEL.bind(*each, program=program, known=known) for each in (primals, further)]
+
+
+@without_garbage_collection()
+def _linear_kernel_transpose(back, *arguments, program, **_):
+    """Transpose `_LINEAR_KERNEL` in those arguments in which it is linear, for reverse mode."""
+    sought = [k for k, x in enumerate(arguments) if internals.is_undefined_primal(x)]
+    asked = [k for k, x in enumerate(back) if not internals.is_zero_tangent(x)]
+    if not asked:
+        return [None] * len(arguments)
+    given = [k for k in range(len(arguments)) if k not in set(sought)]
+    like = [arguments[k].aval for k in sought]
+    compute = function_of_jaxpr(program)
+
+    def pulled(*values):
+        known, back = _split_by_counts(values, len(given))
+        at = _replace_at(arguments, given, known)
+
+        def asked_for(*some):
+            results = compute(*_replace_at(at, sought, some))
+            return [results[k] for k in asked]
+
+        return jax.linear_transpose(asked_for, *like)(list(back))
+
+    values = *(arguments[k] for k in given), *(back[k] for k in asked)
+    program = jax.make_jaxpr(pulled)(*values)
+    found = _LINEAR_KERNEL.bind(*values, program=program, known=len(given))
+    return _replace_at([None] * len(arguments), sought, found)
+
+
+def _kernel_batch_rule(primitive, arguments, axes, *, program, **given):
+    """Map a primitive over the cases of a batch under `jax.vmap`: by a loop inside one kernel."""
+    compute = function_of_jaxpr(program)
+    of_case = [k for k, axis in enumerate(axes) if axis is not None]
+    moved = [jnp.moveaxis(arguments[k], axes[k], 0) for k in of_case]
+
+    def all_cases(*leaves):
+        def one(own):
+            return compute(*_replace_at(leaves, of_case, own))
+
+        return lax.map(one, [leaves[k] for k in of_case])
+
+    leaves = _replace_at(arguments, of_case, moved)
+    found = primitive.bind(*leaves, program=jax.make_jaxpr(all_cases)(*leaves), **given)
+    return found, [0] * len(found)
+
+
+def _run_program(*leaves, program, **_):
+    """Evaluate a program without the loop, for calls outside of `jax.jit`."""
+    return function_of_jaxpr(program)(*leaves)
+
+
+def _make_primitive(name, derivative, transposed=None):
+    """Define a primitive whose parameter is a program, with the rules of this module."""
+
+    def mapped(*given, **options):
+        return _kernel_batch_rule(made, *given, **options)
+
+    rules = derivative, mapped, transposed, _run_in_loop
+    made = internals.define_primitive(name, _run_program, _result_shapes, *rules, several=True)
+    return made
+
+
+_KERNEL = _make_primitive("whole", _kernel_jvp)
+# linear in all arguments but the first `known`
+_LINEAR_KERNEL = _make_primitive("whole_linear", _linear_kernel_jvp, _linear_kernel_transpose)

@@ -1,0 +1,118 @@
+"""The tables of a report on displacements of nodes: of every phase or case, and their envelope."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..analysis.solution import Solution
+from ..common import status
+from ..model.structure import Structure
+from .columns import envelope_columns
+from .states import EnvelopeState
+from .table import Column, Table, make_table
+
+_AXES = "ux", "uy", "uz"
+_NEGLIGIBLE = 1e-9
+"""Displacement over the extent of the structure up to which a node has not moved.
+
+Analyses end within 1e-10 of the forces: that moves nodes by far less.
+"""
+_LARGE = 0.1
+"""Displacement over the extent from which units or stiffness are in doubt.
+
+Roofs and bridges move by 1/500 to 1/50 of their extent; a structure that moves by a tenth of it has
+found another form, or is given in mm.
+"""
+
+
+def displacement_tables(
+    structure: Structure, solution: Solution, states: Mapping[str, EnvelopeState], cases: bool
+) -> dict[str, Table]:
+    """Return the displacements from the start, by node and state, and their envelope.
+
+    Args:
+        structure: `Structure`.
+        solution: `Solution`.
+        states: ends of phases, or cases, by name.
+        cases: whether the states are cases.
+
+    Returns:
+        ``displacements``, with a row for each node that moves and each state, and
+        ``displacement_envelope`` of several states; empty without states, or if nothing moves.
+    """
+    if not states:
+        return {}
+    moved = np.array([np.asarray(other.result.positions, float) for other in states.values()])
+    moved = moved - np.asarray(structure.nodes, float)
+    sizes = np.linalg.norm(moved, axis=2)
+    nodes = np.flatnonzero(sizes.max(axis=0) > _NEGLIGIBLE * _largest_side(structure))
+    if not len(nodes):
+        return {}
+    names, moved, sizes = list(states), moved[:, nodes], sizes[:, nodes]
+    count = len(names)
+    columns = [
+        Column("node", "", np.repeat(nodes, count)),
+        Column("case" if cases else "phase", "", names * len(nodes)),
+        *(_displacement_column(axis, moved[..., k].T.ravel()) for k, axis in enumerate(_AXES)),
+        _displacement_column("u", sizes.T.ravel())._replace(heading="total u", governs=True),
+    ]
+    if not cases:
+        within = _displacements_within_phases(solution, names)[:, nodes]
+        columns.append(
+            _displacement_column("u in phase", within.T.ravel())._replace(heading="u of this phase")
+        )
+    notes = ["from the start: from the nodes of the input, with all phases so far"]
+    notes.append("nodes that do not move have no row")
+    tables = {"displacements": make_table("Displacements from the start", columns, notes)}
+    if count > 1:
+        kind = "cases" if cases else "ends of phases"
+        title = f"Envelope of displacements from the start, over all {kind}"
+        envelope = _envelope_columns(nodes, names, moved, sizes)
+        tables["displacement_envelope"] = make_table(title, envelope)
+    return tables
+
+
+def _displacement_column(name, values):
+    """Return a column of displacements, m, which the text gives in mm."""
+    return Column(name, "m", values, millimeters=True)
+
+
+def _displacements_within_phases(solution, names):
+    """Return the sizes of displacements in the converged phases, [n_phase, n_node], m."""
+    good = [phase for phase in solution.phases if int(phase.status) == status.OK]
+    assert len(good) == len(names)
+    return np.array([np.linalg.norm(np.asarray(p.displacement), axis=1) for p in good])
+
+
+def _envelope_columns(nodes, names, moved, sizes):
+    """Return the columns of the envelope; those that name states are details but for the total."""
+    columns = [Column("node", "", nodes)]
+    for k, axis in enumerate(_AXES):
+        for word, sign in (("min", -1), ("max", 1)):
+            name = f"{word} {axis}"
+            extreme, when = envelope_columns(
+                name, "m", moved[..., k], names, sign, heading=f"{word}. {axis}"
+            )
+            columns += [extreme._replace(millimeters=True), when._replace(detail=True)]
+    largest, when = envelope_columns("max u", "m", sizes, names, 1, heading="max. u")
+    return [*columns, largest._replace(millimeters=True, governs=True), when]
+
+
+def _largest_side(structure):
+    """Return the largest side of the bounding box of the nodes, m."""
+    return float(np.ptp(np.asarray(structure.nodes, float), axis=0).max())
+
+
+def large_displacement_sentence(structure: Structure, solution: Solution) -> str | None:
+    """Return a sentence on displacements that are large beside the structure; None if none is."""
+    moved = np.linalg.norm(np.asarray(solution.last.displacement, float), axis=1)
+    extent = _largest_side(structure)
+    if not moved.max() > _LARGE * extent:
+        return None
+    return (
+        f"CHECK: node {moved.argmax()} has moved by {moved.max():.4g} m, "
+        f"{moved.max() / extent:.0%} of the extent of the structure ({extent:.4g} m). Unless the "
+        "form was to be found: are nodes in m, forces in N, and all parts supported?"
+    )

@@ -1,0 +1,240 @@
+"""Minimum and maximum stress in the fibres of every element, in every converged increment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..analysis.phase_results import Path
+from ..analysis.solution import Solution
+from ..common import status
+from ..common.types import Bool, Float
+from ..elements import Beams
+from ..elements.bending import lobatto
+from ..elements.element import Element
+from ..model.parts import per_group, there
+from ..model.structure import Structure
+from ..results import fibre_stress
+from . import extremes
+
+_SAME = 1e-6
+"""Difference over the largest stress below which fibres have the same stress.
+
+Above the rounding of strains, 1e-10, and below what bending of any interest makes of them.
+"""
+
+
+class SectionPoints(NamedTuple):
+    """Points of a section at which stresses are evaluated.
+
+    Attributes:
+        y, z: their coordinates, [n_fibre], m.
+        modulus: of the linear laws of a beam, [n_fibre], Pa; None for other laws and elements.
+    """
+
+    y: Float[np.ndarray, " n_fibre"]
+    z: Float[np.ndarray, " n_fibre"]
+    modulus: Float[np.ndarray, " n_fibre"] | None
+
+
+class ExtremeStresses(NamedTuple):
+    """Extreme stresses of elements in one increment.
+
+    Attributes:
+        low, high: [4, n_elem]: minimum and maximum stress of any fibre, Pa; its place along the
+            element, from 0 to 1; y and z of its fibre, m. NaN for an inactive element, for places
+            along bars and cables, and for fibres where all have the same stress.
+        used: largest stress / strength of its law, [n_elem]; NaN for laws without a strength.
+    """
+
+    low: Float[np.ndarray, "4 n_elem"]
+    high: Float[np.ndarray, "4 n_elem"]
+    used: Float[np.ndarray, " n_elem"]
+
+
+class IncrementStresses(NamedTuple):
+    """Extreme stresses of all elements in one converged increment.
+
+    Attributes:
+        name: of the phase or case, with the load factor unless that is 1.
+        groups: indices of the groups that have stresses.
+        stresses: of the elements of these groups, one after the other.
+    """
+
+    name: str
+    groups: list[int]
+    stresses: ExtremeStresses
+
+
+def has_stresses(structure: Structure, solution: Solution) -> bool:
+    """Return whether any group can have stresses; one that has only a stiffness EA has none."""
+    strain = solution.phases[0].path.strain
+    return strain is not None or any(group.area is not None for group in structure.groups)
+
+
+def increment_stresses(
+    structure: Structure,
+    solution: Solution,
+    names: Sequence[str],
+    from_phase: int = 0,
+) -> list[IncrementStresses]:
+    """Return the `IncrementStresses` of every converged increment of some phases.
+
+    Args:
+        structure, solution: of an analysis.
+        names: of the first phases, up to the last one that is meant.
+        from_phase: index of the first phase that is meant.
+
+    Returns:
+        A list; empty if no element has stresses.
+    """
+    found, points = [], [stress_points(group) for group in structure.groups]
+    for index in range(from_phase, len(names)):
+        name, phase = names[index], solution.phases[index]
+        path = phase.path
+        stress = _group_stresses(structure, points, phase)
+        kept = [k for k, values in enumerate(stress) if values is not None]
+        good = np.flatnonzero(np.asarray(path.status) == status.OK).tolist()
+        for n in good if kept else ():
+            own = zip(
+                structure.groups, points, stress, _active_elements(structure, path, n), strict=True
+            )
+            parts = [
+                _extreme_stresses(group, place, np.asarray(values[n], float), present)
+                for group, place, values, present in own
+                if values is not None
+            ]
+            factor = float(path.load_factor[n])
+            called = name if factor == 1 else f"{name}, {factor:.3g}"
+            joined = (np.concatenate(x, axis=-1) for x in zip(*parts, strict=True))
+            found.append(IncrementStresses(called, kept, ExtremeStresses(*joined)))
+    return found
+
+
+def stress_points(group: Element) -> SectionPoints | None:
+    """Return the `SectionPoints` of a group's section; None for a group without a section.
+
+    Of beams with linear laws these are the corners of the mesh, hence the edge of the section; of
+    all others the centers of the fibres.
+    """
+    section = group.section
+    if section is None:
+        return None
+    y, z, modulus = np.asarray(section.y, float), np.asarray(section.z, float), None
+    if isinstance(group, Beams) and section.is_elastic:
+        modulus = np.repeat([float(law.modulus) for law in section.laws], section.counts)
+        if section.cells is not None:
+            law = np.repeat(np.arange(len(section.laws)), section.counts)
+            cells = section.cells.array
+            pairs = np.stack([np.repeat(law, cells.shape[1]), cells.ravel()], axis=1)
+            pairs, first = np.unique(pairs, axis=0, return_index=True)
+            y, z = np.asarray(section.points, float)[pairs[:, 1]].T
+            modulus = modulus[first // cells.shape[1]]
+    return SectionPoints(y, z, modulus)
+
+
+def _group_stresses(structure, points, phase):
+    """Return the stresses of every group, [n_inc, n_elem, (n_point,) n_fibre], or None; a list."""
+    strain = phase.path.strain
+    strains = [None] * len(points) if strain is None else per_group(structure, strain)
+    linear = [p is not None and p.modulus is not None for p in points]
+    if all(linear):
+        found = strains
+    else:
+        found = per_group(structure, fibre_stress(structure, phase))
+    for k, (place, strain) in enumerate(zip(points, strains, strict=True)):
+        if linear[k]:
+            levers = np.stack([np.ones_like(place.y), place.z, -place.y])
+            found[k] = np.asarray(strain, float) @ (levers * place.modulus)
+    return found
+
+
+def _active_elements(structure: Structure, path: Path, k: int) -> list[Bool[np.ndarray, " n_elem"]]:
+    """Return which elements are active in increment k: [n_elem] bool for every group, a list."""
+    if path.present is None:
+        return there(structure, None)
+    return [np.asarray(found)[k] > 0 for found in per_group(structure, path.present)]
+
+
+def _extreme_stresses(group, points, stress, present):
+    """Return the `ExtremeStresses` of a group.
+
+    Along beams of linear laws stresses are parabolas; of other laws those at the integration points
+    count.
+
+    Args:
+        group: elements.
+        points: `SectionPoints`.
+        stress: [n_elem, n_fibre], or of beams [n_elem, n_point, n_fibre], Pa.
+        present: whether each element is active, [n_elem].
+    """
+    stress = stress.reshape(len(stress), *(1,) * (3 - stress.ndim), *stress.shape[1:])
+    stress = np.where(present[:, None, None], stress, np.nan)
+    fibres = np.swapaxes(stress, 1, 2)  # [n_elem, n_fibre, n_point]
+    if isinstance(group, Beams):
+        places = lobatto(stress.shape[1])[0]
+        if group.section.is_elastic:
+            ends = np.array([0.0, 1.0])
+            found = extremes.polynomial_extremes(extremes.fit_parabola(fibres, places), ends)
+        else:
+            found = extremes.sampled_extremes(fibres[:, :, None], places[None])
+    else:
+        found = extremes.sampled_extremes(fibres[:, :, None], np.full((1, 1), np.nan))
+    low, high = (found.low, found.low_at, 1), (found.high, found.high_at, -1)
+    return ExtremeStresses(
+        _governing_fibre(points, *low),
+        _governing_fibre(points, *high),
+        _stress_utilization(group, stress),
+    )
+
+
+def _governing_fibre(points, values, at, sign):
+    """Return a row [4, n_elem] of `ExtremeStresses`: the smallest of `sign` times the values.
+
+    Args:
+        points: `SectionPoints`.
+        values: extreme stress along each fibre, [n_elem, n_fibre], Pa.
+        at: its place along the element, likewise.
+        sign: 1 for the minimum, -1 for the maximum.
+    """
+    first, each = _first_smallest(sign * values), np.arange(len(values))
+    found = np.full((4, len(values)), np.nan)
+    found[:2] = values[each, first], at[each, first]
+    if points is not None:
+        found[2:] = np.where(first < 0, np.nan, [points.y[first], points.z[first]])
+    return np.where(np.isnan(found[0]), np.nan, found)
+
+
+def _first_smallest(values):
+    """Return the index of the first smallest value of every row; -1 where all are the same."""
+    near = _SAME * np.nanmax(np.abs(values), initial=0.0)
+    least = values.min(axis=1, keepdims=True)
+    first = (values <= least + near).argmax(axis=1)
+    return np.where((values <= least + near).all(axis=1), -1, first)
+
+
+def _stress_utilization(group, stress):
+    """Return stress / strength, the largest of each element; NaN for laws without a strength."""
+    low, high = _stress_limits(group)
+    limit = np.where(stress < 0, -low, high)
+    known = np.isfinite(limit) & (limit > 0)
+    ratio = np.where(known, np.abs(stress) / np.where(known, limit, 1.0), np.nan)
+    ratio = ratio.reshape(len(stress), -1)
+    some = ~np.isnan(ratio).all(axis=1)
+    return np.where(some, np.nanmax(np.where(some[:, None], ratio, 0.0), axis=1), np.nan)
+
+
+def _stress_limits(group):
+    """Return the stresses at which laws rupture: scalars, [n_elem, 1, 1] or [n_fibre], Pa."""
+    none = np.array(-np.inf), np.array(np.inf)
+    if not group.has_rupture:
+        return none
+    if group.section is None:
+        if group.area is None:
+            return none
+        limits = [np.asarray(force) / np.asarray(group.area) for force in group.capacity()]
+        return [limit.reshape(-1, 1, 1) for limit in limits]
+    pairs = [law.capacity if law.has_rupture else none for law in group.section.laws]
+    return [np.repeat([float(pair[k]) for pair in pairs], group.section.counts) for k in (0, 1)]

@@ -1,0 +1,189 @@
+"""The tables of a report on section forces of beams: one for each force."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..common.types import Float
+from ..elements import Beams
+from ..elements.element import SECTION_FORCES
+from ..model.parts import first_and_last, groups_by_name, per_group, there
+from ..model.structure import Structure
+from . import extremes
+from .columns import element_columns, envelope_columns
+from .extremes import Extremes
+from .states import EnvelopeState
+from .table import Column, Table, make_table
+
+_TITLES = {
+    "N": "N, axial force: tension positive",
+    "Vy": "Vy, shear force along y",
+    "Vz": "Vz, shear force along z",
+    "T": "T, torsional moment",
+    "My": "My, bending moment about y: positive where the side of +z is in tension",
+    "Mz": "Mz, bending moment about z: positive where the side of -y is in tension",
+}
+_NEGLIGIBLE = 1e-9
+"""Share of the largest force, or moment, up to which a force is left out as rounding.
+
+Analyses end with a residual of 1e-10 of the forces (`Newton.tol`).
+"""
+_SHEARS = ("Vy", "Vz")
+
+
+def section_force_tables(
+    structure: Structure, end: EnvelopeState, states: Mapping[str, EnvelopeState], kind: str
+) -> dict[str, Table]:
+    """Return the section forces of all beams in the final state, and their envelope.
+
+    Args:
+        structure: `Structure`.
+        end: the final state.
+        states: the states of the envelope, by name; empty if there is only the final state.
+        kind: what they are, in words: "ends of phases", "cases".
+
+    Returns:
+        A dict from the force, such as "My", to its `Table`. Forces that are zero in all beams and
+        states have no table; without beams there is none at all.
+    """
+    beams = [k for k, group in enumerate(structure.groups) if isinstance(group, Beams)]
+    if not beams:
+        return {}
+    parts = [_group_section_forces(structure, beams, state) for state in (end, *states.values())]
+    least = _rounding_sizes(structure, parts)
+    labels = [label for label, _ in groups_by_name(structure)]
+    tables: dict[str, Table] = {}
+    zero = []
+    for index, (name, rounding) in enumerate(zip(SECTION_FORCES.components, least, strict=True)):
+        kept = [
+            k
+            for k in beams
+            if any((np.abs(part[k][0][..., index]) > rounding).any() for part in parts)
+        ]
+        if not kept:
+            zero.append(name)
+            continue
+        without = ", ".join(labels[k] for k in beams if k not in kept)
+        notes = (f"{without}: zero everywhere",) if without else ()
+        here, *others = (
+            Extremes(*map(np.concatenate, zip(*(part[k][1][name] for k in kept), strict=True)))
+            for part in parts
+        )
+        values = np.concatenate([parts[0][k][0][:, [0, -1], index] for k in kept])
+        columns = [
+            *element_columns(structure, kept),
+            *_force_columns(name, values, here, others, list(states), rounding),
+        ]
+        if states:  # the nodes are in other tables
+            columns[2:4] = (column._replace(detail=True) for column in columns[2:4])
+        tables[name] = make_table(_TITLES[name], columns, notes)
+    if tables:
+        first = next(iter(tables))
+        notes = (*_section_force_notes(zero, parts, kind if states else None), *tables[first].notes)
+        tables[first] = dataclasses.replace(tables[first], notes=notes)
+    return tables
+
+
+def _group_section_forces(structure, beams, state):
+    """Return the section forces of every group of beams in a state.
+
+    Returns:
+        A dict from the index of each group to the values at its points, [n_elem, n_point, 6], NaN
+        for inactive elements, and to `Extremes` [n_elem] by name of the force.
+    """
+    result, groups = state.result, {}
+    forces, present = per_group(structure, result.section_forces), there(structure, result.present)
+    for k in beams:
+        values = np.where(present[k][:, None, None], np.asarray(forces[k], float), np.nan)
+        ends = np.asarray(result.positions, float)[first_and_last(structure.groups[k])]
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[:, None]
+        groups[k] = values, _extremes_along(values, length)
+    return groups
+
+
+def _extremes_along(
+    values: Float[np.ndarray, "n_elem n_point 6"], length: Float[np.ndarray, "n_elem 1"]
+) -> dict[str, Extremes]:
+    """Return the extremes along elements, by name of the force.
+
+    Between its points a moment is the polynomial whose slopes there are the shear forces, ``My' =
+    Vz`` and ``Mz' = -Vy``, of degree 5 for three points; shear forces are its slopes. This is exact
+    under uniform loads. The moment of an axial force on a deflection of degree 4 is exact, too, to
+    the second order of the rotations.
+
+    Args:
+        values: section forces at the points, [n_elem, n_point, 6], N and N m.
+        length: of the elements, [n_elem, 1], m.
+    """
+    forces = dict(zip(SECTION_FORCES.components, np.moveaxis(values, -1, 0), strict=True))
+    found = {}
+    for name in ("N", "T"):
+        places, value, slope = extremes.fine_interpolation(values.shape[1], False)
+        shape = extremes.hermite_cubics(forces[name] @ value, forces[name] @ slope, places)
+        found[name] = extremes.polynomial_extremes(shape, places)
+    for moment, shear, sign in (("My", "Vz", 1), ("Mz", "Vy", -1)):
+        places, value, slope = extremes.fine_interpolation(values.shape[1], True)
+        data = np.hstack([forces[moment], sign * length * forces[shear]])
+        shape = extremes.hermite_cubics(data @ value, data @ slope, places)
+        found[moment] = extremes.polynomial_extremes(shape, places)
+        slopes = sign * extremes.cubic_derivatives(shape, places) / length[..., None]
+        found[shear] = extremes.polynomial_extremes(slopes, places)
+    return found
+
+
+def _rounding_sizes(structure, parts):
+    """Return the sizes up to which section forces are rounding, [6], N and N m."""
+    every = [values.reshape(-1, 6) for part in parts for values, _ in part.values()]
+    sizes = np.nanmax(np.abs(np.concatenate(every)), axis=0, initial=0.0)
+    extent = np.ptp(np.asarray(structure.nodes, float), axis=0).max()
+    force = sizes[:3].max()
+    return _NEGLIGIBLE * np.repeat([force, max(sizes[3:].max(), force * extent)], 3)
+
+
+def _force_columns(name, values, here, others, states, rounding):
+    """Return the columns of one section force.
+
+    Args:
+        name: of the force.
+        values: at the start and the end node in the final state, [n, 2].
+        here, others: `Extremes` along the elements in the final state, and in the states of the
+            envelope.
+        states: names of these states.
+        rounding: states that differ by this have the same extreme.
+    """
+    unit = "N" if name == "N" or name in _SHEARS else "N m"
+    columns = [
+        Column("at first", unit, values[:, 0], heading="at start"),
+        Column("at last", unit, values[:, 1], heading="at end"),
+        Column("lowest", unit, here.low, governs=not states, heading="min"),
+        Column("at", "-", here.low_at, heading="x/L"),
+        Column("highest", unit, here.high, governs=not states, heading="max"),
+        Column("at", "-", here.high_at, heading="x/L"),
+    ]
+    for word, sign, of in (("min", -1, "low"), ("max", 1, "high")) if states else ():
+        extreme, at = (np.array([getattr(x, side) for x in others]) for side in (of, f"{of}_at"))
+        most, place, when = envelope_columns(
+            word, unit, extreme, states, sign, [("at", "-", at)], rounding, f"envelope {word}"
+        )
+        columns += [most._replace(governs=True), place._replace(detail=True), when]
+    return columns
+
+
+def _section_force_notes(zero, parts, kind):
+    """Return the notes on all tables of section forces; `kind` is None without an envelope."""
+    notes = [
+        "sign convention: N > 0 is tension; forces and moments act along the axes of the section, "
+        "on the part of the element at its start node, from the part at its end node",
+        "x/L: position from the start node, 0 to 1; blank where the force is constant",
+        "extremes: exact for uniform load; error about 1e-4 at element rotations of 0.01 rad",
+    ]
+    if kind is not None:
+        notes.append(f"min, max: along the element in the final state; envelope: over all {kind}")
+    if zero:
+        notes.append(f"{', '.join(zero)}: zero everywhere")
+    if any(np.isnan(values[:, 0, 0]).any() for values, _ in parts[0].values()):
+        notes.append("no values: the element is not active in the final state")
+    return tuple(notes)

@@ -1,0 +1,89 @@
+"""The sentences of a report on the whole analysis: status, size, phases, what failed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..analysis.solution import Solution, State
+from ..common import status
+from ..model.parts import groups_by_name, there
+from ..model.structure import Structure
+
+_TOLERANCE = 1e-10  # default of `Newton.tol`; a larger residual is explained
+
+
+def has_no_result(solution: Solution) -> bool:
+    """Return whether an analysis has failed before any of its increments has converged."""
+    return int(solution.status) != status.OK and int(solution.last.phase) < 0
+
+
+def summary_sentences(
+    structure: Structure, solution: Solution, heads: Sequence[str], failed: Mapping[str, int]
+) -> list[str]:
+    """Return the sentences on status, size, phases and failed cases.
+
+    Args:
+        structure: `Structure`.
+        solution: `Solution`.
+        heads: what the sentences call the phases, such as "phase 1, prestress".
+        failed: status codes of the phases or cases that have failed, by name.
+    """
+    code = int(solution.status)
+    named = groups_by_name(structure)
+    counts = [f"{len(g.links)} {type(g).__name__} {name}".strip() for name, g in named]
+    lines = [f"status {code}: {status.describe(code)}"]
+    lines.append(f"{structure.n_node} nodes; {', '.join(counts)}")
+    for head, phase in zip(heads, solution.phases, strict=True):
+        lines.append(_phase_sentence(structure, solution.last, head, phase))
+    if has_no_result(solution):
+        first = next(h for h, p in zip(heads, solution.phases, strict=True) if int(p.status) != 0)
+        return [*lines, f"FAILED: no results: {first} did not converge in its first increment"]
+    if code != status.OK:
+        last = solution.last
+        lines.append(
+            "FAILED: what follows is the last converged state, "
+            f"{heads[max(int(last.phase), 0)]}, load factor {float(last.load_factor):.6g}"
+        )
+    for other in dict.fromkeys(failed.values()):
+        names = ", ".join(name for name, cause in failed.items() if cause == other)
+        why = f"status {other}" if other == code else f"status {other}: {status.describe(other)}"
+        lines.append(f"left out of envelopes: {names} ({why})")
+    return lines
+
+
+def _phase_sentence(structure, last, head, phase):
+    """Return the sentence on a phase: increments, residual, slack cables, activation, stability."""
+    path = phase.path
+    good = np.asarray(path.status) == status.OK
+    text = f"{head}: {int(good.sum())} of {good.size} increments converged"
+    if good.any():
+        k = np.flatnonzero(good)[-1]
+        count = int(path.n_slack[k])
+        slack = "no slack cables" if count == 0 else f"{count} slack cable{'s' * (count > 1)}"
+        relative = float(path.relative_residual[k])
+        by_rounding = relative > _TOLERANCE and path.residual[k] <= path.rounding[k]
+        text += f", relative residual {relative:.1e}{' (limited by rounding)' * by_rounding}"
+        text += f"; {slack}"
+    if int(phase.status) != status.OK:
+        return text
+    if phase.present is not None:
+        masks = there(structure, phase.present)
+        text += f"; {sum(int(m.sum()) for m in masks)} of {sum(map(len, masks))} elements active"
+    if not bool(phase.stable):
+        text += "; UNSTABLE at its end: negative eigenvalue of the tangent stiffness"
+        if _may_be_unsymmetric(structure, last):
+            text += " of its symmetric part (the state may be stable all the same: moments, "
+            text += "follower loads or unsymmetric elements act)"
+    return text
+
+
+def _may_be_unsymmetric(structure: Structure, last: State) -> bool:
+    """Return whether the tangent can be unsymmetric: by moments, follower loads or elements.
+
+    Only its symmetric part is judged then, whose negative eigenvalue proves no instability.
+    """
+    moments = np.asarray(last.carry.nodal_load)[:, 3:]
+    follows = any(stack.follows for stack in last.carry.loads)
+    return follows or bool(moments.any()) or not all(g.symmetric for g in structure.groups)

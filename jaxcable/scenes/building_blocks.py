@@ -1,0 +1,92 @@
+"""Building blocks of scenes: the record `Scene`, links, points, loads, steel sections, phases."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..analysis.phases import Phase
+from ..common.types import ArrayLike, Float, Int
+from ..loads import NodalLoads
+from ..loads.load import Load
+from ..materials import Elastic
+from ..model.structure import Structure
+from ..sections import Section, bredt_torsion
+
+STEEL = 210e9  # modulus of elasticity of steel, N/m2
+STRAND = 195e9  # modulus of elasticity of parallel strands, N/m2
+STRAND_STRESS = 500e6  # stress in strands under dead load, N/m2; their strength is 1860e6
+STEEL_WEIGHT = 77e3  # N/m3 (7 850 kg/m3)
+
+
+class Scene(NamedTuple):
+    """A structure and the phases of its analysis: ``jc.solve(*scene)``.
+
+    Attributes:
+        structure: `Structure`.
+        phases: list of `Phase`.
+
+    Example:
+        >>> scene = jc.scenes.flat_net(load=15.0)
+        >>> structure, phases = scene
+        >>> int(jc.solve(*scene).status), structure.n_node, len(phases)
+        (0, 12, 2)
+    """
+
+    structure: Structure
+    phases: list[Phase]
+
+
+def two_phase_scene(
+    structure: Structure, increments: tuple[int, int], then: Load | list[Load], **first: Any
+) -> Scene:
+    """Make a scene of two phases: one with the arguments `first`, one that adds loads (`then`)."""
+    phases = Phase(increments=increments[0], **first), Phase(loads=then, increments=increments[1])
+    return Scene(structure, list(phases))
+
+
+def downward_loads(nodes: ArrayLike, load: ArrayLike) -> NodalLoads:
+    """Make nodal loads that act downward, N: a number for all nodes, or [n] for each of them."""
+    if np.ndim(load) == 0:
+        return NodalLoads(nodes, (0.0, 0.0, -load))
+    return NodalLoads(nodes, np.outer(load, [0.0, 0.0, -1.0]))
+
+
+def chain_links(nodes: ArrayLike, closed: bool = False) -> Int[np.ndarray, "n_elem 2"]:
+    """Return the links from each node to the next, [n_elem, 2]; if closed, also last to first."""
+    nodes = np.asarray(nodes)
+    return np.column_stack([nodes, np.roll(nodes, -1)])[: None if closed else -1]
+
+
+def points_on_circle(
+    radius: float, angle: Float[ArrayLike, " n"], height: float
+) -> Float[np.ndarray, "n 3"]:
+    """Return the points of a horizontal circle about the z axis, [n, 3], m, at angles in rad."""
+    return np.column_stack(
+        [radius * np.cos(angle), radius * np.sin(angle), np.full(np.shape(angle), height)]
+    )
+
+
+def require_positive(**values: float) -> None:
+    """Raise ValueError for the first of the named values that is not positive."""
+    for name, value in values.items():
+        if not value > 0:
+            raise ValueError(f"{name} = {value}: must be positive")
+
+
+def hollow_steel_section(width: float, height: float, wall: float) -> dict[str, Any]:
+    """Return section and torsional stiffness of a rectangular steel tube, as arguments of `Beams`.
+
+    Args:
+        width, height: outer sizes, m.
+        wall: thickness of the wall, m.
+    """
+
+    def outline(y, z):
+        return 0.5 * np.array([[-y, -z], [y, -z], [y, z], [-y, z]])
+
+    inside = width - 2 * wall, height - 2 * wall
+    section = Section.polygon(outline(width, height), [outline(*inside)], Elastic(STEEL), size=0.25)
+    torsion = bredt_torsion(outline(width - wall, height - wall), wall)
+    return {"section": section.centred(), "torsional_stiffness": STEEL / 2.6 * float(torsion)}
