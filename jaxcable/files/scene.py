@@ -125,10 +125,10 @@ def load_scene(path: str | PathLike[str], largest: int = LARGEST) -> Scene:
 def _decode_scene(data):
     """Make the `Scene` of the data in a file, and check that it can be analysed."""
     if data.get("format") != FORMAT:
-        raise FileError(_unexpected(data, "format", f'"{FORMAT}"'))
+        raise FileError(_describe_unexpected(data, "format", f'"{FORMAT}"'))
     version = data.get("version")
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
-        raise FileError(_unexpected(data, "version", f"a whole number such as {VERSION}"))
+        raise FileError(_describe_unexpected(data, "version", f"a whole number such as {VERSION}"))
     if version > VERSION:
         newest = f"{VERSION}, the newest that this jaxcable reads; update jaxcable"
         raise FileError(f"version: {version} is newer than {newest}")
@@ -139,7 +139,7 @@ def _decode_scene(data):
         raise FileError(f"unknown field {min(unknown)!r}; known are structure, phases, comment")
     for name, kind, words in _PARTS:
         if not isinstance(data.get(name), kind):
-            raise FileError(_unexpected(data, name, words))
+            raise FileError(_describe_unexpected(data, name, words))
     structure = decode(data["structure"], "structure", Structure)
     phases = []
     for k, phase in enumerate(data["phases"]):
@@ -165,7 +165,7 @@ _PARTS = (
 """Parts of a scene, with their JSON types and what is expected there."""
 
 
-def _unexpected(data, name, expected):
+def _describe_unexpected(data, name, expected):
     """Return the message on a field that is missing, null or of a wrong kind."""
     if name not in data:
         return f"{name}: missing; expected {expected}"
