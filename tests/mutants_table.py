@@ -159,7 +159,7 @@ FAULTS = (
     Fault("analysis/states.py",
         "load = load.at[group.links, :3].add(slid)", "load = load.at[group.links, :3].add(-slid)",
         "the reported load of a sliding cable moves against its weight"),
-    Fault("analysis/phases.py",
+    Fault("analysis/statements.py",
         "return differs(group) and mixed and not warms", "return differs(group) and mixed",
         "a temperature for all leaves beams beside cables cold"),
     Fault("analysis/prestress_rules.py",

@@ -23,8 +23,9 @@ from ..loads.groups import OnGroups
 from ..loads.load import Acting
 from ..model.structure import Structure
 from .by_group import is_scalar, spread
-from .phases import ABSOLUTE, INCREMENTS, Phase, all_stated
+from .phases import Phase, all_stated
 from .presence import Presence
+from .statements import ABSOLUTE, INCREMENTS, statement_path
 
 
 def require_present(
@@ -49,11 +50,11 @@ def require_present(
     for k, phase in enumerate(phases):
         there = [present[k] for present in presence.present]
         for name, value in all_stated(phase).items():
-            label = f"phases[{earlier + k}].{name}"
+            label = f"phases[{earlier + k}].{statement_path(name)}"
             if is_scalar(value):
                 _judge_scalar(name, label, [name in own for own in statements[k]], there)
                 continue
-            values = spread(value, structure, name)
+            values = spread(value, structure, label)
             parts = zip(values, structure.named_groups(), there, strict=True)
             for number, (given, (where, group), own) in enumerate(parts):
                 if given is None or _states_nothing(name, given):
@@ -88,8 +89,8 @@ def loads_that_never_act(
             acts = [presence.present[n][k:] & _loaded(part.get(n)) for n in on]
             if not any(np.any(one) for one in acts):
                 checks.suspect(
-                    f"loads of phases[{earlier + k}]: {acting} acts on elements that are not "
-                    "there, neither in this phase nor in a later one"
+                    f"phases[{earlier + k}].loads: {acting} acts on nothing: its elements are not "
+                    "there in this phase, nor in a later one"
                 )
 
 
@@ -111,20 +112,21 @@ def _judge_scalar(name, label, concerned, there):
     if name == "temperature" or any(isinstance(own, jax.core.Tracer) for own in known):
         return
     if not any(own.any() for own in known):
-        checks.suspect(f"{label}: none of the elements that it is for is there in this phase")
+        checks.suspect(
+            f"{label}: has no effect: none of the elements that take it is there in this phase"
+        )
 
 
 def _named_absent(label, where, given, group, there) -> bool | Bool[jax.Array, ""]:
     """Whether a statement for a group names absent elements; ValueError if that is known."""
-    hint = "state it in the phase that adds it, or later"
+    hint = "give the value in the phase that adds it, or in a later one"
     if isinstance(given, Only):
-        lost = given.chosen(len(group.links), label) & ~there
+        lost = given.chosen(len(group.links), f"{label}{where}") & ~there
         if isinstance(lost, jax.core.Tracer):
             return jnp.any(lost)
         if lost.any():
-            of = f" of elements{where}" if where else ""
             raise ValueError(
-                f"{label}: element {int(lost.argmax())}{of} is not there in this phase; {hint}"
+                f"{label}{where}: element {int(lost.argmax())} is not there in this phase; {hint}"
             )
         return False
     if isinstance(there, jax.core.Tracer):
@@ -161,6 +163,6 @@ def _judge_array(name, label, where, given, present, later):
         k = int(lost.argmax())
         shown = ", ".join(f"{number:.6g}" for number in np.atleast_1d(values[k]))
         checks.suspect(
-            f"{label}{where}[{k}] = {shown}: the element is not there in this phase, and "
-            "the phase that adds it states nothing for it: the number has no effect"
+            f"{label}{where}[{k}] = {shown}: has no effect: the element is not there in this "
+            "phase; give the value in the phase that adds it"
         )

@@ -154,7 +154,8 @@ def _count(cases):
     counts = {shape[0] if shape else None for shape in shapes}
     if len(counts) != 1 or None in counts or 0 in counts:
         raise ValueError(
-            f"cases: expected arrays with one leading axis of at least one case, got {shapes}"
+            "cases: expected arrays with one common leading axis [n_case, ...] and at least one "
+            f"case, got shapes {shapes}"
         )
     return counts.pop()
 

@@ -56,16 +56,34 @@ def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
         except (ValueError, TypeError, KeyError):
             continue
         return values
-    known = [components_of(group, name) for group in structure.groups]
+    label, numbers, value = _first_mismatch(name, numbers, value)
+    statement = name.rpartition(".")[2].removeprefix("own['").removesuffix("']")
+    known = [components_of(group, statement) for group in structure.groups]
     columns = [
         f"; components are the columns of [n_elem, {len(names)}]: {', '.join(names)}"
         for names in known
         if names
     ]
+    expected = "one number, or numbers [n_elem] of the group"
+    if not isinstance(numbers, int):
+        expected = f"one number, or numbers by group: the structure has {_told(numbers)}"
     raise ValueError(
-        f"{name}: expected one number, numbers [n_elem] of the only group, or these by group: "
-        f"the structure has {_told(numbers)}, got {_told(value)}{''.join(dict.fromkeys(columns))}"
+        f"{label}: expected {expected}, got {_told(value)}{''.join(dict.fromkeys(columns))}"
     )
+
+
+def _first_mismatch(label, numbers, value):
+    """Go down to the first part of `value` that does not fit the tree of `numbers` of groups.
+
+    Returns:
+        The part as a user writes it, the numbers of groups there, and the value there.
+    """
+    if isinstance(numbers, dict) and isinstance(value, dict):
+        for key, own in numbers.items():
+            given = value.get(key)
+            if isinstance(given, dict) or (isinstance(own, dict) and isinstance(given, list)):
+                return _first_mismatch(f"{label}[{key!r}]", own, given)
+    return label, numbers, value
 
 
 def _filled(value, numbers, name):

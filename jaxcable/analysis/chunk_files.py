@@ -64,7 +64,9 @@ def require(
     found = _of_cases(path, _opened(path, identity, _header), count, lambda header: header[0])
     kinds = {name: (shape[1:], dtype) for name, (shape, dtype) in found.items()}
     if kinds != expected:
-        raise ValueError(f"{path}: holds {kinds}, expected {dict(expected)}; {ANEW}")
+        raise ValueError(
+            f"{path}: holds results {kinds}, but the function returns {dict(expected)}; {ANEW}"
+        )
 
 
 def read(path: Path, identity: Identity, count: int) -> dict[str, np.ndarray]:
@@ -115,7 +117,7 @@ def _require_identity(path, comment, identity):
     if identity.study is not None and own[1].decode() != identity.study:
         raise ValueError(
             f"{path}: holds results of another study (digest {own[1].decode()}, not "
-            f"{identity.study}), where they may be missed; {ANEW}"
+            f"{identity.study}); move it there, or {ANEW}"
         )
     if int(own[2]) != identity.chunk:
         raise ValueError(

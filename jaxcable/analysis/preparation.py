@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import functools
-import itertools
 from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias
 
@@ -17,25 +14,30 @@ from ..common.fusion import fuses
 from ..common.rules import kept, rules_of
 from ..common.tree import cast, copy, once, thaw
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..elements.abilities import Secant
 from ..elements.element import Element
 from ..elements.prestress import Prestressed
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
-from ..loads import SelfWeight, as_list
-from ..loads.load import Acting, Moving, OnNodes
-from ..loads.varying import apart, at_peak
+from ..loads import SelfWeight
+from ..loads.varying import at_peak
 from ..mechanics import load_stacks
 from ..mechanics.bundles import Bundles
 from ..mechanics.carry import Carry, unloaded
 from ..mechanics.load_stacks import LoadStack, continued
-from ..model import plausibility, spins
+from ..model import phase_plausibility, plausibility
 from ..model.structure import Structure, place_rules
 from ..model.supports import Fixed
 from ..model.topology import require_same
 from ..spaces import space_of
 from ..spaces.freedoms import gathering, number_freedoms
 from .absent import loads_that_never_act, require_present
+from .phase_checks import (
+    check_loads,
+    check_method,
+    check_supports,
+    require_tangent,
+    without_amplitudes,
+)
 from .phases import Phase, as_phases
 from .presence import attached_of, presence_of
 from .prestress_rules import keeps_rules
@@ -93,23 +95,24 @@ def prepare(
         ValueError: wrong input, naming argument, index and rule.
     """
     phases = as_phases(structure, phases)
-    method = _method(structure, method)
+    method = check_method(structure, method)
     plausibility.precision(structure.nodes)
     carry, code, fixed = _begin(structure, start)
     rows, groups = structure.rows()
     bundles = _bundles(structure)
-    sets = _support_sets(structure, phases, fixed)
+    sets = check_supports(structure, phases, fixed, earlier)
     loads = [
-        _loads(structure, phase, held, f"phases[{earlier + k}]")
+        check_loads(structure, phase, held, f"phases[{earlier + k}]")
         for k, (phase, held) in enumerate(zip(phases, sets[1:], strict=True))
     ]
     nodal, movements, along = ([kinds[k] for kinds in loads] for k in range(3))
-    statements = []
-    for k, phase in enumerate(phases):
-        with _named(f"phases[{earlier + k}]."):
-            statements.append(phase.statements(structure))
+    statements = [
+        phase.statements(structure, f"phases[{earlier + k}].") for k, phase in enumerate(phases)
+    ]
     stacks = load_stacks.stacks(along)
     everything = [*([] if carry is None else carry.loads), *stacks]
+    followed = carry is not None and any(stack.follows for stack in carry.loads)
+    require_tangent(method, phases, followed, earlier)
     bundled = bundles.groups(groups)
     convex = to_end and isinstance(method, Newton) and _always_convex(bundled, everything)
     numbered = _numbered(structure, method, everything, bundled, bundles, convex)
@@ -117,7 +120,7 @@ def prepare(
     idle = attached = None
     if presence is not None:
         presence = require_present(structure, phases, statements, presence, earlier)
-        loads_that_never_act(_alone(along), presence, earlier)
+        loads_that_never_act(without_amplitudes(along), presence, earlier)
         presence, attached = presence.bundled(bundles), attached_of(phases)
         idle = presence.idle(structure, bundled)
     for k, phase in enumerate(phases):
@@ -126,12 +129,12 @@ def prepare(
         mask = sets[k + 1].array
         waits = None if idle is None or isinstance(idle, jax.core.Tracer) else idle[k + 1]
         peaks = [at_peak(*pair) for pair in nodal[k]]
-        plausibility.loading(earlier + k, peaks, mask, groups, alone, waits)
+        phase_plausibility.warn_of_nodal_loads(earlier + k, peaks, mask, groups, alone, waits)
         if not moving:
-            plausibility.nothing_free(earlier + k, mask, groups)
+            phase_plausibility.warn_if_all_held(earlier + k, mask, groups)
     if any(phase.loads is not None or phase.sag is not None for phase in phases):
         weighed = any(isinstance(stack.load, SelfWeight) for stack in everything)
-        plausibility.weights(structure.named_groups(), weighed)
+        phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)
     freedoms, changes, before = numbering(sets, numbered, idle)
     together = statements if bundles.plain else [bundles.statements(each) for each in statements]
     nodes = structure.nodes if rows is None else structure.nodes[rows.node]
@@ -153,29 +156,9 @@ def prepare(
         sound=None if presence is None else presence.sound,
     )
     thawed, arrays = thaw((nodes, bundled, carry, schedule))
-    warns = _may_warn(bundled, carry, everything, _alone(nodal))
+    warns = _may_warn(bundled, carry, everything, without_amplitudes(nodal))
     count = len(freedoms.free)
     return Prepared(thawed, arrays, method, code, tuple(sets), everything, bundles, count, warns)
-
-
-@functools.cache
-def _usual_method():
-    return Newton()
-
-
-def _method(structure, method):
-    """The method of an analysis, checked; `Newton` by default."""
-    method = _usual_method() if method is None else method
-    if not isinstance(method, Newton | Incremental):
-        raise ValueError(f"method: expected Newton or Incremental, got {_no_method(method)}")
-    if isinstance(method, Incremental) and method.stiffness == "secant":
-        for where, group in structure.named_groups():
-            if not isinstance(group, Secant):
-                raise ValueError(
-                    f'stiffness = "secant": elements{where} ({type(group).__name__}) has no secant '
-                    'stiffness (ability `Secant`); use "tangent"'
-                )
-    return method
 
 
 @once
@@ -184,47 +167,10 @@ def _bundles(structure):
     return Bundles.of(structure.rows()[1])
 
 
-@contextlib.contextmanager
-def _named(where):
-    """Put `where` in front of the message of a ValueError."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"{where}{error}") from None
-
-
-def _loads(structure, phase, fixed, where):
-    """Loads of a phase, checked: lists of nodal loads, movements of supports, element loads.
-
-    The lists are of pairs of a load and its amplitude (`loads.varying.apart`).
-    """
-    found = [], [], []
-    for j, given in enumerate(as_list(phase.loads)):
-        label = f"{where}.loads[{j}]"
-        with _named(f"{label}: "):
-            given.check(structure)
-            load, amplitude = apart(given, label, phase.increments)
-            if isinstance(load, Moving):
-                load.check_supported(fixed)
-            if isinstance(load, Acting):
-                load = load.among(structure)
-        for pairs, kind in zip(found, (OnNodes, Moving, Acting), strict=True):
-            if isinstance(load, kind):
-                pairs.append((load, amplitude))
-    return found
-
-
-def _alone(loads):
-    """Loads of every phase without their amplitudes, a list of lists."""
-    return [[load for load, _ in pairs] for pairs in loads]
-
-
 def _numbered(structure, method, stacks, groups, bundles, convex):
     """A function from a `Fixed` to the numbering of the unknowns that it leaves, `Freedoms`."""
     (rows, _), space = structure.rows(), structure.space
     followers = [stack for stack in stacks if stack.follows]
-    if followers and isinstance(method, Incremental) and method.stiffness == "secant":
-        raise ValueError('stiffness = "secant": not with loads that follow; use "tangent"')
     links = tuple((group.links, group.n_freedom, group.inner) for group in groups)
     pressed = tuple(
         (nodes, 3, ()) for stack in followers for nodes in stack.touches(groups, bundles)
@@ -262,39 +208,6 @@ def _always_convex(groups, stacks):
     tension_only = all(g.tension_only and g.rising and g.symmetric for g in groups)
     slides = stacks and any(group.slides for group in groups)
     return tension_only and not slides and not any(stack.follows for stack in stacks)
-
-
-def _support_sets(structure, phases, fixed):
-    """`Fixed` before the first phase and in each; all with directions if any of them has some."""
-    sets = [fixed]
-    for phase in phases:
-        sets.append(sets[-1] if phase.supports is None else structure.fixed(phase.supports))
-        if phase.supports is not None and structure.space.rotates:
-            spins.warn(structure, sets[-1].spins)
-    if all(fixed.axes is None for fixed in sets):
-        return sets
-    sets = [fixed.directed() for fixed in sets]
-    for before, after in itertools.pairwise(sets):
-        for part in range(0, before.array.shape[1], 3):
-            held = [fixed.array[:, part : part + 3] for fixed in (before, after)]
-            in_part = [mask.any(axis=1) & ~mask.all(axis=1) for mask in held]
-            apart = np.abs(before.axes.array - after.axes.array).max(axis=(1, 2)) > 1e-9
-            turned = in_part[0] & in_part[1] & apart
-            if turned.any():
-                raise ValueError(
-                    f"supports of node {int(turned.argmax())}: held in part along other directions "
-                    "than in the phase before; free it, or hold all of it, in a phase between"
-                )
-    return sets
-
-
-def _no_method(method):
-    """What was given instead of a method, in words, and where it belongs."""
-    if isinstance(method, Phase):
-        return "Phase; phases go into one list: solve(structure, [first, second])"
-    if isinstance(method, Solution | State):
-        return f"{type(method).__name__}; an earlier solution goes by name: start=..."
-    return checks.kind(method, "Newton()")
 
 
 def in_precision_of(nodes: Float[ArrayLike, "n_row 3"], tree: PyTree[Any]) -> PyTree[Any]:
@@ -392,7 +305,8 @@ def _begin(structure, start):
     if isinstance(start, State) and any(f != fixed for f in last.fixed):
         if isinstance(last.phase, jax.core.Tracer):
             raise ValueError(
-                "start: which supports a traced .last had is not known; use the solution itself"
+                "start: the supports of a traced state (solution.last) are not known; give the "
+                "solution itself"
             )
         fixed = last.fixed[int(last.phase) + 1]
     carry = copy(last.carry, loads=[continued(stack) for stack in last.carry.loads])

@@ -128,9 +128,11 @@ def presence_of(
     named = structure.named_groups()
     for where, group in named:
         if type(group).found is Element.found:
+            number = asked.index(True) if any(asked) else 0
             raise ValueError(
-                f"adds, removes: elements{where} ({type(group).__name__}) cannot come and go; it "
-                "needs a method `found`, and a state with `present`"
+                f"phases[{earlier + number}].adds, removes: elements{where} "
+                f"({type(group).__name__}) cannot be added or removed; write its method `found`, "
+                "and give its state the field `present` (see jaxcable.extend)"
             )
     changes = [
         (
@@ -177,7 +179,7 @@ def idle_of(
     if all(there is None for there in present):
         return None
     if any(isinstance(there, jax.core.Tracer) for there in present):
-        raise ValueError("state: which elements are there is being traced")
+        raise ValueError("state: is being traced, so that it is not known which elements are there")
     first = [np.asarray(there) for there in present]
     presence = Presence(first, [there[None] for there in first])
     return presence.idle(structure, structure.rows()[1])[0]
@@ -202,17 +204,18 @@ def _masks(value: Any, structure, name):
     if isinstance(value, Named):
         return _named(value, structure, name)
     found = []
-    for given, count in zip(spread(value, structure, name), counts, strict=True):
+    keys = [key for key, _ in structure.named_groups()]
+    for given, count, key in zip(spread(value, structure, name), counts, keys, strict=True):
         if given is None:
             found.append(np.zeros(count, bool))
         elif isinstance(given, Selection):
-            found.append(given.chosen(count, name))
+            found.append(given.chosen(count, f"{name}{key}"))
         elif isinstance(given, Only):
-            raise ValueError(f"{name}: only(...) has values here; give only(elements)")
+            raise ValueError(f"{name}{key}: only(...) has values here; give only(elements)")
         elif isinstance(given, Named):
-            raise ValueError(f"{name}: give keys of groups alone, not inside of a tree")
+            raise ValueError(f"{name}: give keys of groups alone, not inside a dict or list")
         else:
-            found.append(_mask(given, count, name))
+            found.append(_mask(given, count, f"{name}{key}"))
     return found
 
 
@@ -221,8 +224,8 @@ def _mask(given, count, name):
     mask = given if isinstance(given, jax.Array) else np.asarray(given)
     if mask.dtype != bool or mask.shape not in ((), (count,)):
         raise ValueError(
-            f"{name}: expected keys of groups, only(elements), or booleans [{count}], got "
-            f"{mask.dtype} {mask.shape}"
+            f"{name}: expected keys of groups, only(elements), or {count} booleans, got "
+            f"{mask.dtype} of shape {mask.shape}"
         )
     return (jnp if isinstance(mask, jax.Array) else np).broadcast_to(mask, (count,))
 
@@ -252,15 +255,15 @@ def _wrong(k, where, there, adds, removes):
     """
     wrong = None
     for mask, not_so, name, text in (
-        (adds & removes, True, "adds, removes", "both name"),
-        (adds, there, "adds", "is there already:"),
-        (removes, ~there, "removes", "is not there:"),
+        (adds & removes, True, "adds, removes", "is in both; give it in one of them"),
+        (adds, there, "adds", "is there already; leave it out"),
+        (removes, ~there, "removes", "is not there; leave it out"),
     ):
         bad = mask & not_so
         if isinstance(bad, jax.core.Tracer):
             wrong = jnp.any(bad) if wrong is None else wrong | jnp.any(bad)
         elif bad.any():
             raise ValueError(
-                f"phases[{k}].{name}: {text} element {int(bad.argmax())} of elements{where}"
+                f"phases[{k}].{name}: element {int(bad.argmax())} of elements{where} {text}"
             )
     return wrong

@@ -99,7 +99,7 @@ def solve(
     static = {"differentiate_path": differentiate_path, "listen": listen, "bundles": task.bundles}
     solution = _analyse(*core, **static, size=task.n_free)
     if task.may_warn:  # only then: the check waits until the numbers have been computed
-        plausibility.stability(solution)
+        plausibility.warn_if_unstable(solution)
     return arranged(structure, solution, task)
 
 

@@ -127,7 +127,7 @@ class Study:
         if missing:
             raise ValueError(
                 f"{self.folder}: {len(missing)} of {self.n_chunk} chunks are missing, the first is "
-                f"{missing[0]}; run the study again, it goes on where it was"
+                f"{missing[0]}; run the study again to compute them"
             )
         parts = []
         for k, (_, results) in enumerate(self.chunks()):
@@ -225,7 +225,9 @@ def _cases(cases, n_case):
     """A function from numbers to cases, the number of cases, and the cases that are compared."""
     if callable(cases):
         if n_case is None:
-            raise ValueError("n_case: missing; a function of cases does not tell their number")
+            raise ValueError(
+                "n_case: missing; give the number of cases where `cases` is a function"
+            )
         checks.whole(n_case, "n_case")
         numbers = np.unique(np.linspace(0, n_case - 1, min(n_case, _PROBED)).astype(int))
         probed = jax.tree.map(np.asarray, cases(numbers))

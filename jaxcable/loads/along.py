@@ -127,7 +127,8 @@ class SelfWeight(Along):
         if all(group.weight is None for group in groups):
             kind = "no element group" if self.on is None else f"on = {self.on!r}: no such group"
             raise ValueError(
-                f"SelfWeight: {kind} has a weight; give weight=... in N/m, of surfaces N/m2"
+                f"SelfWeight: {kind} has a weight; give the group weight=... in N/m (surfaces: "
+                "N/m2)"
             )
 
     def _vector(self):
@@ -213,8 +214,8 @@ class LineLoads(Along, Measured):
         if without and (self.on is not None or len(without) == len(numbers)):
             path, kind = group_path(structure, without[0]), type(structure.groups[without[0]])
             raise ValueError(
-                f"on = {self.on!r}: {path} ({kind.__name__}) has no length to load; its class must "
-                "state has_length = True"
+                f"on = {self.on!r}: {path} ({kind.__name__}) has no length to load; if its "
+                "elements have one, give the class has_length = True"
             )
 
     def _vector(self):
@@ -261,8 +262,8 @@ def check_geometry(geometry: str, per: str) -> None:
     checks.one_of(geometry, "geometry", GEOMETRIES)
     if geometry == "begun" and per == "unstressed":
         raise ValueError(
-            'geometry = "begun": unstressed lengths have no geometry; give per="initial" or '
-            '"projected"'
+            'geometry = "begun": cannot be used with per="unstressed", because unstressed lengths '
+            'have no geometry; give per="initial" or per="projected"'
         )
 
 

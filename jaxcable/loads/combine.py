@@ -52,14 +52,16 @@ def combine(
         raise ValueError("cases: at least one load case is needed")
     if factors.ndim not in (1, 2) or factors.shape[-1] != len(cases):
         raise ValueError(
-            f"factors: expected shape [n_combination, {len(cases)}], one column a case, "
+            f"factors: expected shape [n_combination, {len(cases)}], one column for each case, "
             f"got {factors.shape}"
         )
     listed = [list(c) if isinstance(c, list | tuple) else [c] for c in cases]
     for k, loads in enumerate(listed):
         for load in loads:
             if not isinstance(load, Load):
-                raise ValueError(f"cases[{k}]: {type(load).__name__} is not a load")
+                raise ValueError(
+                    f"cases[{k}]: {type(load).__name__} is not a load such as NodalLoads"
+                )
 
     def combined(shares):
         return [

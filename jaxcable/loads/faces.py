@@ -79,7 +79,9 @@ class OnFaces(OnGroups):
             return self._check_values()
         for name in ("on", "elements"):
             if getattr(self, name) is not None:
-                raise ValueError(f"faces, {name}: give faces, or a group whose elements have them")
+                raise ValueError(
+                    f"faces, {name}: give either faces, or a group whose elements have faces"
+                )
         put(self, faces=checked(self.faces))
         return self._check_values(len(self.faces))
 
@@ -97,8 +99,8 @@ class OnFaces(OnGroups):
             given = "faces: missing" if self.on is None else f"on = {self.on!r}"
             raise ValueError(
                 f"{given}: {group_path(structure, k)} ({type(groups[k]).__name__}) has no faces; "
-                "give faces=... (of a net those of net_faces), or name a group whose class "
-                "states which ends are around the face of an element, such as face = (0, 1, 2)"
+                "give faces=... (net_faces finds those of a net), or on=... a group of surfaces "
+                "(a class with face = (0, 1, 2), the ends around the face of an element)"
             )
         return kept, mask
 

@@ -47,8 +47,8 @@ class OnGroups(Acting):
         """Raise ValueError unless `elements` is a selection or None."""
         if self.elements is not None and not isinstance(self.elements, Selection):
             raise ValueError(
-                "elements: expected a selection such as only([4, 5]), got "
-                f"{type(self.elements).__name__}"
+                "elements: expected a selection of elements such as only([4, 5]), without values, "
+                f"got {type(self.elements).__name__}"
             )
 
     def selected(
@@ -66,10 +66,11 @@ class OnGroups(Acting):
             return numbers, None
         if len(numbers) != 1:
             raise ValueError(
-                f"elements: on = {self.on!r} means {len(numbers)} groups; name the one whose "
-                "elements these are"
+                f"elements: on = {self.on!r} means {len(numbers)} groups; give on=... the group "
+                "that has these elements"
             )
-        return numbers, self.elements.chosen(len(structure.groups[numbers[0]].links), "elements")
+        label = f"elements of {group_path(structure, numbers[0])}"
+        return numbers, self.elements.chosen(len(structure.groups[numbers[0]].links), label)
 
     def _check_values(self, count: int | None = None) -> None:
         """Raise ValueError unless the field that varies has values of the right shape.
@@ -79,7 +80,7 @@ class OnGroups(Acting):
         name, one = self.varies  # type: ignore[misc]  # asked only of loads that have such a field
         value = getattr(self, name)
         if value is None:
-            raise ValueError(f"{name}: missing; {type(self).__name__} needs a value of it")
+            raise ValueError(f"{name}: missing; give {type(self).__name__}({name}=...)")
         values = checks.floats(value, name)
         if count is None:
             count = len(values) if values.ndim else 1

@@ -16,6 +16,9 @@ from ..elements.element import Element, OwnState
 from ..model.structure import Structure
 from ..model.supports import Fixed
 
+VECTOR_HINT = "; give (x, y, z) for all nodes, or for each of them"
+"""End of messages on vectors of nodes that have another shape."""
+
 Groups: TypeAlias = Sequence[Element]
 States: TypeAlias = Sequence[OwnState]
 """State of every group, an `ElementState` of the group's own class."""
@@ -64,7 +67,10 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
         """The load times `factor`, by its fields `scales`."""
         if not self.scales:
             kind = type(self).__name__
-            raise ValueError(f"{kind}: cannot be scaled; its class names no field in `scales`")
+            raise ValueError(
+                f"{kind}: cannot be multiplied by a factor; its class must name the fields that a "
+                "factor multiplies, such as scales = ('forces',)"
+            )
         given = {name: getattr(self, name) for name in self.scales}
         return copy(self, **{name: factor * x for name, x in given.items() if x is not None})
 

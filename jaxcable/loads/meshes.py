@@ -134,8 +134,8 @@ def _rings(plan, edges):
         directions = plan[others] - plan[i]
         if (directions == 0).all(axis=1).any():
             raise ValueError(
-                f"nodes[{i}]: a linked node has the same place in plan; give the links of the net "
-                "alone, without vertical masts"
+                f"nodes[{i}]: a node that is linked to it has the same place in plan; give the "
+                "links of the net alone, without vertical masts"
             )
         order = np.argsort(np.arctan2(directions[:, 1], directions[:, 0]))
         around = [others[k] for k in order]
@@ -161,7 +161,7 @@ def _require_plane(plan, edges, rings, nothing):
     # Euler's formula: the number of rings if no links cross, one around each part included
     alone = len(plan) - len(np.unique(ends))  # nodes without links, each a part by itself
     if len(rings) != len(edges) - (len(plan) - alone) + 2 * (count - alone):
-        raise ValueError("links: some cross in plan; put a node where they do")
+        raise ValueError("links: some cross in plan; put a node where they cross")
     meshes = [ring for ring in rings if signed_area(plan[ring]) > nothing]
     covering = np.isin(part, [part[ring[0]] for ring in meshes])
     for ring in meshes if count > 1 else ():
@@ -313,8 +313,9 @@ def _require_apart(plan, lines, edges):
         crossed = clear & (np.prod(np.sign(sides), 0) < 0) & (np.prod(np.sign(across), 0) < 0)
         if crossed.any():
             raise ValueError(
-                f"links: the border from free end {i} to {j} would cross "
-                f"{links[int(crossed.argmax())].tolist()}; link the border and give border='links'"
+                f"links: the border from free end {i} to {j} would cross link "
+                f"{links[int(crossed.argmax())].tolist()}; add links along the border, and give "
+                "border='links'"
             )
 
 
@@ -328,6 +329,6 @@ def _warn(plan, lines, closed, rings, nothing):
         i, j = min(lines)
         checks.suspect(
             f"net_faces: {after - before:.6g} of {after:.6g} m2 lie outside of all links, between "
-            f"free ends of cables such as {i} and {j}; give border='ends' if they are meant, "
-            "border='links' if not"
+            f"free ends of cables such as {i} and {j}; border='ends' keeps these faces, "
+            "border='links' leaves them out"
         )

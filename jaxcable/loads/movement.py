@@ -12,7 +12,7 @@ from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import Fixed
 from .groups import scattered
-from .load import Moving, OnEveryNode
+from .load import VECTOR_HINT, Moving, OnEveryNode
 
 
 @pytree(indices=("nodes",))
@@ -57,17 +57,20 @@ class SupportMovement(Moving):
         for name in ("displacements", "rotations"):
             if getattr(self, name) is not None:
                 shapes = (3,), (len(self.nodes), 3)
-                put(self, **{name: checks.shaped(getattr(self, name), name, *shapes)})
+                value = checks.shaped(getattr(self, name), name, *shapes, hint=VECTOR_HINT)
+                put(self, **{name: value})
         turn = checks.concrete(self.rotations)
         if turn is not None:
-            plausibility.turned("rotations", turn)
+            plausibility.warn_of_degrees("rotations", turn)
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
         checks.known(self.nodes.array, structure.n_node, "moved nodes")
         if self.rotations is not None and not structure.rotating()[self.nodes.array].all():
             k = int((~structure.rotating()[self.nodes.array]).argmax())
-            raise ValueError(f"rotations: node {self.nodes[k]} has no rotation")
+            raise ValueError(
+                f"rotations: node {self.nodes[k]} has no rotation: no beam is joined to it rigidly"
+            )
 
     def check_supported(self, fixed: Fixed) -> None:
         """Raise ValueError if a moved freedom is not held; `fixed` is a `supports.Fixed`.
@@ -95,7 +98,10 @@ class SupportMovement(Moving):
                     f"{'its own ' if skew else ''}{where}; only what is held can be moved"
                 )
             if self.rotations is not None and not held[k, 3:].all():
-                raise ValueError(f"rotations[{k}]: node {node} is not clamped")
+                raise ValueError(
+                    f"rotations[{k}]: node {node} is not clamped; only a node whose three "
+                    "rotations are held can be rotated"
+                )
 
     def steps(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
         """Steps of all nodes, of `shape`: translations, and rotation vectors with six columns."""

@@ -10,7 +10,7 @@ from ..common.tree import Indices, put, pytree
 from ..common.types import ArrayLike, Float, Int
 from ..model.structure import Structure
 from .groups import scattered
-from .load import OnEveryNode, OnNodes
+from .load import VECTOR_HINT, OnEveryNode, OnNodes
 
 
 @pytree(indices=("nodes",))
@@ -47,10 +47,10 @@ class NodalLoads(OnNodes):
     def __post_init__(self):
         if not isinstance(self.nodes, Indices):
             put(self, nodes=Indices(checks.integers(self.nodes, "load nodes")))
-        shapes, hint = ((3,), (len(self.nodes), 3)), "; give (x, y, z) for all nodes, or for each"
-        put(self, forces=checks.shaped(self.forces, "forces", *shapes, hint=f"{hint} of them"))
+        shapes = (3,), (len(self.nodes), 3)
+        put(self, forces=checks.shaped(self.forces, "forces", *shapes, hint=VECTOR_HINT))
         if self.moments is not None:
-            put(self, moments=checks.shaped(self.moments, "moments", *shapes))
+            put(self, moments=checks.shaped(self.moments, "moments", *shapes, hint=VECTOR_HINT))
 
     def at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]]:
         """Nodes [n] and the forces on them, [3] or [n, 3], N."""
@@ -69,7 +69,8 @@ class NodalLoads(OnNodes):
             if not rotating.all():
                 k = int((~rotating).argmax())
                 raise ValueError(
-                    f"moments: node {self.nodes[k]} has no rotation: no beam is joined rigidly"
+                    f"moments: node {self.nodes[k]} has no rotation: no beam is joined to it "
+                    "rigidly"
                 )
 
     def __str__(self) -> str:

@@ -129,8 +129,8 @@ class CablePressure(OnGroups, Pressure):
             if group.links.shape[1] != 2 or (group.shaped_by_load and not group.rotates):
                 raise ValueError(
                     f"on = {self.on!r}: {group_path(structure, number)} "
-                    f"({type(group).__name__}) cannot be pressed; only cables and bars of two "
-                    "nodes, and beams"
+                    f"({type(group).__name__}) takes no pressure; only cables and bars of two "
+                    "nodes, and beams do"
                 )
             if self.per == "unstressed" and not group.has_length:
                 raise ValueError(

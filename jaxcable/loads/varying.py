@@ -177,9 +177,9 @@ def apart(load: Load, where: str, increments: int) -> tuple[Load, Amplitude | No
         if missed.any():
             k = int(missed.argmax())
             checks.suspect(
-                f"{where}: factors[{k}] = {factors[k]:.6g} is passed by, increments go through "
-                f"factors from {low:.6g} to {high:.6g}; let one of them end at load factor "
-                f"{parameters[k]:.6g} by another number of increments"
+                f"{where}: factors[{k}] = {factors[k]:.6g} is not reached: at the ends of "
+                f"increments (increments = {increments}) the factor is {low:.6g} to {high:.6g}; "
+                f"let one of them end at load factor {parameters[k]:.6g}"
             )
     return load.load, load.amplitude
 

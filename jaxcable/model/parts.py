@@ -201,8 +201,8 @@ def one_case(solution: Any) -> None:
     if not hasattr(solution, "status"):
         raise ValueError(f"solution: expected a Solution, got {type(solution).__name__}")
     if isinstance(solution.status, jax.core.Tracer):
-        raise ValueError("solution: is being traced; write files outside of jit")
+        raise ValueError("solution: is being traced; call this outside of jit, vmap and grad")
     if np.ndim(solution.status) != 0:
         raise ValueError(
-            "solution: is a batch; take one case: jax.tree.map(lambda x: x[k], solution)"
+            "solution: is a batch; take one case k: jax.tree.map(lambda x: x[k], solution)"
         )

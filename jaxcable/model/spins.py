@@ -142,11 +142,19 @@ def _held(structure, nodes, turning, line, fixed, axes):
     return bool((np.abs(off) > _STRAIGHT * np.abs(nodes).max()).any())
 
 
-def warn(structure: Any, spins: Spins | None) -> None:
-    """Issue an `InputWarning` that names each piece."""
+def warn(structure: Any, fixed: Any, label: str = "supports") -> None:
+    """Warn of each piece that can spin, as `InputWarning`.
+
+    Args:
+        structure: `Structure`.
+        fixed: `supports.Fixed`, with its `spins`.
+        label: the supports as a user writes them, such as "phases[0].supports".
+    """
+    spins = fixed.spins
     if spins is None:
         return
     nodes: Any = checks.concrete(structure.nodes)  # known, because free spins were found
+    held = fixed.array[:, :3].any(axis=1)
     for number, (first, second) in enumerate(spins.ends.tolist()):
         turning = spins.rows[spins.piece == number]
         turning = turning[turning < structure.n_node]
@@ -157,10 +165,13 @@ def warn(structure: Any, spins: Spins | None) -> None:
             where = f"nodes {turning.min()} to {turning.max()} can spin about their line"
         if not len(turning):
             where = f"the beam from node {first} to {second} can spin about its line"
+        hint = ""
+        if not held[[*turning, first, second]].any():
+            hint = f", and none of them is supported: is a support missing, such as node {first}?"
         checks.suspect(
-            f"supports: {where}, along {along.tolist()}: nothing holds that; if it is not meant, "
-            f'hold it: pinned(...) + restrained([{first}], about="x", axes={along.tolist()}), or '
-            f'in a scene file, in supports, "chosen": [{first}], {_in_a_file(along)}'
+            f"{label}: {where}, along {along.tolist()}: nothing holds this rotation{hint or ';'} "
+            f'to hold it, add restrained([{first}], about="x", axes={along.tolist()}), or in a '
+            f'scene file, in supports, "chosen": [{first}], {_in_a_file(along)}'
         )
 
 

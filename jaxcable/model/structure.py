@@ -44,7 +44,7 @@ def place_rules(nodes, group, where=""):
 
     def text(index, _, links):
         k = index[0]
-        return f"{where}links[{k}] = {links[k].tolist()}: zero length; its nodes coincide"
+        return f"{where}links[{k}] = {links[k].tolist()}: zero length; its nodes are at one place"
 
     apart = [Rule("nodes", (nodes[links], links), same, text)] if links.shape[1] > 1 else []
     return [*apart, *group.rules_at(nodes)]
@@ -101,11 +101,13 @@ class Structure:
             raise ValueError(f"nodes: expected float32 or float64, got {nodes.dtype}")
         put(self, nodes=nodes)
         if not isinstance(self.supports, Supports):
-            got = f", got {checks.kind(self.supports, 'pinned(nodes)')}"
-            raise ValueError(
-                "supports: missing; a structure needs supports=pinned(nodes) or Supports(mask)"
-                f"{'' if self.supports is None else got}"
-            )
+            if self.supports is None:
+                raise ValueError(
+                    "supports: missing; a structure needs supports=pinned(nodes) or Supports(mask)"
+                )
+            got = checks.kind(self.supports, "pinned(nodes)")
+            hint = "; write supports=pinned([0, 3])" if isinstance(self.supports, list) else ""
+            raise ValueError(f"supports: expected pinned(nodes) or Supports(mask), got {got}{hint}")
         positions = checks.concrete(nodes)
         if positions is not None and all(is_group(group) for group in self.groups):
             digits.resolution(positions, self.named_groups())
@@ -119,7 +121,7 @@ class Structure:
             refuse(place_rules(nodes, group, f"elements{where}."))
             if positions is not None:
                 group.check(positions)
-                plausibility.members(group, where, positions)
+                plausibility.warn_of_dimensions(group, where, positions)
         if not self.groups:
             raise ValueError("elements: a structure needs at least one element group")
         self._check_results()
@@ -128,9 +130,9 @@ class Structure:
         self._check_rigid()
         fixed = self.fixed(self.supports)
         if positions is not None:
-            plausibility.places(positions, self.touched(), fixed.array)
-            plausibility.bending(self.named_groups(), fixed.array[: self.n_node])
-            warn_of_spins(self, fixed.spins)
+            plausibility.warn_of_coincident_nodes(positions, self.touched(), fixed.array)
+            plausibility.warn_of_zero_bending(self.named_groups(), fixed.array[: self.n_node])
+            warn_of_spins(self, fixed)
 
     def _check_results(self):
         """Raise ValueError for names of results that have another meaning elsewhere."""
@@ -139,9 +141,9 @@ class Structure:
         for where, group in self.named_groups():
             for result in group.results:
                 if result.name in _TAKEN:
-                    text = "is the name of another result"
+                    text = "is the name of a result of nodes or of the analysis; take another name"
                 elif known.setdefault(result.name, result) != result:
-                    text = "has another unit, or is kept otherwise, elsewhere"
+                    text = "is a result of another group with another unit or shape; rename one"
                 else:
                     continue
                 raise ValueError(f"elements{where}.results: {result.name!r} {text}")
@@ -162,9 +164,9 @@ class Structure:
         for k, (carrier, node) in enumerate(pairs.tolist()):
             text = None
             if carrier in carried or carrier == node:
-                text = f"node {carrier} is carried itself; name the node at the end of the chain"
+                text = f"node {carrier} is carried itself; give the node at the end of the chain"
             elif carried.index(node) != k:
-                text = f"node {node} is carried twice"
+                text = f"node {node} is carried twice; give one carrier"
             elif not turns[carrier]:
                 text = f"node {carrier} has no rotation: no beam is joined to it rigidly"
             if text is not None:
@@ -282,13 +284,17 @@ class Structure:
         """See `fixed`."""
         fixed, axes = supports.fixed(self.n_node), supports.directions(self.n_node)
         if not fixed[:, :3].any():
-            raise ValueError("supports: no freedom is fixed; the structure would float away")
+            raise ValueError(
+                "supports: no node is held, so that the structure would float away; hold some, "
+                "such as pinned([0, 1])"
+            )
         self._require_touched(fixed)
         rows, _ = self.rows()
         if not self.space.rotates:
             if supports.holds_rotations:
                 raise ValueError(
-                    "supports mask: expected [n_node, 3]; no element of the structure has rotations"
+                    "supports: hold rotations, but no element of the structure has rotations (only "
+                    "beams have); use pinned(nodes), or a mask [n_node, 3]"
                 )
             fixed = fixed[:, :3]
             if rows is not None:
@@ -301,7 +307,7 @@ class Structure:
             if wrong.any():
                 node = int(carried[wrong.argmax()])
                 raise ValueError(
-                    f"supports of node {node}: another node carries it; support that one"
+                    f"supports: node {node} is carried by another node (rigid); support that one"
                 )
         fixed[:, 3:] |= ~self.rotating()[:, None]
         spins = free_spins(self, fixed, axes)
@@ -321,7 +327,9 @@ class Structure:
         """
         fixed = self.fixed(self.supports)
         if fixed.axes is not None:
-            raise ValueError("supports: form finding takes supports along x, y, z only")
+            raise ValueError(
+                "supports: form finding takes supports along x, y, z only, not along other axes"
+            )
         return fixed.array
 
     def _require_touched(self, fixed):
@@ -351,7 +359,7 @@ class Structure:
             count = int((part == part[node]).sum())
             raise ValueError(
                 f"supports: node {node} is in a part of {count} nodes that no element joins to a "
-                "support; the part would float away: support it or connect it"
+                "support; the part would float away: support one of its nodes, or connect it"
             )
 
 

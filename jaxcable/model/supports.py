@@ -123,8 +123,8 @@ class Supports:
         for name in ("chosen", "held"):
             if getattr(self, name) is None:
                 raise ValueError(
-                    f"supports {name}: missing; chosen (nodes) and held (which of their freedoms, "
-                    "[n, 6]) are given together, as restrained(...) does"
+                    f"supports {name}: missing; chosen (nodes) and held (which of their degrees of "
+                    "freedom, [n, 6]) are given together, as restrained(...) does"
                 )
         if self.axes is None:
             axes = np.tile(np.eye(3), (len(self.chosen), 1, 1))
@@ -146,7 +146,8 @@ class Supports:
         if len(masks) == 2:
             if len(masks[0]) != len(masks[1]):
                 raise ValueError(
-                    f"supports: masks of {len(masks[0])} and {len(masks[1])} nodes cannot be joined"
+                    f"supports: masks of {len(masks[0])} and {len(masks[1])} nodes cannot be "
+                    "added; both must have a row for every node of the structure"
                 )
             masks = [np.pad(m, ((0, 0), (0, 6 - m.shape[1]))) for m in masks]
             masks = [masks[0] | masks[1]]
@@ -171,7 +172,8 @@ class Supports:
         if self.mask is not None:
             if self.mask.shape[0] != n_node:
                 raise ValueError(
-                    f"supports mask: has {self.mask.shape[0]} rows, the structure {n_node} nodes"
+                    f"supports mask: has {self.mask.shape[0]} rows, but the structure has {n_node} "
+                    "nodes"
                 )
             fixed[:, : self.mask.shape[1]] = self.mask.array
         for name, nodes, width in (("pinned", self.nodes, 3), ("clamped", self.clamps, 6)):
@@ -200,12 +202,12 @@ class Supports:
                 in_part = plain[node, part].any() and not plain[node, part].all()
                 if turned and held[part].any() and in_part:
                     raise ValueError(
-                        f"supports of node {node}: {kind} are held in part along x, y, z and in "
-                        "part along other directions; state all along one set"
+                        f"supports: {kind} of node {node} are held in part along x, y, z and in "
+                        "part along other directions; give all along one set of directions"
                     )
             if node in taken and np.abs(taken[node] - given).max() > 1e-9:
                 raise ValueError(
-                    f"supports of node {node}: held along two sets of directions; state all along "
+                    f"supports: node {node} is held along two sets of directions; give all along "
                     "one set"
                 )
             axes[node] = taken[node] = given
@@ -279,7 +281,7 @@ def restrained(
             raise ValueError(f'{name} = {letters!r}: expected some of "x", "y", "z"')
         held[:, [start + "xyz".index(letter) for letter in letters]] = True
     if not held.any():
-        raise ValueError('along, about: nothing is held; give some of "xyz"')
+        raise ValueError('along, about: nothing is held; give some of "xyz" in one of them')
     return Supports(chosen=nodes, held=held, axes=_directions(axes, len(nodes)))
 
 
@@ -293,7 +295,7 @@ def _directions(axes, count):
     if axes.shape == (3,):
         length = np.linalg.norm(axes)
         if not (np.isfinite(length) and length > 0):
-            raise ValueError(f"axes = {axes.tolist()}: no direction")
+            raise ValueError(f"axes = {axes.tolist()}: has no direction; must not be zero")
         along = axes / length
         across = np.eye(3)[np.abs(along).argmin()]
         across = across - (across @ along) * along

@@ -165,7 +165,7 @@ def test_zero_is_no_negative_eigenvalue():
 
 
 def test_who_is_told(tmp_path, capsys):
-    with pytest.warns(jc.UnstableWarning, match=r"phases\[0\] ends in an unstable equilibrium"):
+    with pytest.warns(jc.UnstableWarning, match=r"phases\[0\]\) ends in an unstable equilibrium"):
         solution = pushed(12.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -186,7 +186,7 @@ def test_who_is_told(tmp_path, capsys):
     result = tmp_path / "result.json"
     assert main(["solve", str(scene), "--save", str(result)]) == 0
     told = capsys.readouterr()
-    assert "warning: phases[0] ends in an unstable equilibrium" in told.err
+    assert "warning: phase 1 (phases[0]) ends in an unstable equilibrium" in told.err
     assert "UNSTABLE" in told.out
     assert json.loads(result.read_text())["stable"] is False
     assert jc.files.load_result(result)["stable"].dtype == bool

@@ -173,8 +173,8 @@ def test_the_remedy_for_a_spin_helps(top, analyse, tmp_path):
 @pytest.mark.parametrize(
     ("fibres", "words"),
     [
-        ({"y": [0.3], "z": [-0.2]}, "all axes: its fibres are one point; give `own`"),
-        ({"y": [-0.1, 0.1], "z": [0.1, 0.3]}, "one axis: its fibres are points on one line"),
+        ({"y": [0.3], "z": [-0.2]}, "all axes, because it is a single fibre; give `own`"),
+        ({"y": [-0.1, 0.1], "z": [0.1, 0.3]}, "one axis, because its fibres lie on one line"),
     ],
 )
 def test_a_beam_that_does_not_resist_bending_is_named(fibres, words):

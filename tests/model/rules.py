@@ -290,18 +290,18 @@ thickness,  # thickness: thickness = -1.0
 ## sections/composites.py
 composed,  # torsion: torsion = -1.0
 ## analysis/prestress_rules.py
-stated("rest_length"),  # value_rules: ...rest_length[0] = -1.0: ... must be positive
-stated("prestrain"), 0.1, -1.0  # value_rules: ...prestrain[0] = -1.0: a prestrain must be above -1
-stated("pretension"),  # value_rules: ...pretension[0] = -1.0: a cable carries tension only
-stated("force_density"),  # value_rules: ...force_density[0] = -1.0
-stated("jacking"), 100.0, -100.0  # value_rules: ...jacking[0] = -100.0
-stated("sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # value_rules: ...sag[0] = -0.1
+stated("rest_length"),  # value_rules: ...rest_length[1] = -1.0: ... must be positive
+stated("prestrain"), 0.1, -1.0  # value_rules: ...prestrain[1] = -1.0: a prestrain must be above -1
+stated("pretension"),  # value_rules: ...pretension[1] = -1.0: a cable carries tension only
+stated("force_density"),  # value_rules: ...force_density[1] = -1.0
+stated("jacking"), 100.0, -100.0  # value_rules: ...jacking[1] = -100.0
+stated("sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # value_rules: ...sag[1] = -0.1
 stated("pretension", area=1.0, law=LAW), 1e6, 1000001.0
-    # capacity_rules: ...pretension[1] = 1000001.0: above what its law
+    # capacity_rules: ...pretension[1] = 1000001.0: more than the law
 stated("jacking", area=1.0, law=LAW), 1e6, 1000001.0
-    # capacity_rules: ...jacking[1] = 1000001.0: above what its law
+    # capacity_rules: ...jacking[1] = 1000001.0: more than the law
 stated("pretension", jc.Bars, area=1.0, law=STOCKY), -1e6, -1000001.0
-    # capacity_rules: ...pretension[1] = -1000001.0: ...what its law
+    # capacity_rules: ...pretension[1] = -1000001.0: ...law of the element can
 plumb, 1.0, 0.0  # span_rules: ...sag[0]: the nodes of the element lie
 ## loads/pressure.py
 pressed, AXIS, (0.0, 0.0, 0.0)  # axis: axis: is zero
@@ -390,7 +390,7 @@ OTHERWISE = {
     "model/supports.py:_directions": "traced directions are refused",
     "model/spins.py:free_spins": "a warning",
     "model/spins.py:warn": "a warning",
-    "model/plausibility.py:_there": "warnings",
+    "model/plausibility.py:array_or_none": "warnings",
     "loads/movement.py:__post_init__": "a warning",
     "loads/movement.py:check_supported": "NaN where it is traced (`ramp`), status NONFINITE",
     "forms/feasible.py:feasible_prestress": "NaN where a cable is not taut",
