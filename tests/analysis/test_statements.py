@@ -260,7 +260,7 @@ REFUSED = {
     ),
     "booleans": (
         lambda: jc.solve(crossed(), [jc.Phase(pretension=jc.only([True, False], 1.0))]),
-        "pretension: 2 booleans say which elements, the group has 4",
+        "pretension: expected a boolean for each of 4 elements, got 2",
     ),
     "two for one": (
         lambda: jc.solve(

@@ -489,7 +489,7 @@ def test_dense_matrices_that_do_not_fit_are_refused(monkeypatch):
     structure, phases = jc.scenes.flat_net()
     solution = jc.solve(structure, phases)
     monkeypatch.setattr(memory, "available", lambda: 2000)
-    monkeypatch.setattr(memory, "_SMALL", 0)  # the net of this test is small
+    monkeypatch.setattr(memory, "_NEVER_REFUSED", 0)  # the net of this test is small
     for call in (
         jc.stiffness.tangent_of,
         jc.stiffness.modes,

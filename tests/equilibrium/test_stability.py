@@ -154,13 +154,13 @@ def test_zero_is_no_negative_eigenvalue():
     """Rounding of a singular matrix has either sign; 1e-9 of the largest entry is none."""
     rng = np.random.default_rng(0)
     basis = np.linalg.qr(rng.normal(size=(20, 20)))[0]
-    from jaxcable.equilibrium.iteration import no_stiffness
+    from jaxcable.equilibrium.newton_step import zero_eigenvalue_bound
 
     for lowest, expected in ((0.0, True), (-1e-9, False), (1e-9, True)):
         values = np.geomspace(1e-3, 1.0, 20)
         values[0] = lowest
         matrix = jnp.asarray(basis * values @ basis.T)
-        found = linear.is_definite(linear.plus_diagonal(matrix, no_stiffness(matrix)))
+        found = linear.is_definite(linear.plus_diagonal(matrix, zero_eigenvalue_bound(matrix)))
         assert bool(found) == expected
 
 
