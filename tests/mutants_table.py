@@ -112,8 +112,8 @@ FAULTS = (
         "",
         "a clamped support clamps a beam beyond its hinge"),
     Fault("loads/along.py",
-        "self.partly(number, amounts, state) / state.rest_length, self._vector()",
-        "self.partly(number, amounts, state) / state.rest_length, self._vector() / "
+        "self.partly(number, amounts, state) / state.rest_length, self._load_vector()",
+        "self.partly(number, amounts, state) / state.rest_length, self._load_vector() / "
         "getattr(self, 'factor', 1.0)",
         "the factor of a line load acts at the ends of beams, but not between them"),
     Fault("loads/areas.py",

@@ -22,13 +22,13 @@ from ..elements.stated import Stated
 from ..loads.groups import OnGroups
 from ..loads.load import Acting
 from ..model.structure import Structure
-from .by_group import is_scalar, spread
+from .by_group import is_single_number, spread
 from .phases import Phase, all_stated
 from .presence import Presence
 from .statements import ABSOLUTE, INCREMENTS, statement_path
 
 
-def require_present(
+def refuse_absent_elements(
     structure: Structure,
     phases: Sequence[Phase],
     statements: Sequence[Sequence[dict[str, Stated]]],
@@ -51,24 +51,24 @@ def require_present(
         there = [present[k] for present in presence.present]
         for name, value in all_stated(phase).items():
             label = f"phases[{earlier + k}].{statement_path(name)}"
-            if is_scalar(value):
-                _judge_scalar(name, label, [name in own for own in statements[k]], there)
+            if is_single_number(value):
+                _warn_if_all_absent(name, label, [name in own for own in statements[k]], there)
                 continue
             values = spread(value, structure, label)
             parts = zip(values, structure.named_groups(), there, strict=True)
             for number, (given, (where, group), own) in enumerate(parts):
-                if given is None or _states_nothing(name, given):
+                if given is None or _is_zero_increment(name, given):
                     continue
-                wrong = _named_absent(label, where, given, group, own)
+                wrong = _names_absent_element(label, where, given, group, own)
                 if isinstance(wrong, jax.core.Tracer):
                     sound = jnp.ones(len(phases), bool) if sound is None else sound
                     sound = sound.at[k].set(sound[k] & ~wrong)
                 later = [of_phase[number] for of_phase in statements[k + 1 :]]
-                _judge_array(name, label, where, given, presence.present[number][k:], later)
+                _warn_of_lost_value(name, label, where, given, presence.present[number][k:], later)
     return presence._replace(sound=sound)
 
 
-def loads_that_never_act(
+def warn_of_idle_loads(
     along: Sequence[Sequence[Acting]], presence: Presence, earlier: int = 0
 ) -> None:
     """Warn of loads on elements none of which is there from the phase of the load on.
@@ -86,7 +86,7 @@ def loads_that_never_act(
             if any(isinstance(presence.present[number], jax.core.Tracer) for number in on):
                 continue
             part = acting.part or {}
-            acts = [presence.present[n][k:] & _loaded(part.get(n)) for n in on]
+            acts = [presence.present[n][k:] & _loaded_elements(part.get(n)) for n in on]
             if not any(np.any(one) for one in acts):
                 checks.suspect(
                     f"phases[{earlier + k}].loads: {acting} acts on nothing: its elements are not "
@@ -94,19 +94,19 @@ def loads_that_never_act(
                 )
 
 
-def _loaded(factors):
+def _loaded_elements(factors):
     """Which elements a load acts on by its factors, [n_elem, ...] or None: all if not known."""
     known = checks.concrete(factors)
     return True if known is None else (known != 0).reshape(len(known), -1).any(axis=1)
 
 
-def _states_nothing(name, given):
+def _is_zero_increment(name, given):
     """Whether a statement is an increment that is known to be zero."""
     values = checks.concrete(given.values if isinstance(given, Only) else given)
     return name in INCREMENTS and values is not None and not np.any(values)
 
 
-def _judge_scalar(name, label, concerned, there):
+def _warn_if_all_absent(name, label, concerned, there):
     """Warn of one number for the whole structure if nothing that it concerns is there."""
     known = [own for own, ours in zip(there, concerned, strict=True) if ours]
     if name == "temperature" or any(isinstance(own, jax.core.Tracer) for own in known):
@@ -117,7 +117,7 @@ def _judge_scalar(name, label, concerned, there):
         )
 
 
-def _named_absent(label, where, given, group, there) -> bool | Bool[jax.Array, ""]:
+def _names_absent_element(label, where, given, group, there) -> bool | Bool[jax.Array, ""]:
     """Whether a statement for a group names absent elements; ValueError if that is known."""
     hint = "give the value in the phase that adds it, or in a later one"
     if isinstance(given, Only):
@@ -136,7 +136,7 @@ def _named_absent(label, where, given, group, there) -> bool | Bool[jax.Array, "
     return False
 
 
-def _judge_array(name, label, where, given, present, later):
+def _warn_of_lost_value(name, label, where, given, present, later):
     """Warn of a number for an absent element that a later phase adds without a statement.
 
     Args:

@@ -14,7 +14,7 @@ from ..elements.abilities import components_of
 from ..model.structure import Structure
 
 
-def is_scalar(value: Any) -> bool:
+def is_single_number(value: Any) -> bool:
     """Whether a statement is one number for the whole structure."""
     leaf = jax.tree_util.treedef_is_leaf(jax.tree.structure(value))
     return leaf and not isinstance(value, dict | None) and np.ndim(value) == 0
@@ -28,10 +28,10 @@ def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
     Raises:
         ValueError: keys that no group has, or another shape.
     """
-    if value is None or is_scalar(value):
+    if value is None or is_single_number(value):
         return [value] * len(structure.groups)
     numbers = structure.arrange(list(range(len(structure.groups))))
-    value = _filled(value, numbers, name)
+    value = _fill_missing_groups(value, numbers, name)
     if isinstance(numbers, int) and isinstance(value, list | tuple):
         return [value]  # the values of the only group
 
@@ -66,10 +66,9 @@ def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
     ]
     expected = "one number, or numbers [n_elem] of the group"
     if not isinstance(numbers, int):
-        expected = f"one number, or numbers by group: the structure has {_told(numbers)}"
-    raise ValueError(
-        f"{label}: expected {expected}, got {_told(value)}{''.join(dict.fromkeys(columns))}"
-    )
+        expected = f"one number, or numbers by group: the structure has {_describe_tree(numbers)}"
+    hint = "".join(dict.fromkeys(columns))
+    raise ValueError(f"{label}: expected {expected}, got {_describe_tree(value)}{hint}")
 
 
 def _first_mismatch(label, numbers, value):
@@ -86,7 +85,7 @@ def _first_mismatch(label, numbers, value):
     return label, numbers, value
 
 
-def _filled(value, numbers, name):
+def _fill_missing_groups(value, numbers, name):
     """`value` with nothing for the groups that its dicts leave out; ValueError for unknown keys.
 
     Args:
@@ -101,13 +100,17 @@ def _filled(value, numbers, name):
                     f"{name}: no group {key!r} in the structure's elements"
                     f"{checks.meant(key, numbers)}"
                 )
-        return {key: _filled(value.get(key), own, name) for key, own in numbers.items()}
+        return {
+            key: _fill_missing_groups(value.get(key), own, name) for key, own in numbers.items()
+        }
     if type(value) in (list, tuple) and type(value) is type(numbers) and len(value) == len(numbers):
-        return type(value)(_filled(*pair, name) for pair in zip(value, numbers, strict=True))
+        return type(value)(
+            _fill_missing_groups(*pair, name) for pair in zip(value, numbers, strict=True)
+        )
     return value
 
 
-def _told(tree):
+def _describe_tree(tree):
     """What a tree is at its top, in words."""
     if isinstance(tree, dict):
         return f"groups by name: {', '.join(map(repr, tree))}" if tree else "no group"

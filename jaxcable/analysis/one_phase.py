@@ -22,11 +22,11 @@ from ..numerics import implicit
 from ..numerics.rooted import told
 from ..spaces import space_of
 from ..spaces.translations import coarse, is_fine, refined
-from .phase_results import LOG, Path
+from .phase_results import LOG_COLUMNS, Path
 from .results import element_fields
 
 
-class Ended(NamedTuple):
+class PhaseOutcome(NamedTuple):
     """What a phase ended with; a good increment is one whose status is OK.
 
     Attributes:
@@ -36,7 +36,7 @@ class Ended(NamedTuple):
         point: (motion of the carry, marks) as `bare` and `marks` of `implicit.attach_apart`.
         factor: load factor of the last good increment, 0 if there is none.
         seen: `Reading` of the last good increment.
-        path, log: `Path`, and the numbers `LOG` of every increment, [n_inc, 10].
+        path, log: `Path`, and the numbers `LOG_COLUMNS` of every increment, [n_inc, 10].
         factored: the last matrix that a sparse solve has factorised.
     """
 
@@ -55,7 +55,7 @@ class Ended(NamedTuple):
 def run_phase(
     problem, before, steps, method, code, differentiate_path, factored, seen, fresh, tell
 ):
-    """Go through the increments of a phase: `Ended`.
+    """Go through the increments of a phase: `PhaseOutcome`.
 
     Args:
         problem: nodes, groups, carry and `PhaseData`, of which `Ramp.build` makes the phase.
@@ -71,28 +71,32 @@ def run_phase(
     factors = jnp.minimum(factors, 1)  # later increments repeat the end; results leave them out
     given = (factors, live), method, code
     if isinstance(method, Newton):
-        found = _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tell)
+        found = _solve_by_newton(
+            ramp, count, given, differentiate_path, factored, seen, fresh, tell
+        )
     else:
-        found = _stepped(ramp, count, given, fresh, tell)
+        found = _solve_by_scheme(ramp, count, given, fresh, tell)
     ramp, (x, bare, marks), xs, readings, log, memory, seen, factored = found
     good, live = (log[:, 0] == status.OK) & live[1:], live[1:]
-    valid, factor = _reached(good, count, begin.motion.dtype)
-    carry, bare = _end(ramp, factor, (x, bare), valid, before, memory)
+    valid, factor = _last_converged(good, count, begin.motion.dtype)
+    carry, bare = _phase_end(ramp, factor, (x, bare), valid, before, memory)
     moved = xs[..., :3] - ramp.begin.motion[None, :, :3]
-    path, counts = _path(readings, moved, good, good | ~live)
+    path, counts = _make_path(readings, moved, good, good | ~live)
     motion = space_of(ramp.groups).kept(jnp.where(good[:, None, None], xs, jnp.nan))
     path = copy(path, motion=motion)
-    code, stable = log[-1, 0].astype(jnp.int32), LOG.index("stable")
+    code, stable = log[-1, 0].astype(jnp.int32), LOG_COLUMNS.index("stable")
     if not isinstance(method, Newton):
         end, here = lax.stop_gradient((ramp.at(factor, memory), x))
         judged = newton.is_stable(end, here) & (code == status.OK)
         log = log.at[count - 1, stable].set(judged.astype(log.dtype))
     log = lax.stop_gradient(jnp.concatenate([log, counts.astype(log.dtype)], axis=1))
     stable = jnp.take(log[:, stable], count - 1) > 0
-    return Ended(code, stable, begin, carry, (bare, marks), factor, seen, path, log, factored)
+    return PhaseOutcome(
+        code, stable, begin, carry, (bare, marks), factor, seen, path, log, factored
+    )
 
 
-def _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tell):
+def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fresh, tell):
     """The increments by Newton's method, with the derivative of the end or of all of them.
 
     Returns:
@@ -105,7 +109,7 @@ def _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tel
     *whole, seen, memory, factored = found
     xs, log, readings = jax.tree.map(lambda x: x[1:], whole)
     factors, good = factors[1:], (log[:, 0] == status.OK) & live[1:]
-    valid, factor = _reached(good, count, factors.dtype)
+    valid, factor = _last_converged(good, count, factors.dtype)
     ramp = implicit.gate(valid, ramp)
     x = xs[-1]  # the point stays where it was when an increment fails
     if memory is None:
@@ -114,42 +118,42 @@ def _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tel
         if differentiate_path:
             attach = jax.vmap(lambda f, x, ok: implicit.attach(ramp.at(f), x, ok))
             xs = attach(factors, xs, good)
-            readings = jax.vmap(lambda f, x: _reading(ramp.at(f), x))(factors, xs)
+            readings = jax.vmap(lambda f, x: _path_output(ramp.at(f), x))(factors, xs)
     else:
         problem = thaw((ramp, factors, xs, good))
-        x, memory = told(_followed, (x, memory), problem)
+        x, memory = told(_replay_to_end, (x, memory), problem)
         point = x, x, None
         if differentiate_path:
-            readings, xs, *_ = _follow(ramp, factors, xs, good, True)
+            readings, xs, *_ = _replay_increments(ramp, factors, xs, good, True)
     return ramp, point, xs, readings, log, memory, seen, factored
 
 
-def _stepped(ramp, count, given, fresh, tell):
-    """The increments by the paper's scheme, differentiated through; returns as `_iterated`."""
+def _solve_by_scheme(ramp, count, given, fresh, tell):
+    """Run the increments by the paper's scheme, differentiated through; see `_solve_by_newton`."""
     (factors, live), method, code = given
     increments = factors[1:], live[1:]
     xs, log = incremental.march(ramp, ramp.begin.motion, increments, method, code, tell)
     x, memory = xs[-1], None
     if ramp.memory is None:
-        readings = jax.vmap(lambda f, x: _reading(ramp.at(f), x))(factors[1:], xs)
+        readings = jax.vmap(lambda f, x: _path_output(ramp.at(f), x))(factors[1:], xs)
     else:
         good = (log[:, 0] == status.OK) & live[1:]
-        readings, _, memory, x = _follow(ramp, factors[1:], xs, good, False)
+        readings, _, memory, x = _replay_increments(ramp, factors[1:], xs, good, False)
     return ramp, (x, x, None), xs, readings, log, memory, None, None
 
 
-def _reached(good, count, dtype):
+def _last_converged(good, count, dtype):
     """Whether any increment is good, and the load factor of the last good one."""
     n_good = jnp.sum(good)
     return n_good > 0, (n_good / count).astype(dtype)
 
 
-def _reading(system, x):
+def _path_output(system, x):
     """What a path keeps of one increment, a `Reading`."""
     return read(system, x).of_path
 
 
-def _follow(ramp, factors, xs, good, converges):
+def _replay_increments(ramp, factors, xs, good, converges):
     """Go through the increments of a phase with memory again, to differentiate them.
 
     Every increment depends on the memory that the increment before has left: the end of the phase
@@ -175,13 +179,13 @@ def _follow(ramp, factors, xs, good, converges):
     return readings, xs, memory, last
 
 
-def _followed(problem):
-    """Last point and memory of a phase whose laws have a memory, see `_follow`."""
-    *_, memory, last = _follow(*fill(*problem), True)
+def _replay_to_end(problem):
+    """Last point and memory of a phase whose laws have a memory, see `_replay_increments`."""
+    *_, memory, last = _replay_increments(*fill(*problem), True)
     return last, memory
 
 
-def _end(ramp, factor, points, valid, before, memory=None):
+def _phase_end(ramp, factor, points, valid, before, memory=None):
     """Carry and bare motion at the end of a phase; those `before` it if no increment is good.
 
     `points` are the motion with its derivative, and the bare one, see `implicit.attach_apart`.
@@ -194,7 +198,7 @@ def _end(ramp, factor, points, valid, before, memory=None):
     return copy(carry, loads=ramp.begin.loads), bare
 
 
-def _path(readings, moved, good, finite):
+def _make_path(readings, moved, good, finite):
     """`Path` of a phase, NaN unless `finite`, and counts of slack elements and loose nodes.
 
     The counts are [n_inc, 2], -1 unless `good`.

@@ -16,7 +16,7 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..loads import as_list
 from ..loads.load import Acting, Following, Moving, OnNodes
-from ..loads.varying import Varying, apart
+from ..loads.varying import Varying, split_amplitude
 from ..model import spins
 from ..model.structure import Structure
 from ..model.supports import Fixed
@@ -104,14 +104,14 @@ def check_loads(
         where: the phase in messages, such as "phases[0]".
 
     Returns:
-        Three lists of pairs: a load, and its amplitude or None (`loads.varying.apart`).
+        Three lists of pairs: a load, and its amplitude or None (`loads.varying.split_amplitude`).
     """
     found: tuple[list[Any], ...] = [], [], []
     for j, given in enumerate(as_list(phase.loads)):
         label = f"{where}.loads[{j}]"
         with errors_prefixed(f"{label}: "):
             given.check(structure)
-            load, amplitude = apart(given, label, phase.increments)
+            load, amplitude = split_amplitude(given, label, phase.increments)
             if isinstance(load, Moving):
                 load.check_supported(fixed)
             if isinstance(load, Acting):
@@ -146,10 +146,10 @@ def check_supports(
         with errors_prefixed(f"phases[{earlier + k}]."):
             sets.append(_fixed_in_phase(structure, phase.supports))
         if structure.space.rotates:
-            spins.warn(structure, sets[-1], f"phases[{earlier + k}].supports")
+            spins.warn_of_free_spins(structure, sets[-1], f"phases[{earlier + k}].supports")
     if all(fixed.axes is None for fixed in sets):
         return sets
-    sets = [fixed.directed() for fixed in sets]
+    sets = [fixed.with_directions() for fixed in sets]
     for k, pair in enumerate(itertools.pairwise(sets)):
         _require_same_directions(*pair, earlier + k)
     return sets

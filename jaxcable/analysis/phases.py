@@ -152,7 +152,7 @@ class Phase:
 
     def __post_init__(self):
         for name in ("adds", "removes"):
-            object.__setattr__(self, name, by_name(getattr(self, name)))
+            object.__setattr__(self, name, as_whole_groups(getattr(self, name)))
         if self.placed not in PLACES:
             raise ValueError(f"placed = {self.placed!r}: expected one of {', '.join(PLACES)}")
         if isinstance(self.increments, bool) or not isinstance(self.increments, int | np.integer):
@@ -168,12 +168,12 @@ class Phase:
             kind = checks.kind(self.supports, "pinned(nodes)")
             raise ValueError(f"supports: expected pinned(nodes) or Supports(mask), got {kind}")
         as_list(self.loads)
-        self._check_own()
+        self._check_own_statements()
         for name, given in all_stated(self).items():
             for leaf in jax.tree.leaves(given):
                 checks.floats(leaf, name)
 
-    def _check_own(self):
+    def _check_own_statements(self):
         """Raise ValueError if `own` is no dict of statements that `Phase` does not have itself."""
         if self.own is not None and not isinstance(self.own, Mapping):
             kind = checks.kind(self.own, '{"clamped": values}')
@@ -204,7 +204,7 @@ def restated(phase: Phase, name: str, given: PyTree[Any]) -> Phase:
     return replace(phase, own={**(phase.own or {}), name: given})
 
 
-def by_name(value: Any) -> Any:
+def as_whole_groups(value: Any) -> Any:
     """What a phase adds or removes, with keys of groups as `Named`; None if it is empty."""
     if isinstance(value, list | tuple | dict) and not value:
         return None

@@ -19,7 +19,7 @@ from ..elements.prestress import Prestressed
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..loads import SelfWeight
-from ..loads.varying import at_peak
+from ..loads.varying import scale_to_peak
 from ..mechanics import load_stacks
 from ..mechanics.bundles import Bundles
 from ..mechanics.carry import Carry, unloaded
@@ -30,7 +30,7 @@ from ..model.supports import Fixed
 from ..model.topology import require_same
 from ..spaces import space_of
 from ..spaces.freedoms import gathering, number_freedoms
-from .absent import loads_that_never_act, require_present
+from .absent import refuse_absent_elements, warn_of_idle_loads
 from .phase_checks import (
     check_loads,
     check_method,
@@ -39,12 +39,12 @@ from .phase_checks import (
     without_amplitudes,
 )
 from .phases import Phase, as_phases
-from .presence import attached_of, presence_of
-from .prestress_rules import keeps_rules
-from .schedule import Schedule, numbering, on_rows, stated
+from .presence import attached_phases, presence_of
+from .prestress_rules import statements_keep_rules
+from .schedule import Schedule, number_phases, stack_nodal_loads, stack_statements
 from .solution import Solution, State
 
-Frame: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], Carry | None, Schedule]"
+AnalysisInput: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], Carry | None, Schedule]"
 """Nodes, groups, carry and schedule."""
 
 
@@ -59,13 +59,13 @@ class Prepared(NamedTuple):
         loads: element loads of `start`, then those of the phases, list of `LoadStack`.
         bundles: which groups are evaluated together.
         n_free: number of unknowns.
-        may_warn: whether a state can be unstable and an indefinite tangent proves it. Not where the
-            energy is convex (`System.always_convex`): the tangent is never indefinite. Not under
-            nodal moments and following loads, and with elements that are not `symmetric`: the
-            tangent is unsymmetric and proves nothing.
+        warns_if_unstable: whether a state can be unstable and an indefinite tangent proves it. Not
+            where the energy is convex (`System.always_convex`): the tangent is never indefinite.
+            Not under nodal moments and follower loads, and with elements that are not `symmetric`:
+            the tangent is unsymmetric and proves nothing.
     """
 
-    thawed: Frame
+    thawed: AnalysisInput
     arrays: list[np.ndarray]
     method: Newton | Incremental
     code: Int[ArrayLike, ""]
@@ -73,7 +73,7 @@ class Prepared(NamedTuple):
     loads: list[LoadStack]
     bundles: Bundles
     n_free: int
-    may_warn: bool
+    warns_if_unstable: bool
 
 
 def prepare(
@@ -97,9 +97,9 @@ def prepare(
     phases = as_phases(structure, phases)
     method = check_method(structure, method)
     plausibility.precision(structure.nodes)
-    carry, code, fixed = _begin(structure, start)
+    carry, code, fixed = _starting_point(structure, start)
     rows, groups = structure.rows()
-    bundles = _bundles(structure)
+    bundles = _bundles_of(structure)
     sets = check_supports(structure, phases, fixed, earlier)
     loads = [
         check_loads(structure, phase, held, f"phases[{earlier + k}]")
@@ -114,36 +114,36 @@ def prepare(
     followed = carry is not None and any(stack.follows for stack in carry.loads)
     require_tangent(method, phases, followed, earlier)
     bundled = bundles.groups(groups)
-    convex = to_end and isinstance(method, Newton) and _always_convex(bundled, everything)
-    numbered = _numbered(structure, method, everything, bundled, bundles, convex)
+    convex = to_end and isinstance(method, Newton) and _is_always_convex(bundled, everything)
+    numbered = _numbering_function(structure, method, everything, bundled, bundles, convex)
     presence = presence_of(structure, phases, None if carry is None else carry.states, earlier)
     idle = attached = None
     if presence is not None:
-        presence = require_present(structure, phases, statements, presence, earlier)
-        loads_that_never_act(without_amplitudes(along), presence, earlier)
-        presence, attached = presence.bundled(bundles), attached_of(phases)
+        presence = refuse_absent_elements(structure, phases, statements, presence, earlier)
+        warn_of_idle_loads(without_amplitudes(along), presence, earlier)
+        presence, attached = presence.bundled(bundles), attached_phases(phases)
         idle = presence.idle(structure, bundled)
     for k, phase in enumerate(phases):
         moving = along[k] or movements[k]
         alone = not (moving or any(statements[k])) and phase.supports is None
         mask = sets[k + 1].array
         waits = None if idle is None or isinstance(idle, jax.core.Tracer) else idle[k + 1]
-        peaks = [at_peak(*pair) for pair in nodal[k]]
+        peaks = [scale_to_peak(*pair) for pair in nodal[k]]
         phase_plausibility.warn_of_nodal_loads(earlier + k, peaks, mask, groups, alone, waits)
         if not moving:
             phase_plausibility.warn_if_all_held(earlier + k, mask, groups)
     if any(phase.loads is not None or phase.sag is not None for phase in phases):
         weighed = any(isinstance(stack.load, SelfWeight) for stack in everything)
         phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)
-    freedoms, changes, before = numbering(sets, numbered, idle)
+    freedoms, changes, before = number_phases(sets, numbered, idle)
     together = statements if bundles.plain else [bundles.statements(each) for each in statements]
     nodes = structure.nodes if rows is None else structure.nodes[rows.node]
     shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
     schedule = Schedule(
         number=np.arange(len(phases), dtype=np.int32),
-        statements=stated(together, bundled),
-        added_load=on_rows(nodal, "nodal_forces", shape, dtype),
-        moved=on_rows(movements, "steps", shape, dtype),
+        statements=stack_statements(together, bundled),
+        added_load=stack_nodal_loads(nodal, "nodal_forces", shape, dtype),
+        moved=stack_nodal_loads(movements, "steps", shape, dtype),
         freedoms=freedoms,
         changes=changes,
         before=before,
@@ -156,18 +156,18 @@ def prepare(
         sound=None if presence is None else presence.sound,
     )
     thawed, arrays = thaw((nodes, bundled, carry, schedule))
-    warns = _may_warn(bundled, carry, everything, without_amplitudes(nodal))
+    warns = _can_prove_instability(bundled, carry, everything, without_amplitudes(nodal))
     count = len(freedoms.free)
     return Prepared(thawed, arrays, method, code, tuple(sets), everything, bundles, count, warns)
 
 
 @once
-def _bundles(structure):
+def _bundles_of(structure):
     """The `Bundles` of a structure; they do not depend on its numbers."""
     return Bundles.of(structure.rows()[1])
 
 
-def _numbered(structure, method, stacks, groups, bundles, convex):
+def _numbering_function(structure, method, stacks, groups, bundles, convex):
     """A function from a `Fixed` to the numbering of the unknowns that it leaves, `Freedoms`."""
     (rows, _), space = structure.rows(), structure.space
     followers = [stack for stack in stacks if stack.follows]
@@ -191,9 +191,9 @@ def _numbered(structure, method, stacks, groups, bundles, convex):
     return number
 
 
-def _may_warn(groups, carry, stacks, nodal):
-    """See `Prepared.may_warn`."""
-    if _always_convex(groups, stacks) or not all(group.symmetric for group in groups):
+def _can_prove_instability(groups, carry, stacks, nodal):
+    """See `Prepared.warns_if_unstable`."""
+    if _is_always_convex(groups, stacks) or not all(group.symmetric for group in groups):
         return False
     rotate = any(group.rotates for group in groups)
     moments = rotate and any(load.has_moments for of_phase in nodal for load in of_phase)
@@ -203,7 +203,7 @@ def _may_warn(groups, carry, stacks, nodal):
     return not (moments_before or following or moments)
 
 
-def _always_convex(groups, stacks):
+def _is_always_convex(groups, stacks):
     """Whether the energy is known to be convex: cables, and no loads that slide along or follow."""
     tension_only = all(g.tension_only and g.rising and g.symmetric for g in groups)
     slides = stacks and any(group.slides for group in groups)
@@ -215,7 +215,7 @@ def in_precision_of(nodes: Float[ArrayLike, "n_row 3"], tree: PyTree[Any]) -> Py
     return cast(tree, jnp.asarray(nodes).dtype)
 
 
-def ready(parameters: Frame, bundles: Bundles) -> Frame:
+def ready(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput:
     """Nodes, groups, carry and schedule to compute with, from those of `Prepared`.
 
     All of them are of bundles of groups. Laws are extended beyond the ends of their curves: the
@@ -226,7 +226,7 @@ def ready(parameters: Frame, bundles: Bundles) -> Frame:
     if carry is None:
         carry = unloaded(nodes, groups)
     else:
-        carry = copy(carry, states=_warm(groups, bundles, carry.states))
+        carry = copy(carry, states=_with_thermal_stretch(groups, bundles, carry.states))
     if schedule.first is not None:
         parts = zip(groups, carry.states, schedule.first, strict=True)
         states = [group.partly(state, jnp.asarray(first)) for group, state, first in parts]
@@ -245,7 +245,7 @@ def ready(parameters: Frame, bundles: Bundles) -> Frame:
     return nodes, groups, carry, schedule
 
 
-def _warm(groups, bundles, states):
+def _with_thermal_stretch(groups, bundles, states):
     """States of bundles from those of their groups, with a `warmth` in all that expand.
 
     A state has none yet if its group has got its `expansion` since, or if only another group of its
@@ -260,7 +260,9 @@ def _warm(groups, bundles, states):
     return bundles.together(found)
 
 
-def verdicts(parameters: Frame, *others: Any) -> tuple[Bool[Array, ""], Int[Array, " n_phase"]]:
+def verdicts(
+    parameters: AnalysisInput, *others: Any
+) -> tuple[Bool[Array, ""], Int[Array, " n_phase"]]:
     """Whether traced numbers keep their rules (known numbers that do not were refused before).
 
     Args:
@@ -280,7 +282,9 @@ def verdicts(parameters: Frame, *others: Any) -> tuple[Bool[Array, ""], Int[Arra
     if schedule.sound is not None:
         good = good & schedule.sound
     if jax.tree.leaves(schedule.statements):
-        good = good & jax.vmap(lambda own: keeps_rules(own, groups, nodes))(schedule.statements)
+        good = good & jax.vmap(lambda own: statements_keep_rules(own, groups, nodes))(
+            schedule.statements
+        )
     for added in (schedule.added_load, schedule.moved):
         if added is not None and added.amplitude is not None:
             good = good & jax.vmap(lambda own: kept(own.rules()))(added.amplitude)
@@ -290,7 +294,7 @@ def verdicts(parameters: Frame, *others: Any) -> tuple[Bool[Array, ""], Int[Arra
     return structure_ok, jnp.where(good, status.OK, status.INVALID_INPUT).astype(jnp.int32)
 
 
-def _begin(structure, start):
+def _starting_point(structure, start):
     """Carry, status and held freedoms (`Fixed`) that the analysis starts from."""
     if start is None:
         return None, np.int32(status.OK), structure.fixed(structure.supports)

@@ -44,7 +44,7 @@ class Presence(NamedTuple):
 
         def one(parts, axis):
             return [
-                _package(parts).concatenate([parts[k] for k in numbers], axis=axis)
+                _numpy_or_jax(parts).concatenate([parts[k] for k in numbers], axis=axis)
                 for numbers in bundles.members
             ]
 
@@ -61,7 +61,7 @@ class Presence(NamedTuple):
         """
         (rows, _), width = structure.rows(), structure.space.n_freedom
         n_row = structure.n_node if rows is None else len(rows.node)
-        pack = _package([*self.first, *self.present])
+        pack = _numpy_or_jax([*self.first, *self.present])
         shape = 1 + len(self.present[0]), n_row, width
         touched = pack.zeros(shape, bool)
         for group, first, present in zip(groups, self.first, self.present, strict=True):
@@ -73,10 +73,10 @@ class Presence(NamedTuple):
             else:
                 for k in range(shape[0]):
                     touched[k, links[there[k]].ravel(), : group.n_freedom] = True
-        return ~_shared(touched, structure, rows, pack)
+        return ~_share_touched(touched, structure, rows, pack)
 
 
-def _shared(touched, structure, rows, pack):
+def _share_touched(touched, structure, rows, pack):
     """Touched freedoms, where hinged ends touch their nodes, and carried nodes their carriers."""
     if rows is not None:
         more = np.arange(structure.n_node, len(rows.node))
@@ -136,15 +136,15 @@ def presence_of(
             )
     changes = [
         (
-            _masks(phase.adds, structure, f"phases[{earlier + k}].adds"),
-            _masks(phase.removes, structure, f"phases[{earlier + k}].removes"),
+            _group_masks(phase.adds, structure, f"phases[{earlier + k}].adds"),
+            _group_masks(phase.removes, structure, f"phases[{earlier + k}].removes"),
         )
         for k, phase in enumerate(phases)
     ]
     first, present, sound = [], [], jnp.ones(len(phases), bool)
     for number, (where, group) in enumerate(named):
         own = [(adds[number], removes[number]) for adds, removes in changes]
-        pack = _package([mask for pair in own for mask in pair])
+        pack = _numpy_or_jax([mask for pair in own for mask in pair])
         count = len(group.links)
         if states is None:
             there = pack.ones(count, bool)
@@ -154,11 +154,11 @@ def presence_of(
             there = pack.ones(count, bool)
         else:
             there = known[number]
-            pack = _package([there, *(mask for pair in own for mask in pair)])
+            pack = _numpy_or_jax([there, *(mask for pair in own for mask in pair)])
         first.append(there)
         rows = []
         for k, (adds, removes) in enumerate(own):
-            wrong = _wrong(earlier + k, where, there, adds, removes)
+            wrong = _find_contradiction(earlier + k, where, there, adds, removes)
             if wrong is not None:
                 sound = sound.at[k].set(sound[k] & ~wrong)
             there = (there | adds) & ~removes
@@ -185,24 +185,24 @@ def idle_of(
     return presence.idle(structure, structure.rows()[1])[0]
 
 
-def attached_of(phases: Sequence[Phase]) -> Bool[np.ndarray, " n_phase"] | None:
+def attached_phases(phases: Sequence[Phase]) -> Bool[np.ndarray, " n_phase"] | None:
     """Which phases place new nodes "attached", [n_phase] bool; None if none does."""
     found = np.array([phase.placed == "attached" for phase in phases])
     return found if found.any() else None
 
 
-def _package(masks):
+def _numpy_or_jax(masks):
     """The module that computes with masks: NumPy unless one is traced."""
     return jnp if any(isinstance(mask, jax.core.Tracer) for mask in masks) else np
 
 
-def _masks(value: Any, structure, name):
+def _group_masks(value: Any, structure, name):
     """Masks of all groups, a list of [n_elem] bool, from what a phase adds or removes."""
     counts = [len(group.links) for group in structure.groups]
     if value is None:
         return [np.zeros(count, bool) for count in counts]
     if isinstance(value, Named):
-        return _named(value, structure, name)
+        return _masks_of_whole_groups(value, structure, name)
     found = []
     keys = [key for key, _ in structure.named_groups()]
     for given, count, key in zip(spread(value, structure, name), counts, keys, strict=True):
@@ -215,11 +215,11 @@ def _masks(value: Any, structure, name):
         elif isinstance(given, Named):
             raise ValueError(f"{name}: give keys of groups alone, not inside a dict or list")
         else:
-            found.append(_mask(given, count, f"{name}{key}"))
+            found.append(_as_mask(given, count, f"{name}{key}"))
     return found
 
 
-def _mask(given, count, name):
+def _as_mask(given, count, name):
     """A mask [n_elem] from booleans [n_elem], or one for all."""
     mask = given if isinstance(given, jax.Array) else np.asarray(given)
     if mask.dtype != bool or mask.shape not in ((), (count,)):
@@ -230,7 +230,7 @@ def _mask(given, count, name):
     return (jnp if isinstance(mask, jax.Array) else np).broadcast_to(mask, (count,))
 
 
-def _named(value, structure, name):
+def _masks_of_whole_groups(value, structure, name):
     """Masks of whole groups, by their keys."""
     numbers = structure.arrange(list(range(len(structure.groups))))
     found = [np.zeros(len(group.links), bool) for group in structure.groups]
@@ -248,7 +248,7 @@ def _named(value, structure, name):
     return found
 
 
-def _wrong(k, where, there, adds, removes):
+def _find_contradiction(k, where, there, adds, removes):
     """Whether a phase adds what is there, or removes what is not, scalar bool, traced.
 
     None if that is known and not so; ValueError if it is so.

@@ -16,7 +16,7 @@ from ..elements.prestress import Stated, of_each
 _TENSIONS = ("pretension", "force_density", "jacking")
 
 
-def keeps_rules(
+def statements_keep_rules(
     statements: Sequence[dict[str, Stated]],
     groups: Sequence[Element],
     nodes: Float[ArrayLike, "n_row 3"],

@@ -72,11 +72,11 @@ class Schedule:
 
     @property
     def rows(self) -> tuple[Any, ...]:
-        """All arrays with an axis of phases, a tuple to be scanned; see `of`."""
+        """All arrays with an axis of phases, a tuple to be scanned; see `phase_data`."""
         data = self.statements, self.added_load, self.moved, self.changes, self.before
         return self.number, *data, self.present, self.attached
 
-    def of(self, row: tuple[Any, ...]) -> PhaseData:
+    def phase_data(self, row: tuple[Any, ...]) -> PhaseData:
         """The `PhaseData` of one phase from its entry in `rows`."""
         number, statements, added, moved, changes, before, present, attached = row
         freedoms = self.freedoms if changes is None else copy(self.freedoms, **changes)
@@ -85,10 +85,10 @@ class Schedule:
 
     def phase(self, k: int) -> PhaseData:
         """The `PhaseData` of the phase `k`."""
-        return self.of(jax.tree.map(lambda x: x[k], self.rows))
+        return self.phase_data(jax.tree.map(lambda x: x[k], self.rows))
 
 
-def stated(
+def stack_statements(
     statements: Sequence[Sequence[dict[str, Stated]]], groups: Sequence[Element]
 ) -> list[dict[str, Stated]]:
     """Prestress statements of all phases stacked: for every group a dict from name to `Stated`.
@@ -115,7 +115,7 @@ def stated(
     return found
 
 
-def on_rows(
+def stack_nodal_loads(
     loads: Sequence[Sequence[tuple[Load, Amplitude | None]]],
     method: str,
     shape: tuple[int, int],
@@ -152,7 +152,7 @@ def on_rows(
     return Added(stacked(values), jax.tree.map(lambda x: x.reshape(rows), together(amplitudes)))
 
 
-def numbering(
+def number_phases(
     sets: Sequence[Fixed],
     numbered: Callable[[Fixed], Freedoms],
     idle: Bool[ArrayLike, "1+n_phase n_row n_freedom"] | None = None,
@@ -174,21 +174,21 @@ def numbering(
     else:  # a freedom is unknown if any phase leaves it free
         always = np.logical_and.reduce([fixed.array for fixed in now])
         freedoms = numbered(Fixed(always, now[0].axes))
-        changes = _held(now)
+        changes = _stack_fixed(now)
         if idle is not None:
             changes |= {"fixed": changes["fixed"] | idle[1:], "supported": changes["fixed"]}
         changes["bound"] = changes["fixed"].reshape(len(now), -1)[:, np.asarray(freedoms.free)]
-        spins = _spins([fixed.spins for fixed in now])
+        spins = _stack_free_spins([fixed.spins for fixed in now])
         if spins is not None:
             changes["spins"] = spins
     if idle is not None:
-        before = _held(was)
+        before = _stack_fixed(was)
         held = {"fixed": before["fixed"] | idle[:-1], "supported": before["fixed"]}
         return freedoms, changes, before | held
-    return freedoms, changes, None if was == now else _held(was)
+    return freedoms, changes, None if was == now else _stack_fixed(was)
 
 
-def _held(sets):
+def _stack_fixed(sets):
     """Held freedoms of several `Fixed`, and their directions, stacked, by name."""
     held = {"fixed": np.stack([fixed.array for fixed in sets])}
     if sets[0].axes is not None:
@@ -196,7 +196,7 @@ def _held(sets):
     return held
 
 
-def _spins(spins):
+def _stack_free_spins(spins):
     """`Freedoms.spins` of every phase, padded and stacked; None if no phase has free spins."""
     found = [some for some in spins if some is not None]
     if not found:

@@ -30,7 +30,7 @@ from .phases import Phase
 from .preparation import in_precision_of, prepare, ready, verdicts
 from .results import common_fields, per_element
 from .solution import Solution, State
-from .states import Reached, arranged, state_of, system_of
+from .states import LastConverged, arranged, make_state, system_at_last
 
 
 def solve(
@@ -98,7 +98,7 @@ def solve(
     core = task.thawed, task.arrays, task.method, task.code
     static = {"differentiate_path": differentiate_path, "listen": listen, "bundles": task.bundles}
     solution = _analyse(*core, **static, size=task.n_free)
-    if task.may_warn:  # only then: the check waits until the numbers have been computed
+    if task.warns_if_unstable:  # only then: the check waits until the numbers have been computed
         plausibility.warn_if_unstable(solution)
     return arranged(structure, solution, task)
 
@@ -106,7 +106,7 @@ def solve(
 @functools.partial(program, static=("differentiate_path", "listen", "bundles", "alone"))
 def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles, alone):
     """The compiled core. Results of elements are lists over groups."""
-    through = functools.partial(_through, differentiate_path, listen, bundles)
+    through = functools.partial(_scan_phases, differentiate_path, listen, bundles)
     pattern = thawed[-1].freedoms.pattern
     # a program of its own hands over as many results as there are; one function gains nothing
     whole = listen is None and not alone
@@ -121,25 +121,25 @@ def analysed(thawed, arrays, method, code, bundles):
     return _analyse(thawed, arrays, method, code, **given, size=0)
 
 
-def _through(differentiate_path, listen, bundles, thawed, arrays, method, code):
+def _scan_phases(differentiate_path, listen, bundles, thawed, arrays, method, code):
     """The phases of an analysis, in one loop."""
     parameters = fill(thawed, arrays)
     structure_ok, codes = verdicts(parameters, method)
     nodes, groups, carry, schedule = ready(parameters, bundles)
     # unsound input has no state: block its gradient so that a batch is not polluted with NaN
-    sound = _finite((nodes, groups)) & structure_ok
+    sound = _is_finite((nodes, groups)) & structure_ok
     frame = implicit.gate(sound, (nodes, groups))
     loads, counts = carry.loads, jnp.asarray(schedule.increments, jnp.int32)
     factors = jnp.asarray(schedule.factors, nodes.dtype)
-    teller = None if listen is None else _teller(listen, len(schedule))
+    teller = None if listen is None else _progress_reporter(listen, len(schedule))
     touched = implicit.touch(parameters)
 
     def phase(run, scanned):
         arrays_of_phase, verdict, *steps = scanned
-        data = schedule.of(arrays_of_phase)
+        data = schedule.phase_data(arrays_of_phase)
         code = status.first_failure(run.code, verdict)
         before = knowing(run.carry, loads, data.number)
-        sane = sound & _finite((before, data)) & (code == status.OK)
+        sane = sound & _is_finite((before, data)) & (code == status.OK)
         problem = implicit.gate(sane, (nodes, groups, before, data))
         factored = run.factored if schedule.changes is None else linear.forgotten(run.factored)
         tell = None if teller is None else functools.partial(teller, data.number, steps[0])
@@ -149,55 +149,59 @@ def _through(differentiate_path, listen, bundles, thawed, arrays, method, code):
         code, carry = done.code, done.carry
         path = copy(done.path, displacement=done.path.displacement[:, : schedule.n_node])
         reached = run.reached.after(data, done.factor)
-        end = state_of(frame, carry, done.point, reached, schedule, done.seen)
-        end = _unless(sound, end, touched)
+        end = make_state(frame, carry, done.point, reached, schedule, done.seen)
+        end = _nan_unless(sound, end, touched)
         moved = end.displacement - done.begin.motion[: schedule.n_node, :3]
-        result = _unless(code == status.OK, copy(end, displacement=moved), touched)
+        result = _nan_unless(code == status.OK, copy(end, displacement=moved), touched)
         began = [state.memory for state in done.begin.states]
         began = None if all(memory is None for memory in began) else began
         given = {"status": None, "stable": None, "path": None, "began": began}
         result = PhaseResult(**given, **common_fields(result))
         left = copy(carry, loads=None)
-        run = _Run(code, done.stable, left, end, done.factored, reached, done.seen)
+        run = _LoopState(code, done.stable, left, end, done.factored, reached, done.seen)
         return run, (result, path, done.log)
 
-    start, reached = copy(carry, loads=None), Reached.none(schedule, nodes.dtype)
-    end = _blank(lambda: state_of(frame, carry, (carry.motion, None), reached, schedule))
+    start, reached = copy(carry, loads=None), LastConverged.before_first(schedule, nodes.dtype)
+    end = _zeros_like_result(
+        lambda: make_state(frame, carry, (carry.motion, None), reached, schedule)
+    )
     factored = seen = None
     if isinstance(method, Newton):
         factored = linear.nothing_factored(schedule.freedoms.pattern, nodes.dtype)
-        seen = _blank(lambda: read(system_of(frame, carry, reached, schedule), carry.motion))
-    run = _Run(code, jnp.zeros((), bool), start, end, factored, reached, seen)
+        seen = _zeros_like_result(
+            lambda: read(system_at_last(frame, carry, reached, schedule), carry.motion)
+        )
+    run = _LoopState(code, jnp.zeros((), bool), start, end, factored, reached, seen)
     run, (ends, paths, log) = lax.scan(phase, run, (schedule.rows, codes, counts, factors))
     if not differentiate_path and isinstance(method, Newton):
         paths = implicit.undifferentiated(paths, touched)
-    known = [stack.until(run.reached.number) for stack in _all_loads(parameters)]
+    known = [stack.until(run.reached.number) for stack in _loads_on_groups(parameters)]
     states = bundles.apart(run.carry.states)
     carry = copy(run.carry, states=states, loads=[jax.tree.leaves(stack.load) for stack in known])
-    ends, paths = _apart(bundles, ends, axis=1), _apart(bundles, paths, axis=2)
+    ends, paths = _split_bundles(bundles, ends, axis=1), _split_bundles(bundles, paths, axis=2)
     watched = isinstance(method, Newton) and method.watch
     solution = Solution(
         status=run.code,
         stable=run.stable,
-        last=copy(_apart(bundles, run.end), carry=carry),
+        last=copy(_split_bundles(bundles, run.end), carry=carry),
         phases=PhaseResults(ends, paths, log, schedule.increments, watched),
         **implicit.nan_beside(run.code == status.OK, common_fields(run.end), touched),
     )
-    return _apart(bundles, solution)
+    return _split_bundles(bundles, solution)
 
 
-def _blank(function):
+def _zeros_like_result(function):
     """Zeros in the shape of a function's result, which is not computed."""
     return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function))
 
 
-def _all_loads(parameters):
+def _loads_on_groups(parameters):
     """Element loads of `start` and of all phases on the user's groups, list of `LoadStack`."""
     nodes, _, carry, schedule = parameters
     return in_precision_of(nodes, [*(() if carry is None else carry.loads), *schedule.loads])
 
 
-def _apart(bundles, part, axis=0):
+def _split_bundles(bundles, part, axis=0):
     """Results of bundles as those of their groups; `axis` is that of the elements."""
     if bundles.plain:
         return part
@@ -205,7 +209,7 @@ def _apart(bundles, part, axis=0):
 
 
 @pytree
-class _Run:
+class _LoopState:
     """What the loop over the phases hands from one phase to the next.
 
     Attributes:
@@ -213,7 +217,7 @@ class _Run:
         carry: `Carry`, without the loads, which do not change.
         end: the `State` that belongs to `carry`.
         factored: the last matrix that a sparse solve has factorised, see `linear.solve_next`.
-        reached: `states.Reached`.
+        reached: `states.LastConverged`.
         seen: `Reading` of the last converged increment.
     """
 
@@ -222,16 +226,16 @@ class _Run:
     carry: Carry
     end: State
     factored: Factored | None
-    reached: Reached
+    reached: LastConverged
     seen: Reading | None
 
 
-def _unless(ok, end, touched):
+def _nan_unless(ok, end, touched):
     """A `State` whose results are NaN unless `ok`."""
     return copy(end, **implicit.nan_beside(ok, common_fields(end), touched))
 
 
-def _teller(listen, phases):
+def _progress_reporter(listen, phases):
     """The function `tell` of `newton.march`, which reports increments to the listener."""
 
     def news(number, count, factor, outcome):
@@ -250,7 +254,7 @@ def _teller(listen, phases):
     return news
 
 
-def _finite(tree):
+def _is_finite(tree):
     """Whether every float in `tree` is finite."""
     floats = [x for x in jax.tree.leaves(tree) if jnp.issubdtype(x.dtype, jnp.floating)]
     # one test of the joined array compiles faster than one for each of many small arrays

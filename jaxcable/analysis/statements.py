@@ -24,7 +24,7 @@ from ..elements.element import Element
 from ..elements.prestress import Stated
 from ..model import phase_plausibility
 from ..model.structure import Structure
-from .by_group import is_scalar, spread
+from .by_group import is_single_number, spread
 from .prestress_rules import capacity_rules, span_rules, value_rules
 
 ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking")
@@ -75,7 +75,7 @@ def _values_by_group(given, structure, name, path):
     groups = structure.groups
     if name not in STATEMENTS:
         _require_known_statement(name, path, groups)
-    if is_scalar(given):
+    if is_single_number(given):
         return [None if _is_left_out(group, name, structure) else given for group in groups]
     return spread(given, structure, path)
 

@@ -25,7 +25,7 @@ from .solution import Solution, State
 
 
 @pytree
-class Reached:
+class LastConverged:
     """Where an analysis stands: phase, load factor and supports of the last converged increment.
 
     Attributes:
@@ -40,23 +40,23 @@ class Reached:
     held: dict[str, Array]
 
     @classmethod
-    def none(cls, schedule: Schedule, dtype: Any) -> Reached:
-        """The `Reached` before the first increment."""
+    def before_first(cls, schedule: Schedule, dtype: Any) -> LastConverged:
+        """The `LastConverged` before the first increment."""
         held = {} if schedule.before is None else schedule.before
         first = {name: value[0] for name, value in held.items()}
         return cls(jnp.int32(-1), jnp.zeros((), dtype), first)
 
-    def after(self, data: PhaseData, factor: Float[Array, ""]) -> Reached:
-        """The `Reached` after a phase that came to `factor`; 0 if no increment has converged."""
+    def after(self, data: PhaseData, factor: Float[Array, ""]) -> LastConverged:
+        """Return it after a phase that came to `factor`, 0 if no increment converged."""
         held = {name: getattr(data.freedoms, name) for name in self.held}
-        new = Reached(data.number, factor, held)
+        new = LastConverged(data.number, factor, held)
         return where(factor > 0, new, self)
 
 
-def system_of(
+def system_at_last(
     frame: tuple[Float[Array, "n_row 3"], list[Element]],
     carry: Carry,
-    reached: Reached,
+    reached: LastConverged,
     schedule: Schedule,
 ) -> System:
     """The system of a carry with the supports of `reached`, without numbering of unknowns."""
@@ -64,7 +64,7 @@ def system_of(
     return make_system(*frame, carry, None, freedoms)
 
 
-def state_of(frame, carry, point, reached, schedule, seen=None):
+def make_state(frame, carry, point, reached, schedule, seen=None):
     """The `State` of a carry, with results of rows of motion summed at their nodes.
 
     Args:
@@ -72,15 +72,15 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
         carry: `Carry`.
         point: (motion of the carry, marks) as `bare` and `marks` of `implicit.attach_apart`; marks
             may be None.
-        reached: `Reached`.
+        reached: `LastConverged`.
         schedule: `Schedule`.
         seen: `Reading` of the carry's motion, without derivatives; None to read it now.
     """
     nodes, groups = frame
-    system = system_of(frame, carry, reached, schedule)
+    system = system_at_last(frame, carry, reached, schedule)
     (motion, marks), n_node, freedoms = point, schedule.n_node, system.freedoms
     space = system.space
-    beside, within = _marked(system, marks)
+    beside, within = _spread_marks(system, marks)
 
     def summed(values, marked=True):  # a hinged end passes its force to its node
         if marked and marks is not None:
@@ -92,13 +92,13 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
     displacement = carry.motion[:n_node, :3]
     problem = thaw((system, motion))
     if seen is None:
-        found = _read(problem)
+        found = _element_results(problem)
     else:
         found = {name: seen.found[name] for name in (*seen.of_ends, "end_forces")}
-        found = told(_read, found, problem)
+        found = told(_element_results, found, problem)
     reactions = summed(system.reactions(motion, found.pop("end_forces")))
     follow = system.followers is not None or any(group.slides for group in groups)
-    load = summed(_acting(system, motion), follow)  # dead loads do not depend on the motion
+    load = summed(_acting_loads(system, motion), follow)  # dead loads do not depend on the motion
     return State(
         displacement=displacement,
         positions=nodes[:n_node] + displacement,
@@ -115,14 +115,14 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
     )
 
 
-def _read(problem):
+def _element_results(problem):
     """What elements tell at the end of a phase, by name, from a thawed (system, motion)."""
     system, motion = fill(*problem)
     names = [name for name, result in system.results().items() if result.ends]
     return system.reading(motion, *names, "end_forces")
 
 
-def _marked(system, marks):
+def _spread_marks(system, marks):
     """Spread the marks of rows over elements and neighbouring rows (`implicit.attach_apart`).
 
     Marks are zero; their derivative is NaN where there is no derivative.
@@ -148,7 +148,7 @@ def _marked(system, marks):
     return beside, within
 
 
-def _acting(system, motion):
+def _acting_loads(system, motion):
     """All loads on every row, with loads that slide along ropes where they are now."""
     load = system.external_force(motion)
     for group, state in zip(system.groups, system.states, strict=True):

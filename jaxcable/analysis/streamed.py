@@ -27,13 +27,13 @@ from ..common.types import Array, Float, Int, PyTree
 from ..common.writing import create
 from . import chunk_files
 from .batches import batched
-from .chunk_files import ANEW, Identity
+from .chunk_files import RECOMPUTE_HINT, ChunkIdentity
 
 Cases: TypeAlias = "PyTree[Float[Array, 'n_case ...']]"
 
-_STUDY = "study.json"
-_AT_ONCE = 256  # cases: their data stay in cache
-_PROBED = 16  # cases that are compared where a function makes them
+_STUDY_FILE = "study.json"
+_CHUNK_IN_CACHE = 256  # cases: their data stay in cache
+_N_COMPARED = 16  # cases that are compared where a function makes them
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,27 +87,30 @@ class Study:
                 another study, or of another chunk.
         """
         there = [k for k in range(self.n_chunk) if self.file(k).exists()]
-        study = self._digest(there)
+        study = self._study_digest(there)
         for k in there:
             numbers = self.numbers(k)
-            yield numbers, chunk_files.read(self.file(k), Identity(study, k), len(numbers))
+            yield (
+                numbers,
+                chunk_files.read_chunk(self.file(k), ChunkIdentity(study, k), len(numbers)),
+            )
 
-    def _digest(self, there):
+    def _study_digest(self, there):
         """The digest by which files name this study; None if they do not, as of earlier versions.
 
         Where nothing describes the study, it is the one that the first file of `there` names.
         """
-        known = self._described()
+        known = self._read_description()
         if known is None:
-            return chunk_files.study_of(self.file(there[0])) if there else None
-        return chunk_files.digest_of(known) if "function" in known else None
+            return chunk_files.read_study_digest(self.file(there[0])) if there else None
+        return chunk_files.study_digest(known) if "function" in known else None
 
-    def _described(self):
+    def _read_description(self):
         """What ``study.json`` says, a dict, which must be of this study; None without one."""
-        path = self.folder / _STUDY
+        path = self.folder / _STUDY_FILE
         if not path.exists():
             return None
-        known = _description(path)
+        known = _read_study_file(path)
         if (known["n_case"], known["chunk"]) != (self.n_case, self.chunk):
             raise ValueError(
                 f"{self.folder}: holds a study of {known['n_case']} cases in chunks of "
@@ -122,7 +125,7 @@ class Study:
             ValueError: cases are missing, there is no such result, the file of a chunk is damaged
                 or of another study or chunk.
         """
-        self._described()
+        self._read_description()
         missing = self.missing
         if missing:
             raise ValueError(
@@ -131,9 +134,16 @@ class Study:
             )
         parts = []
         for k, (_, results) in enumerate(self.chunks()):
-            if parts and chunk_files.told(results) != chunk_files.told(parts[0]):
-                held, others = chunk_files.told(results), chunk_files.told(parts[0])
-                raise ValueError(f"{self.file(k)}: holds {held}, other chunks {others}; {ANEW}")
+            if parts and chunk_files.describe_results(results) != chunk_files.describe_results(
+                parts[0]
+            ):
+                held, others = (
+                    chunk_files.describe_results(results),
+                    chunk_files.describe_results(parts[0]),
+                )
+                raise ValueError(
+                    f"{self.file(k)}: holds {held}, other chunks {others}; {RECOMPUTE_HINT}"
+                )
             parts.append(results)
         for name in names:
             if name not in parts[0]:
@@ -194,21 +204,23 @@ def streamed(
         ([], [0.0, 2.5, 5.0, 7.5, 10.0])
     """
     checks.whole(chunk, "chunk")
-    some, count, known_cases = _cases(cases, n_case)
-    rank, processes = _share(share)
+    some, count, known_cases = _as_case_function(cases, n_case)
+    rank, processes = _check_share(share)
     study = Study(Path(folder), count, chunk)
-    compute = batched(function, min(_AT_ONCE, chunk, count))
+    compute = batched(function, min(_CHUNK_IN_CACHE, chunk, count))
     size = min(chunk, count)
     shapes = jax.tree.map(
-        lambda leaf: jax.ShapeDtypeStruct((size, *leaf.shape[1:]), _dtype(leaf)), known_cases
+        lambda leaf: jax.ShapeDtypeStruct((size, *leaf.shape[1:]), _jax_dtype(leaf)), known_cases
     )
-    expected = _expected(compute, shapes)
-    made_by = cases if callable(cases) and count > _PROBED else None
-    own = chunk_files.digest_of(_begin(study, compute, shapes, known_cases, made_by))
+    expected = _expected_results(compute, shapes)
+    made_by = cases if callable(cases) and count > _N_COMPARED else None
+    own = chunk_files.study_digest(_begin_study(study, compute, shapes, known_cases, made_by))
     mine = range(rank, study.n_chunk, processes)
     done = {k for k in mine if study.file(k).exists()}
     for k in sorted(done):
-        chunk_files.require(study.file(k), Identity(own, k), len(study.numbers(k)), expected)
+        chunk_files.require_chunk(
+            study.file(k), ChunkIdentity(own, k), len(study.numbers(k)), expected
+        )
     for k in mine:
         if k in done or study.file(k).exists():  # another process may have written it
             continue
@@ -217,11 +229,11 @@ def streamed(
         filled = np.minimum(np.arange(k * chunk, k * chunk + size), count - 1)
         results = compute(some(filled))
         arrays = {name: np.asarray(value)[: len(numbers)] for name, value in results.items()}
-        chunk_files.write(study.file(k), arrays, Identity(own, k))
+        chunk_files.write_chunk(study.file(k), arrays, ChunkIdentity(own, k))
     return study
 
 
-def _cases(cases, n_case):
+def _as_case_function(cases, n_case):
     """A function from numbers to cases, the number of cases, and the cases that are compared."""
     if callable(cases):
         if n_case is None:
@@ -229,16 +241,16 @@ def _cases(cases, n_case):
                 "n_case: missing; give the number of cases where `cases` is a function"
             )
         checks.whole(n_case, "n_case")
-        numbers = np.unique(np.linspace(0, n_case - 1, min(n_case, _PROBED)).astype(int))
+        numbers = np.unique(np.linspace(0, n_case - 1, min(n_case, _N_COMPARED)).astype(int))
         probed = jax.tree.map(np.asarray, cases(numbers))
-        if _counts(probed) != {len(numbers)}:
+        if _axis_lengths(probed) != {len(numbers)}:
             raise ValueError(
                 f"cases: expected arrays [{len(numbers)}, ...] for {len(numbers)} numbers, got "
                 f"{[leaf.shape for leaf in jax.tree.leaves(probed)]}"
             )
         return cases, n_case, probed
     cases = jax.tree.map(np.asarray, cases)
-    counts = _counts(cases)
+    counts = _axis_lengths(cases)
     if len(counts) != 1 or None in counts or 0 in counts:
         raise ValueError("cases: expected arrays with one common leading axis, [n_case, ...]")
     (count,) = counts
@@ -247,17 +259,17 @@ def _cases(cases, n_case):
     return (lambda numbers: jax.tree.map(lambda leaf: leaf[numbers], cases)), count, cases
 
 
-def _counts(cases):
+def _axis_lengths(cases):
     """Lengths of the leading axes of cases, a set; None where there is no axis."""
     return {len(leaf) if leaf.ndim else None for leaf in jax.tree.leaves(cases)}
 
 
-def _dtype(leaf):
+def _jax_dtype(leaf):
     """The dtype with which jax computes."""
     return jax.dtypes.canonicalize_dtype(leaf.dtype)
 
 
-def _share(share):
+def _check_share(share):
     """Number of this process and number of processes, checked."""
     rank, processes = share
     checks.whole(rank, "share[0]", least=0)
@@ -267,7 +279,7 @@ def _share(share):
     return rank, processes
 
 
-def _expected(compute, shapes):
+def _expected_results(compute, shapes):
     """The results of a case, a dict from name to (shape, dtype); checks their names."""
     results = jax.eval_shape(compute, shapes)
     if not isinstance(results, dict):
@@ -288,7 +300,7 @@ def _expected(compute, shapes):
     return {name: (value.shape[1:], value.dtype.name) for name, value in results.items()}
 
 
-def _begin(study, compute, shapes, cases, made_by):
+def _begin_study(study, compute, shapes, cases, made_by):
     """Make the folder of a study, or see that it holds this one; returns its description.
 
     Args:
@@ -299,25 +311,25 @@ def _begin(study, compute, shapes, cases, made_by):
         "chunk": study.chunk,
         "cases": digest.of_arrays(cases),
         "cases_function": None if made_by is None else digest.of_host_function(made_by),
-        "jaxcable": _version("jaxcable"),
+        "jaxcable": _package_version("jaxcable"),
         "jax": jax.__version__,
         "backend": jax.default_backend(),
         "fuse_loops": fuses(),
         "function": digest.of_function(compute, shapes),
     }
-    path = study.folder / _STUDY
+    path = study.folder / _STUDY_FILE
     if study.folder.exists() and not study.folder.is_dir():
         raise ValueError(f"folder: {study.folder} is a file")
     if not path.exists():
         for k in range(study.n_chunk):
             if study.file(k).exists() and not path.exists():  # no other process has begun it
                 raise ValueError(
-                    f"folder: {study.folder} holds {study.file(k).name} and no {_STUDY} that tells "
-                    "what it is; take another folder, or move that file away"
+                    f"folder: {study.folder} holds {study.file(k).name} but no {_STUDY_FILE} that "
+                    "says what it is; take another folder, or move that file away"
                 )
         study.folder.mkdir(parents=True, exist_ok=True)
         create(path, json.dumps(told, indent=1).encode() + b"\n")
-    known = _description(path)
+    known = _read_study_file(path)
     if "function" not in known:
         raise ValueError(
             f"folder: {study.folder} holds a study of an earlier version of jaxcable, which did "
@@ -340,7 +352,7 @@ def _begin(study, compute, shapes, cases, made_by):
     return known
 
 
-def _version(name):
+def _package_version(name):
     """The version of an installed package."""
     try:
         return metadata.version(name)
@@ -348,7 +360,7 @@ def _version(name):
         return "unknown"
 
 
-def _description(path):
+def _read_study_file(path):
     """What ``study.json`` says, a dict; ValueError if it is damaged, or a stranger's."""
     try:
         found = json.loads(path.read_text("utf-8"))

@@ -25,7 +25,7 @@ _SPLITS = {
 }
 
 
-def checked(faces: Int[ArrayLike, "n 3or4"]) -> Indices:
+def as_faces(faces: Int[ArrayLike, "n 3or4"]) -> Indices:
     """Faces [n, 3] or [n, 4] as `Indices`; ValueError for other shapes and degenerate faces."""
     if isinstance(faces, Indices):
         return faces
@@ -74,7 +74,7 @@ class OnFaces(OnGroups):
 
     def _check_faces(self):
         """Raise ValueError for faces that are none, given twice, or another number of values."""
-        self._check_elements()
+        self._check_selection()
         if self.faces is None:
             return self._check_values()
         for name in ("on", "elements"):
@@ -82,7 +82,7 @@ class OnFaces(OnGroups):
                 raise ValueError(
                     f"faces, {name}: give either faces, or a group whose elements have faces"
                 )
-        put(self, faces=checked(self.faces))
+        put(self, faces=as_faces(self.faces))
         return self._check_values(len(self.faces))
 
     def selected(
@@ -117,7 +117,7 @@ class OnFaces(OnGroups):
         found = [groups[number] for number in self.on]
         return [Indices(np.asarray(group.links)[:, group.face]) for group in found]
 
-    def _on_faces(
+    def _faces_and_values(
         self, groups: Groups, states: States, dtype: Any
     ) -> Iterator[tuple[Any, Float[Array, "n_face ..."]]]:
         """Iterate over pairs of node numbers around faces [n_face, 3 or 4], and their values.

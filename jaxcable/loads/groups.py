@@ -43,7 +43,7 @@ class OnGroups(Acting):
     varies: ClassVar[tuple[str, tuple[int, ...]] | None] = None
     part: dict[int, Float[Array, "n_elem ..."]] | None
 
-    def _check_elements(self):
+    def _check_selection(self):
         """Raise ValueError unless `elements` is a selection or None."""
         if self.elements is not None and not isinstance(self.elements, Selection):
             raise ValueError(
@@ -61,7 +61,7 @@ class OnGroups(Acting):
         Raises:
             ValueError: there is no such group or element, or elements of several groups.
         """
-        numbers = _chosen(self.on, structure)
+        numbers = _group_numbers(self.on, structure)
         if self.elements is None:
             return numbers, None
         if len(numbers) != 1:
@@ -142,7 +142,7 @@ class OnGroups(Acting):
         return amounts if state is None else state.only_present(amounts)
 
 
-def _chosen(on, structure):
+def _group_numbers(on, structure):
     """Numbers of the groups that a key of the structure's elements names, a tuple; all if None."""
     numbers = structure.arrange(list(range(len(structure.groups))))
     try:
@@ -153,7 +153,7 @@ def _chosen(on, structure):
         raise ValueError(f"on = {on!r}: no such key in the structure's elements{known}") from None
 
 
-def scattered(
+def scatter_to_nodes(
     nodes: Indices | Int[Array, " n"],
     parts: Sequence[Float[ArrayLike, "... 3"] | None],
     shape: tuple[int, int],

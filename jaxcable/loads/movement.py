@@ -11,7 +11,7 @@ from ..common.types import ArrayLike, Float, Int
 from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import Fixed
-from .groups import scattered
+from .groups import scatter_to_nodes
 from .load import VECTOR_HINT, Moving, OnEveryNode
 
 
@@ -105,4 +105,4 @@ class SupportMovement(Moving):
 
     def steps(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
         """Steps of all nodes, of `shape`: translations, and rotation vectors with six columns."""
-        return scattered(self.nodes, (self.displacements, self.rotations), shape, dtype)
+        return scatter_to_nodes(self.nodes, (self.displacements, self.rotations), shape, dtype)

@@ -9,7 +9,7 @@ from ..common import checks
 from ..common.tree import Indices, put, pytree
 from ..common.types import ArrayLike, Float, Int
 from ..model.structure import Structure
-from .groups import scattered
+from .groups import scatter_to_nodes
 from .load import VECTOR_HINT, OnEveryNode, OnNodes
 
 
@@ -83,4 +83,4 @@ class NodalLoads(OnNodes):
 
     def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
         """Force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
-        return scattered(self.nodes, (self.forces, self.moments), shape, dtype)
+        return scatter_to_nodes(self.nodes, (self.forces, self.moments), shape, dtype)

@@ -26,7 +26,7 @@ from .faces import OnFaces, area_vectors
 from .groups import Key, OnGroups
 from .load import Blocks, Following, Groups, Positions, States
 
-PER = ("current", "unstressed")
+PRESSURE_REFERENCES = ("current", "unstressed")
 
 
 class Pressure(Following):
@@ -35,11 +35,11 @@ class Pressure(Following):
     scales = ("pressure",)
 
     @abc.abstractmethod
-    def _parts(self, groups, states, moved):
+    def _pressed_pieces(self, groups, states, moved):
         """Iterate over arrays of pieces: moved corners [n, k, 3], numbers, nodes [n, k]."""
 
     @abc.abstractmethod
-    def _force(self, corners, numbers):
+    def _force_on_piece(self, corners, numbers):
         """Force at the corners of one piece, [k, 3], N."""
 
     def following_forces(
@@ -47,8 +47,8 @@ class Pressure(Following):
     ) -> Positions:
         """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
         total = jnp.zeros_like(moved)
-        for corners, numbers, links in self._parts(groups, states, moved):
-            total = total.at[links].add(jax.vmap(self._force)(corners, numbers))
+        for corners, numbers, links in self._pressed_pieces(groups, states, moved):
+            total = total.at[links].add(jax.vmap(self._force_on_piece)(corners, numbers))
         return total
 
     def following_blocks(
@@ -56,8 +56,8 @@ class Pressure(Following):
     ) -> Blocks:
         """Derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
         return [
-            (jax.vmap(jax.jacfwd(self._force))(corners, numbers), links)
-            for corners, numbers, links in self._parts(groups, states, moved)
+            (jax.vmap(jax.jacfwd(self._force_on_piece))(corners, numbers), links)
+            for corners, numbers, links in self._pressed_pieces(groups, states, moved)
         ]
 
 
@@ -114,7 +114,7 @@ class CablePressure(OnGroups, Pressure):
         put(self, axis=checks.shaped(self.axis, "axis", (3,)))
         refuse(self.rules())
         self._check_values()
-        checks.one_of(self.per, "per", PER)
+        checks.one_of(self.per, "per", PRESSURE_REFERENCES)
 
     def rules(self) -> list[Rule]:
         """The rules of its numbers, see `common.rules`."""
@@ -155,11 +155,11 @@ class CablePressure(OnGroups, Pressure):
         if number not in self.on or not group.rotates:
             return None
         count = len(group.links)
-        axis = self.axis / _length(self.axis)
+        axis = self.axis / _norm_or_one(self.axis)
         pressure = self.partly(number, jnp.broadcast_to(self.pressure, (count,)))
         return self.per, pressure, jnp.broadcast_to(axis, (count, 3))
 
-    def _parts(self, groups, states, moved):
+    def _pressed_pieces(self, groups, states, moved):
         for number in self.on:
             group, state = groups[number], states[number]
             pressure = jnp.broadcast_to(self.pressure, (len(group.links),)).astype(moved.dtype)
@@ -167,13 +167,13 @@ class CablePressure(OnGroups, Pressure):
             links = group.links[:, :2]  # without the inner numbers of beams
             yield moved[links], (pressure, state.rest_length), links
 
-    def _force(self, corners, numbers):
+    def _force_on_piece(self, corners, numbers):
         pressure, rest_length = numbers
         axis = self.axis.astype(corners.dtype)
-        axis = axis / _length(axis)
+        axis = axis / _norm_or_one(axis)
         across = jnp.cross(axis, corners[1] - corners[0])
         if self.per == "unstressed":
-            across = rest_length * across / _length(across)
+            across = rest_length * across / _norm_or_one(across)
         half = 0.5 * pressure * across
         return jnp.stack([half, half])
 
@@ -226,18 +226,18 @@ class FacePressure(OnFaces, Pressure):
     def __post_init__(self):
         self._check_faces()
 
-    def _parts(self, groups, states, moved):
-        for faces, pressure in self._on_faces(groups, states, moved.dtype):
+    def _pressed_pieces(self, groups, states, moved):
+        for faces, pressure in self._faces_and_values(groups, states, moved.dtype):
             yield moved[faces], pressure, faces
 
-    def _force(self, corners, numbers):
+    def _force_on_piece(self, corners, numbers):
         force, pressure = jnp.zeros_like(corners), numbers
         for triangle, vector in area_vectors(corners):
             force = force.at[jnp.array(triangle)].add(pressure * vector / 3)
         return force
 
 
-def _length(vector):
+def _norm_or_one(vector):
     """Length of a vector; 1 for the zero vector, which has no direction."""
     square = vector @ vector
     return jnp.sqrt(jnp.where(square > 0, square, 1.0))

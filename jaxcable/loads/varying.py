@@ -15,7 +15,7 @@ from ..common.types import Array, ArrayLike, Float
 from ..model.structure import Structure
 from .load import Load
 
-_SHOWN = 8  # points of an amplitude that are shown
+_MAX_SHOWN_POINTS = 8  # points of an amplitude that are shown
 
 
 @pytree
@@ -60,9 +60,11 @@ class Amplitude:
         """The rules of the parameters, see `common.rules`."""
         given = self.parameters
         return [
-            Rule("parameters", given, lambda v: abs(v[..., :1]) > 0, _first),
-            Rule("parameters", given, lambda v: abs(v[..., -1:] - 1) > 0, _last),
-            Rule("parameters", given, lambda v: v[..., 1:] <= v[..., :-1], _not_increasing),
+            Rule("parameters", given, lambda v: abs(v[..., :1]) > 0, _describe_first_parameter),
+            Rule("parameters", given, lambda v: abs(v[..., -1:] - 1) > 0, _describe_last_parameter),
+            Rule(
+                "parameters", given, lambda v: v[..., 1:] <= v[..., :-1], _describe_not_increasing
+            ),
         ]
 
 
@@ -149,13 +151,13 @@ class Varying(Load):
     def __str__(self) -> str:
         parameters, factors = (checks.concrete(x) for x in (self.parameters, self.factors))
         told = f"{len(self.parameters)} points"
-        if parameters is not None and factors is not None and len(parameters) <= _SHOWN:
+        if parameters is not None and factors is not None and len(parameters) <= _MAX_SHOWN_POINTS:
             pairs = zip(factors, parameters, strict=True)
             told = ", ".join(f"{factor:.6g} at {parameter:.6g}" for factor, parameter in pairs)
         return f"{self.load}; amplitude: {told}"
 
 
-def apart(load: Load, where: str, increments: int) -> tuple[Load, Amplitude | None]:
+def split_amplitude(load: Load, where: str, increments: int) -> tuple[Load, Amplitude | None]:
     """Return a load of a phase without its amplitude, and the amplitude, None if it has none.
 
     Warn if no increment ends at the largest or the smallest factor of the amplitude.
@@ -184,21 +186,21 @@ def apart(load: Load, where: str, increments: int) -> tuple[Load, Amplitude | No
     return load.load, load.amplitude
 
 
-def at_peak(load: Load, amplitude: Amplitude | None) -> Load:
+def scale_to_peak(load: Load, amplitude: Amplitude | None) -> Load:
     """Return a load times the largest absolute factor of its amplitude, if it can be scaled."""
     if amplitude is None or not load.scales:
         return load
     return load.scaled(computed(lambda xp, factors: xp.max(xp.abs(factors)), amplitude.factors))
 
 
-def _first(index, values):
+def _describe_first_parameter(index, values):
     return f"parameters[0] = {values[0]}: must be 0, where the phase begins"
 
 
-def _last(index, values):
+def _describe_last_parameter(index, values):
     return f"parameters[{len(values) - 1}] = {values[-1]}: must be 1, where the phase ends"
 
 
-def _not_increasing(index, values):
+def _describe_not_increasing(index, values):
     k = index[0] + 1
     return f"parameters[{k}] = {values[k]}: must be above parameters[{k - 1}] = {values[k - 1]}"

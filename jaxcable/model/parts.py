@@ -95,7 +95,8 @@ class Column(NamedTuple):
 
 
 def columns(
-    groups: Sequence[Element | Part], told: Mapping[str, PyTree[Float[Array, "n_elem ..."]]]
+    groups: Sequence[Element | Part],
+    told: Mapping[str, PyTree[Float[Array, "n_elem ..."]]],
 ) -> list[Column]:
     """Results of elements, with a `Column` for every place and component, a list.
 
@@ -116,7 +117,7 @@ def columns(
         if result in (SECTION_FORCES, SECTION_STRAIN):
             if any(x is not None and x.ndim > 1 for x in values):
                 continue
-        parts = [{} if x is None else _by_place(result, x) for x in values]
+        parts = [{} if x is None else _split_result(result, x) for x in values]
         # in the order of places, also where groups have different numbers of them
         for place, component in dict.fromkeys(key for part in parts for key in part):
             label = " ".join(word for word in (name, place, component) if word)
@@ -125,7 +126,7 @@ def columns(
     return found
 
 
-def _by_place(result, values):
+def _split_result(result, values):
     """The values [n_elem, ...] of a group by names of place and component, [n_elem] each."""
     components = result.components or ("",)
     count = math.prod(values.shape[1:]) // len(components)

@@ -17,7 +17,7 @@ from .plausibility import (
     FixedDofs,
     NamedGroups,
     array_or_none,
-    first_entry,
+    describe_first,
     issues_warnings,
     lengths_over_nodes,
     unlikely_lengths,
@@ -57,7 +57,7 @@ def warn_of_prestress(
         if strength is not None:
             over = force > strength
             text = "".join(f"more than its strength, {s:.6g} N" for s in strength[over][:1])
-            yield from first_entry(label, value, over, text)
+            yield from describe_first(label, value, over, text)
         if stiffness is not None:
             yield from _unlikely_strains(label, value, force / stiffness, _UNITS, stiffness)
     elif name == "prestrain":
@@ -186,4 +186,4 @@ def _unlikely_strains(label, value, strain, hint, stiffness=None):
         k = int(wrong.argmax())
         given = "" if stiffness is None else f" with EA = {stiffness[k]:.6g} N"
         text = f"a strain of {100 * strain[k]:.3g} %{given}, and steel breaks at 2 to 4 %; {hint}"
-    yield from first_entry(label, value, wrong, text)
+    yield from describe_first(label, value, wrong, text)

@@ -54,7 +54,9 @@ def warn_if_unstable(solution: Any) -> None:
     """Warn of phases that end in an unstable equilibrium, unless they are being traced."""
     if isinstance(solution.stable, jax.core.Tracer):
         return
-    for number, (code, stable) in enumerate(zip(*solution.phases.verdicts, strict=True)):
+    for number, (code, stable) in enumerate(
+        zip(*solution.phases.status_and_stability, strict=True)
+    ):
         if int(code) == status.OK and not bool(stable):
             checks.suspect(
                 f"phase {number + 1} (phases[{number}]) ends in an unstable equilibrium: its "
@@ -137,7 +139,7 @@ def warn_of_dimensions(group: Element, where: str, nodes: Positions) -> Iterator
         )
     if area is not None:
         text = "thicker than the element is long; is the area in m2?"
-        yield from first_entry(
+        yield from describe_first(
             f"elements{where}.area", area, area > lengths_over_nodes(group, nodes) ** 2, text
         )
     weight = array_or_none(group.weight)
@@ -147,7 +149,7 @@ def warn_of_dimensions(group: Element, where: str, nodes: Positions) -> Iterator
             f"less than {MIN_UNIT_WEIGHT:g} N/m3 with its area, lighter than any solid; is the "
             "weight in N/m, and the area in m2?"
         )
-        yield from first_entry(f"elements{where}.weight", weight, light, text)
+        yield from describe_first(f"elements{where}.weight", weight, light, text)
     if group.rotates and group.section is not None:
         section = group.section
         fibres = [array_or_none(section.y), array_or_none(section.z)]
@@ -236,10 +238,10 @@ def unlikely_lengths(label, rest, chord):
     texts = [
         f"its nodes are {length:.3g} m apart; is the length in m?" for length in chord[wrong][:1]
     ]
-    yield from first_entry(label, rest, wrong, *texts)
+    yield from describe_first(label, rest, wrong, *texts)
 
 
-def first_entry(label, value, wrong, text=""):
+def describe_first(label, value, wrong, text=""):
     """Yield a warning for the first entry that is `wrong`."""
     if wrong.any():
         k = int(wrong.argmax())

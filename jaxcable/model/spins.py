@@ -20,10 +20,12 @@ from ..common.tree import Indices
 from ..common.types import ArrayLike, Bool, Float, Int
 from ..elements.abilities import Bending
 
-_STRAIGHT = 1e-9  # distance from a line, over the length of the piece, that counts as rounding
+_LINE_TOLERANCE = (
+    1e-9  # distance from a line, over the length of the piece, that counts as rounding
+)
 
 
-class Spins:
+class FreeSpins:
     """Free spins of a structure: static metadata.
 
     Attributes:
@@ -46,13 +48,13 @@ class Spins:
         return hash(self._key)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Spins) and self._key == other._key
+        return isinstance(other, FreeSpins) and self._key == other._key
 
 
-def free_spins(
+def find_free_spins(
     structure: Any, fixed: Bool[np.ndarray, "n_node 6"], axes: Float[np.ndarray, "n_node 3 3"]
-) -> Spins | None:
-    """`Spins` of a structure under given supports, or None.
+) -> FreeSpins | None:
+    """`FreeSpins` of a structure under given supports, or None.
 
     Args:
         structure: `Structure` with beams.
@@ -63,17 +65,17 @@ def free_spins(
     if nodes is None:
         return None  # with traced nodes it is not known which pieces are straight
     rows, piece, ends = [], [], []
-    for members, turning in _pieces(structure):
-        line = _line(nodes, members)
-        if line is None or _held(structure, nodes, turning, line, fixed, axes):
+    for members, turning in _torsion_chains(structure):
+        line = _common_line(nodes, members)
+        if line is None or _is_spin_held(structure, nodes, turning, line, fixed, axes):
             continue
         rows += turning
         piece += [len(ends)] * len(turning)
         ends.append(line[1])
-    return Spins(rows, piece, ends) if ends else None
+    return FreeSpins(rows, piece, ends) if ends else None
 
 
-def _pieces(structure):
+def _torsion_chains(structure):
     """Beams joined for torsion: pairs (nodes of the elements [k, 2], list of rows that turn)."""
     _, groups = structure.rows()
     n_node = structure.n_node
@@ -109,7 +111,7 @@ def _pieces(structure):
         yield pairs[members], [*np.flatnonzero(part[:n_node] == number), *hinged[hinged >= 0]]
 
 
-def _line(nodes, members):
+def _common_line(nodes, members):
     """Direction of the line that all members lie on, and two nodes on it; None if bent."""
     places = nodes[members]
     first, second = members[0]
@@ -118,12 +120,12 @@ def _line(nodes, members):
     off = places - nodes[first]
     off = off - (off @ along)[..., None] * along
     extent = np.ptp((places - nodes[first]) @ along)
-    if not np.abs(off).max() <= _STRAIGHT * extent:
+    if not np.abs(off).max() <= _LINE_TOLERANCE * extent:
         return None
     return along, (first, second)
 
 
-def _held(structure, nodes, turning, line, fixed, axes):
+def _is_spin_held(structure, nodes, turning, line, fixed, axes):
     """Whether a support, another kind of element or an arm keeps a piece from spinning."""
     along, (first, _) = line
     turning = np.array([row for row in turning if row < structure.n_node], int)
@@ -139,10 +141,10 @@ def _held(structure, nodes, turning, line, fixed, axes):
     carried = structure.rigid.array[np.isin(structure.rigid.array[:, 0], turning), 1]
     off = nodes[carried] - nodes[first]
     off = off - (off @ along)[:, None] * along
-    return bool((np.abs(off) > _STRAIGHT * np.abs(nodes).max()).any())
+    return bool((np.abs(off) > _LINE_TOLERANCE * np.abs(nodes).max()).any())
 
 
-def warn(structure: Any, fixed: Any, label: str = "supports") -> None:
+def warn_of_free_spins(structure: Any, fixed: Any, label: str = "supports") -> None:
     """Warn of each piece that can spin, as `InputWarning`.
 
     Args:
@@ -171,11 +173,11 @@ def warn(structure: Any, fixed: Any, label: str = "supports") -> None:
         checks.suspect(
             f"{label}: {where}, along {along.tolist()}: nothing holds this rotation{hint or ';'} "
             f'to hold it, add restrained([{first}], about="x", axes={along.tolist()}), or in a '
-            f'scene file, in supports, "chosen": [{first}], {_in_a_file(along)}'
+            f'scene file, in supports, "chosen": [{first}], {_scene_file_fields(along)}'
         )
 
 
-def _in_a_file(along):
+def _scene_file_fields(along):
     """The rotation about a direction as a scene file says that it is held."""
     held, axes = [False] * 6, ""
     if np.abs(along).max() == 1.0:

@@ -18,12 +18,12 @@ from ..elements import contract
 from ..elements.element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Element
 from ..spaces import Space, space_of
 from ..spaces.freedoms import Rows
-from . import digits, plausibility
-from .spins import free_spins
-from .spins import warn as warn_of_spins
+from . import coordinate_precision, plausibility
+from .spins import find_free_spins
+from .spins import warn_of_free_spins as warn_of_spins
 from .supports import Fixed, Supports
 
-_TAKEN = (  # names of results of nodes and increments
+_RESERVED_RESULT_NAMES = (  # names of results of nodes and increments
     *("displacement", "positions", "reactions", "load", "rotation", "reaction_moments"),
     *("rest_length", "links", "status", "stable", "phase", "load_factor", "end_forces", "is_slack"),
     "present",
@@ -110,7 +110,7 @@ class Structure:
             raise ValueError(f"supports: expected pinned(nodes) or Supports(mask), got {got}{hint}")
         positions = checks.concrete(nodes)
         if positions is not None and all(is_group(group) for group in self.groups):
-            digits.resolution(positions, self.named_groups())
+            coordinate_precision.warn_of_coarse_coordinates(positions, self.named_groups())
         for where, group in self.named_groups():
             if not is_group(group):
                 raise ValueError(
@@ -130,7 +130,7 @@ class Structure:
         self._check_rigid()
         fixed = self.fixed(self.supports)
         if positions is not None:
-            plausibility.warn_of_coincident_nodes(positions, self.touched(), fixed.array)
+            plausibility.warn_of_coincident_nodes(positions, self.touched_nodes(), fixed.array)
             plausibility.warn_of_zero_bending(self.named_groups(), fixed.array[: self.n_node])
             warn_of_spins(self, fixed)
 
@@ -140,7 +140,7 @@ class Structure:
         known = {result.name: result for result in every}
         for where, group in self.named_groups():
             for result in group.results:
-                if result.name in _TAKEN:
+                if result.name in _RESERVED_RESULT_NAMES:
                     text = "is the name of a result of nodes or of the analysis; take another name"
                 elif known.setdefault(result.name, result) != result:
                     text = "is a result of another group with another unit or shape; rename one"
@@ -159,7 +159,7 @@ class Structure:
                 return
         pairs = self.rigid.array
         checks.known(pairs, self.n_node, "rigid")
-        turns = self.joined()
+        turns = self.rigidly_joined_nodes()
         carried = pairs[:, 1].tolist()
         for k, (carrier, node) in enumerate(pairs.tolist()):
             text = None
@@ -205,14 +205,14 @@ class Structure:
         """Space of the nodes' motion, a class of `spaces`."""
         return space_of(self.groups)
 
-    def touched(self) -> Bool[np.ndarray, " n_node"]:
+    def touched_nodes(self) -> Bool[np.ndarray, " n_node"]:
         """Nodes that an element touches, [n_node] bool."""
         touched = np.zeros(self.n_node, bool)
         for group in self.groups:
             touched[group.links.array] = True
         return touched
 
-    def joined(self) -> Bool[np.ndarray, " n_node"]:
+    def rigidly_joined_nodes(self) -> Bool[np.ndarray, " n_node"]:
         """Nodes that a beam is joined to rigidly, at least in part, [n_node] bool."""
         joined = np.zeros(self.n_node, bool)
         for group in self.groups:
@@ -224,7 +224,7 @@ class Structure:
 
     def rotating(self) -> Bool[np.ndarray, " n_node"]:
         """Nodes that have rotations, or whose carriers have, [n_node] bool."""
-        turns = self.joined()
+        turns = self.rigidly_joined_nodes()
         if self.rigid is not None:
             turns[self.rigid.array[:, 1]] = True
         return turns
@@ -273,14 +273,18 @@ class Structure:
         Rotations exist where a beam is joined rigidly; elsewhere they count as fixed. Columns of
         inner rows that no element uses count as fixed, too.
         """
-        return self._own_fixed() if supports is self.supports else self._fixed(supports)
+        return (
+            self._fixed_by_own_supports()
+            if supports is self.supports
+            else self._find_fixed_dofs(supports)
+        )
 
     @once
-    def _own_fixed(self):
+    def _fixed_by_own_supports(self):
         """`fixed` under the structure's own supports."""
-        return self._fixed(self.supports)
+        return self._find_fixed_dofs(self.supports)
 
-    def _fixed(self, supports):
+    def _find_fixed_dofs(self, supports):
         """See `fixed`."""
         fixed, axes = supports.fixed(self.n_node), supports.directions(self.n_node)
         if not fixed[:, :3].any():
@@ -288,7 +292,7 @@ class Structure:
                 "supports: no node is held, so that the structure would float away; hold some, "
                 "such as pinned([0, 1])"
             )
-        self._require_touched(fixed)
+        self._require_connected(fixed)
         rows, _ = self.rows()
         if not self.space.rotates:
             if supports.holds_rotations:
@@ -310,7 +314,7 @@ class Structure:
                     f"supports: node {node} is carried by another node (rigid); support that one"
                 )
         fixed[:, 3:] |= ~self.rotating()[:, None]
-        spins = free_spins(self, fixed, axes)
+        spins = find_free_spins(self, fixed, axes)
         if rows is not None:
             fixed, axes = fixed[rows.node], axes[rows.node]
             fixed[self.n_node :, 3:] = False  # a support acts on the node, not beyond the hinge
@@ -332,9 +336,9 @@ class Structure:
             )
         return fixed.array
 
-    def _require_touched(self, fixed):
+    def _require_connected(self, fixed):
         """Raise ValueError for nodes without elements and parts without supports."""
-        touched = self.touched()
+        touched = self.touched_nodes()
         idle = ~touched & ~fixed[:, :3].all(axis=1)
         if self.rigid is not None:
             idle[self.rigid.array[:, 1]] = False
@@ -343,12 +347,14 @@ class Structure:
                 f"nodes[{int(idle.argmax())}]: no element touches this node and it is not "
                 "supported; connect it, support it or remove it"
             )
-        self._require_held(fixed[:, :3].any(axis=1), touched)
+        self._require_supported_parts(fixed[:, :3].any(axis=1), touched)
 
-    def _require_held(self, held, touched):
-        """Raise ValueError if a part has no supported node; `held` and `touched` are [n_node]."""
+    def _require_supported_parts(self, held, touched):
+        """Raise ValueError if a connected part has no support; masks are [n_node] bool."""
         links = [group.links for group in self.groups]
-        part = _parts((*links, *([] if self.rigid is None else [self.rigid])), self.n_node)
+        part = _connected_parts(
+            (*links, *([] if self.rigid is None else [self.rigid])), self.n_node
+        )
         if not part.any():  # one part only, and it has a support
             return
         anchored = np.zeros(self.n_node, bool)
@@ -364,7 +370,7 @@ class Structure:
 
 
 @functools.lru_cache(maxsize=16)
-def _parts(links, n_node):
+def _connected_parts(links, n_node):
     """Number of the connected part of every node, [n_node], for the links of all groups."""
     pairs = [
         np.stack([group_links.array[:, :-1].ravel(), group_links.array[:, 1:].ravel()])

@@ -7,9 +7,9 @@ import numpy as np
 from ..common import checks
 from ..common.tree import Indices, put, pytree
 from ..common.types import ArrayLike, Bool, Float, Int
-from .spins import Spins
+from .spins import FreeSpins
 
-N_FREEDOM = 3
+N_DISPLACEMENT = 3
 """Freedoms of a node in a structure of bars and cables: three displacements."""
 
 
@@ -21,7 +21,7 @@ class Fixed(Indices):
         axes: directions of displacements and of rotations, `Indices` [n_row, 3, 3], one in each row
             of a matrix; None if they are x, y, z everywhere and no row has exactly one held
             rotation.
-        spins: `spins.Spins` that these supports leave free, or None.
+        spins: `spins.FreeSpins` that these supports leave free, or None.
     """
 
     __slots__ = ("axes", "spins")
@@ -30,22 +30,22 @@ class Fixed(Indices):
         self,
         array: Bool[ArrayLike, "n_row n_freedom"],
         axes: Float[ArrayLike, "n_row 3 3"] | Indices | None = None,
-        spins: Spins | None = None,
+        spins: FreeSpins | None = None,
     ):
         super().__init__(array)
         self.axes = axes if axes is None or isinstance(axes, Indices) else Indices(axes)
         self.spins = spins
 
-    def _whole(self):
+    def _identity(self):
         return self._digest, self.axes, self.spins
 
     def __hash__(self):
-        return hash(self._whole())
+        return hash(self._identity())
 
     def __eq__(self, other):
-        return isinstance(other, Fixed) and self._whole() == other._whole()
+        return isinstance(other, Fixed) and self._identity() == other._identity()
 
-    def directed(self) -> Fixed:
+    def with_directions(self) -> Fixed:
         """The same freedoms with `axes`, which are x, y, z if it had none."""
         if self.axes is not None:
             return self
@@ -106,17 +106,17 @@ class Supports:
                 if name in numbers:
                     value = checks.integers(value, f"{numbers[name]} nodes")
                 put(self, **{name: Indices(value)})
-        self._check_directions()
+        self._check_restrained()
         if self.mask is not None and not isinstance(self.mask, Indices):
             mask = np.asarray(self.mask)
-            if mask.dtype != bool or mask.ndim != 2 or mask.shape[1] not in (N_FREEDOM, 6):
+            if mask.dtype != bool or mask.ndim != 2 or mask.shape[1] not in (N_DISPLACEMENT, 6):
                 raise ValueError(
-                    f"supports mask: expected booleans [n_node, {N_FREEDOM}] or [n_node, 6], "
+                    f"supports mask: expected booleans [n_node, {N_DISPLACEMENT}] or [n_node, 6], "
                     f"got {mask.dtype} {mask.shape}; for node numbers use pinned(nodes)"
                 )
             put(self, mask=Indices(mask))
 
-    def _check_directions(self):
+    def _check_restrained(self):
         """Put in default `axes`; raise ValueError unless `chosen` and `held` are given in shape."""
         if self.chosen is None and self.held is None and self.axes is None:
             return
@@ -156,17 +156,17 @@ class Supports:
     @property
     def holds_rotations(self) -> bool:
         """Whether the mask has columns for rotations, or `restrained` holds rotations."""
-        by_mask = self.mask is not None and self.mask.shape[1] != N_FREEDOM
+        by_mask = self.mask is not None and self.mask.shape[1] != N_DISPLACEMENT
         return by_mask or (self.held is not None and bool(self.held.array[:, 3:].any()))
 
     def fixed(self, n_node: int) -> Bool[np.ndarray, "n_node 6"]:
         """True where a freedom is fixed, along `directions`, [n_node, 6], NumPy."""
-        fixed = self._plain(n_node)
+        fixed = self._fixed_along_axes(n_node)
         if self.chosen is not None:
             np.logical_or.at(fixed, self.chosen.array, self.held.array)
         return fixed
 
-    def _plain(self, n_node):
+    def _fixed_along_axes(self, n_node):
         """True where a freedom is fixed along x, y, z, [n_node, 6]."""
         fixed = np.zeros((n_node, 6), bool)
         if self.mask is not None:
@@ -193,7 +193,7 @@ class Supports:
         axes = np.tile(np.eye(3), (n_node, 1, 1))
         if self.chosen is None:
             return axes
-        plain, taken = self._plain(n_node), {}
+        plain, taken = self._fixed_along_axes(n_node), {}
         for node, held, given in zip(
             self.chosen.array.tolist(), self.held.array, self.axes.array, strict=True
         ):
@@ -282,10 +282,10 @@ def restrained(
         held[:, [start + "xyz".index(letter) for letter in letters]] = True
     if not held.any():
         raise ValueError('along, about: nothing is held; give some of "xyz" in one of them')
-    return Supports(chosen=nodes, held=held, axes=_directions(axes, len(nodes)))
+    return Supports(chosen=nodes, held=held, axes=_orthonormal_axes(axes, len(nodes)))
 
 
-def _directions(axes, count):
+def _orthonormal_axes(axes, count):
     """Directions of length 1, [count, 3, 3], one in each row of a matrix."""
     if axes is None:
         return np.tile(np.eye(3), (count, 1, 1))

@@ -25,7 +25,7 @@ class Part(NamedTuple):
         results: results of its elements, a tuple of `elements.element.Result`.
         hinges: `Indices` of ends that turn against their nodes, or None.
         inner: indices of its inner numbers, and how many rows they take.
-        remembered: shapes of the memory of its law, as text; that of None without memory.
+        memory_shapes: shapes of the memory of its law, as text; that of None without memory.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Part(NamedTuple):
     results: tuple[Result, ...]
     hinges: Indices | None
     inner: tuple[tuple[tuple[int, int], ...], int]
-    remembered: str
+    memory_shapes: str
 
 
 class Topology(NamedTuple):
@@ -102,7 +102,7 @@ def require_same(structure, there, name):
         )
     for ours, theirs in zip(here.parts, there.parts, strict=True):
         if ours != theirs:
-            raise ValueError(f"{name}: elements{ours.name}: {_difference(ours, theirs)}")
+            raise ValueError(f"{name}: elements{ours.name}: {_describe_difference(ours, theirs)}")
     if here.rigid != there.rigid:
         raise ValueError(f"{name}: rigid: has other pairs of nodes than this structure")
     if (here.supports.array != there.supports.array).any():
@@ -118,7 +118,7 @@ def require_same(structure, there, name):
         )
 
 
-def _difference(part, other):
+def _describe_difference(part, other):
     """What differs between two parts, in words."""
     if part.kind != other.kind:
         return f"is made of {part.kind} in this structure, and of {other.kind} there"

@@ -13,10 +13,10 @@ from ..common.types import ArrayLike, Float, Int
 from ..sections.outlines import inside, signed_area
 
 BORDERS = (None, "ends", "links")
-STRAIGHT = 45.0
+CORNER_ANGLE = 45.0
 """Angle, degrees, from which on a turn of the border from link to link is a corner."""
 
-_NOTHING = 1e-12
+_ZERO_AREA = 1e-12
 """Largest area, relative to the square of the net's size, of faces that count as lines."""
 
 
@@ -95,23 +95,23 @@ def net_faces(
         k = int((links >= len(plan)).any(axis=1).argmax())
         raise ValueError(f"links[{k}] = {links[k].tolist()}: there are nodes 0 to {len(plan) - 1}")
     edges = {tuple(sorted(link)) for link in links.tolist()}
-    nothing = _NOTHING * np.ptp(plan[np.unique(links)], axis=0).max(initial=0.0) ** 2
-    rings = _rings(plan, edges)
-    _require_plane(plan, edges, rings, nothing)
+    nothing = _ZERO_AREA * np.ptp(plan[np.unique(links)], axis=0).max(initial=0.0) ** 2
+    rings = _trace_rings(plan, edges)
+    _require_planar(plan, edges, rings, nothing)
     if border != "links":
-        lines = _between_ends(plan, edges, [r for r in rings if signed_area(plan[r]) <= nothing])
+        lines = _border_lines(plan, edges, [r for r in rings if signed_area(plan[r]) <= nothing])
         if lines:
-            _require_apart(plan, lines, edges)
-            closed, rings = rings, _rings(plan, edges | lines)
+            _require_uncrossed(plan, lines, edges)
+            closed, rings = rings, _trace_rings(plan, edges | lines)
             if border is None:
-                _warn(plan, lines, closed, rings, nothing)
+                _warn_of_open_border(plan, lines, closed, rings, nothing)
     faces = []
     for ring in rings:
         if signed_area(plan[ring]) <= nothing:
             continue  # the outside of the net, or a line
-        ring = _without_spurs(ring)
-        if not _convex(plan[ring]):
-            faces += _ears(plan, ring)
+        ring = _remove_spurs(ring)
+        if not _is_convex(plan[ring]):
+            faces += _triangulate(plan, ring)
         elif len(ring) <= largest:
             faces.append([*ring, ring[-1]][:4])
         else:
@@ -121,7 +121,7 @@ def net_faces(
     return np.array(faces)
 
 
-def _rings(plan, edges):
+def _trace_rings(plan, edges):
     """Rings of nodes of a planar graph: anticlockwise around meshes, clockwise around parts."""
     spokes = [[] for _ in plan]
     for i, j in edges:
@@ -153,7 +153,7 @@ def _rings(plan, edges):
     return rings
 
 
-def _require_plane(plan, edges, rings, nothing):
+def _require_planar(plan, edges, rings, nothing):
     """Raise ValueError if links cross, or a part of the net lies within a mesh of another part."""
     ends = np.array(sorted(edges)).T
     graph = coo_array((np.ones(len(edges)), ends), shape=(len(plan), len(plan)))
@@ -174,7 +174,7 @@ def _require_plane(plan, edges, rings, nothing):
             )
 
 
-def _without_spurs(ring):
+def _remove_spurs(ring):
     """The ring of nodes without the ways into dead ends and back."""
     k = 0
     while k < len(ring) and len(ring) > 3:
@@ -186,7 +186,7 @@ def _without_spurs(ring):
     return ring
 
 
-def _turns(places):
+def _corner_areas(places):
     """Twice the area of the triangle of the corners before, at and after each one of a ring, [n].
 
     Positive where the ring turns to the left.
@@ -195,21 +195,21 @@ def _turns(places):
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-def _convex(places):
+def _is_convex(places):
     """Whether an anticlockwise ring turns to the left, or goes straight on, at every corner."""
-    return bool((_turns(places) >= -1e-9 * np.ptp(places, axis=0).max() ** 2).all())
+    return bool((_corner_areas(places) >= -1e-9 * np.ptp(places, axis=0).max() ** 2).all())
 
 
-def _ears(plan, ring):
+def _triangulate(plan, ring):
     """Triangles of a mesh that need not be convex, by cutting off one corner after the other."""
     ring, faces = list(ring), []
     while len(ring) > 3:
-        turns = _turns(plan[ring])
+        turns = _corner_areas(plan[ring])
         best, cut = 0.0, None
         for k in range(len(ring)):
             a, b, c = ring[k - 1], ring[k], ring[(k + 1) % len(ring)]
             rest = plan[[node for node in ring if node not in (a, b, c)]]
-            sides = [_left_of(plan[i], plan[j], rest) for i, j in ((a, b), (b, c), (c, a))]
+            sides = [_signed_areas(plan[i], plan[j], rest) for i, j in ((a, b), (b, c), (c, a))]
             holds_others = (np.stack(sides) >= 0).all(axis=0).any()
             if turns[k] > best and not holds_others:
                 best, cut = turns[k], k
@@ -220,56 +220,61 @@ def _ears(plan, ring):
     return [*faces, [*ring, ring[-1]]]
 
 
-def _left_of(a, b, places):
+def _signed_areas(a, b, places):
     """Twice the area of triangles (a, b, place), [n]; positive where a place is left of a to b."""
     return (b[..., 0] - a[..., 0]) * (places[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (
         places[..., 0] - a[..., 0]
     )
 
 
-def _between_ends(plan, edges, outsides):
+def _border_lines(plan, edges, outsides):
     """Lines that close the border between free ends; `outsides` are clockwise rings of parts."""
     count = np.bincount(np.array(sorted(edges)).ravel(), minlength=len(plan))
     open_ = [ring for ring in outsides if (count[ring] == 1).sum() > 1]
     if len(open_) > 1:
-        return _lines(_hull(plan, sorted({node for ring in open_ for node in ring}))) - edges
+        return (
+            _successive_pairs(_convex_hull(plan, sorted({node for ring in open_ for node in ring})))
+            - edges
+        )
     lines = set()
     for ring in open_:
         start = int(np.argmax(count[ring] == 1))
         ring = [*ring[start:], *ring[:start]]
         free = count[ring] == 1
-        stops = [*np.flatnonzero(free | _corners(plan[ring])), len(ring)]
+        stops = [*np.flatnonzero(free | _find_corners(plan[ring])), len(ring)]
         ring.append(ring[0])
         for first, last in itertools.pairwise(stops):
             way = ring[first : last + 1]
-            if (count[[way[0], way[-1]]] == 1).any() and not _one_cable(plan[way]):
-                lines |= _lines(_round(plan, way))
+            if (count[[way[0], way[-1]]] == 1).any() and not _is_single_cable(plan[way]):
+                lines |= _successive_pairs(_hull_of_way(plan, way))
     return lines - edges
 
 
-def _lines(way):
+def _successive_pairs(way):
     """The pairs of successive nodes on a way, a set of sorted pairs."""
     return {tuple(sorted(pair)) for pair in itertools.pairwise(way)}
 
 
-def _corners(places):
-    """Corners of a clockwise ring: turns to the right by `STRAIGHT` or more, [n] bool."""
+def _find_corners(places):
+    """Corners of a clockwise ring: turns to the right by `CORNER_ANGLE` or more, [n] bool."""
     a, b = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
-    return np.arctan2(_turns(places), np.sum(a * b, axis=1)) <= -np.radians(STRAIGHT) * (1 - 1e-9)
-
-
-def _one_cable(places):
-    """Whether a way through places [n, 2] turns by less than `STRAIGHT` at every place."""
-    way = np.diff(places, axis=0)
-    way = way / np.linalg.norm(way, axis=1, keepdims=True)
-    return bool(
-        (np.sum(way[1:] * way[:-1], axis=1) > np.cos(np.radians(STRAIGHT)) * (1 + 1e-9)).all()
+    return np.arctan2(_corner_areas(places), np.sum(a * b, axis=1)) <= -np.radians(CORNER_ANGLE) * (
+        1 - 1e-9
     )
 
 
-def _round(plan, way):
+def _is_single_cable(places):
+    """Whether a way through places [n, 2] turns by less than `CORNER_ANGLE` at every place."""
+    way = np.diff(places, axis=0)
+    way = way / np.linalg.norm(way, axis=1, keepdims=True)
+    return bool(
+        (np.sum(way[1:] * way[:-1], axis=1) > np.cos(np.radians(CORNER_ANGLE)) * (1 + 1e-9)).all()
+    )
+
+
+def _hull_of_way(plan, way):
     """Nodes of the convex hull of a way, clockwise from its first node to its last."""
-    hull = _hull(plan, sorted(set(way)))[:-1]
+    hull = _convex_hull(plan, sorted(set(way)))[:-1]
     if way[0] not in hull or way[-1] not in hull:
         return [way[0], way[-1]]
     start = hull.index(way[0])
@@ -277,7 +282,7 @@ def _round(plan, way):
     return hull[: hull.index(way[-1]) + 1]
 
 
-def _hull(plan, nodes):
+def _convex_hull(plan, nodes):
     """Nodes on the convex hull of `nodes`, clockwise, from the leftmost node and back to it.
 
     Nodes on the straight sides of the hull are included (Andrew's monotone chain).
@@ -299,7 +304,7 @@ def _hull(plan, nodes):
     return half(ordered) + half(ordered[::-1])[1:]
 
 
-def _require_apart(plan, lines, edges):
+def _require_uncrossed(plan, lines, edges):
     """Raise ValueError if a line between free ends crosses a link or another such line."""
     links = np.array(sorted(edges | lines))
 
@@ -307,8 +312,8 @@ def _require_apart(plan, lines, edges):
     first, second = plan[links[:, 0]], plan[links[:, 1]]
     for i, j in sorted(lines):
         a, b = plan[i], plan[j]
-        sides = np.stack([_left_of(a, b, first), _left_of(a, b, second)])
-        across = np.stack([_left_of(first, second, a), _left_of(first, second, b)])
+        sides = np.stack([_signed_areas(a, b, first), _signed_areas(a, b, second)])
+        across = np.stack([_signed_areas(first, second, a), _signed_areas(first, second, b)])
         clear = (np.abs(sides) > tiny).all(axis=0) & (np.abs(across) > tiny).all(axis=0)
         crossed = clear & (np.prod(np.sign(sides), 0) < 0) & (np.prod(np.sign(across), 0) < 0)
         if crossed.any():
@@ -319,7 +324,7 @@ def _require_apart(plan, lines, edges):
             )
 
 
-def _warn(plan, lines, closed, rings, nothing):
+def _warn_of_open_border(plan, lines, closed, rings, nothing):
     """Warn of area that lies outside of all links, if there is any."""
     before, after = (
         sum(area for ring in found if (area := signed_area(plan[ring])) > nothing)
