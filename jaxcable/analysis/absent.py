@@ -35,7 +35,7 @@ def refuse_absent_elements(
     presence: Presence,
     earlier: int = 0,
 ) -> Presence:
-    """Refuse statements that name elements which are not there: the presence, with its `sound`.
+    """Refuse statements that name elements which are not there; return the presence.
 
     Args:
         structure, phases: of the analysis.
@@ -71,7 +71,7 @@ def refuse_absent_elements(
 def warn_of_idle_loads(
     along: Sequence[Sequence[Acting]], presence: Presence, earlier: int = 0
 ) -> None:
-    """Warn of loads on elements none of which is there from the phase of the load on.
+    """Warn of loads on elements of which none is there in the phase of the load or later.
 
     Args:
         along: element loads of every phase, after `among`.
@@ -95,19 +95,19 @@ def warn_of_idle_loads(
 
 
 def _loaded_elements(factors):
-    """Which elements a load acts on by its factors, [n_elem, ...] or None: all if not known."""
+    """Return which elements a load acts on, by its factors [n_elem, ...]; True if not known."""
     known = checks.concrete(factors)
     return True if known is None else (known != 0).reshape(len(known), -1).any(axis=1)
 
 
 def _is_zero_increment(name, given):
-    """Whether a statement is an increment that is known to be zero."""
+    """Return whether a statement is an increment (shortening, temperature) known to be zero."""
     values = checks.concrete(given.values if isinstance(given, Only) else given)
     return name in INCREMENTS and values is not None and not np.any(values)
 
 
 def _warn_if_all_absent(name, label, concerned, there):
-    """Warn of one number for the whole structure if nothing that it concerns is there."""
+    """Warn of one number for the whole structure if no element that takes it is there."""
     known = [own for own, ours in zip(there, concerned, strict=True) if ours]
     if name == "temperature" or any(isinstance(own, jax.core.Tracer) for own in known):
         return
@@ -118,7 +118,7 @@ def _warn_if_all_absent(name, label, concerned, there):
 
 
 def _names_absent_element(label, where, given, group, there) -> bool | Bool[jax.Array, ""]:
-    """Whether a statement for a group names absent elements; ValueError if that is known."""
+    """Return whether a statement for a group names absent elements; ValueError if that is known."""
     hint = "give the value in the phase that adds it, or in a later one"
     if isinstance(given, Only):
         lost = given.chosen(len(group.links), f"{label}{where}") & ~there
@@ -137,7 +137,7 @@ def _names_absent_element(label, where, given, group, there) -> bool | Bool[jax.
 
 
 def _warn_of_lost_value(name, label, where, given, present, later):
-    """Warn of a number for an absent element that a later phase adds without a statement.
+    """Warn of a value for an absent element that a later phase adds without a statement.
 
     Args:
         name, label, where: of the statement and its group, for messages.

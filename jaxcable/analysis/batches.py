@@ -122,7 +122,7 @@ def batched(
 
 
 def _map_in_threads(run, cases, size, workers):
-    """Results of a compiled function for chunks of `size` cases, computed by several threads."""
+    """Call a compiled function for chunks of `size` cases in several threads; join the results."""
     cases = jax.tree.map(np.asarray, cases)
     count = _count_cases(cases)
 
@@ -137,19 +137,19 @@ def _map_in_threads(run, cases, size, workers):
 
 
 def _usable_cores():
-    """Cores that this process may use, if jax computes on CPUs; else 1."""
+    """Return the number of cores that this process may use if jax computes on CPUs; else 1."""
     if jax.default_backend() != "cpu":
         return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
 
 
 def _is_concrete(tree):
-    """Whether no number of a pytree is traced."""
+    """Return whether no leaf of a pytree is traced."""
     return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def _count_cases(cases):
-    """Length of the common leading axis."""
+    """Return the length of the common leading axis; ValueError if there is none."""
     shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(cases)]
     counts = {shape[0] if shape else None for shape in shapes}
     if len(counts) != 1 or None in counts or 0 in counts:
@@ -161,7 +161,7 @@ def _count_cases(cases):
 
 
 def _pad_cases(cases, count):
-    """The cases, the last one repeated until there are `count`."""
+    """Return the cases with the last one repeated until there are `count`."""
 
     def fill(a):
         missing = count - a.shape[0]

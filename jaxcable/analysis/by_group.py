@@ -15,15 +15,17 @@ from ..model.structure import Structure
 
 
 def is_single_number(value: Any) -> bool:
-    """Whether a statement is one number for the whole structure."""
+    """Return whether a statement is one number for the whole structure."""
     leaf = jax.tree_util.treedef_is_leaf(jax.tree.structure(value))
     return leaf and not isinstance(value, dict | None) and np.ndim(value) == 0
 
 
 def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
-    """A prefix pytree of the elements as a list with one entry per group, None if not stated.
+    """Assign values to the groups; return a list with one item per group, None if not given.
 
-    Groups that a dict leaves out have no entry.
+    `value` is one number, or a pytree with the upper levels of the structure's elements (a prefix),
+    such as a dict by group. Groups that a dict leaves out have None. `name` is what messages call
+    the value.
 
     Raises:
         ValueError: keys that no group has, or another shape.
@@ -72,7 +74,7 @@ def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
 
 
 def _first_mismatch(label, numbers, value):
-    """Go down to the first part of `value` that does not fit the tree of `numbers` of groups.
+    """Find the first part of `value` that does not fit the tree of `numbers` of the groups.
 
     Returns:
         The part as a user writes it, the numbers of groups there, and the value there.
@@ -86,7 +88,7 @@ def _first_mismatch(label, numbers, value):
 
 
 def _fill_missing_groups(value, numbers, name):
-    """`value` with nothing for the groups that its dicts leave out; ValueError for unknown keys.
+    """Return `value` with None for groups that its dicts leave out; refuse unknown keys.
 
     Args:
         value: prefix pytree of the elements; its lists and tuples have all of their items.
@@ -111,7 +113,7 @@ def _fill_missing_groups(value, numbers, name):
 
 
 def _describe_tree(tree):
-    """What a tree is at its top, in words."""
+    """Describe the top level of a tree in words: names of groups, length of a list, or type."""
     if isinstance(tree, dict):
         return f"groups by name: {', '.join(map(repr, tree))}" if tree else "no group"
     if isinstance(tree, list | tuple):

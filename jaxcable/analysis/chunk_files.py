@@ -27,7 +27,7 @@ _COMMENT_PATTERN = re.compile(rb"jaxcable study ([0-9a-f]{32}) chunk (\d{1,18})"
 
 @dataclasses.dataclass(frozen=True)
 class ChunkIdentity:
-    """Of which study results are, and of which of its chunks.
+    """Which study and which of its chunks the results in a file belong to.
 
     Attributes:
         study: `study_digest` the study; None for one that nothing describes, or one of an earlier
@@ -40,20 +40,20 @@ class ChunkIdentity:
 
 
 def study_digest(description: Mapping[str, Any]) -> str:
-    """The digest of what ``study.json`` says, a text of 32 characters."""
+    """Return the digest of what ``study.json`` says, a text of 32 characters."""
     text = json.dumps(description, sort_keys=True).encode()
     return hashlib.blake2b(text, digest_size=16).hexdigest()
 
 
 def write_chunk(path: Path, arrays: Mapping[str, np.ndarray], identity: ChunkIdentity) -> None:
-    """Write the results of a chunk, as a whole or not at all."""
+    """Write the results of a chunk to a file, as a whole or not at all."""
     comment = f"jaxcable study {identity.study} chunk {identity.chunk}".encode()
     with written(path, "wb") as stream:
         put_arrays(stream, arrays, comment=comment)
 
 
 def describe_results(results: Mapping[str, np.ndarray]) -> dict[str, tuple[tuple[int, ...], str]]:
-    """Shape of a case and dtype of results, by name."""
+    """Return shape of a case and dtype of every result, by name."""
     return {name: (value.shape[1:], value.dtype.name) for name, value in results.items()}
 
 
@@ -76,7 +76,7 @@ def require_chunk(
 
 
 def read_chunk(path: Path, identity: ChunkIdentity, count: int) -> dict[str, np.ndarray]:
-    """The results of a chunk of `count` cases by name.
+    """Read the results of a chunk of `count` cases, a dict by name.
 
     Raises:
         ValueError: the file is damaged, of another study or chunk, or of another number of cases.
@@ -85,7 +85,7 @@ def read_chunk(path: Path, identity: ChunkIdentity, count: int) -> dict[str, np.
 
 
 def read_study_digest(path: Path) -> str | None:
-    """The digest of the study that a file names; None if it names none, or is no archive."""
+    """Read the digest of the study that a file belongs to; None if it has none, or is damaged."""
     try:
         with zipfile.ZipFile(path) as archive:
             found = _COMMENT_PATTERN.fullmatch(archive.comment)
@@ -95,7 +95,7 @@ def read_study_digest(path: Path) -> str | None:
 
 
 def _read_archive(path, identity, reader):
-    """What `reader` makes of every array of a file, by name; the file is that of `identity`."""
+    """Apply `reader` to every array of the file of `identity`; return a dict by name."""
     found = {}
     try:
         with zipfile.ZipFile(path) as archive:
@@ -116,7 +116,7 @@ def _read_archive(path, identity, reader):
 
 
 def _require_identity(path, comment, identity):
-    """Raise ValueError if the comment of a file says that it is of another study or chunk."""
+    """Raise ValueError if the comment of a file belongs to another study or chunk."""
     if identity.study is None and not comment:  # of an earlier version
         return
     own = _COMMENT_PATTERN.fullmatch(comment)
@@ -135,7 +135,7 @@ def _require_identity(path, comment, identity):
 
 
 def _require_case_count(path, found, count, shape_of):
-    """The contents of a file, if they are results of `count` cases."""
+    """Return the contents of a file; ValueError unless they are results of `count` cases."""
     for name, value in found.items():
         shape = shape_of(value)
         if shape[:1] != (count,):
@@ -148,12 +148,12 @@ def _require_case_count(path, found, count, shape_of):
 
 
 def _read_array(stream):
-    """The array in a stream, which is that of a ``.npy`` file."""
+    """Read an array from a stream in the format of ``.npy`` files."""
     return np.lib.format.read_array(stream, allow_pickle=False)
 
 
 def _read_header(stream):
-    """Shape, and name of the dtype, of the array in a stream."""
+    """Read shape and name of the dtype of the array in a stream, without its numbers."""
     version = np.lib.format.read_magic(stream)
     read_header = {
         (1, 0): np.lib.format.read_array_header_1_0,

@@ -27,7 +27,7 @@ from .results import element_fields
 
 
 class PhaseOutcome(NamedTuple):
-    """What a phase ended with; a good increment is one whose status is OK.
+    """What a phase ends with; an increment is called good if its status is OK.
 
     Attributes:
         code, stable: status so far, and whether the end of the phase is stable.
@@ -55,7 +55,7 @@ class PhaseOutcome(NamedTuple):
 def run_phase(
     problem, before, steps, method, code, differentiate_path, factored, seen, fresh, tell
 ):
-    """Go through the increments of a phase: `PhaseOutcome`.
+    """Solve the increments of one phase; return its `PhaseOutcome`.
 
     Args:
         problem: nodes, groups, carry and `PhaseData`, of which `Ramp.build` makes the phase.
@@ -97,7 +97,7 @@ def run_phase(
 
 
 def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fresh, tell):
-    """The increments by Newton's method, with the derivative of the end or of all of them.
+    """Solve the increments by Newton's method; the end, or all of them, have derivatives.
 
     Returns:
         The ramp; the last point as `implicit.attach_apart` returns it; points, readings and log of
@@ -129,7 +129,7 @@ def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fre
 
 
 def _solve_by_scheme(ramp, count, given, fresh, tell):
-    """Run the increments by the paper's scheme, differentiated through; see `_solve_by_newton`."""
+    """Solve the increments by `Incremental`, differentiated through; see `_solve_by_newton`."""
     (factors, live), method, code = given
     increments = factors[1:], live[1:]
     xs, log = incremental.march(ramp, ramp.begin.motion, increments, method, code, tell)
@@ -143,21 +143,22 @@ def _solve_by_scheme(ramp, count, given, fresh, tell):
 
 
 def _last_converged(good, count, dtype):
-    """Whether any increment is good, and the load factor of the last good one."""
+    """Return whether any increment is good, and the load factor of the last good one."""
     n_good = jnp.sum(good)
     return n_good > 0, (n_good / count).astype(dtype)
 
 
 def _path_output(system, x):
-    """What a path keeps of one increment, a `Reading`."""
+    """Return the element results that a path keeps of one increment, a `Reading`."""
     return read(system, x).of_path
 
 
 def _replay_increments(ramp, factors, xs, good, converges):
-    """Go through the increments of a phase with memory again, to differentiate them.
+    """Go through the solved increments of a phase with memory again, to differentiate them.
 
-    Every increment depends on the memory that the increment before has left: the end of the phase
-    is no implicit function of the parameters, but every increment is one. Their points are known.
+    Every increment depends on the memory that the increment before has committed: the end of the
+    phase is no implicit function of the parameters, but every increment is one. Their points are
+    known.
 
     Returns:
         Readings and points of all increments; memory and point at the end.
@@ -180,15 +181,16 @@ def _replay_increments(ramp, factors, xs, good, converges):
 
 
 def _replay_to_end(problem):
-    """Last point and memory of a phase whose laws have a memory, see `_replay_increments`."""
+    """Return last point and memory of a phase with history variables, see `_replay_increments`."""
     *_, memory, last = _replay_increments(*fill(*problem), True)
     return last, memory
 
 
 def _phase_end(ramp, factor, points, valid, before, memory=None):
-    """Carry and bare motion at the end of a phase; those `before` it if no increment is good.
+    """Return carry and undifferentiated motion at the end of a phase.
 
-    `points` are the motion with its derivative, and the bare one, see `implicit.attach_apart`.
+    They are those `before` it if no increment is good. `points` are the motion with its derivative,
+    and the bare one, see `implicit.attach_apart`.
     """
     motion, bare = points
     after = copy(ramp.leave(factor, coarse(motion), memory), loads=None), bare
@@ -199,9 +201,9 @@ def _phase_end(ramp, factor, points, valid, before, memory=None):
 
 
 def _make_path(readings, moved, good, finite):
-    """`Path` of a phase, NaN unless `finite`, and counts of slack elements and loose nodes.
+    """Return the `Path` of a phase, and counts of slack elements and loose nodes.
 
-    The counts are [n_inc, 2], -1 unless `good`.
+    The path is NaN unless `finite`. The counts are [n_inc, 2], -1 unless `good`.
     """
 
     def known(x):

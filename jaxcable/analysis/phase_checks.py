@@ -31,7 +31,7 @@ def _default_method():
 
 
 def check_method(structure: Structure, method: Any) -> Newton | Incremental:
-    """Return the method of an analysis, `Newton` by default; ValueError if it does not suit."""
+    """Check the method of an analysis and return it, `Newton` by default."""
     method = _default_method() if method is None else method
     if not isinstance(method, Newton | Incremental):
         raise ValueError(f"method: expected Newton or Incremental, got {_describe_wrong(method)}")
@@ -95,7 +95,7 @@ def errors_prefixed(where: str) -> Iterator[None]:
 def check_loads(
     structure: Structure, phase: Phase, fixed: Fixed, where: str
 ) -> tuple[list[Any], ...]:
-    """Return the loads of a phase, checked: nodal loads, movements of supports, element loads.
+    """Check the loads of a phase and sort them: nodal loads, movements of supports, element loads.
 
     Args:
         structure: `Structure`.
@@ -130,7 +130,7 @@ def without_amplitudes(loads: Sequence[Sequence[tuple[Any, Any]]]) -> list[list[
 def check_supports(
     structure: Structure, phases: Sequence[Phase], fixed: Fixed, earlier: int = 0
 ) -> list[Fixed]:
-    """Return the fixed freedoms before the first phase (`fixed`) and in each phase.
+    """Return the fixed freedoms before the first phase and in each phase, checked.
 
     All have directions if any of them has some. Nodes that can spin get a warning.
 

@@ -205,7 +205,7 @@ class PhaseResults(Sequence[PhaseResult]):
         return copy(end, status=status, stable=stable, path=path)
 
     def _log_column(self, name, at):
-        """One column of the log, at an index of its leading axes, in its type."""
+        """Return a column of the log, at an index of its leading axes, in its type."""
         kind, column = _COLUMN_TYPES.get(name, "int32"), LOG_COLUMNS.index(name)
 
         def read(np, log):
@@ -222,7 +222,7 @@ class PhaseResults(Sequence[PhaseResult]):
 
 
 def _take(tree, at):
-    """The part `at` of every array in a tree; an array that occurs twice is indexed once."""
+    """Index every array of a tree with `at`; an array that occurs twice is indexed once."""
     found = {}
 
     def take(x):
@@ -234,12 +234,12 @@ def _take(tree, at):
 
 
 def _load_factors(np, log):
-    """Load factors of increments, from their log [..., n_inc, 10]."""
+    """Return load factors of increments, from their log [..., n_inc, 10]."""
     count = log.shape[-2]
     return np.broadcast_to(np.arange(1, count + 1, dtype=log.dtype) / count, log.shape[:-1])
 
 
 def _relative_residuals(np, log):
-    """Residuals over the forces that they are judged by, from the log of increments."""
+    """Return residuals over the forces that they are judged by, from the log of increments."""
     scale = log[..., LOG_COLUMNS.index("scale")]
     return log[..., LOG_COLUMNS.index("residual")] / np.where(scale > 0, scale, 1.0)

@@ -174,7 +174,7 @@ class Phase:
                 checks.floats(leaf, name)
 
     def _check_own_statements(self):
-        """Raise ValueError if `own` is no dict of statements that `Phase` does not have itself."""
+        """Raise ValueError unless `own` is a dict of statements that `Phase` does not have."""
         if self.own is not None and not isinstance(self.own, Mapping):
             kind = checks.kind(self.own, '{"clamped": values}')
             raise ValueError(f"own: expected a dict of statements by name, got {kind}")
@@ -192,20 +192,20 @@ class Phase:
 
 
 def all_stated(phase: Phase) -> dict[str, Any]:
-    """What a phase states of elements, by the names of statements, as it is given."""
+    """Return all statements of a phase (pretension, ..., those of `own`) by name, as given."""
     fields = {name: getattr(phase, name) for name in (*ABSOLUTE, *INCREMENTS)}
     return {n: given for n, given in {**fields, **(phase.own or {})}.items() if given is not None}
 
 
 def restated(phase: Phase, name: str, given: PyTree[Any]) -> Phase:
-    """The phase with another value of one statement."""
+    """Return the phase with another value of one statement."""
     if name in STATEMENTS:
         return replace(phase, **{name: given})
     return replace(phase, own={**(phase.own or {}), name: given})
 
 
 def as_whole_groups(value: Any) -> Any:
-    """What a phase adds or removes, with keys of groups as `Named`; None if it is empty."""
+    """Return what a phase adds or removes, with keys of groups as `Named`; None if it is empty."""
     if isinstance(value, list | tuple | dict) and not value:
         return None
     if isinstance(value, str):
@@ -216,7 +216,7 @@ def as_whole_groups(value: Any) -> Any:
 
 
 def as_phases(structure: Structure, phases: Phase | Sequence[Phase] | None) -> list[Phase]:
-    """The phases of an analysis as a list; ValueError for a wrong structure or wrong phases."""
+    """Return the phases of an analysis as a list; ValueError for wrong structures or phases."""
     if isinstance(structure, tuple) and structure and isinstance(structure[0], Structure):
         raise ValueError("structure: got a scene; unpack it: solve(*scene)")
     if not isinstance(structure, Structure):

@@ -49,7 +49,7 @@ AnalysisInput: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], Carry 
 
 
 class Prepared(NamedTuple):
-    """An analysis, checked and ready for the compiled core.
+    """The input of an analysis, checked and ready for the compiled program.
 
     Attributes:
         thawed, arrays: nodes, groups, carry and `Schedule`, as `thaw` splits them.
@@ -84,7 +84,7 @@ def prepare(
     earlier: int = 0,
     to_end: bool = False,
 ) -> Prepared:
-    """Check the arguments of an analysis and separate topology from numbers: `Prepared`.
+    """Check the arguments of an analysis and separate topology from numbers; return `Prepared`.
 
     Args:
         structure, phases, method, start: as for `solve`.
@@ -163,12 +163,12 @@ def prepare(
 
 @once
 def _bundles_of(structure):
-    """The `Bundles` of a structure; they do not depend on its numbers."""
+    """Return the `Bundles` of a structure; they do not depend on its numbers."""
     return Bundles.of(structure.rows()[1])
 
 
 def _numbering_function(structure, method, stacks, groups, bundles, convex):
-    """A function from a `Fixed` to the numbering of the unknowns that it leaves, `Freedoms`."""
+    """Return a function that numbers the unknowns which a `Fixed` leaves free: `Freedoms`."""
     (rows, _), space = structure.rows(), structure.space
     followers = [stack for stack in stacks if stack.follows]
     links = tuple((group.links, group.n_freedom, group.inner) for group in groups)
@@ -192,7 +192,7 @@ def _numbering_function(structure, method, stacks, groups, bundles, convex):
 
 
 def _can_prove_instability(groups, carry, stacks, nodal):
-    """See `Prepared.warns_if_unstable`."""
+    """Return whether an indefinite tangent can occur and proves instability, see `Prepared`."""
     if _is_always_convex(groups, stacks) or not all(group.symmetric for group in groups):
         return False
     rotate = any(group.rotates for group in groups)
@@ -204,22 +204,23 @@ def _can_prove_instability(groups, carry, stacks, nodal):
 
 
 def _is_always_convex(groups, stacks):
-    """Whether the energy is known to be convex: cables, and no loads that slide along or follow."""
+    """Return whether the energy is known to be convex: cables, no sliding or follower loads."""
     tension_only = all(g.tension_only and g.rising and g.symmetric for g in groups)
     slides = stacks and any(group.slides for group in groups)
     return tension_only and not slides and not any(stack.follows for stack in stacks)
 
 
 def in_precision_of(nodes: Float[ArrayLike, "n_row 3"], tree: PyTree[Any]) -> PyTree[Any]:
-    """A tree with all floats in the dtype of the nodes."""
+    """Return a tree with all floats cast to the dtype of the nodes."""
     return cast(tree, jnp.asarray(nodes).dtype)
 
 
 def ready(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput:
-    """Nodes, groups, carry and schedule to compute with, from those of `Prepared`.
+    """Return nodes, groups, carry and schedule to compute with, from those of `Prepared`.
 
-    All of them are of bundles of groups. Laws are extended beyond the ends of their curves: the
-    iteration may pass there (a result may not).
+    All of them are of bundles of groups. The restart state gets the loads of all phases, not yet
+    acting, and what it lacks. Laws are extrapolated beyond the ends of their curves: the iteration
+    may pass there (a result may not).
     """
     nodes, groups, carry, schedule = in_precision_of(parameters[0], parameters)
     dtype = nodes.dtype
@@ -246,7 +247,7 @@ def ready(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput:
 
 
 def _with_thermal_stretch(groups, bundles, states):
-    """States of bundles from those of their groups, with a `warmth` in all that expand.
+    """Return states of bundles from those of their groups, with a `warmth` in all that expand.
 
     A state has none yet if its group has got its `expansion` since, or if only another group of its
     bundle expands.
@@ -263,7 +264,7 @@ def _with_thermal_stretch(groups, bundles, states):
 def verdicts(
     parameters: AnalysisInput, *others: Any
 ) -> tuple[Bool[Array, ""], Int[Array, " n_phase"]]:
-    """Whether traced numbers keep their rules (known numbers that do not were refused before).
+    """Return whether traced numbers keep their rules (known ones that do not were refused before).
 
     Args:
         parameters: nodes, groups, carry and schedule, as in `Prepared`.
@@ -295,7 +296,7 @@ def verdicts(
 
 
 def _starting_point(structure, start):
-    """Carry, status and held freedoms (`Fixed`) that the analysis starts from."""
+    """Return carry, status and held freedoms (`Fixed`) that the analysis starts from."""
     if start is None:
         return None, np.int32(status.OK), structure.fixed(structure.supports)
     if isinstance(start, Solution):

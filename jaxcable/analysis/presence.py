@@ -24,7 +24,7 @@ from .phases import Phase
 
 
 class Presence(NamedTuple):
-    """Which elements are there, per group.
+    """Which elements of every group are active (there) in which phase.
 
     Attributes:
         first: before the first phase, [n_elem] bool.
@@ -38,7 +38,7 @@ class Presence(NamedTuple):
     sound: Bool[Array, " n_phase"] | None = None
 
     def bundled(self, bundles: Bundles) -> Presence:
-        """The same for bundles of groups."""
+        """Return the presence by bundles of groups instead of groups."""
         if bundles.plain:
             return self
 
@@ -53,7 +53,7 @@ class Presence(NamedTuple):
     def idle(
         self, structure: Structure, groups: Sequence[Element]
     ) -> Bool[ArrayLike, "1+n_phase n_row n_freedom"]:
-        """Freedoms that no element touches, before the first phase and in every phase.
+        """Find degrees of freedom that no present element touches, before and in every phase.
 
         Args:
             structure: `Structure`.
@@ -77,7 +77,7 @@ class Presence(NamedTuple):
 
 
 def _share_touched(touched, structure, rows, pack):
-    """Touched freedoms, where hinged ends touch their nodes, and carried nodes their carriers."""
+    """Mark nodes as touched where their hinged ends are, and carriers where carried nodes are."""
     if rows is not None:
         more = np.arange(structure.n_node, len(rows.node))
         ends = more[~rows.inner[more]]  # they move with their nodes, and need no hold
@@ -107,7 +107,7 @@ def presence_of(
     states: Sequence[ElementState] | None,
     earlier: int = 0,
 ) -> Presence | None:
-    """The `Presence` of the elements of a structure; None if all are there in all phases.
+    """Find which elements are there in which phase; None if all are there in all phases.
 
     An element is absent before the phase that adds it.
 
@@ -170,7 +170,9 @@ def presence_of(
 def idle_of(
     structure: Structure, states: Sequence[ElementState]
 ) -> Bool[np.ndarray, "n_row n_freedom"] | None:
-    """Freedoms that no element touches in these states of the groups; None if all are there.
+    """Find degrees of freedom that no present element touches in these states of the groups.
+
+    None if all elements are there.
 
     Raises:
         ValueError: which elements are there is being traced.
@@ -186,18 +188,18 @@ def idle_of(
 
 
 def attached_phases(phases: Sequence[Phase]) -> Bool[np.ndarray, " n_phase"] | None:
-    """Which phases place new nodes "attached", [n_phase] bool; None if none does."""
+    """Return which phases place new nodes "attached", [n_phase] bool; None if none does."""
     found = np.array([phase.placed == "attached" for phase in phases])
     return found if found.any() else None
 
 
 def _numpy_or_jax(masks):
-    """The module that computes with masks: NumPy unless one is traced."""
+    """Return the module that computes with masks: NumPy unless one of them is traced."""
     return jnp if any(isinstance(mask, jax.core.Tracer) for mask in masks) else np
 
 
 def _group_masks(value: Any, structure, name):
-    """Masks of all groups, a list of [n_elem] bool, from what a phase adds or removes."""
+    """Return masks of all groups, a list of [n_elem] bool, from what a phase adds or removes."""
     counts = [len(group.links) for group in structure.groups]
     if value is None:
         return [np.zeros(count, bool) for count in counts]
@@ -220,7 +222,7 @@ def _group_masks(value: Any, structure, name):
 
 
 def _as_mask(given, count, name):
-    """A mask [n_elem] from booleans [n_elem], or one for all."""
+    """Return a mask [n_elem] from booleans [n_elem], or one for all."""
     mask = given if isinstance(given, jax.Array) else np.asarray(given)
     if mask.dtype != bool or mask.shape not in ((), (count,)):
         raise ValueError(
@@ -231,7 +233,7 @@ def _as_mask(given, count, name):
 
 
 def _masks_of_whole_groups(value, structure, name):
-    """Masks of whole groups, by their keys."""
+    """Return masks of all groups, a list of [n_elem] bool, from keys of groups."""
     numbers = structure.arrange(list(range(len(structure.groups))))
     found = [np.zeros(len(group.links), bool) for group in structure.groups]
     for key in value.names:
@@ -249,7 +251,7 @@ def _masks_of_whole_groups(value, structure, name):
 
 
 def _find_contradiction(k, where, there, adds, removes):
-    """Whether a phase adds what is there, or removes what is not, scalar bool, traced.
+    """Return whether a phase adds what is there, or removes what is not, scalar bool, traced.
 
     None if that is known and not so; ValueError if it is so.
     """

@@ -21,7 +21,7 @@ def statements_keep_rules(
     groups: Sequence[Element],
     nodes: Float[ArrayLike, "n_row 3"],
 ) -> Bool[Array, ""]:
-    """Whether the prestress statements of a phase keep their rules, scalar bool, traced.
+    """Return whether the prestress statements of a phase keep their rules, scalar bool, traced.
 
     Args:
         statements: for every group a dict from name to `Stated`.

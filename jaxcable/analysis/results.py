@@ -92,12 +92,12 @@ NAMES = tuple(field.name for field in dataclasses.fields(Results))
 
 
 def common_fields(part: Results) -> dict[str, Any]:
-    """The fields of `Results` of an object of a derived class, by name."""
+    """Return the fields of `Results` of an object of a derived class, a dict by name."""
     return {name: getattr(part, name) for name in NAMES}
 
 
 def element_fields(found: dict[str, list[Float[Array, " ..."] | None]]) -> dict[str, Any]:
-    """Fields, by name, that hold the results of elements `found`, given by the names there."""
+    """Return element results `found` as fields of `ElementResults`, a dict by field."""
     fields = {field: found[name] for name, field in _FIELD_OF_RESULT.items() if name in found}
     others = {name: values for name, values in found.items() if name not in _FIELD_OF_RESULT}
     return fields | {"results": others}
@@ -106,7 +106,7 @@ def element_fields(found: dict[str, list[Float[Array, " ..."] | None]]) -> dict[
 def per_element(
     part: Part, function: Callable[[PyTree[Array]], PyTree[Array]], **changes: Any
 ) -> Part:
-    """A copy with `function` applied to every field that is a list with an item per group.
+    """Return a copy with `function` applied to every field that is a list with an item per group.
 
     Further fields change as stated.
     """
@@ -118,7 +118,7 @@ def per_element(
 
 
 def with_peaks(part: Part) -> Part:
-    """A copy whose groups without peak tensions have their tensions (the same arrays) as such."""
+    """Return a copy in which groups without peak tensions have their tensions as such."""
     fields = vars(part)
     pairs = zip(fields["tension"], fields["peak_tension"], strict=True)
     return copy(part, peak_tension=[own if peak is None else peak for own, peak in pairs])

@@ -77,21 +77,21 @@ class Schedule:
         return self.number, *data, self.present, self.attached
 
     def phase_data(self, row: tuple[Any, ...]) -> PhaseData:
-        """The `PhaseData` of one phase from its entry in `rows`."""
+        """Return the `PhaseData` of one phase from its entry in `rows`."""
         number, statements, added, moved, changes, before, present, attached = row
         freedoms = self.freedoms if changes is None else copy(self.freedoms, **changes)
         was = None if before is None else copy(self.freedoms.of_supports, **before)
         return PhaseData(number, statements, added, moved, freedoms, was, present, attached)
 
     def phase(self, k: int) -> PhaseData:
-        """The `PhaseData` of the phase `k`."""
+        """Return the `PhaseData` of phase `k`."""
         return self.phase_data(jax.tree.map(lambda x: x[k], self.rows))
 
 
 def stack_statements(
     statements: Sequence[Sequence[dict[str, Stated]]], groups: Sequence[Element]
 ) -> list[dict[str, Stated]]:
-    """Prestress statements of all phases stacked: for every group a dict from name to `Stated`.
+    """Stack the prestress statements of all phases: for every group a dict from name to `Stated`.
 
     Args:
         statements: for every phase a list with a dict for every group.
@@ -121,7 +121,7 @@ def stack_nodal_loads(
     shape: tuple[int, int],
     dtype: Any,
 ) -> Added | None:
-    """The nodal loads, or movements, that every phase adds, with an axis [n_phase], or None.
+    """Stack the nodal loads, or movements, that every phase adds, with an axis [n_phase], or None.
 
     Args:
         loads: for every phase a list of pairs: nodal load, or movement, and amplitude.
@@ -157,7 +157,7 @@ def number_phases(
     numbered: Callable[[Fixed], Freedoms],
     idle: Bool[ArrayLike, "1+n_phase n_row n_freedom"] | None = None,
 ) -> tuple[Freedoms, dict[str, PyTree[ArrayLike]] | None, dict[str, ArrayLike] | None]:
-    """Numbering of the unknowns of all phases, and what supports change of it.
+    """Number the unknowns of all phases, and find what supports change of it.
 
     Args:
         sets: held freedoms before the first phase and in every phase, `Fixed`.
@@ -189,7 +189,7 @@ def number_phases(
 
 
 def _stack_fixed(sets):
-    """Held freedoms of several `Fixed`, and their directions, stacked, by name."""
+    """Stack held freedoms of several `Fixed`, and their directions, by name."""
     held = {"fixed": np.stack([fixed.array for fixed in sets])}
     if sets[0].axes is not None:
         held["axes"] = np.stack([fixed.axes.array for fixed in sets])
@@ -197,7 +197,7 @@ def _stack_fixed(sets):
 
 
 def _stack_free_spins(spins):
-    """`Freedoms.spins` of every phase, padded and stacked; None if no phase has free spins."""
+    """Stack `Freedoms.spins` of every phase, padded; None if no phase has free spins."""
     found = [some for some in spins if some is not None]
     if not found:
         return None

@@ -105,7 +105,7 @@ def solve(
 
 @functools.partial(program, static=("differentiate_path", "listen", "bundles", "alone"))
 def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles, alone):
-    """The compiled core. Results of elements are lists over groups."""
+    """Run the analysis as one compiled program. Results of elements are lists over groups."""
     through = functools.partial(_scan_phases, differentiate_path, listen, bundles)
     pattern = thawed[-1].freedoms.pattern
     # a program of its own hands over as many results as there are; one function gains nothing
@@ -116,13 +116,13 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles, 
 
 
 def analysed(thawed, arrays, method, code, bundles):
-    """The compiled core as a part of another program, with derivatives of the ends of phases."""
+    """Run the analysis as a part of another program, with derivatives of the ends of phases."""
     given = {"differentiate_path": False, "listen": None, "bundles": bundles}
     return _analyse(thawed, arrays, method, code, **given, size=0)
 
 
 def _scan_phases(differentiate_path, listen, bundles, thawed, arrays, method, code):
-    """The phases of an analysis, in one loop."""
+    """Solve the phases of an analysis one after the other, in one `lax.scan`."""
     parameters = fill(thawed, arrays)
     structure_ok, codes = verdicts(parameters, method)
     nodes, groups, carry, schedule = ready(parameters, bundles)
@@ -191,18 +191,18 @@ def _scan_phases(differentiate_path, listen, bundles, thawed, arrays, method, co
 
 
 def _zeros_like_result(function):
-    """Zeros in the shape of a function's result, which is not computed."""
+    """Return zeros in the shape of a function's result, which is not computed."""
     return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function))
 
 
 def _loads_on_groups(parameters):
-    """Element loads of `start` and of all phases on the user's groups, list of `LoadStack`."""
+    """Return all element loads, of `start` and the phases, on the user's groups."""
     nodes, _, carry, schedule = parameters
     return in_precision_of(nodes, [*(() if carry is None else carry.loads), *schedule.loads])
 
 
 def _split_bundles(bundles, part, axis=0):
-    """Results of bundles as those of their groups; `axis` is that of the elements."""
+    """Convert results of bundles to those of their groups; `axis` is that of the elements."""
     if bundles.plain:
         return part
     return per_element(part, lambda values: bundles.apart(values, axis))
@@ -231,12 +231,12 @@ class _LoopState:
 
 
 def _nan_unless(ok, end, touched):
-    """A `State` whose results are NaN unless `ok`."""
+    """Return a `State` whose results are NaN unless `ok`."""
     return copy(end, **implicit.nan_beside(ok, common_fields(end), touched))
 
 
 def _progress_reporter(listen, phases):
-    """The function `tell` of `newton.march`, which reports increments to the listener."""
+    """Return the function `tell` of `newton.march`, which reports increments to the listener."""
 
     def news(number, count, factor, outcome):
         traced = {
@@ -255,7 +255,7 @@ def _progress_reporter(listen, phases):
 
 
 def _is_finite(tree):
-    """Whether every float in `tree` is finite."""
+    """Return whether every float in `tree` is finite."""
     floats = [x for x in jax.tree.leaves(tree) if jnp.issubdtype(x.dtype, jnp.floating)]
     # one test of the joined array compiles faster than one for each of many small arrays
     return jnp.all(jnp.isfinite(jnp.concatenate([x.reshape(-1) for x in floats])))

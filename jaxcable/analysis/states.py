@@ -26,7 +26,7 @@ from .solution import Solution, State
 
 @pytree
 class LastConverged:
-    """Where an analysis stands: phase, load factor and supports of the last converged increment.
+    """The last converged increment of an analysis: its phase, load factor and supports.
 
     Attributes:
         number: number of the phase, -1 before the first increment.
@@ -41,13 +41,13 @@ class LastConverged:
 
     @classmethod
     def before_first(cls, schedule: Schedule, dtype: Any) -> LastConverged:
-        """The `LastConverged` before the first increment."""
+        """Return the value before the first increment."""
         held = {} if schedule.before is None else schedule.before
         first = {name: value[0] for name, value in held.items()}
         return cls(jnp.int32(-1), jnp.zeros((), dtype), first)
 
     def after(self, data: PhaseData, factor: Float[Array, ""]) -> LastConverged:
-        """Return it after a phase that came to `factor`, 0 if no increment converged."""
+        """Return the value after a phase that came to `factor`; unchanged if that is 0."""
         held = {name: getattr(data.freedoms, name) for name in self.held}
         new = LastConverged(data.number, factor, held)
         return where(factor > 0, new, self)
@@ -59,13 +59,13 @@ def system_at_last(
     reached: LastConverged,
     schedule: Schedule,
 ) -> System:
-    """The system of a carry with the supports of `reached`, without numbering of unknowns."""
+    """Return the system of a carry with the supports of `reached`, without unknowns."""
     freedoms = copy(schedule.freedoms.of_supports, **reached.held)
     return make_system(*frame, carry, None, freedoms)
 
 
 def make_state(frame, carry, point, reached, schedule, seen=None):
-    """The `State` of a carry, with results of rows of motion summed at their nodes.
+    """Compute the results of a carry; return its `State`, rows of motion summed at nodes.
 
     Args:
         frame: (nodes, groups).
@@ -116,7 +116,7 @@ def make_state(frame, carry, point, reached, schedule, seen=None):
 
 
 def _element_results(problem):
-    """What elements tell at the end of a phase, by name, from a thawed (system, motion)."""
+    """Evaluate element results at the end of a phase, by name, from a thawed (system, motion)."""
     system, motion = fill(*problem)
     names = [name for name, result in system.results().items() if result.ends]
     return system.reading(motion, *names, "end_forces")
@@ -149,7 +149,7 @@ def _spread_marks(system, marks):
 
 
 def _acting_loads(system, motion):
-    """All loads on every row, with loads that slide along ropes where they are now."""
+    """Return all loads on every row, with loads that slide along ropes where they are now."""
     load = system.external_force(motion)
     for group, state in zip(system.groups, system.states, strict=True):
         if group.slides and state.line_load is not None:
@@ -159,7 +159,7 @@ def _acting_loads(system, motion):
 
 
 def on_nodes(structure: Structure, part: Part, per_node: Sequence[str] = ("displacement",)) -> Part:
-    """A result without the rows of motion that are no nodes.
+    """Return a result without the rows of motion that are no nodes.
 
     Args:
         structure: `Structure`.
@@ -172,7 +172,7 @@ def on_nodes(structure: Structure, part: Part, per_node: Sequence[str] = ("displ
 
 
 def arranged(structure: Structure, solution: Solution, task: Prepared) -> Solution:
-    """The solution for the user: results in the shape of `elements`, topology put back.
+    """Return the solution for the user: results in the shape of `elements`, topology put back.
 
     Args:
         structure: `Structure`.

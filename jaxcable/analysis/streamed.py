@@ -72,15 +72,15 @@ class Study:
         return [k for k in range(self.n_chunk) if not self.file(k).exists()]
 
     def file(self, k: int) -> Path:
-        """The file of chunk `k`."""
+        """Return the path of the file of chunk `k`."""
         return self.folder / f"chunk-{k:06}.npz"
 
     def numbers(self, k: int) -> Int[np.ndarray, " n"]:
-        """Numbers of the cases of chunk `k`, [n]."""
+        """Return the numbers of the cases of chunk `k`, [n]."""
         return np.arange(k * self.chunk, min((k + 1) * self.chunk, self.n_case))
 
     def chunks(self) -> Iterator[tuple[Int[np.ndarray, " n"], dict[str, np.ndarray]]]:
-        """Numbers of cases, [n], and their results by name, [n, ...], chunk by chunk.
+        """Iterate over the chunks: numbers of cases, [n], and their results by name, [n, ...].
 
         Raises:
             ValueError: the folder holds another study; the file of a chunk is damaged, or it is of
@@ -96,7 +96,7 @@ class Study:
             )
 
     def _study_digest(self, there):
-        """The digest by which files name this study; None if they do not, as of earlier versions.
+        """Return the digest by which files name this study; None for files of earlier versions.
 
         Where nothing describes the study, it is the one that the first file of `there` names.
         """
@@ -106,7 +106,7 @@ class Study:
         return chunk_files.study_digest(known) if "function" in known else None
 
     def _read_description(self):
-        """What ``study.json`` says, a dict, which must be of this study; None without one."""
+        """Read ``study.json``, checked to be of this study; None without such a file."""
         path = self.folder / _STUDY_FILE
         if not path.exists():
             return None
@@ -119,7 +119,7 @@ class Study:
         return known
 
     def load(self, *names: str) -> dict[str, np.ndarray]:
-        """Results of all cases by name, [n_case, ...]: those of `names`, or all.
+        """Load the results of all cases, a dict of arrays [n_case, ...]: those of `names`, or all.
 
         Raises:
             ValueError: cases are missing, there is no such result, the file of a chunk is damaged
@@ -234,7 +234,7 @@ def streamed(
 
 
 def _as_case_function(cases, n_case):
-    """A function from numbers to cases, the number of cases, and the cases that are compared."""
+    """Return a function from numbers to cases, the number of cases, and cases to compare."""
     if callable(cases):
         if n_case is None:
             raise ValueError(
@@ -260,17 +260,17 @@ def _as_case_function(cases, n_case):
 
 
 def _axis_lengths(cases):
-    """Lengths of the leading axes of cases, a set; None where there is no axis."""
+    """Return the lengths of the leading axes of cases, a set; None where there is no axis."""
     return {len(leaf) if leaf.ndim else None for leaf in jax.tree.leaves(cases)}
 
 
 def _jax_dtype(leaf):
-    """The dtype with which jax computes."""
+    """Return the dtype with which jax computes."""
     return jax.dtypes.canonicalize_dtype(leaf.dtype)
 
 
 def _check_share(share):
-    """Number of this process and number of processes, checked."""
+    """Return number of this process and number of processes; ValueError if they do not fit."""
     rank, processes = share
     checks.whole(rank, "share[0]", least=0)
     checks.whole(processes, "share[1]")
@@ -280,7 +280,7 @@ def _check_share(share):
 
 
 def _expected_results(compute, shapes):
-    """The results of a case, a dict from name to (shape, dtype); checks their names."""
+    """Return (shape, dtype) of the results of a case by name, not computed; check the names."""
     results = jax.eval_shape(compute, shapes)
     if not isinstance(results, dict):
         raise ValueError(
@@ -301,7 +301,7 @@ def _expected_results(compute, shapes):
 
 
 def _begin_study(study, compute, shapes, cases, made_by):
-    """Make the folder of a study, or see that it holds this one; returns its description.
+    """Make the folder of a study, or check that it holds this one; return its description.
 
     Args:
         made_by: the function of `cases`, if not all of them are compared; None otherwise.
@@ -353,7 +353,7 @@ def _begin_study(study, compute, shapes, cases, made_by):
 
 
 def _package_version(name):
-    """The version of an installed package."""
+    """Return the version of an installed package, "unknown" if it is not installed."""
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
@@ -361,7 +361,7 @@ def _package_version(name):
 
 
 def _read_study_file(path):
-    """What ``study.json`` says, a dict; ValueError if it is damaged, or a stranger's."""
+    """Read ``study.json``, a dict; ValueError if it is damaged, or not of jaxcable."""
     try:
         found = json.loads(path.read_text("utf-8"))
     except (ValueError, RecursionError) as error:

@@ -41,7 +41,7 @@ __all__ = [
 
 
 def _loads_hint(thing):
-    """Advice, for an error message, on how to make a load of something that is none."""
+    """Return advice, for an error message, on how to make a load of something that is none."""
     if isinstance(thing, type):
         return f"; call it: {thing.__name__}(...)"
     if isinstance(thing, float | int):
@@ -52,7 +52,7 @@ def _loads_hint(thing):
 
 
 def as_list(loads: Load | Sequence[Load] | None) -> list[Load]:
-    """Loads of a phase as a list.
+    """Return the loads of a phase as a list.
 
     Args:
         loads: None, one load, or a list or tuple of loads.

@@ -27,19 +27,19 @@ GEOMETRIES = ("input", "begun")
 
 
 class AlongElements(OnGroups, Dead):
-    """A dead load along elements: a vector times an amount, such as a weight, of each element."""
+    """Dead load along elements: one vector times an amount, such as a weight, for each element."""
 
     @abc.abstractmethod
     def _load_vector(self):
-        """Direction and size of the load, [3]."""
+        """Return direction and size of the load, [3]."""
 
     @abc.abstractmethod
     def _amounts_at_ends(self, number, group, state, nodes):
-        """Amounts at the ends of the elements of a group, [n_elem, n_end], or None."""
+        """Return the amounts at the ends of the elements of a group, [n_elem, n_end], or None."""
 
     @abc.abstractmethod
     def _amounts_between_ends(self, number, group, state, nodes):
-        """Amounts between the ends of the elements of a group, [n_elem], or None."""
+        """Return the amounts between the ends of the elements of a group, [n_elem], or None."""
 
     def element_forces(
         self,
@@ -49,7 +49,7 @@ class AlongElements(OnGroups, Dead):
         shape: tuple[int, int],
         dtype: DTypeLike,
     ) -> OnEveryNode:
-        """Force on every node, of `shape`, N, for the given element states."""
+        """Return the force on every node, of `shape`, N, for the given element states."""
         total = jnp.zeros(shape[0], dtype)
         for number in self.on:
             amounts = self._amounts_at_ends(number, groups[number], states[number], nodes)
@@ -60,7 +60,7 @@ class AlongElements(OnGroups, Dead):
     def per_length(
         self, number: int, group: Element, state: OwnState, nodes: Positions
     ) -> Float[Array, "n_elem 3"] | None:
-        """Load along the elements of a group per unstressed length, [n_elem, 3], N/m, or None."""
+        """Return the load of a group per unstressed length, [n_elem, 3], N/m, or None."""
         amounts = (
             self._amounts_between_ends(number, group, state, nodes) if number in self.on else None
         )
@@ -248,11 +248,11 @@ class LineLoads(AlongElements, Measured):
         return jnp.sum(self._piece_lengths(ends[:, : ends.shape[1] - group.n_inner_row]), axis=-1)
 
     def _end_positions(self, group, nodes):
-        """Ends of a group's elements in the geometry that lengths are measured in."""
+        """Return the ends in the geometry that lengths are measured in, [n_elem, n_end, 3]."""
         return self.measured(nodes)[group.links]
 
     def _piece_lengths(self, ends):
-        """Initial or projected lengths between successive ends, [n_elem, n_end - 1], m."""
+        """Return initial or projected lengths between successive ends, [n_elem, n_end - 1], m."""
         pieces = ends[:, 1:] - ends[:, :-1]
         if self.per == "projected":
             square = self.forces @ self.forces
@@ -274,5 +274,5 @@ def require_known_geometry(geometry: str, per: str) -> None:
 def pad_moments(
     forces: Float[Array, "n_row 3"], shape: tuple[int, int]
 ) -> Float[Array, "n_row n_freedom"]:
-    """Forces [n_node, 3] in the columns of `shape`, with zero moments if it has six."""
+    """Return forces [n_node, 3] in the columns of `shape`, with zero moments if it has six."""
     return jnp.pad(forces, ((0, 0), (0, shape[1] - 3)))

@@ -91,7 +91,7 @@ class AreaLoads(OnFaces, Measured):
         shape: tuple[int, int],
         dtype: DTypeLike,
     ) -> OnEveryNode:
-        """Force on every node, of `shape`, N."""
+        """Return the force on every node, of `shape`, N."""
         total = jnp.zeros((shape[0], 3), dtype)
         for faces, per_area in self._faces_and_values(groups, states, dtype):
             for numbers, vector in area_vectors(self.measured(nodes)[faces]):

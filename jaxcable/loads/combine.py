@@ -17,10 +17,10 @@ def combine(
     cases: Mapping[Any, Load | Sequence[Load]] | Sequence[Load | Sequence[Load]],
     factors: Float[ArrayLike, "... n_case"],
 ) -> list[Load]:
-    """Combine load cases with factors: the loads of a phase, as a batch of combinations.
+    """Combine load cases with factors; return the loads of a phase as a batch of combinations.
 
-    Results of cable structures cannot be superposed: every combination needs its own analysis.
-    Map over the batch::
+    Results of cable structures cannot be superposed: every combination needs its own analysis. Map
+    over the batch::
 
         loads = combine({"dead": dead, "snow": snow}, [[1.35, 1.5], [1.0, 0.0]])
         jax.vmap(lambda one: solve(structure, [Phase(loads=one)], start=first).tension)(loads)

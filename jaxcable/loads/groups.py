@@ -27,7 +27,7 @@ _ALL = 1.0  # factor of all elements of a group
 
 
 class OnGroups(Acting):
-    """A load on elements: of all groups, of one, or of some elements of one.
+    """Base of loads on elements: of all groups, of one group, or of some elements of one group.
 
     Attributes:
         on: `Key` of the loaded group.
@@ -54,7 +54,7 @@ class OnGroups(Acting):
     def selected(
         self, structure: Structure
     ) -> tuple[tuple[int, ...], Bool[np.ndarray, " n_elem"] | None]:
-        """Numbers of the loaded groups, and a mask of the loaded elements, [n_elem] bool, NumPy.
+        """Return numbers of the loaded groups, and a mask of their loaded elements, [n_elem].
 
         The mask is None if all elements are loaded.
 
@@ -95,7 +95,7 @@ class OnGroups(Acting):
             checks.shaped(getattr(self, name), name, one, (count, *one), hint=hint)
 
     def among(self, structure: Structure) -> Self:
-        """The load with groups as numbers, and with factors for elements: 1 if loaded, else 0.
+        """Return the load with numbers of groups, and factors of elements: 1 if loaded, else 0.
 
         Values of elements become their factors, and the field that has them ones.
         """
@@ -113,7 +113,7 @@ class OnGroups(Acting):
         return copy(load, part=None if factors is None else dict.fromkeys(numbers, factors))
 
     def bundled(self, bundles: Bundles) -> Self:
-        """The load, after `among`, on bundles of groups, see `mechanics.bundles`."""
+        """Return the load, after `among`, on bundles of groups (`mechanics.bundles`)."""
         if bundles.plain:
             return self
         given = self.part or {}
@@ -122,7 +122,7 @@ class OnGroups(Acting):
         return copy(self, on=tuple(spread), part=part or None)
 
     def touched(self, bundles: Bundles) -> Self:
-        """The load with the numbers of the bundles that it acts on."""
+        """Return the load with the numbers of the bundles that it acts on."""
         return copy(self, on=bundles.numbers(self.on))
 
     def partly(
@@ -131,7 +131,7 @@ class OnGroups(Acting):
         amounts: Float[ArrayLike, "n_elem ..."],
         state: ElementState | None = None,
     ) -> Float[Array, "n_elem ..."]:
-        """Amounts of the elements of a group, [n_elem, ...], zero where the load is not.
+        """Multiply amounts [n_elem, ...] of a group by the factors of its elements.
 
         They are zero where an element is not there, too, if the `state` of the group says so.
         """
@@ -143,7 +143,7 @@ class OnGroups(Acting):
 
 
 def _group_numbers(on, structure):
-    """Numbers of the groups that a key of the structure's elements names, a tuple; all if None."""
+    """Return the numbers of the groups that a key of the elements names; all if None."""
     numbers = structure.arrange(list(range(len(structure.groups))))
     try:
         return tuple(jax.tree.leaves(numbers if on is None else numbers[on]))
@@ -159,7 +159,7 @@ def scatter_to_nodes(
     shape: tuple[int, int],
     dtype: DTypeLike,
 ) -> OnEveryNode:
-    """Add vectors at their nodes: an array of `shape`, NumPy unless something is traced.
+    """Add vectors at their nodes; return an array of `shape`, NumPy unless something is traced.
 
     Args:
         nodes: `Indices` [n], or a traced array.

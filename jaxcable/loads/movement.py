@@ -73,7 +73,7 @@ class SupportMovement(Moving):
             )
 
     def check_supported(self, fixed: Fixed) -> None:
-        """Raise ValueError if a moved freedom is not held; `fixed` is a `supports.Fixed`.
+        """Raise ValueError if a moved degree of freedom is not held; `fixed` is a `supports.Fixed`.
 
         It is not known which components of a traced movement are zero: here only nodes without any
         support are refused; a free component that moves ends in NONFINITE (see `mechanics.ramp`).
@@ -104,5 +104,5 @@ class SupportMovement(Moving):
                 )
 
     def steps(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Steps of all nodes, of `shape`: translations, and rotation vectors with six columns."""
+        """Return the movement of every node, of `shape`: translation, and rotation vector."""
         return scatter_to_nodes(self.nodes, (self.displacements, self.rotations), shape, dtype)

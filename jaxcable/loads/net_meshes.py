@@ -26,12 +26,12 @@ def net_faces(
     largest: int = 4,
     border: str | None = None,
 ) -> Int[np.ndarray, "n_face 4"]:
-    """Faces of a net as seen in plan: its meshes, and those between free ends at its border.
+    """Find the faces of a net in plan: its meshes, and those between free ends at its border.
 
     Give the links of the net alone: nodes that none of them touches, such as feet of masts and
-    anchors of stays, are left out. The meshes are those of the planar graph of the links in the
-    x-y plane. Nodes are in anticlockwise order, so that normals point up. Meshes with more than
-    four corners, and meshes that are not convex, are split into triangles.
+    anchors of stays, are left out. The meshes are those of the planar graph of the links in the x-y
+    plane. Nodes are in anticlockwise order, so that normals point up. Meshes with more than four
+    corners, and meshes that are not convex, are split into triangles.
 
     Where links close the border, no face lies outside of them, whether the border is convex or not.
     A net without edge cables has free ends instead: nodes with a single link. Corners of its border
@@ -122,7 +122,7 @@ def net_faces(
 
 
 def _trace_rings(plan, edges):
-    """Rings of nodes of a planar graph: anticlockwise around meshes, clockwise around parts."""
+    """Trace the rings of a planar graph: anticlockwise around meshes, clockwise around parts."""
     spokes = [[] for _ in plan]
     for i, j in edges:
         spokes[i].append(j)
@@ -175,7 +175,7 @@ def _require_planar(plan, edges, rings, nothing):
 
 
 def _remove_spurs(ring):
-    """The ring of nodes without the ways into dead ends and back."""
+    """Return a ring of nodes without the ways into dead ends and back."""
     k = 0
     while k < len(ring) and len(ring) > 3:
         if ring[k - 1] == ring[(k + 1) % len(ring)]:
@@ -187,7 +187,7 @@ def _remove_spurs(ring):
 
 
 def _corner_areas(places):
-    """Twice the area of the triangle of the corners before, at and after each one of a ring, [n].
+    """Return twice the area of the triangle of each corner of a ring and its two neighbours, [n].
 
     Positive where the ring turns to the left.
     """
@@ -196,12 +196,12 @@ def _corner_areas(places):
 
 
 def _is_convex(places):
-    """Whether an anticlockwise ring turns to the left, or goes straight on, at every corner."""
+    """Return whether an anticlockwise ring nowhere turns to the right."""
     return bool((_corner_areas(places) >= -1e-9 * np.ptp(places, axis=0).max() ** 2).all())
 
 
 def _triangulate(plan, ring):
-    """Triangles of a mesh that need not be convex, by cutting off one corner after the other."""
+    """Split a mesh, which need not be convex, into triangles by cutting off its corners."""
     ring, faces = list(ring), []
     while len(ring) > 3:
         turns = _corner_areas(plan[ring])
@@ -221,14 +221,14 @@ def _triangulate(plan, ring):
 
 
 def _signed_areas(a, b, places):
-    """Twice the area of triangles (a, b, place), [n]; positive where a place is left of a to b."""
+    """Return twice the areas of triangles (a, b, place), [n]; positive left of a to b."""
     return (b[..., 0] - a[..., 0]) * (places[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (
         places[..., 0] - a[..., 0]
     )
 
 
 def _border_lines(plan, edges, outsides):
-    """Lines that close the border between free ends; `outsides` are clockwise rings of parts."""
+    """Find lines that close the border between free ends; `outsides` are clockwise rings."""
     count = np.bincount(np.array(sorted(edges)).ravel(), minlength=len(plan))
     open_ = [ring for ring in outsides if (count[ring] == 1).sum() > 1]
     if len(open_) > 1:
@@ -251,12 +251,12 @@ def _border_lines(plan, edges, outsides):
 
 
 def _successive_pairs(way):
-    """The pairs of successive nodes on a way, a set of sorted pairs."""
+    """Return the pairs of successive nodes on a way, a set of sorted pairs."""
     return {tuple(sorted(pair)) for pair in itertools.pairwise(way)}
 
 
 def _find_corners(places):
-    """Corners of a clockwise ring: turns to the right by `CORNER_ANGLE` or more, [n] bool."""
+    """Find corners of a clockwise ring: turns to the right by `CORNER_ANGLE` or more, [n] bool."""
     a, b = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
     return np.arctan2(_corner_areas(places), np.sum(a * b, axis=1)) <= -np.radians(CORNER_ANGLE) * (
         1 - 1e-9
@@ -264,7 +264,7 @@ def _find_corners(places):
 
 
 def _is_single_cable(places):
-    """Whether a way through places [n, 2] turns by less than `CORNER_ANGLE` at every place."""
+    """Return whether a way through places [n, 2] nowhere turns by `CORNER_ANGLE` or more."""
     way = np.diff(places, axis=0)
     way = way / np.linalg.norm(way, axis=1, keepdims=True)
     return bool(
@@ -273,7 +273,7 @@ def _is_single_cable(places):
 
 
 def _hull_of_way(plan, way):
-    """Nodes of the convex hull of a way, clockwise from its first node to its last."""
+    """Return the nodes of the convex hull of a way, clockwise from its first node to its last."""
     hull = _convex_hull(plan, sorted(set(way)))[:-1]
     if way[0] not in hull or way[-1] not in hull:
         return [way[0], way[-1]]
@@ -283,7 +283,7 @@ def _hull_of_way(plan, way):
 
 
 def _convex_hull(plan, nodes):
-    """Nodes on the convex hull of `nodes`, clockwise, from the leftmost node and back to it.
+    """Return the nodes on the convex hull of `nodes`, clockwise, from the leftmost and back to it.
 
     Nodes on the straight sides of the hull are included (Andrew's monotone chain).
     """

@@ -53,7 +53,7 @@ class NodalLoads(OnNodes):
             put(self, moments=checks.shaped(self.moments, "moments", *shapes, hint=VECTOR_HINT))
 
     def at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]]:
-        """Nodes [n] and the forces on them, [3] or [n, 3], N."""
+        """Return nodes [n] and the forces on them, [3] or [n, 3], N."""
         return self.nodes, self.forces
 
     @property
@@ -82,5 +82,5 @@ class NodalLoads(OnNodes):
         return f"NodalLoads on {len(self.nodes)} nodes, sum ({total}) N"
 
     def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
+        """Return force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
         return scatter_to_nodes(self.nodes, (self.forces, self.moments), shape, dtype)

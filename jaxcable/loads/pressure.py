@@ -30,22 +30,22 @@ PRESSURE_REFERENCES = ("current", "unstressed")
 
 
 class Pressure(Following):
-    """A following load by the force on one piece, an element or a face, and all of its pieces."""
+    """Base of follower loads that add up the forces on pieces: elements or faces."""
 
     scales = ("pressure",)
 
     @abc.abstractmethod
     def _pressed_pieces(self, groups, states, moved):
-        """Iterate over arrays of pieces: moved corners [n, k, 3], numbers, nodes [n, k]."""
+        """Iterate over arrays of pieces: current corners [n, k, 3], pressures, nodes [n, k]."""
 
     @abc.abstractmethod
     def _force_on_piece(self, corners, numbers):
-        """Force at the corners of one piece, [k, 3], N."""
+        """Return the force at the corners of one piece, [k, 3], N."""
 
     def following_forces(
         self, groups: Groups, states: States, nodes: Positions, moved: Positions
     ) -> Positions:
-        """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
+        """Return the force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
         total = jnp.zeros_like(moved)
         for corners, numbers, links in self._pressed_pieces(groups, states, moved):
             total = total.at[links].add(jax.vmap(self._force_on_piece)(corners, numbers))
@@ -54,7 +54,7 @@ class Pressure(Following):
     def following_blocks(
         self, groups: Groups, states: States, nodes: Positions, moved: Positions
     ) -> Blocks:
-        """Derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
+        """Return the derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
         return [
             (jax.vmap(jax.jacfwd(self._force_on_piece))(corners, numbers), links)
             for corners, numbers, links in self._pressed_pieces(groups, states, moved)
@@ -117,12 +117,12 @@ class CablePressure(OnGroups, Pressure):
         checks.one_of(self.per, "per", PRESSURE_REFERENCES)
 
     def rules(self) -> list[Rule]:
-        """The rules of its numbers, see `common.rules`."""
+        """Return the rules of its numbers, see `common.rules`."""
         text = "is zero; give the normal of the plane in which the cable bends"
         return [Rule("axis", self.axis, lambda v: (v == 0).all(), text)]
 
     def check(self, structure: Structure) -> None:
-        """Raise ValueError if a loaded group cannot be pressed."""
+        """Raise ValueError if a loaded group cannot take pressure."""
         numbers, _ = self.selected(structure)
         for number in numbers:
             group = structure.groups[number]
@@ -140,13 +140,13 @@ class CablePressure(OnGroups, Pressure):
         self._check_counts(structure, numbers)
 
     def touches(self, groups: Groups) -> list[Indices]:
-        """Nodes whose forces depend on each other's positions, a list of [n, 2]."""
+        """Return the nodes whose forces depend on each other's positions, a list of [n, 2]."""
         return [Indices(groups[number].links.array[:, :2]) for number in self.on]
 
     def pressing(
         self, number: int, group: Element
     ) -> tuple[str, Float[Array, " n_elem"], Float[Array, "n_elem 3"]] | None:
-        """The pressure that bends the elements of a group.
+        """Return the pressure that bends the elements of a group.
 
         Returns:
             `per`, pressure [n_elem], axes [n_elem, 3]; None if the load does not act on the group,
@@ -238,6 +238,6 @@ class FacePressure(OnFaces, Pressure):
 
 
 def _norm_or_one(vector):
-    """Length of a vector; 1 for the zero vector, which has no direction."""
+    """Return the length of a vector; 1 for the zero vector, which has no direction."""
     square = vector @ vector
     return jnp.sqrt(jnp.where(square > 0, square, 1.0))

@@ -20,7 +20,7 @@ _MAX_SHOWN_POINTS = 8  # points of an amplitude that are shown
 
 @pytree
 class Amplitude:
-    """Factors of a load at values of the parameter of a phase, with straight lines between them.
+    """Factor of a load as a piecewise linear function of the load factor of its phase.
 
     Attributes:
         parameters: increasing from 0 to 1, [..., n_point].
@@ -31,7 +31,7 @@ class Amplitude:
     factors: Float[ArrayLike, "... n_point"]
 
     def at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, " ..."]:
-        """Interpolate the factor at a parameter.
+        """Interpolate the factor at a parameter, the load factor of the phase.
 
         At 0 it is zero, whatever the first factor: a phase begins with what earlier ones left.
         """
@@ -44,7 +44,7 @@ class Amplitude:
         return jnp.where(parameter > 0, factor, 0.0)
 
     def padded(self, n_point: int) -> Amplitude:
-        """Return the same function with `n_point` points, more of them on its last line."""
+        """Return the same function with `n_point` points; the new ones are on its last line."""
         count = n_point - len(self.parameters)
         if not count:
             return self
@@ -57,7 +57,7 @@ class Amplitude:
         return jax.tree.map(more, self)
 
     def rules(self) -> list[Rule]:
-        """The rules of the parameters, see `common.rules`."""
+        """Return the rules of the parameters, see `common.rules`."""
         given = self.parameters
         return [
             Rule("parameters", given, lambda v: abs(v[..., :1]) > 0, _describe_first_parameter),
@@ -194,13 +194,16 @@ def scale_to_peak(load: Load, amplitude: Amplitude | None) -> Load:
 
 
 def _describe_first_parameter(index, values):
+    """Return the message for amplitudes that do not begin at 0."""
     return f"parameters[0] = {values[0]}: must be 0, where the phase begins"
 
 
 def _describe_last_parameter(index, values):
+    """Return the message for amplitudes that do not end at 1."""
     return f"parameters[{len(values) - 1}] = {values[-1]}: must be 1, where the phase ends"
 
 
 def _describe_not_increasing(index, values):
+    """Return the message for parameters that do not increase."""
     k = index[0] + 1
     return f"parameters[{k}] = {values[k]}: must be above parameters[{k - 1}] = {values[k - 1]}"

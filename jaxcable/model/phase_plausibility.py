@@ -80,7 +80,7 @@ def warn_of_nodal_loads(
     alone: bool,
     inactive: FixedDofs | None = None,
 ) -> Iterator[str]:
-    """Warn of nodal loads that only what holds still takes, or that their elements cannot bear.
+    """Warn of nodal loads that act on supports only, or that strain their elements beyond reason.
 
     The elements at a free node balance its load. Hence at least one of them has a strain of the
     load over the sum of their axial stiffnesses, or more.
@@ -147,7 +147,7 @@ def warn_of_nodal_loads(
 
 @issues_warnings
 def warn_of_unused_weight(named: NamedGroups, weighed: bool) -> Iterator[str]:
-    """Warn of weights in an analysis under other loads, or with a stated sag, that never act.
+    """Warn of groups with a weight if no phase has `SelfWeight`, so that it is no load.
 
     Args:
         named: pairs of (key in the elements as text, group).
@@ -174,12 +174,12 @@ def warn_if_all_held(number: int, fixed: FixedDofs, groups: Sequence[Element]) -
 
 
 def known_axial_stiffness(group: Element) -> Float[np.ndarray, " n_elem"] | None:
-    """EA of a group with a linear law, [n_elem], N, NumPy; None if it is not known."""
+    """Return EA of a group with a linear law, [n_elem], N, NumPy; None if it is not known."""
     return array_or_none(group.stiffness_along())
 
 
 def _unlikely_strains(label, value, strain, hint, stiffness=None):
-    """Yield a warning for the first value that makes a strain which no cable bears."""
+    """Describe the first value that makes a strain which no cable bears; yield one text or none."""
     wrong = (np.abs(strain) > MAX_STATED_STRAIN) & np.isfinite(strain)
     text = ""
     if wrong.any():

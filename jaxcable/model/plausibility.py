@@ -38,7 +38,7 @@ NamedGroups: TypeAlias = Sequence[tuple[str, Element]]
 
 
 def issues_warnings(judge: Callable[..., Iterator[str]]) -> Callable[..., None]:
-    """Wrap a generator of texts as a function that issues these texts as warnings."""
+    """Make a generator of texts a function that issues them as warnings."""
 
     @functools.wraps(judge)
     def warn(*args):
@@ -80,7 +80,7 @@ def precision(nodes: Float[ArrayLike, "n_node 3"]) -> Iterator[str]:
 
 @issues_warnings
 def warn_of_degrees(name: str, rotations: Float[np.ndarray, "... 3"]) -> Iterator[str]:
-    """Warn of rotation vectors of more than half a turn, which are most likely in degrees.
+    """Warn of rotation vectors longer than pi, which are most likely in degrees.
 
     No support of a structure turns so far in a phase, and no rotation vector needs to be longer:
     one of the opposite direction leads to the same orientation.
@@ -179,17 +179,17 @@ def warn_of_zero_bending(named: NamedGroups, fixed: FixedDofs) -> Iterator[str]:
 
 
 def array_or_none(value):
-    """`value` as NumPy; None if it is None or being traced."""
+    """Return `value` as NumPy array; None if it is None or being traced."""
     return checks.concrete(value)
 
 
 def lengths_over_nodes(group, nodes):
-    """Length over all nodes of every element, [n_elem], m."""
+    """Return the length of every element over all of its nodes, [n_elem], m."""
     return np.linalg.norm(np.diff(nodes[group.links.array], axis=1), axis=2).sum(axis=1)
 
 
 def _axis_off_centroid(label, section):
-    """Yield a warning if the axis of a beam is off its centroid and was not placed by the user."""
+    """Describe an axis off the centroid that the user has not placed; one text or none."""
     if section.placed:
         return
     if any(array_or_none(leaf) is None for leaf in jax.tree.leaves(section)):
@@ -205,7 +205,7 @@ def _axis_off_centroid(label, section):
 
 
 def _zero_bending(label, section, plane):
-    """Yield a warning if a section does not resist bending; in a plane only if about no axis."""
+    """Describe a section without bending stiffness (in a plane: about all axes), or nothing."""
     moduli = [array_or_none(law.modulus) for law in section.laws]
     if any(part is None for part in (*moduli, *map(array_or_none, jax.tree.leaves(section)))):
         return
@@ -233,7 +233,7 @@ def _zero_bending(label, section, plane):
 
 
 def unlikely_lengths(label, rest, chord):
-    """Yield a warning for the first unstressed length far from the distance of its nodes."""
+    """Describe the first unstressed length far from the distance of its nodes; one text or none."""
     wrong = (rest > MAX_LENGTH_RATIO * chord) | (rest * MAX_LENGTH_RATIO < chord)
     texts = [
         f"its nodes are {length:.3g} m apart; is the length in m?" for length in chord[wrong][:1]
@@ -242,7 +242,7 @@ def unlikely_lengths(label, rest, chord):
 
 
 def describe_first(label, value, wrong, text=""):
-    """Yield a warning for the first entry that is `wrong`."""
+    """Describe the first entry that is `wrong`, by label, index and value; one text or none."""
     if wrong.any():
         k = int(wrong.argmax())
         yield (f"{label}[{k}] = {value[k]:.6g}: {text}")

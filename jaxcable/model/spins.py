@@ -26,7 +26,7 @@ _LINE_TOLERANCE = (
 
 
 class FreeSpins:
-    """Free spins of a structure: static metadata.
+    """Pieces of beams that can spin freely about their line: static metadata of a structure.
 
     Attributes:
         rows: rows of motion that turn with a piece, [m], NumPy.
@@ -54,7 +54,7 @@ class FreeSpins:
 def find_free_spins(
     structure: Any, fixed: Bool[np.ndarray, "n_node 6"], axes: Float[np.ndarray, "n_node 3 3"]
 ) -> FreeSpins | None:
-    """`FreeSpins` of a structure under given supports, or None.
+    """Find the `FreeSpins` of a structure under given supports; None if there are none.
 
     Args:
         structure: `Structure` with beams.
@@ -76,7 +76,7 @@ def find_free_spins(
 
 
 def _torsion_chains(structure):
-    """Beams joined for torsion: pairs (nodes of the elements [k, 2], list of rows that turn)."""
+    """Iterate over beams joined for torsion: links [k, 2], list of the rows that rotate."""
     _, groups = structure.rows()
     n_node = structure.n_node
     pairs, joined, hinge_rows, wide = [], [], [], []
@@ -112,7 +112,7 @@ def _torsion_chains(structure):
 
 
 def _common_line(nodes, members):
-    """Direction of the line that all members lie on, and two nodes on it; None if bent."""
+    """Return direction of, and two nodes on, the line of all elements; None if there is none."""
     places = nodes[members]
     first, second = members[0]
     along = nodes[second] - nodes[first]
@@ -126,7 +126,7 @@ def _common_line(nodes, members):
 
 
 def _is_spin_held(structure, nodes, turning, line, fixed, axes):
-    """Whether a support, another kind of element or an arm keeps a piece from spinning."""
+    """Return whether a support, another element or a rigid link holds a piece's spin."""
     along, (first, _) = line
     turning = np.array([row for row in turning if row < structure.n_node], int)
     for group in structure.groups:
@@ -178,7 +178,7 @@ def warn_of_free_spins(structure: Any, fixed: Any, label: str = "supports") -> N
 
 
 def _scene_file_fields(along):
-    """The rotation about a direction as a scene file says that it is held."""
+    """Return the fields of a scene file that hold the rotation about a direction, as text."""
     held, axes = [False] * 6, ""
     if np.abs(along).max() == 1.0:
         held[3 + int(np.abs(along).argmax())] = True

@@ -31,12 +31,12 @@ _RESERVED_RESULT_NAMES = (  # names of results of nodes and increments
 
 
 def is_group(x: object) -> bool:
-    """Whether `x` is an element group, a leaf of the `elements` pytree."""
+    """Return whether `x` is an element group, a leaf of the `elements` pytree."""
     return isinstance(x, Element)
 
 
 def place_rules(nodes, group, where=""):
-    """Rules that positions [n_node, 3] and a group's numbers keep together, see `common.rules`."""
+    """Return the rules that positions [n_node, 3] and a group keep together."""
     links = plain(group.links)
 
     def same(ends, _):
@@ -149,7 +149,7 @@ class Structure:
                 raise ValueError(f"elements{where}.results: {result.name!r} {text}")
 
     def _check_rigid(self):
-        """Check `rigid`; raise ValueError for pairs of nodes that cannot be carrier and carried."""
+        """Raise ValueError for pairs of nodes in `rigid` that cannot be rigid links."""
         if self.rigid is None:
             return
         if not isinstance(self.rigid, Indices):
@@ -174,7 +174,7 @@ class Structure:
 
     @once
     def named_groups(self) -> list[tuple[str, Element]]:
-        """Pairs of (key in `elements` as text, element group), in pytree order."""
+        """Return pairs of (key in `elements` as text, element group), in pytree order."""
         leaves = jax.tree_util.tree_leaves_with_path(self.elements, is_leaf=is_group)
         return [(jax.tree_util.keystr(path), group) for path, group in leaves]
 
@@ -206,14 +206,14 @@ class Structure:
         return space_of(self.groups)
 
     def touched_nodes(self) -> Bool[np.ndarray, " n_node"]:
-        """Nodes that an element touches, [n_node] bool."""
+        """Return which nodes an element touches, [n_node] bool."""
         touched = np.zeros(self.n_node, bool)
         for group in self.groups:
             touched[group.links.array] = True
         return touched
 
     def rigidly_joined_nodes(self) -> Bool[np.ndarray, " n_node"]:
-        """Nodes that a beam is joined to rigidly, at least in part, [n_node] bool."""
+        """Return which nodes a beam is joined to rigidly, at least in part, [n_node] bool."""
         joined = np.zeros(self.n_node, bool)
         for group in self.groups:
             if group.rotates:
@@ -223,7 +223,7 @@ class Structure:
         return joined
 
     def rotating(self) -> Bool[np.ndarray, " n_node"]:
-        """Nodes that have rotations, or whose carriers have, [n_node] bool."""
+        """Return which nodes have rotations, or have carriers that do, [n_node] bool."""
         turns = self.rigidly_joined_nodes()
         if self.rigid is not None:
             turns[self.rigid.array[:, 1]] = True
@@ -231,7 +231,7 @@ class Structure:
 
     @once
     def rows(self) -> tuple[Rows | None, list[Element]]:
-        """Rows of motion: one for every node, then hinged ends, and inner numbers of elements.
+        """Lay out rows of motion: nodes, then hinged ends, then inner unknowns of elements.
 
         Returns:
             rows: `freedoms.Rows`, or None if every row is a node.
@@ -268,7 +268,7 @@ class Structure:
         return Rows(np.concatenate(nodes), np.concatenate(inner), idles), groups
 
     def fixed(self, supports: Supports) -> Fixed:
-        """Fixed freedoms under `supports`, `Fixed` [n_row, 3 or 6]; checks that they make sense.
+        """Return the fixed degrees of freedom under `supports`: `Fixed` [n_row, 3 or 6].
 
         Rotations exist where a beam is joined rigidly; elsewhere they count as fixed. Columns of
         inner rows that no element uses count as fixed, too.
@@ -281,11 +281,11 @@ class Structure:
 
     @once
     def _fixed_by_own_supports(self):
-        """`fixed` under the structure's own supports."""
+        """Return the fixed degrees of freedom under the structure's own supports, found once."""
         return self._find_fixed_dofs(self.supports)
 
     def _find_fixed_dofs(self, supports):
-        """See `fixed`."""
+        """Find the fixed degrees of freedom, see `fixed`."""
         fixed, axes = supports.fixed(self.n_node), supports.directions(self.n_node)
         if not fixed[:, :3].any():
             raise ValueError(
@@ -324,7 +324,7 @@ class Structure:
         return Fixed(fixed, None if plain else axes, spins)
 
     def held(self) -> Bool[np.ndarray, "n_node 3"]:
-        """Displacements along x, y, z that supports hold, [n_node, 3] bool, without rotations.
+        """Return which displacements along x, y, z are held, [n_node, 3] bool, without rotations.
 
         Raises:
             ValueError: supports along other directions.
@@ -337,7 +337,7 @@ class Structure:
         return fixed.array
 
     def _require_connected(self, fixed):
-        """Raise ValueError for nodes without elements and parts without supports."""
+        """Raise ValueError for free nodes without elements, and for parts without supports."""
         touched = self.touched_nodes()
         idle = ~touched & ~fixed[:, :3].all(axis=1)
         if self.rigid is not None:
@@ -371,7 +371,7 @@ class Structure:
 
 @functools.lru_cache(maxsize=16)
 def _connected_parts(links, n_node):
-    """Number of the connected part of every node, [n_node], for the links of all groups."""
+    """Return the number of the connected part of every node, [n_node], by all links."""
     pairs = [
         np.stack([group_links.array[:, :-1].ravel(), group_links.array[:, 1:].ravel()])
         for group_links in links

@@ -14,7 +14,7 @@ N_DISPLACEMENT = 3
 
 
 class Fixed(Indices):
-    """Held freedoms of all rows of motion, and their directions: static metadata, as `Indices`.
+    """Held degrees of freedom of all rows of motion, with their directions: static metadata.
 
     Attributes:
         array: True where a freedom is held, [n_row, 3 or 6].
@@ -37,6 +37,7 @@ class Fixed(Indices):
         self.spins = spins
 
     def _identity(self):
+        """Return what equality and hash depend on."""
         return self._digest, self.axes, self.spins
 
     def __hash__(self):
@@ -46,7 +47,7 @@ class Fixed(Indices):
         return isinstance(other, Fixed) and self._identity() == other._identity()
 
     def with_directions(self) -> Fixed:
-        """The same freedoms with `axes`, which are x, y, z if it had none."""
+        """Return the same with `axes`, which are x, y, z if there were none."""
         if self.axes is not None:
             return self
         return Fixed(self.array, np.tile(np.eye(3), (len(self.array), 1, 1)), self.spins)
@@ -117,7 +118,7 @@ class Supports:
             put(self, mask=Indices(mask))
 
     def _check_restrained(self):
-        """Put in default `axes`; raise ValueError unless `chosen` and `held` are given in shape."""
+        """Check `chosen`, `held` and `axes`, which fit each other; put in default axes."""
         if self.chosen is None and self.held is None and self.axes is None:
             return
         for name in ("chosen", "held"):
@@ -160,14 +161,14 @@ class Supports:
         return by_mask or (self.held is not None and bool(self.held.array[:, 3:].any()))
 
     def fixed(self, n_node: int) -> Bool[np.ndarray, "n_node 6"]:
-        """True where a freedom is fixed, along `directions`, [n_node, 6], NumPy."""
+        """Return a mask of the held degrees of freedom, along `directions`, [n_node, 6], NumPy."""
         fixed = self._fixed_along_axes(n_node)
         if self.chosen is not None:
             np.logical_or.at(fixed, self.chosen.array, self.held.array)
         return fixed
 
     def _fixed_along_axes(self, n_node):
-        """True where a freedom is fixed along x, y, z, [n_node, 6]."""
+        """Return a mask of what `mask`, `nodes` and `clamps` hold along x, y, z, [n_node, 6]."""
         fixed = np.zeros((n_node, 6), bool)
         if self.mask is not None:
             if self.mask.shape[0] != n_node:
@@ -186,7 +187,7 @@ class Supports:
         return fixed
 
     def directions(self, n_node: int) -> Float[np.ndarray, "n_node 3 3"]:
-        """Directions of each node's displacements and rotations, [n_node, 3, 3], NumPy.
+        """Return the directions of each node's displacements and rotations, [n_node, 3, 3], NumPy.
 
         Every row of a matrix is one direction.
         """
@@ -215,7 +216,7 @@ class Supports:
 
 
 def pinned(nodes: Int[ArrayLike, " n"]) -> Supports:
-    """Supports that hold the position of the given nodes, node numbers [n].
+    """Make supports that hold the position of the given nodes, node numbers [n].
 
     Example:
         >>> jc.pinned([0, 2]).fixed(3)[:, :3].all(axis=1)
@@ -225,7 +226,7 @@ def pinned(nodes: Int[ArrayLike, " n"]) -> Supports:
 
 
 def clamped(nodes: Int[ArrayLike, " n"]) -> Supports:
-    """Supports that hold position and rotation of the given nodes, node numbers [n].
+    """Make supports that hold position and rotation of the given nodes, node numbers [n].
 
     Example:
         >>> jc.clamped([0]).fixed(2).all(axis=1)
@@ -242,7 +243,7 @@ def restrained(
     about: str = "",
     axes: Float[ArrayLike, "... 3"] | None = None,
 ) -> Supports:
-    """Supports that hold some displacements and rotations of nodes, along any directions.
+    """Make supports that hold some displacements and rotations of nodes, along any directions.
 
     Args:
         nodes: node numbers, [n].
@@ -286,7 +287,7 @@ def restrained(
 
 
 def _orthonormal_axes(axes, count):
-    """Directions of length 1, [count, 3, 3], one in each row of a matrix."""
+    """Return directions of length 1 at right angles, [count, 3, 3], one in each row of a matrix."""
     if axes is None:
         return np.tile(np.eye(3), (count, 1, 1))
     axes = checks.concrete(checks.floats(axes, "axes"))

@@ -57,7 +57,7 @@ class Topology(NamedTuple):
 
 @once
 def topology_of(structure):
-    """The `Topology` of a structure."""
+    """Return the `Topology` of a structure."""
     parts = tuple(
         Part(
             name,
@@ -119,7 +119,7 @@ def require_same(structure, there, name):
 
 
 def _describe_difference(part, other):
-    """What differs between two parts, in words."""
+    """Describe in words how one group differs from that of another topology."""
     if part.kind != other.kind:
         return f"is made of {part.kind} in this structure, and of {other.kind} there"
     here, there = part.links.array, other.links.array
