@@ -84,7 +84,7 @@ def prepare(
     earlier: int = 0,
     to_end: bool = False,
 ) -> Prepared:
-    """Check the arguments of an analysis and separate topology from numbers; return `Prepared`.
+    """Check the arguments of an analysis, and separate topology from numbers.
 
     Args:
         structure, phases, method, start: as for `solve`.
@@ -192,7 +192,7 @@ def _numbering_function(structure, method, stacks, groups, bundles, convex):
 
 
 def _can_prove_instability(groups, carry, stacks, nodal):
-    """Return whether an indefinite tangent can occur and proves instability, see `Prepared`."""
+    """Return whether an indefinite tangent can occur, and then proves instability."""
     if _is_always_convex(groups, stacks) or not all(group.symmetric for group in groups):
         return False
     rotate = any(group.rotates for group in groups)

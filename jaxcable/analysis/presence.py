@@ -131,8 +131,8 @@ def presence_of(
             number = asked.index(True) if any(asked) else 0
             raise ValueError(
                 f"phases[{earlier + number}].adds, removes: elements{where} "
-                f"({type(group).__name__}) cannot be added or removed; write its method `found`, "
-                "and give its state the field `present` (see jaxcable.extend)"
+                f"({type(group).__name__}) cannot be added or removed; write "
+                "its method `found`, and give its state the field `present` (see jaxcable.extend)"
             )
     changes = [
         (

@@ -101,8 +101,9 @@ class OnFaces(OnGroups):
             k = next(number for number in numbers if number not in kept)
             given = "faces: missing" if self.on is None else f"on = {self.on!r}"
             raise ValueError(
-                f"{given}: {group_path(structure, k)} ({type(groups[k]).__name__}) has no faces; "
-                "give faces=... (net_faces finds those of a net), or on=... a group of surfaces "
+                f"{given}: {group_path(structure, k)} "
+                f"({type(groups[k]).__name__}) has no faces; give "
+                "faces=... (net_faces finds those of a net), or on=... a group of surfaces "
                 "(a class with face = (0, 1, 2), the ends around the face of an element)"
             )
         return kept, mask

@@ -127,7 +127,7 @@ class Acting(Load):
         return self
 
     def bundled(self, bundles: Bundles) -> Acting:
-        """Return the load, after `among`, with bundles instead of groups (`mechanics.bundles`)."""
+        """Return the load on bundles of groups (`mechanics.bundles`), after `among`."""
         return self
 
     def touched(self, bundles: Bundles) -> Acting:

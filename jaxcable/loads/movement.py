@@ -73,7 +73,7 @@ class SupportMovement(Moving):
             )
 
     def check_supported(self, fixed: Fixed) -> None:
-        """Raise ValueError if a moved degree of freedom is not held; `fixed` is a `supports.Fixed`.
+        """Raise ValueError if a moved degree of freedom is not held.
 
         It is not known which components of a traced movement are zero: here only nodes without any
         support are refused; a free component that moves ends in NONFINITE (see `mechanics.ramp`).

@@ -98,7 +98,7 @@ def columns(
     groups: Sequence[Element | Part],
     told: Mapping[str, PyTree[Float[Array, "n_elem ..."]]],
 ) -> list[Column]:
-    """Split results of elements into table columns, one `Column` for every place and component.
+    """Split results of elements into columns, one for every place and component.
 
     Section forces and strains at several positions along an element, which have tables and pictures
     of their own, are left out.

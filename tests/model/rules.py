@@ -364,7 +364,7 @@ used, 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
 """)
 
 OTHERWISE = {
-    "analysis/absent.py:_is_zero_increment": "a traced increment may be other than zero: it counts",
+    "analysis/absent.py:_is_zero_increment": "traced: it may be other than zero",
     "analysis/absent.py:_warn_of_lost_value": "a warning",
     "analysis/absent.py:_loaded_elements": "a warning",
     "analysis/preparation.py:_can_prove_instability": "no rule: whether a warning can be given",
