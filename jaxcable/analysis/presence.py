@@ -132,7 +132,8 @@ def presence_of(
             raise ValueError(
                 f"phases[{earlier + number}].adds, removes: elements{where} "
                 f"({type(group).__name__}) cannot be added or removed; write "
-                "its method `found`, and give its state the field `present` (see jaxcable.extend)"
+                "its method `found`, and "
+                "give its state the field `present` (see jaxcable.extend)"
             )
     changes = [
         (

@@ -113,7 +113,7 @@ class OnGroups(Acting):
         return copy(load, part=None if factors is None else dict.fromkeys(numbers, factors))
 
     def bundled(self, bundles: Bundles) -> Self:
-        """Return the load on bundles of groups (`mechanics.bundles`), after `among`."""
+        """Return the load, after `among`, on bundles of groups."""
         if bundles.plain:
             return self
         given = self.part or {}

@@ -127,7 +127,7 @@ class Acting(Load):
         return self
 
     def bundled(self, bundles: Bundles) -> Acting:
-        """Return the load on bundles of groups (`mechanics.bundles`), after `among`."""
+        """Return the load, after `among`, on bundles of groups."""
         return self
 
     def touched(self, bundles: Bundles) -> Acting:
