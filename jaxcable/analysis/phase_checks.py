@@ -74,8 +74,9 @@ def require_tangent(
         return
     where = "start" if followed else None
     for k, phase in enumerate(phases):
-        for j, load in enumerate(as_list(phase.loads)):
-            if isinstance(load.load if isinstance(load, Varying) else load, Following):
+        for j, given in enumerate(as_list(phase.loads)):
+            base: Any = given.load if isinstance(given, Varying) else given
+            if isinstance(base, Following):
                 where = where or f"phases[{earlier + k}].loads[{j}]"
     if where is not None:
         raise ValueError(
