@@ -61,14 +61,14 @@ def default_tolerance(dtype: DTypeLike) -> float:
 
 
 def limit(method: IterationSettings, dtype: DTypeLike) -> Float[Array, ""]:
-    """Return the relative residual that counts as converged: `tol` or its default, >= 64 eps."""
+    """Return the relative residual that counts as converged: `tol`, but at least 64 eps."""
     tol = default_tolerance(dtype) if method.tol is None else method.tol
     return jnp.maximum(jnp.asarray(tol, dtype), 64 * jnp.finfo(dtype).eps)
 
 
 @pytree
 class ConvergenceCriterion:
-    """Criterion for the residual of an increment, beside that of the forces.
+    """Second criterion of convergence: the residual is small beside the load that a phase adds.
 
     Attributes:
         earlier_residual: residual that earlier increments have left, [n_free], N.
@@ -151,5 +151,5 @@ class ConvergenceCriterion:
 
 
 def is_stagnant(steps_without_halving: Int[Array, ""]) -> Bool[Array, ""]:
-    """Return whether so many steps without halving the residual are enough to give up."""
+    """Return whether so many steps without halving the residual are enough to stop."""
     return steps_without_halving >= _STAGNANT_STEPS

@@ -89,17 +89,17 @@ class ConicEquations:
             guess, load, length: as of `ConicEquations`.
         """
         vector = pieces.vectors(system, x)
-        size = norm(vector)
-        size = jnp.where(size > 0, size, 1.0)
-        none = jnp.zeros_like(size)
+        piece_length = norm(vector)
+        piece_length = jnp.where(piece_length > 0, piece_length, 1.0)
+        none = jnp.zeros_like(piece_length)
         mixed = cls(
             unknowns=unknowns,
             base_tension=pulls.tension,
             slope=pulls.slope,
             vector=vector,
-            stiff=pieces.repeated(system, guess) / size,
-            across=vector / wide(size, vector),
-            ratio=jnp.ones_like(size),
+            stiff=pieces.repeated(system, guess) / piece_length,
+            across=vector / wide(piece_length, vector),
+            ratio=jnp.ones_like(piece_length),
             spring=none,
             rhs=-residual,
             guess=guess,
@@ -107,17 +107,17 @@ class ConicEquations:
             load=load,
             length=length,
         )
-        given = system, x, pulls, size
+        given = system, x, pulls, piece_length
         return lax.cond(
             unknowns.has_interior_matrix,
             lambda: mixed._with_interior_matrix(*given),
             lambda: mixed,
         )
 
-    def _with_interior_matrix(self, system, x, pulls, size):
+    def _with_interior_matrix(self, system, x, pulls, piece_length):
         """Return the equations of an interior or a finishing step, from these of a mixed step.
 
-        `pulls` are those at x, `size` [n_piece], m, the lengths of pieces.
+        `pulls` are those at x, `piece_length` [n_piece], m, the lengths of pieces.
         """
         unknowns = self.unknowns
         inner = unknowns.interior_point
@@ -130,22 +130,23 @@ class ConicEquations:
         given = system, guess, under.gap, under.compliance
         ways = (
             (lambda: new._interior_equations(*given)),
-            (lambda: new._finish_equations(*given, size)),
+            (lambda: new._finish_equations(*given, piece_length)),
         )
         new, pull = lax.cond(unknowns.is_interior, *ways)
         unbalanced = system.external_force(x) - pieces.at_nodes(system, pull)
         return copy(new, rhs=system.space.collected(unbalanced, x))
 
-    def _interior_equations(self, system, tension, gap, compliance):
+    def _interior_equations(self, system, tension, spare_length, compliance):
         """Return the equations of an interior step, and V without motion, [n_piece, 3], N.
 
-        At `tension`, straight cables could be longer by `gap`, with derivative `compliance`.
+        At `tension`, straight cables could be longer by `spare_length`, whose derivative is
+        `compliance`.
         """
         inner = self.unknowns.interior_point
         single = pieces.repeated(system, tension)
         points = inner.length_slack + norm(self.vector), self.vector, single, inner.pull
         scaled = scaling(*points, inner.length_slack, inner.force_slack)
-        lacks = gap - pieces.total(system, inner.length_slack)
+        lacks = spare_length - pieces.total(system, inner.length_slack)
         slope = 1 / (compliance + pieces.total(system, scaled.spring))
         if self.jacked is not None:
             slope = jnp.where(self.jacked, 0.0, slope)
@@ -155,32 +156,32 @@ class ConicEquations:
         pull = wide(scaled.ratio * away, inner.pull) * scaled.across - inner.corrector_pull
         return copy(self, base_tension=base, slope=slope, **scaled._asdict()), pull
 
-    def _finish_equations(self, system, guess, gap, compliance, size):
+    def _finish_equations(self, system, guess, spare_length, compliance, piece_length):
         """Return the equations of a finishing step, and forces without motion, [n_piece, 3], N.
 
         `guess` are tensions that may be negative; other arguments as of `_interior_equations`.
         """
-        unknowns, eps = self.unknowns, jnp.finfo(gap.dtype).eps
+        unknowns, eps = self.unknowns, jnp.finfo(spare_length.dtype).eps
         force_per_length = unknowns.interior_point.force_scale / self.length
         net_stiffness = _NET_STIFFNESS * force_per_length / unknowns.finish_threshold
         positive = jnp.maximum(guess, 0.0)
-        lacks = gap + compliance * (guess - positive)
+        lacks = spare_length + compliance * (guess - positive)
         stiff = jnp.where(compliance > 0, 1 / compliance, self.slope)  # 0 on a plateau of the law
         # rounding of more would hide what the tensions resist; a softer law ends at the same point
-        growth = _LIMIT_GROWTH ** unknowns.steps_in_mode.astype(gap.dtype)
+        growth = _LIMIT_GROWTH ** unknowns.steps_in_mode.astype(spare_length.dtype)
         most = force_per_length * (growth / (_STIFFNESS_LIMIT * eps))
         stiff = jnp.minimum(stiff, most)
         active = guess > jnp.minimum(net_stiffness, stiff) * lacks
-        inactive = none = jnp.zeros_like(gap)
+        inactive = none = jnp.zeros_like(spare_length)
         if self.jacked is not None:
             active, inactive = active & ~self.jacked, jnp.where(self.jacked, self.base_tension, 0.0)
-        base = lax.select(active, positive - stiff * gap, inactive)
+        base = lax.select(active, positive - stiff * spare_length, inactive)
         tension = lax.select(active, positive, inactive)
         new = copy(
             self,
             base_tension=base,
             slope=lax.select(active, stiff, none),
-            stiff=pieces.repeated(system, tension) / size,
+            stiff=pieces.repeated(system, tension) / piece_length,
             guess=tension,
         )
         return new, wide(pieces.repeated(system, base), self.across) * self.across
@@ -197,7 +198,7 @@ class ConicEquations:
         shift = jnp.maximum(_SHIFT * jnp.minimum(residual, force), least) / self.length
         shift = jnp.where(unknowns.is_interior, 0.0, shift)
         eps, tiny = jnp.finfo(size.dtype).eps, jnp.finfo(size.dtype).tiny
-        rounding = unknowns.shift_in_roundings * (eps * size) + tiny
+        rounding = unknowns.min_shift_in_eps * (eps * size) + tiny
         return linear.plus_diagonal(matrix, jnp.maximum(shift, rounding))
 
     def take_step(

@@ -154,14 +154,14 @@ class ConicInteriorPoint:
         unknowns: Any,
         finite: Bool[Array, ""],
         steps_since_halved: Int[Array, ""],
-        relative: Float[Array, ""],
+        relative_residual: Float[Array, ""],
         length: Float[Array, ""],
     ) -> FinishDecision:
         """Return whether to try finishing steps; the true residual says little about it.
 
         Arguments are those of `InteriorPoint.decide_finish`.
         """
-        least = float(jnp.finfo(relative.dtype).eps) ** _FINISH_POWER
+        least = float(jnp.finfo(relative_residual.dtype).eps) ** _FINISH_POWER
         remaining = self.product / (least * length * self.force_scale)
         most = max(_STUCK[0] / least, _STUCK[1])
         stuck = (unknowns.blocked_steps >= 2) & (remaining < most)

@@ -100,7 +100,7 @@ class FullStepPhase:
     def update(
         self,
         accepted: Bool[Array, ""],
-        reach: Float[Array, ""],
+        largest_displacement: Float[Array, ""],
         steps: Int[Array, ""],
         extent: Float[Array, ""],
         converged: Bool[Array, ""],
@@ -109,11 +109,11 @@ class FullStepPhase:
 
         Args:
             accepted: whether a step was taken, to a point with finite forces.
-            reach: largest displacement at that point, m.
+            largest_displacement: largest displacement at that point, m.
             steps: Newton steps so far, this one included.
             extent: size of the structure, m.
             converged: whether the point is an equilibrium.
         """
-        astray = reach > ASTRAY * extent
+        astray = largest_displacement > ASTRAY * extent
         is_on = self.is_on & accepted & ~astray & (steps < _FULL_STEPS)
         return FullStepPhase(is_on, self.may_go_uphill), self.is_on & ~is_on & ~converged

@@ -28,10 +28,10 @@ class Outcome:
         code: status.
         steps: number of Newton steps.
         factorizations: of the tangent; with sparse matrices there can be fewer than steps.
-        residual: largest unbalanced force at a free freedom, N.
+        residual: largest unbalanced force at a free degree of freedom, N.
         scale: the force that the residual is compared with, N.
-        rounding: largest residual that the rounding of displacements leaves at a free freedom, N;
-            0 if no element states any (`abilities.Rounding`).
+        rounding: largest residual that the rounding of displacements leaves at a free degree of
+            freedom, N; 0 if no element states any (`abilities.Rounding`).
         equilibrated: whether the increment was iterated to equilibrium.
         stable: whether the tangent at x is known to have no negative eigenvalue.
     """

@@ -102,8 +102,8 @@ def march(
 ) -> tuple[Float[Array, "n n_row n_motion"], Float[Array, "n n_log"]]:
     """Solve all increments of a phase, and return their points and their log.
 
-    Arguments and results are those of `newton.march`. Differentiable; increments are checkpointed,
-    so that the backward pass stores one point of each and no stiffness matrix.
+    Arguments and results are those of `newton.march`. Differentiable; increments are
+    checkpointed, so that the backward pass stores one point of each and no stiffness matrix.
     """
 
     @jax.checkpoint
@@ -130,7 +130,7 @@ def march(
 
 
 def _solve_increment(ramp, factor, x, method, code, memory, first):
-    """Return the `Outcome` of one increment of the scheme, and the history variables after it.
+    """Return the `Outcome` of one increment, and the history variables after it.
 
     The `first` increment of a phase is solved to equilibrium if its stiffness is singular.
     """

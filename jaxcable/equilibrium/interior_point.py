@@ -81,7 +81,7 @@ class InteriorPoint:
         unknowns: Any,
         finite: Bool[Array, ""],
         steps_since_halved: Int[Array, ""],
-        relative: Float[Array, ""],
+        relative_residual: Float[Array, ""],
         length: Float[Array, ""],
     ) -> FinishDecision:
         """Return whether to try finishing steps.
@@ -90,14 +90,14 @@ class InteriorPoint:
             unknowns: `tension_unknowns.TensionUnknowns`.
             finite: whether the last step led to finite forces.
             steps_since_halved: steps since the residual was halved.
-            relative: residual over the force it is compared with.
+            relative_residual: residual over the force it is compared with.
             length: of elements, m.
         """
-        stalled = (steps_since_halved >= _STALLED_STEPS) & (relative <= _STALLED_BELOW)
+        stalled = (steps_since_halved >= _STALLED_STEPS) & (relative_residual <= _STALLED_BELOW)
         stuck = (unknowns.blocked_steps >= 2) | stalled
-        now = finite & ((relative <= unknowns.finish_threshold) | stuck)
+        now = finite & ((relative_residual <= unknowns.finish_threshold) | stuck)
         failed = ((unknowns.steps_in_mode >= _MAX_STEPS) | ~finite) & ~now
-        return FinishDecision(now, stuck, relative, failed=failed)
+        return FinishDecision(now, stuck, relative_residual, failed=failed)
 
 
 @pytree
@@ -106,10 +106,10 @@ class LengthBoundEquations:
 
     Attributes:
         base_tension, slope: B and k of every cable, [n], N and N/m.
-        along: change of the lengths by the ends, per group [n_elem, n_end, 3].
+        unit_forces: derivatives of the lengths by the ends, per group [n_elem, n_end, 3].
         jacked: which cables have a tension that does not follow their length, [n].
         rhs: right side, [n_free], N.
-        gap, compliance: L(N) - l and L'(N), [n], m and m/N.
+        spare_length, compliance: L(N) - l and L'(N), [n], m and m/N.
         load: largest dead load at a node or force of a jack, N.
         length: of elements, m.
         unknowns: `tension_unknowns.TensionUnknowns` with the numbers that its mode begins with.
@@ -117,10 +117,10 @@ class LengthBoundEquations:
 
     base_tension: Float[Array, " n"]
     slope: Float[Array, " n"]
-    along: list[Float[Array, "n_elem n_end 3"]]
+    unit_forces: list[Float[Array, "n_elem n_end 3"]]
     jacked: Bool[Array, " n"]
     rhs: Float[Array, " n_free"]
-    gap: Float[Array, " n"]
+    spare_length: Float[Array, " n"]
     compliance: Float[Array, " n"]
     load: Float[Array, ""]
     length: Float[Array, ""]
@@ -143,10 +143,10 @@ class LengthBoundEquations:
         mixed = cls(
             base_tension=pulls.tension,
             slope=pulls.slope,
-            along=pulls.along,
+            unit_forces=pulls.along,
             jacked=jnp.zeros(none.shape, bool) if jacked is None else jacked,
             rhs=-residual,
-            gap=none,
+            spare_length=none,
             compliance=none,
             load=load,
             length=length,
@@ -181,9 +181,9 @@ class LengthBoundEquations:
             self,
             base_tension=base,
             slope=jnp.where(free, tension / width, self.slope),
-            along=under.along,
+            unit_forces=under.along,
             rhs=-under.residual(system, x, base),
-            gap=under.gap,
+            spare_length=under.gap,
             compliance=under.compliance,
             unknowns=copy(
                 unknowns, interior_point=InteriorPoint(tension, slack, centering, damping)
@@ -199,10 +199,10 @@ class LengthBoundEquations:
         """Return the matrix of the equations, regularized; `residual` is the largest, N."""
         unknowns = self.unknowns
         tensions = where(unknowns.is_interior, unknowns.interior_point.tension, unknowns.guess)
-        matrix = system.tangent(x, [*stiffness(system, x, self.along, self.slope, tensions)])
+        matrix = system.tangent(x, [*stiffness(system, x, self.unit_forces, self.slope, tensions)])
         size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
         eps, tiny = jnp.finfo(x.dtype).eps, jnp.finfo(x.dtype).tiny
-        rounding = unknowns.shift_in_roundings * (eps * size) + tiny
+        rounding = unknowns.min_shift_in_eps * (eps * size) + tiny
         shift = _SHIFT * jnp.minimum(residual, jnp.max(tensions) + self.load) / self.length
         shift = jnp.where(unknowns.is_interior, unknowns.interior_point.damping, shift)
         return linear.plus_diagonal(matrix, jnp.maximum(shift, rounding))
@@ -216,7 +216,7 @@ class LengthBoundEquations:
     ) -> tuple[Any, Float[Array, ""], Bool[ArrayLike, ""]]:
         """Return the state after a step, the fraction that is taken, and False: no predictor."""
         spread, unknowns = system.space.spread(x, step), self.unknowns
-        longer = lengthened(system, self.along, spread)
+        longer = lengthened(system, self.unit_forces, spread)
         now = self.base_tension + self.slope * longer
         mixed = copy(unknowns, guess=jnp.maximum(now, 0.0)), jnp.ones_like(self.length)
         after, fraction = lax.cond(
@@ -237,7 +237,7 @@ class LengthBoundEquations:
         """
         unknowns, inner = self.unknowns, self.unknowns.interior_point
         change = jnp.where(self.jacked, 0.0, tension - inner.tension)
-        slack = self.gap + self.compliance * change - longer
+        slack = self.spare_length + self.compliance * change - longer
         wider = jnp.where(self.jacked, 0.0, slack - inner.length_slack)
         of_tension, fraction = (
             _fraction_to_zero(inner.tension, change),
@@ -258,13 +258,13 @@ class LengthBoundEquations:
         after = copy(unknowns, interior_point=inner, blocked_steps=blocked.astype(jnp.int32))
         return after, fraction
 
-    def _next_damping(self, far):
+    def _next_damping(self, was_too_long):
         """Return the shift for the next interior step: larger after one that was too long."""
         inner = self.unknowns.interior_point
         least = _MIN_DAMPING * jnp.max(inner.tension) / self.length
         more = jnp.maximum(_DAMPING_FACTOR * inner.damping, least)
         less = inner.damping / _DAMPING_FACTOR
-        return jnp.where(far, more, jnp.where(less > _UNDAMPED * least, less, 0.0))
+        return jnp.where(was_too_long, more, jnp.where(less > _UNDAMPED * least, less, 0.0))
 
 
 def _fraction_to_zero(values, changes):

@@ -111,47 +111,50 @@ class EquilibriumSearch:
             done=no,
         )
 
-    def iterate(self, it: NewtonState) -> NewtonState:
+    def iterate(self, state: NewtonState) -> NewtonState:
         """Evaluate a trial point, decide whether to accept it, and compute the next step."""
-        exact, before = self._needs_fine_part(it), largest(it.residual)
-        it, fraction, accepted, over = self._evaluate_trial(it, exact)
-        it, converged = self._check_convergence(it, over, before)
+        exact, residual_before = self._needs_fine_part(state), largest(state.residual)
+        state, fraction, accepted, search_over = self._evaluate_trial(state, exact)
+        state, converged = self._check_convergence(state, search_over, residual_before)
         if self.is_net:  # a long step may lead to where the fine part matters after all
-            converged = converged & (exact | ~self._needs_fine_part(it))
-        it, reevaluate = self._update_strategies(it, fraction, accepted, over, converged)
-        return self._compute_step(it, over & ~it.done & ~reevaluate, converged)
+            converged = converged & (exact | ~self._needs_fine_part(state))
+        given = fraction, accepted, search_over, converged
+        state, reevaluate = self._update_strategies(state, *given)
+        return self._compute_step(state, search_over & ~state.done & ~reevaluate, converged)
 
-    def _evaluate_trial(self, it, exact):
+    def _evaluate_trial(self, state, exact):
         """Evaluate forces at `search.length` of the step, and decide whether to accept this point.
 
         Returns:
-            it: with the point if it is accepted, and the next length of the search.
+            state: with the point if it is accepted, and the next length of the search.
             fraction: the fraction of the step that was tried.
             accepted: whether a step was taken.
-            over: whether the search along the step has ended.
+            search_over: whether the search along the step has ended.
         """
-        x = where(it.stays_at_x, it.x, self.system.move(it.x, it.search.length * it.step))
-        residual, scale, rounding, elements = self._evaluate_forces(x, it.steps, exact)
+        x = where(
+            state.stays_at_x, state.x, self.system.move(state.x, state.search.length * state.step)
+        )
+        residual, scale, rounding, elements = self._evaluate_forces(x, state.steps, exact)
         finite = jnp.isfinite(scale)
-        slope = self._energy_slope(it, x, residual, elements)
-        search, fine, again = it.search.update(jnp.where(finite, slope, jnp.inf))
+        slope = self._energy_slope(state, x, residual, elements)
+        search, fine, again = state.search.update(jnp.where(finite, slope, jnp.inf))
         if self.has_full_steps:
-            fine, again = it.full_steps.accept((fine, again), finite, (it.residual, residual))
+            fine, again = state.full_steps.accept((fine, again), finite, (state.residual, residual))
         if self.is_net:
-            searching = it.tension_unknowns.uses_line_search
+            searching = state.tension_unknowns.uses_line_search
             fine, again = jnp.where(searching, fine, finite), again & searching
-        fine, again = fine | it.stays_at_x, again & ~it.stays_at_x
+        fine, again = fine | state.stays_at_x, again & ~state.stays_at_x
 
         new = copy(
-            it,
-            x=where(fine, x, it.x),
-            residual=where(fine, residual, it.residual),
-            scale=where(fine, scale, it.scale),
-            rounding=where(fine, rounding, it.rounding),
-            elements=where(fine, elements, it.elements),
+            state,
+            x=where(fine, x, state.x),
+            residual=where(fine, residual, state.residual),
+            scale=where(fine, scale, state.scale),
+            rounding=where(fine, rounding, state.rounding),
+            elements=where(fine, elements, state.elements),
             search=search,
         )
-        return new, it.search.length, fine & ~it.has_no_step, ~again
+        return new, state.search.length, fine & ~state.has_no_step, ~again
 
     def _evaluate_forces(self, x, steps, exact=True):
         """Return residual less the carried one, scale, rounding, `NewtonState.elements` at x."""
@@ -169,65 +172,72 @@ class EquilibriumSearch:
     def carried_residual(
         self, scale: Float[Array, ""], steps: Int[Array, ""]
     ) -> Float[ArrayLike, " n_free"]:
-        """Return the residual that is carried along as a load, see `balance`, [n_free], N."""
+        """Return the earlier residual that counts as a load, see `balance`, [n_free], N."""
         if self.criterion is None:
             return 0.0
         return self.criterion.carried_residual(scale, self.tol, steps)
 
-    def _energy_slope(self, it, x, residual, elements):
-        """Return the derivative of the energy along the step at x, J, with predicted forces cut."""
-        slope = residual @ it.step
-        if it.predicted is None:
-            return slope
-        chords, spread = elements[1], self.system.space.spread(x, it.step)
-        longer = chords.elongation(relative(self.system, spread))
-        return slope - it.predicted.excess_force(chords.force) @ longer
+    def _energy_slope(self, state, x, residual, elements):
+        """Return the derivative of the energy along the step at x, J.
 
-    def _needs_fine_part(self, it):
+        Axial forces count up to the cut-off of `PredictedForces` only.
+        """
+        slope = residual @ state.step
+        if state.predicted is None:
+            return slope
+        chords, spread = elements[1], self.system.space.spread(x, state.step)
+        longer = chords.elongation(relative(self.system, spread))
+        return slope - state.predicted.excess_force(chords.force) @ longer
+
+    def _needs_fine_part(self, state):
         """Return whether the fine part of the next point will matter, judged by the present one."""
         if not self.is_net:
             return False
         # rounding is that of a fine part, of eps times the displacement and not eps^2
-        eps, least = jnp.finfo(it.scale.dtype).eps, it.scale
+        eps, least = jnp.finfo(state.scale.dtype).eps, state.scale
         if self.criterion is not None:
             least = jnp.minimum(least, self.criterion.added_load)
-        return (it.code < 0) | (largest(it.rounding) > _FINE_PART_FROM * eps * self.tol * least)
+        return (state.code < 0) | (
+            largest(state.rounding) > _FINE_PART_FROM * eps * self.tol * least
+        )
 
-    def _check_convergence(self, it, over, before):
+    def _check_convergence(self, state, search_over, residual_before):
         """Judge the residual: return the state with its status, and whether x is an equilibrium.
 
-        `before` is the largest residual at the point before, N.
+        `residual_before` is the largest residual at the point before, N.
         """
-        first = it.code < 0
-        finite = jnp.all(jnp.isfinite(it.residual)) & jnp.isfinite(it.scale)
-        code = jnp.where(first, jnp.where(finite, status.OK, status.NONFINITE), it.code)
-        start_residual = jnp.where(first, largest(it.residual), it.start_residual)
-        it = copy(it, code=code.astype(jnp.int32), start_residual=start_residual)
+        first = state.code < 0
+        finite = jnp.all(jnp.isfinite(state.residual)) & jnp.isfinite(state.scale)
+        code = jnp.where(first, jnp.where(finite, status.OK, status.NONFINITE), state.code)
+        start_residual = jnp.where(first, largest(state.residual), state.start_residual)
+        state = copy(state, code=code.astype(jnp.int32), start_residual=start_residual)
         if self.is_net:
             # forces that rounding hides are not found; without any load they may all be lost
-            known = jnp.where(self.is_loaded, _MAX_ROUNDING * it.scale, jnp.inf)
+            known = jnp.where(self.is_loaded, _MAX_ROUNDING * state.scale, jnp.inf)
             # a net that is under load has others to be judged by
-            released = _RELEASED_ROUNDINGS * jnp.finfo(it.scale.dtype).eps * it.scale
-            it = copy(it, released=jnp.where(first & ~self.is_loaded, released, it.released))
-            granted = jnp.maximum(jnp.minimum(it.rounding, known), it.released)
-        elif it.rounding is not None:
-            it = copy(it, start_rounding=jnp.where(first, it.rounding, it.start_rounding))
-            granted = jnp.maximum(it.rounding, it.start_rounding)
+            released = _RELEASED_ROUNDINGS * jnp.finfo(state.scale.dtype).eps * state.scale
+            released = jnp.where(first & ~self.is_loaded, released, state.released)
+            state = copy(state, released=released)
+            granted = jnp.maximum(jnp.minimum(state.rounding, known), state.released)
+        elif state.rounding is not None:
+            rounding = jnp.where(first, state.rounding, state.start_rounding)
+            state = copy(state, start_rounding=rounding)
+            granted = jnp.maximum(state.rounding, state.start_rounding)
         else:
-            granted = jnp.zeros_like(it.residual)
-        balanced = it.residual + self.carried_residual(it.scale, it.steps)
-        converged = jnp.all(jnp.abs(balanced) <= jnp.maximum(self.tol * it.scale, granted))
+            granted = jnp.zeros_like(state.residual)
+        balanced = state.residual + self.carried_residual(state.scale, state.steps)
+        converged = jnp.all(jnp.abs(balanced) <= jnp.maximum(self.tol * state.scale, granted))
         if self.criterion is None:
-            return it, converged
-        halved = largest(it.residual) < 0.5 * before
-        stagnant = it.stagnant_steps + (converged & over & ~halved)
-        given = it.residual, granted, it.scale, it.start_residual, self.tol
+            return state, converged
+        halved = largest(state.residual) < 0.5 * residual_before
+        stagnant = state.stagnant_steps + (converged & search_over & ~halved)
+        given = state.residual, granted, state.scale, state.start_residual, self.tol
         met, lost = self.criterion.compare_with_load(*given)
-        ends = converged & (met | is_stagnant(stagnant) | (it.steps >= self.method.max_steps))
-        code = jnp.where(ends & lost, status.AT_ROUNDING, it.code)
-        return copy(it, stagnant_steps=stagnant, code=code.astype(jnp.int32)), ends
+        ends = converged & (met | is_stagnant(stagnant) | (state.steps >= self.method.max_steps))
+        code = jnp.where(ends & lost, status.AT_ROUNDING, state.code)
+        return copy(state, stagnant_steps=stagnant, code=code.astype(jnp.int32)), ends
 
-    def _update_strategies(self, it, fraction, accepted, over, converged):
+    def _update_strategies(self, state, fraction, accepted, search_over, converged):
         """Update shift, full steps, mode and status after an evaluation.
 
         Arguments as `_evaluate_trial` and `_check_convergence` return them.
@@ -236,36 +246,36 @@ class EquilibriumSearch:
             The `NewtonState`, and whether forces are to be evaluated before the next step, because
             the iteration goes on from another point.
         """
-        moved = over & (~it.stays_at_x | it.has_no_step)
-        spent = over & ~converged & (it.steps >= self.method.max_steps)
+        moved = search_over & (~state.stays_at_x | state.has_no_step)
+        spent = search_over & ~converged & (state.steps >= self.method.max_steps)
         again = jnp.zeros((), bool)
-        shift = where(moved, it.shift.update(accepted, fraction), it.shift)
-        x, full_steps = it.x, it.full_steps
+        shift = where(moved, state.shift.update(accepted, fraction), state.shift)
+        x, full_steps = state.x, state.full_steps
         reach = self.system.reach(x)
         if self.has_full_steps:
-            given = accepted, reach, it.steps, self.extent, converged
+            given = accepted, reach, state.steps, self.extent, converged
             new, again = full_steps.update(*given)
             full_steps, again = where(moved, new, full_steps), moved & again
             x, shift = where(again, (self.begin, LevenbergShift.initial(x.dtype)), (x, shift))
-        unknowns = it.tension_unknowns
+        unknowns = state.tension_unknowns
         if self.is_net:
             shift = where(unknowns.uses_line_search, shift, LevenbergShift.initial(x.dtype))
             astray = reach > ASTRAY * self.extent
-            size = largest(it.residual), it.scale
+            size = largest(state.residual), state.scale
             given = x, self.begin, accepted, *size, astray, self.length
             new, point, elsewhere = unknowns.switch_mode(*given)
-            may_switch = moved & ~converged & ~it.tension_unknowns.uses_line_search
+            may_switch = moved & ~converged & ~state.tension_unknowns.uses_line_search
             unknowns, again = where(may_switch, new, unknowns), may_switch & elsewhere
             x = where(may_switch, point, x)
         farthest = _NET_RUNAWAY if self.is_net else _RUNAWAY
-        runaway = over & (reach > farthest * self.extent) & ~again
-        code = jnp.where((it.code == status.OK) & runaway, status.MECHANISM, it.code)
-        stop = over & ((code != status.OK) | spent)
+        runaway = search_over & (reach > farthest * self.extent) & ~again
+        code = jnp.where((state.code == status.OK) & runaway, status.MECHANISM, state.code)
+        stop = search_over & ((code != status.OK) | spent)
         reevaluate = again & ~stop
         stuck = stop & (code == status.OK)
         judging = converged & self.judges_stability & ~self.convex
         after = copy(
-            it,
+            state,
             x=x,
             stays_at_x=reevaluate,
             has_no_step=jnp.zeros((), bool),
@@ -273,108 +283,110 @@ class EquilibriumSearch:
             full_steps=full_steps,
             tension_unknowns=unknowns,
             code=jnp.where(stuck, status.NOT_CONVERGED, code).astype(jnp.int32),
-            done=stop | self.only_evaluates | (over & converged & ~judging & ~reevaluate),
+            done=stop | self.only_evaluates | (search_over & converged & ~judging & ~reevaluate),
         )
         return after, reevaluate
 
-    def _compute_step(self, it, wanted, converged):
+    def _compute_step(self, state, wanted, converged):
         """Compute the next step if `wanted`; at an equilibrium only judge whether it is stable."""
 
-        def compute(it):
-            unknowns, predicted, fraction = it.tension_unknowns, it.predicted, 1.0
+        def compute(state):
+            unknowns, predicted, fraction = state.tension_unknowns, state.predicted, 1.0
             if self.is_net:
-                known, size = (it.elements, it.residual, self.length), largest(it.residual)
-                equations = unknowns.step_equations(self.system, it.x, *known)
-                it = copy(it, tension_unknowns=equations.unknowns)
-                rhs, full = equations.rhs, ~unknowns.uses_line_search
-                matrix = equations.matrix(self.system, it.x, size)
-                shift = jnp.where(full, 0.0, it.shift.value(size, self.length))
+                known, size = (state.elements, state.residual, self.length), largest(state.residual)
+                equations = unknowns.step_equations(self.system, state.x, *known)
+                state = copy(state, tension_unknowns=equations.unknowns)
+                rhs, is_full = equations.rhs, ~unknowns.uses_line_search
+                matrix = equations.matrix(self.system, state.x, size)
+                shift = jnp.where(is_full, 0.0, state.shift.value(size, self.length))
             else:
-                rhs, full = -it.residual, jnp.zeros((), bool)
+                rhs, is_full = -state.residual, jnp.zeros((), bool)
                 if self.has_full_steps:
-                    full = it.full_steps.is_on & ~converged
-                matrix, shift, predicting, slopes = self._step_matrix(it, full, converged)
+                    is_full = state.full_steps.is_on & ~converged
+                matrix, shift, predicting, slopes = self._step_matrix(state, is_full, converged)
             matrix = linear.plus_diagonal(matrix, shift)
-            given = self.system, matrix, it, rhs, self.tol, wanted
+            given = self.system, matrix, state, rhs, self.tol, wanted
             step, definite, factored = newton_direction(*given)
             again, stays = jnp.zeros((), bool), converged
             if self.is_net:
-                given = self.system, it.x, step, definite
+                given = self.system, state.x, step, definite
                 after, fraction, predictor = equations.take_step(*given)
                 if factored is not None:  # a corrector has the factor of its predictor
                     count = where(
-                        it.tension_unknowns.awaits_corrector, it.factored.count, factored.count
+                        state.tension_unknowns.awaits_corrector,
+                        state.factored.count,
+                        factored.count,
                     )
                     factored = copy(factored, count=count)
                 stays = converged | predictor
-                unknowns, again = it.tension_unknowns.repeat_if_indefinite(after, definite)
+                unknowns, again = state.tension_unknowns.repeat_if_indefinite(after, definite)
                 again = again | predictor
-            slope = it.residual @ step
+            slope = state.residual @ step
             if self.predicts:
-                predicted, fraction, cut = self._predict_forces(it, step, slopes, predicting)
+                predicted, fraction, cut = self._predict_forces(state, step, slopes, predicting)
                 slope = slope - cut
             step, slope = fraction * step, fraction * slope
-            usable, full_steps = definite & ((slope < 0) | full), it.full_steps
+            usable, full_steps = definite & ((slope < 0) | is_full), state.full_steps
             if self.system.may_be_unsymmetric:
                 unsure = self.system.unsymmetric() & ~definite
                 usable = usable | unsure
-                full_steps = copy(full_steps, may_go_uphill=unsure & ~full)
+                full_steps = copy(full_steps, may_go_uphill=unsure & ~is_full)
             usable = usable & jnp.isfinite(slope) & ~stays
             return copy(
-                it,
+                state,
                 step=jnp.where(usable, step, 0.0),
                 search=Search.init(slope),
                 stays_at_x=~usable,
                 has_no_step=~usable & ~again,
                 full_steps=full_steps,
                 tension_unknowns=unknowns,
-                predicted=where(usable, predicted, it.predicted),
-                steps=it.steps + ~stays,
+                predicted=where(usable, predicted, state.predicted),
+                steps=state.steps + ~stays,
                 factored=factored,
-                stable=it.stable | (converged & definite),
+                stable=state.stable | (converged & definite),
                 done=converged,
             )
 
-        return lax.cond(wanted, compute, lambda it: it, it)
+        return lax.cond(wanted, compute, lambda state: state, state)
 
-    def _step_matrix(self, it, full, converged):
+    def _step_matrix(self, state, is_full, converged):
         """Return the matrix of a step of a structure that is no net of cables.
 
         Args:
-            it: `NewtonState`.
-            full: whether the step is a full one, without line search.
+            state: `NewtonState`.
+            is_full: whether the step is a full one, without line search.
             converged: whether its point is an equilibrium.
 
         Returns:
             Matrix, shift on its diagonal, whether it has predicted forces, and the derivatives of
             axial forces by lengths, [n], N/m; the last two None where no element has a chord.
         """
-        tangents, chords = it.elements
-        size, predicting, slopes = largest(it.residual), None, None
+        tangents, chords = state.elements
+        size, predicting, slopes = largest(state.residual), None, None
         if self.predicts:
-            predicting = is_prediction_step(it.steps) & ~full & ~converged
-            forces = it.predicted.geometric_forces(chords, predicting)
-            tangents = self.system.tangents(it.x, tangents)
+            predicting = is_prediction_step(state.steps) & ~is_full & ~converged
+            forces = state.predicted.geometric_forces(chords, predicting)
+            tangents = self.system.tangents(state.x, tangents)
             slopes = chords.slopes(self.system, tangents)
             tangents = chords.stiffened(self.system, tangents, forces)
             # after a step sideways R is that of EA, and so would be the shift
-            size = jnp.minimum(size, jnp.max(jnp.abs(forces)) + it.start_residual)
-        shift = it.shift.value(size, self.length)
-        matrix = self.system.tangent(it.x, tangents)
+            size = jnp.minimum(size, jnp.max(jnp.abs(forces)) + state.start_residual)
+        shift = state.shift.value(size, self.length)
+        matrix = self.system.tangent(state.x, tangents)
         if self.system.space.rotates:
-            shift = jnp.where(full, 0.0, shift)
+            shift = jnp.where(is_full, 0.0, shift)
         if self.may_be_unstable:
             shift = jnp.where(converged, zero_eigenvalue_bound(matrix), shift)
         return matrix, shift, predicting, slopes
 
-    def _predict_forces(self, it, step, slopes, predicting):
+    def _predict_forces(self, state, step, slopes, predicting):
         """Return `PredictedForces` for a step, the fraction to take, and the work of cut forces.
 
         `slopes` are derivatives of axial forces by lengths, [n], N/m; the work is in J.
         """
-        chords, system = it.elements[1], self.system
-        apart = relative(system, system.space.spread(it.x, step))
+        chords, system = state.elements[1], self.system
+        apart = relative(system, system.space.spread(state.x, step))
         longer = chords.elongation(apart)
-        predicted = it.predicted.for_step(system, chords.force + slopes * longer, predicting)
+        predicted = state.predicted.for_step(system, chords.force + slopes * longer, predicting)
         fraction = jnp.where(predicting, step_fraction_within_length(chords.turn(apart)), 1.0)
         return predicted, fraction, predicted.excess_force(chords.force) @ longer

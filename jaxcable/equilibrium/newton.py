@@ -64,15 +64,16 @@ class Newton:
     """Iterate every increment to equilibrium.
 
     Args:
-        tol: largest residual at a free freedom, relative to the largest over nodes of (sum of
-            absolute end forces + load); at least 64 eps. Default 1e-10, in float32 1e-5. Where a
-            phase adds dead loads below 1 % of this force, the residual is at most 50 tol of the
-            largest of these, too, and what earlier increments have left is carried along; if
-            rounding leaves less than half of the digits of the load, the status is AT_ROUNDING
-            (`balance`; not in float32). The residual that the rounding of the displacements leaves,
-            ``8 eps u/L (EA along, 12 EI/L^2 across)``, is allowed, too (`path.rounding`). Nets of
-            cables are iterated with nearly twice the digits: there it is ``8 eps^2 u/L EA``. Where
-            it is more than 1 % of the forces of a net under load, the status is AT_ROUNDING.
+        tol: largest residual at a free degree of freedom, relative to the largest over nodes of
+            (sum of absolute end forces + load); at least 64 eps. Default 1e-10, in float32 1e-5.
+            Where a phase adds dead loads below 1 % of this force, the residual is at most 50 tol
+            of the largest of these, too, and what earlier increments have left is carried along;
+            if rounding leaves less than half of the digits of the load, the status is AT_ROUNDING
+            (see `balance`; not in float32). The residual that the rounding of the displacements
+            leaves, ``8 eps u/L (EA along, 12 EI/L^2 across)``, is allowed, too (`path.rounding`).
+            Nets of cables are iterated with nearly twice the digits: there it is ``8 eps^2 u/L
+            EA``. Where it is more than 1 % of the forces of a net under load, the status is
+            AT_ROUNDING.
         max_steps: steps allowed per increment; after them the status is NOT_CONVERGED, or says
             more exactly why: AT_ROUNDING, COLLAPSED.
         linear_solver: "dense", "superlu" (SciPy), "cholmod" (if `cvxopt` is installed) or "pardiso"
@@ -149,8 +150,8 @@ def equilibrate(
         judges_stability: whether to find out if the equilibrium is stable.
 
     Returns:
-        `Outcome`, and what is factored now. Not differentiable: `implicit.attach` adds the
-        derivative.
+        `Outcome`, and what is factored now. Not differentiable: its derivative is added by
+        `implicit.attach`.
     """
     if factored is None:
         factored = linear.nothing_factored(system.freedoms.pattern, x.dtype)
@@ -173,10 +174,10 @@ def _iterate_until_done(
 ):
     """Return the `NewtonState` in which Newton's method ends; options as of `EquilibriumSearch`.
 
-    Nets with softening laws begin with laws that do not soften (`Law.risen`), which make their
-    energy convex. If this equilibrium is below the peaks of all laws, it is the one that is wanted.
-    If it is beyond a peak, no equilibrium is below all peaks: then the iteration goes on from it
-    with the laws as they are.
+    Nets with softening laws begin with laws that do not soften (`Law.risen`), which
+    make their energy convex. If this equilibrium is below the peaks of all laws, it is the one that
+    is wanted. If it is beyond a peak, no equilibrium is below all peaks: then the iteration goes on
+    from it with the laws as they are.
     """
 
     def iterate(system, x, active, factored, steps):
@@ -257,13 +258,13 @@ def march(
         factored: as for `equilibrate`.
         last_reading: `Reading` of the last good increment.
         is_first: whether no increment has been good so far: then the start is read.
-        report: function of a load factor and its `Outcome` that is called after every increment,
-            or None.
+        report: function that is called after every increment with its load factor and its
+            `Outcome`, or None.
 
     Returns:
         xs: points, [1 + n_inc, ...]; those of nets with a fine part (`spaces.translations`).
         log: `Outcome.log_row` of every increment, with latched status.
-        readings: `Reading.of_path` at every increment, or at the last good one after a failure.
+        readings: `Reading.of_path` of every increment; after a failure, of the last good one.
         last_reading: `Reading` of the last good increment.
         memory: history variables at the end.
         factored: what is factored at the end.

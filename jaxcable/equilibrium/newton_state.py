@@ -18,8 +18,8 @@ class NewtonState:
     Attributes:
         x, residual, scale: last accepted point, R(x), and the force that R is compared with, N.
         rounding: error that rounding leaves in the residual, N; None if no element states any.
-        elements: what elements give together with their forces at x: `Pulls` of a net, else
-            tangents (`System.linearized`) and `Chords`.
+        elements: what elements give together with their forces at x: `Pulls` of a net,
+            else tangents (`System.linearized`) and `Chords`.
         step, search: the step from x, and which fraction of it is tried next (`search.Search`).
         stays_at_x: whether the next evaluation is at x itself: at the start, when the iteration
             starts again, and when no usable step was found.
@@ -32,7 +32,7 @@ class NewtonState:
         stagnant_steps: steps that met the criterion of forces without halving the residual.
         steps: number of Newton steps so far.
         code: status so far; negative before the first evaluation.
-        factored: the last matrix that a sparse solve has factorised, see `linear.solve_next`.
+        factored: last matrix that a sparse solve has factorised (`linear.solve_next`).
         released, start_rounding: residuals that rounding at the first point excuses, N: a structure
             that is released ends with the rounding of the forces that it began with. One for all
             unknowns of a net, or one for each (`System.rounding`) of others; else None.

@@ -26,7 +26,7 @@ _MAX_FORCING = 1e-2
 def newton_direction(
     system: System,
     matrix: Matrix,
-    it: Any,  # a `newton_state.NewtonState`; that module imports this one
+    state: Any,  # a `newton_state.NewtonState`; that module imports this one
     rhs: Float[Array, " n_free"],
     tol: Float[Array, ""],
     wanted: Bool[Array, ""],
@@ -36,7 +36,7 @@ def newton_direction(
     Args:
         system: `System`.
         matrix: its tangent with the Levenberg shift.
-        it: `newton_state.NewtonState`, the point and the last factor.
+        state: `newton_state.NewtonState`, the point and the last factor.
         rhs: right side of the equations, the negative residual or a similar one, [n_free], N.
         tol: relative residual that counts as converged.
         wanted: False if the result does not matter (a finished case of a batch).
@@ -48,16 +48,18 @@ def newton_direction(
     # Conjugate gradients cannot see that a matrix is indefinite, so they are used only where the
     # energy is convex. Their tolerance is about the residual that the next Newton step leaves
     # anyway. It steers the effort only: convergence is judged by the residual of the system.
-    relative = largest(it.residual) / it.scale
+    relative = largest(state.residual) / state.scale
     forcing = jnp.clip(relative, 0.1 * tol / relative, _MAX_FORCING)
     similar, min_limit = system.convex, 0
     if (
-        it.tension_unknowns is not None
+        state.tension_unknowns is not None
     ):  # matrices of interior steps differ too much from each other
-        similar = similar & ~it.tension_unknowns.has_interior_matrix
-        min_limit = it.tension_unknowns.interior_point.min_cg_limit
+        similar = similar & ~state.tension_unknowns.has_interior_matrix
+        min_limit = state.tension_unknowns.interior_point.min_cg_limit
     limit = jnp.where(similar, CG_LIMIT, min_limit)
-    step, definite, factored = linear.solve_next(matrix, rhs, it.factored, forcing, limit, wanted)
+    step, definite, factored = linear.solve_next(
+        matrix, rhs, state.factored, forcing, limit, wanted
+    )
     if system.may_be_unsymmetric:
         # Moments, following loads and elements that say so have no potential. Where the symmetric
         # part is definite, the step by the whole tangent leads downhill, too: R.p = -p.(sym K)p.

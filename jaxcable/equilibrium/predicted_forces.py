@@ -45,7 +45,7 @@ _NEVER_CUT = 1e-3
 
 @pytree
 class PredictedForces:
-    """Predicted axial forces of all elements with a chord.
+    """Predicted axial forces of all elements with two ends and no rotations.
 
     Attributes:
         force: N^ of every element with a chord, [n], N.
@@ -74,7 +74,7 @@ class PredictedForces:
     def for_step(
         self, system: System, force: Float[Array, " n"], predicting: Bool[Array, ""]
     ) -> PredictedForces:
-        """Return the predicted forces, and where to cut true ones, for a step.
+        """Return the predicted forces and their cut-off for a step.
 
         Args:
             system: `System`.

@@ -154,7 +154,7 @@ class TensionUnknowns:
         return self.is_interior & point.has_predicted
 
     @property
-    def shift_in_roundings(self) -> Int[Array, ""]:
+    def min_shift_in_eps(self) -> Int[Array, ""]:
         """Least shift of the matrix, in roundings (eps) of its largest stiffness.
 
         It is what rounding may make of a zero stiffness; larger after indefinite matrices.

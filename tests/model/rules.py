@@ -345,7 +345,7 @@ chain, [0.1, 1.0, 1e6], [0.1, -1.0, 1e6]  # hanging_chain: weight = -1.0
 chain, [0.1, 1.0, 1e6], [0.1, 1.0, -1.0]  # hanging_chain: axial_stiffness = -1.0
 hung_to, (1.0, 0.0, 0.2), (0.0, 0.0, 0.2)  # second: first, second: the ends lie above each other
 ## forms/feasible.py
-prestressed,  # tension: tension = -1.0: with group ... so
+prestressed,  # tension: tension = -1.0: with this tension in group
 ## design/bounds.py
 scaled, [1.0, 1.0], [1.0, -1.0]  # fill: scale[1] = -1.0
 ## design/arguments.py
@@ -394,6 +394,6 @@ OTHERWISE = {
     "loads/movement.py:__post_init__": "a warning",
     "loads/movement.py:check_supported": "NaN where it is traced (`ramp`), status NONFINITE",
     "forms/feasible.py:feasible_prestress": "NaN where a cable is not taut",
-    "forms/_balance.py:host_nodes": "traced nodes are refused",
+    "forms/_balance.py:nodes_as_numpy": "traced nodes are refused",
 }
 """Where else values are looked at when they are known, and what becomes of traced ones."""
