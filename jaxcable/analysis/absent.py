@@ -88,7 +88,7 @@ def warn_of_idle_loads(
             part = acting.part or {}
             acts = [presence.present[n][k:] & _loaded_elements(part.get(n)) for n in on]
             if not any(np.any(one) for one in acts):
-                checks.suspect(
+                checks.warn_user(
                     f"phases[{earlier + k}].loads: {acting} acts on nothing: its elements are not "
                     "there in this phase, nor in a later one"
                 )
@@ -96,13 +96,13 @@ def warn_of_idle_loads(
 
 def _loaded_elements(factors):
     """Return which elements a load acts on, by its factors [n_elem, ...]; True if not known."""
-    known = checks.concrete(factors)
+    known = checks.array_if_known(factors)
     return True if known is None else (known != 0).reshape(len(known), -1).any(axis=1)
 
 
 def _is_zero_increment(name, given):
     """Return whether a statement is an increment (shortening, temperature) known to be zero."""
-    values = checks.concrete(given.values if isinstance(given, Only) else given)
+    values = checks.array_if_known(given.values if isinstance(given, Only) else given)
     return name in INCREMENTS and values is not None and not np.any(values)
 
 
@@ -112,7 +112,7 @@ def _warn_if_all_absent(name, label, concerned, there):
     if name == "temperature" or any(isinstance(own, jax.core.Tracer) for own in known):
         return
     if not any(own.any() for own in known):
-        checks.suspect(
+        checks.warn_user(
             f"{label}: has no effect: none of the elements that take it is there in this phase"
         )
 
@@ -121,7 +121,7 @@ def _names_absent_element(label, where, given, group, there) -> bool | Bool[jax.
     """Return whether a statement for a group names absent elements; ValueError if that is known."""
     hint = "give the value in the phase that adds it, or in a later one"
     if isinstance(given, Only):
-        lost = given.chosen(len(group.links), f"{label}{where}") & ~there
+        lost = given.element_mask(len(group.links), f"{label}{where}") & ~there
         if isinstance(lost, jax.core.Tracer):
             return jnp.any(lost)
         if lost.any():
@@ -145,7 +145,7 @@ def _warn_of_lost_value(name, label, where, given, present, later):
         present: elements that are there in this phase and in all later ones, [n, n_elem] bool.
         later: statements for the group in the later phases, dicts from name to `Stated`.
     """
-    values = None if isinstance(given, Only) else checks.concrete(given)
+    values = None if isinstance(given, Only) else checks.array_if_known(given)
     known = values is not None and not isinstance(present, jax.core.Tracer)
     if name == "temperature" or not known or np.ndim(values) < 1:
         return
@@ -162,7 +162,7 @@ def _warn_of_lost_value(name, label, where, given, present, later):
     if lost.any():
         k = int(lost.argmax())
         shown = ", ".join(f"{number:.6g}" for number in np.atleast_1d(values[k]))
-        checks.suspect(
+        checks.warn_user(
             f"{label}{where}[{k}] = {shown}: has no effect: the element is not there in this "
             "phase; give the value in the phase that adds it"
         )

@@ -56,7 +56,7 @@ def _describe_wrong(method):
         return "Phase; phases go into one list: solve(structure, [first, second])"
     if isinstance(method, Solution | State):
         return f"{type(method).__name__}; an earlier solution goes by name: start=..."
-    return checks.kind(method, "Newton()")
+    return checks.describe_type(method, "Newton()")
 
 
 def require_tangent(

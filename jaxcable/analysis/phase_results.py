@@ -8,7 +8,7 @@ from typing import ClassVar, overload
 import jax
 import numpy as np
 
-from ..common.tree import computed, copy, pytree
+from ..common.tree import apply_numpy_or_jax, copy_with, pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
 from .results import ElementResults, Results
 
@@ -192,17 +192,19 @@ class PhaseResults(Sequence[PhaseResult]):
             name: self._log_column(name, increments) for name in LOG_COLUMNS if name != "scale"
         }
         noted["stable"] = noted["stable"] if self.watched else None
-        path = copy(
+        path = copy_with(
             path,
-            load_factor=computed(lambda np, log: _load_factors(np, log[increments]), self.log),
-            relative_residual=computed(
+            load_factor=apply_numpy_or_jax(
+                lambda np, log: _load_factors(np, log[increments]), self.log
+            ),
+            relative_residual=apply_numpy_or_jax(
                 lambda np, log: _relative_residuals(np, log[increments]), self.log
             ),
             **noted,
         )
         last = (*batch, k, count - 1)
         status, stable = self._log_column("status", last), self._log_column("stable", last)
-        return copy(end, status=status, stable=stable, path=path)
+        return copy_with(end, status=status, stable=stable, path=path)
 
     def _log_column(self, name, at):
         """Return a column of the log, at an index of its leading axes, in its type."""
@@ -212,7 +214,7 @@ class PhaseResults(Sequence[PhaseResult]):
             values = log[at][..., column]
             return values if kind is None else values.astype(kind)
 
-        return computed(read, self.log)
+        return apply_numpy_or_jax(read, self.log)
 
     @property
     def status_and_stability(self) -> tuple[Int[Array, " n_phase"], Bool[Array, " n_phase"]]:
@@ -227,7 +229,7 @@ def _take(tree, at):
 
     def take(x):
         if id(x) not in found:
-            found[id(x)] = computed(lambda np, x: x[at], x)
+            found[id(x)] = apply_numpy_or_jax(lambda np, x: x[at], x)
         return found[id(x)]
 
     return jax.tree.map(take, tree)

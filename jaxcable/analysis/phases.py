@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from ..common import checks
-from ..common.selection import Named, Only, Selection
+from ..common.selection import Only, Selection, WholeGroups
 from ..common.tree import pytree, replace
 from ..common.types import ArrayLike, Bool, Float, PyTree
 from ..elements.abilities import STATEMENTS
@@ -165,18 +165,18 @@ class Phase:
         if self.increments < 1:
             raise ValueError(f"increments = {self.increments}: a phase has at least 1 increment")
         if self.supports is not None and not isinstance(self.supports, Supports):
-            kind = checks.kind(self.supports, "pinned(nodes)")
+            kind = checks.describe_type(self.supports, "pinned(nodes)")
             raise ValueError(f"supports: expected pinned(nodes) or Supports(mask), got {kind}")
         as_list(self.loads)
         self._check_own_statements()
         for name, given in all_stated(self).items():
             for leaf in jax.tree.leaves(given):
-                checks.floats(leaf, name)
+                checks.as_floats(leaf, name)
 
     def _check_own_statements(self):
         """Raise ValueError unless `own` is a dict of statements that `Phase` does not have."""
         if self.own is not None and not isinstance(self.own, Mapping):
-            kind = checks.kind(self.own, '{"clamped": values}')
+            kind = checks.describe_type(self.own, '{"clamped": values}')
             raise ValueError(f"own: expected a dict of statements by name, got {kind}")
         fields = {field.name for field in dataclasses.fields(self)}
         for name in self.own or ():
@@ -205,13 +205,16 @@ def restated(phase: Phase, name: str, given: PyTree[Any]) -> Phase:
 
 
 def as_whole_groups(value: Any) -> Any:
-    """Return what a phase adds or removes, with keys of groups as `Named`; None if it is empty."""
+    """Return what a phase adds or removes, with keys of groups as `WholeGroups`.
+
+    None if it is empty.
+    """
     if isinstance(value, list | tuple | dict) and not value:
         return None
     if isinstance(value, str):
-        return Named(value)
+        return WholeGroups(value)
     if isinstance(value, list | tuple) and value and all(isinstance(v, str) for v in value):
-        return Named(value)
+        return WholeGroups(value)
     return value
 
 
@@ -220,7 +223,7 @@ def as_phases(structure: Structure, phases: Phase | Sequence[Phase] | None) -> l
     if isinstance(structure, tuple) and structure and isinstance(structure[0], Structure):
         raise ValueError("structure: got a scene; unpack it: solve(*scene)")
     if not isinstance(structure, Structure):
-        kind = checks.kind(structure, "Structure(nodes, elements, supports)")
+        kind = checks.describe_type(structure, "Structure(nodes, elements, supports)")
         raise ValueError(f"structure: expected a Structure, got {kind}")
     if phases is None:
         raise ValueError("phases: missing; give a list such as [Phase(pretension=200.0)]")
@@ -231,7 +234,7 @@ def as_phases(structure: Structure, phases: Phase | Sequence[Phase] | None) -> l
     for k, phase in enumerate(phases):
         if not isinstance(phase, Phase):
             hint = "; loads go into a phase: Phase(loads=...)" if isinstance(phase, Load) else ""
-            kind = checks.kind(phase, "Phase(...)")
+            kind = checks.describe_type(phase, "Phase(...)")
             raise ValueError(f"phases[{k}]: expected a Phase, got {kind}{hint}")
     if not phases:
         raise ValueError("phases: an analysis needs at least one phase")

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.selection import Named, Only, Selection
+from ..common.selection import Only, Selection, WholeGroups
 from ..common.types import Array, ArrayLike, Bool
 from ..elements.element import Element
 from ..elements.element_state import ElementState
@@ -60,7 +60,7 @@ class Presence(NamedTuple):
             groups: the groups of `self` with links that are rows of motion.
         """
         (rows, _), width = structure.rows(), structure.space.n_freedom
-        n_row = structure.n_node if rows is None else len(rows.node)
+        n_row = structure.n_node if rows is None else len(rows.node_of_row)
         pack = _numpy_or_jax([*self.first, *self.present])
         shape = 1 + len(self.present[0]), n_row, width
         touched = pack.zeros(shape, bool)
@@ -79,9 +79,9 @@ class Presence(NamedTuple):
 def _share_touched(touched, structure, rows, pack):
     """Mark nodes as touched where their hinged ends are, and carriers where carried nodes are."""
     if rows is not None:
-        more = np.arange(structure.n_node, len(rows.node))
+        more = np.arange(structure.n_node, len(rows.node_of_row))
         ends = more[~rows.inner[more]]  # they move with their nodes, and need no hold
-        node = rows.node[ends]
+        node = rows.node_of_row[ends]
         if pack is jnp:
             touched = touched.at[:, node, :3].max(touched[:, ends, :3])
             touched = touched.at[:, ends, :3].set(True)
@@ -204,7 +204,7 @@ def _group_masks(value: Any, structure, name):
     counts = [len(group.links) for group in structure.groups]
     if value is None:
         return [np.zeros(count, bool) for count in counts]
-    if isinstance(value, Named):
+    if isinstance(value, WholeGroups):
         return _masks_of_whole_groups(value, structure, name)
     found = []
     keys = [key for key, _ in structure.named_groups()]
@@ -212,10 +212,10 @@ def _group_masks(value: Any, structure, name):
         if given is None:
             found.append(np.zeros(count, bool))
         elif isinstance(given, Selection):
-            found.append(given.chosen(count, f"{name}{key}"))
+            found.append(given.element_mask(count, f"{name}{key}"))
         elif isinstance(given, Only):
             raise ValueError(f"{name}{key}: only(...) has values here; give only(elements)")
-        elif isinstance(given, Named):
+        elif isinstance(given, WholeGroups):
             raise ValueError(f"{name}: give keys of groups alone, not inside a dict or list")
         else:
             found.append(_as_mask(given, count, f"{name}{key}"))
@@ -244,7 +244,7 @@ def _masks_of_whole_groups(value, structure, name):
             keys = numbers if isinstance(numbers, dict) else ()
             raise ValueError(
                 f"{name} = {key!r}: no such key in the structure's elements"
-                f"{checks.meant(key, keys)}"
+                f"{checks.suggest_names(key, keys)}"
             ) from None
         for k in chosen:
             found[k] = np.ones_like(found[k])

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.rules import refuse
+from ..common.rules import refuse_if_broken
 from ..common.selection import Only, Selection
 from ..common.types import ArrayLike, Float
 from ..elements.abilities import (
@@ -167,9 +167,9 @@ def _check_statement(
         value = value.spread(np.zeros((count, *given.shape[1:])))
     else:
         value = _values_per_element(value, count, path, components)
-    refuse([_for_chosen(rule, chosen) for rule in value_rules(name, value, group, path)])
-    refuse(capacity_rules(name, value, group, group.capacity, path))
-    refuse(span_rules(name, group, structure.nodes, chosen, path))
+    refuse_if_broken([_for_chosen(rule, chosen) for rule in value_rules(name, value, group, path)])
+    refuse_if_broken(capacity_rules(name, value, group, group.capacity, path))
+    refuse_if_broken(span_rules(name, group, structure.nodes, chosen, path))
     return Stated(value, chosen)
 
 
@@ -214,8 +214,8 @@ def _values_per_element(
 ) -> Float[ArrayLike, "n_elem ..."]:
     """Return values as floats [n_elem] or [n_elem, n_component]; one number is for all of them."""
     if not components:
-        return checks.per_element(value, count, path)
-    array, shape = checks.floats(value, path), (count, len(components))
+        return checks.floats_per_element(value, count, path)
+    array, shape = checks.as_floats(value, path), (count, len(components))
     if array.shape not in ((), shape):
         raise ValueError(
             f"{path}: expected a scalar or shape {shape}, for every element "

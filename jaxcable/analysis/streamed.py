@@ -22,9 +22,9 @@ import jax
 import numpy as np
 
 from ..common import checks, digest
-from ..common.fusion import fuses
+from ..common.fusion import are_loops_fused
 from ..common.types import Array, Float, Int, PyTree
-from ..common.writing import create
+from ..common.writing import create_if_absent
 from . import chunk_files
 from .batches import batched
 from .chunk_files import RECOMPUTE_HINT, ChunkIdentity
@@ -147,7 +147,7 @@ class Study:
             parts.append(results)
         for name in names:
             if name not in parts[0]:
-                raise ValueError(f"no result {name!r}{checks.meant(name, parts[0])}")
+                raise ValueError(f"no result {name!r}{checks.suggest_names(name, parts[0])}")
         return {name: np.concatenate([part[name] for part in parts]) for name in names or parts[0]}
 
 
@@ -203,7 +203,7 @@ def streamed(
         >>> study.missing, study.load("sag")["sag"].tolist()
         ([], [0.0, 2.5, 5.0, 7.5, 10.0])
     """
-    checks.whole(chunk, "chunk")
+    checks.require_whole_number(chunk, "chunk")
     some, count, known_cases = _as_case_function(cases, n_case)
     rank, processes = _check_share(share)
     study = Study(Path(folder), count, chunk)
@@ -240,7 +240,7 @@ def _as_case_function(cases, n_case):
             raise ValueError(
                 "n_case: missing; give the number of cases where `cases` is a function"
             )
-        checks.whole(n_case, "n_case")
+        checks.require_whole_number(n_case, "n_case")
         numbers = np.unique(np.linspace(0, n_case - 1, min(n_case, _N_COMPARED)).astype(int))
         probed = jax.tree.map(np.asarray, cases(numbers))
         if _axis_lengths(probed) != {len(numbers)}:
@@ -272,8 +272,8 @@ def _jax_dtype(leaf):
 def _check_share(share):
     """Return number of this process and number of processes; ValueError if they do not fit."""
     rank, processes = share
-    checks.whole(rank, "share[0]", least=0)
-    checks.whole(processes, "share[1]")
+    checks.require_whole_number(rank, "share[0]", least=0)
+    checks.require_whole_number(processes, "share[1]")
     if rank >= processes:
         raise ValueError(f"share = {tuple(share)}: processes are numbered from 0 to share[1] - 1")
     return rank, processes
@@ -314,7 +314,7 @@ def _begin_study(study, compute, shapes, cases, made_by):
         "jaxcable": _package_version("jaxcable"),
         "jax": jax.__version__,
         "backend": jax.default_backend(),
-        "fuse_loops": fuses(),
+        "fuse_loops": are_loops_fused(),
         "function": digest.of_function(compute, shapes),
     }
     path = study.folder / _STUDY_FILE
@@ -328,7 +328,7 @@ def _begin_study(study, compute, shapes, cases, made_by):
                     "says what it is; take another folder, or move that file away"
                 )
         study.folder.mkdir(parents=True, exist_ok=True)
-        create(path, json.dumps(told, indent=1).encode() + b"\n")
+        create_if_absent(path, json.dumps(told, indent=1).encode() + b"\n")
     known = _read_study_file(path)
     if "function" not in known:
         raise ValueError(

@@ -4,8 +4,8 @@ Other abilities are stated by an attribute of `Element`, because a law or a load
 
 | attribute | methods that an element must then have |
 |---|---|
-| `remembers` | `size`, `initial_memory`; `settle` and `section_strain`, a result, or `settled` |
-| `breaks` | `beyond`; `section_strain`, a result; `extended` if its iteration may not pass an end |
+| `remembers` | `size`, `initial_memory`; `commit_memory` and `section_strain`, a result, or `settled` |
+| `has_rupture` | `is_ruptured`; `section_strain`, a result; `extrapolated` if its iteration may not pass an end |
 | `tension_only` | `is_slack`, `at_kink` |
 | `rotates` | `end_forces_about` |
 | `slides` | `slid` |

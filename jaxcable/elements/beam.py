@@ -21,11 +21,19 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.rules import Rule, not_negative, or_nan, positive, refuse
-from ..common.tree import Indices, changed, copy, kind, plain, pytree, replace
+from ..common.rules import Rule, nan_if_broken, not_negative, positive, refuse_if_broken
+from ..common.tree import (
+    Indices,
+    apply_to_each,
+    copy_with,
+    index_array,
+    pytree,
+    replace,
+    template_of,
+)
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.rotations import cross
-from ..numerics.vectors import inner
+from ..numerics.vectors import scalar_product
 from ..sections import Section
 from .abilities import Bending, Rounding
 from .element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Ends, Motion, Scalar
@@ -120,13 +128,13 @@ class Beams(Member, Prestressed, Bending, Rounding):
         if not isinstance(self.section, Section):
             raise ValueError("section: missing; a group of beams needs a Section")
         for name in ("torsional_stiffness", "rest_length", "weight", "expansion", "strength"):
-            put(self, name, checks.per_element(getattr(self, name), n_elem, name))
+            put(self, name, checks.floats_per_element(getattr(self, name), n_elem, name))
         if self.torsional_stiffness is None and self.section.torsion is None:
             raise ValueError(
                 "torsional_stiffness: missing; this section has no known torsion constant"
             )
         if self.up is not None:
-            up = checks.floats(self.up, "up")
+            up = checks.as_floats(self.up, "up")
             if up.shape not in ((3,), (n_elem, 3)):
                 raise ValueError(f"up: expected shape (3,) or ({n_elem}, 3), got {up.shape}")
             pack = jnp if isinstance(up, jax.Array) else np
@@ -139,7 +147,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
                 f"points = {self.points!r}: expected an integer from 3 to {_MOST_POINTS}"
             )
         self._check_hinges()
-        refuse(self.rules())
+        refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
         """Rules that the numbers of the group keep, see `common.rules`."""
@@ -151,7 +159,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
         """The rule that `up` is not along an element, for positions [n_node, 3]."""
         if self.up is None:
             return []
-        links = plain(self.links)
+        links = index_array(self.links)
         chord = nodes[links[:, 1]] - nodes[links[:, 0]]
 
         def along(up, chord):
@@ -189,7 +197,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
             springs = np.zeros((count, 2, 3))
             partly = (hinges.any(axis=2) != hinges.all(axis=2)).any()
         else:
-            springs, partly = checks.floats(springs, "springs"), True
+            springs, partly = checks.as_floats(springs, "springs"), True
             if springs.shape not in ((), (2, 3), (count, 2, 3)):
                 raise ValueError(
                     f"springs: expected a scalar or shape (2, 3) or ({count}, 2, 3), "
@@ -197,9 +205,9 @@ class Beams(Member, Prestressed, Bending, Rounding):
                 )
             pack = jnp if isinstance(springs, jax.Array) else np
             springs = pack.broadcast_to(springs, (count, 2, 3))
-        put(self, "springs", or_nan(_twisted(springs, hinges)) if partly else None)
+        put(self, "springs", nan_if_broken(_twisted(springs, hinges)) if partly else None)
         if not partly:
-            refuse([_twisted(springs, hinges)])
+            refuse_if_broken([_twisted(springs, hinges)])
 
     def check(self, nodes: Float[np.ndarray, "n_node 3"]) -> None:
         """Raise ValueError if positions [n_node, 3] leave default axes of an element unclear."""
@@ -224,19 +232,21 @@ class Beams(Member, Prestressed, Bending, Rounding):
         chord = ends[:, 1] - ends[:, 0]
         sine = jnp.sqrt(jnp.sum(chord[:, :2] ** 2, axis=1) / jnp.sum(chord**2, axis=1))
         unknown = (sine >= _UPRIGHT) & (sine < _LEANING) & ~of_each("bends_alike", self)
-        return copy(state, rest_length=jnp.where(unknown, jnp.nan, state.rest_length))
+        return copy_with(state, rest_length=jnp.where(unknown, jnp.nan, state.rest_length))
 
     def partly(self, state: AxialState, present: Bool[Array, " n_elem"]) -> AxialState:
         """State of a group whose elements come and go: those that come may be joined with kinks."""
         kinks = state.kinks
         if kinks is None:
             kinks = jnp.zeros((len(state.rest_length), 2, 3), state.rest_length.dtype)
-        return copy(state, present=present, kinks=kinks)
+        return copy_with(state, present=present, kinks=kinks)
 
     def found(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """State of a beam that is added here: straight, and joined to its ends as it finds them."""
         state = super().found(state, ends, motion)
-        return copy(state, kinks=self._pose(copy(state, kinks=None), ends, motion)[1].rotations)
+        return copy_with(
+            state, kinks=self._pose(copy_with(state, kinks=None), ends, motion)[1].rotations
+        )
 
     def at_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
@@ -264,7 +274,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
         for row, column in self.field_places:
             idle[:, row, column] = False
             if row == 1:  # fibres on one line do not resist bending along this line
-                places = checks.concrete((self.section.z, self.section.y)[column])
+                places = checks.array_if_known((self.section.z, self.section.y)[column])
                 idle[:, row, column] = places is not None and np.ptp(places) == 0
         if self.springs is not None:
             idle[:, -2:] = ~self.hinges.array
@@ -284,7 +294,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
         ends = jnp.asarray(nodes)[jnp.asarray(self.links.array)[:, :2]]
 
         def one(up, ends):
-            return copy(self, up=up).axes(ends)
+            return copy_with(self, up=up).axes(ends)
 
         return jax.vmap(one)(self.up, ends)
 
@@ -295,22 +305,24 @@ class Beams(Member, Prestressed, Bending, Rounding):
     @property
     def remembers(self) -> bool:  # type: ignore[override]  # read only
         """Whether a law of the fibres remembers earlier strains."""
-        return kind(self.section).remembers
+        return template_of(self.section).remembers
 
     @property
-    def breaks(self) -> bool:  # type: ignore[override]  # read only
+    def has_rupture(self) -> bool:  # type: ignore[override]  # read only
         """Whether a fibre can be strained beyond its curve."""
-        return kind(self.section).breaks
+        return template_of(self.section).has_rupture
 
     def initial_memory(self) -> PyTree[Float[Array, "n_elem n_point n_fibre n_memory"]] | None:
         """Memory of elements that have not been strained yet, per law, or None."""
         if not self.remembers:
             return None
-        return kind(self.section).initial_memory((len(self.links), self.points))
+        return template_of(self.section).initial_memory((len(self.links), self.points))
 
-    def extended(self) -> Self:
+    def extrapolated(self) -> Self:
         """The group for an iteration, whose laws go on beyond their ends."""
-        return copy(self, section=changed(lambda section: section.reduced(), self.section))
+        return copy_with(
+            self, section=apply_to_each(lambda section: section.for_analysis(), self.section)
+        )
 
     def capacity(self) -> tuple[float | Scalar, float | Scalar]:
         """Smallest and largest axial force without bending, N."""
@@ -336,7 +348,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
     def axes(self, ends: Ends) -> Float[Array, "3 3"]:
         """Initial axes of the element, [3, 3]: ``axes[0]`` along it, then the section's y and z."""
         chord = ends[1] - ends[0]
-        along = chord / jnp.sqrt(inner(chord, chord))
+        along = chord / jnp.sqrt(scalar_product(chord, chord))
         if self.up is None:
             upright = along[0] ** 2 + along[1] ** 2 < _UPRIGHT**2
             up: Float[ArrayLike, " 3"] = jnp.where(
@@ -344,8 +356,8 @@ class Beams(Member, Prestressed, Bending, Rounding):
             )
         else:
             up = self.up
-        z = up - inner(up, along) * along
-        z = z / jnp.sqrt(inner(z, z))
+        z = up - scalar_product(up, along) * along
+        z = z / jnp.sqrt(scalar_product(z, z))
         return jnp.stack([along, cross(z, along), z])
 
     def deflected(
@@ -379,7 +391,7 @@ def _twisted(springs, hinges):
 
 def _differs(section):
     """Whether a section is known not to bend alike in all directions."""
-    if any(checks.concrete(leaf) is None for leaf in jax.tree.leaves(section)):
+    if any(checks.array_if_known(leaf) is None for leaf in jax.tree.leaves(section)):
         return False  # traced numbers are judged by `start`
     with jax.ensure_compile_time_eval():
         return not bool(_alike(section))

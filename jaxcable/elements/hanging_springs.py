@@ -18,7 +18,7 @@ import jax.numpy as jnp
 
 from ..common.tree import pytree
 from ..common.types import Array, Float
-from ..numerics.vectors import inner
+from ..numerics.vectors import scalar_product
 from .element import Scalar
 from .hanging_terms import directed, ratio_less_1, strained, two_springs
 
@@ -55,7 +55,7 @@ def under(
 ) -> Under:
     """`Under` for ``tau - |q| L0/2``, the other arguments as of `hang`."""
     weight, unit = directed(load)
-    across = chord - inner(chord, unit) * unit
+    across = chord - scalar_product(chord, unit) * unit
     omega, excess = weight * rest_length / stiffness, excess / rest_length**2
     least = tension / stiffness
     strain, theta = strained(least, omega)
@@ -70,7 +70,7 @@ def under(
 
     u = jnp.log(jnp.where(tension > 0, least, 1.0))
     rising, falling = jax.jvp(rise, (u,), (jnp.ones_like(u),))
-    half = 0.5 * inner(across, across) / rest_length
+    half = 0.5 * scalar_product(across, across) / rest_length
     return Under(
         stiffness / rest_length * (spring * chord + further * (chord - across)),
         (chord / (1 + strain) ** 2 + rising * across) / rest_length,

@@ -18,22 +18,22 @@ import numpy as np
 
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..numerics.rotations import (
-    angles,
-    conjugate,
-    exp_stereographic,
-    inverse,
-    moment_of_stereographic,
-    product,
+    compose,
+    conjugate_moment,
+    from_stereographic,
+    invert,
+    moment_conjugate_to_stereographic,
+    move_node_by_series,
     rotate,
-    turning,
+    rotation_vector,
 )
 from . import bending, corotation
 from .element import Ends, Forces, Motion, Scalar
 from .inner import Inner
 from .prestress import AxialState, stretch
 
-_FINITE = turning, conjugate
-_NEAR = partial(turning, order=1), partial(conjugate, order=1)
+_FINITE = move_node_by_series, conjugate_moment
+_NEAR = partial(move_node_by_series, order=1), partial(conjugate_moment, order=1)
 
 
 class Member(Inner):
@@ -54,7 +54,7 @@ class Member(Inner):
         turns = [motion[k, 3:] for k in (0, 1)]
         if self.springs is not None:  # the ends turn against their nodes
             turns = [
-                product(turn, exp_stereographic(joint @ axes))
+                compose(turn, from_stereographic(joint @ axes))
                 for turn, joint in zip(turns, self._joints(state, motion), strict=True)
             ]
         return axes, corotation.pose(axes, ends, motion[:2, :3], jnp.stack(turns), state.kinks)
@@ -130,9 +130,9 @@ class Member(Inner):
             inner.append(unbalanced[1] * 32 / length**2)
         if self.springs is not None:
             for k, joint in enumerate(self._joints(state, motion)):
-                moment = axes @ rotate(inverse(motion[k, 3:]), moments[k])
-                moment = moment_of_stereographic(joint, moment)
-                angle, pull_back = jax.vjp(angles, joint)
+                moment = axes @ rotate(invert(motion[k, 3:]), moments[k])
+                moment = moment_conjugate_to_stereographic(joint, moment)
+                angle, pull_back = jax.vjp(rotation_vector, joint)
                 inner.append((moment + pull_back(self.springs[k] * angle)[0]) / (4 * length))
         return pull, moments, jnp.concatenate(inner) if inner else jnp.zeros(0, pull.dtype)
 
@@ -186,7 +186,7 @@ class Member(Inner):
         forces = None
         if not self.section.is_elastic:
             at = self.section_strain(state, ends, motion)
-            force, stiffness = self.section.linearized(*_columns(at), state.memory)
+            force, stiffness = self.section.forces_and_tangent(*_columns(at), state.memory)
 
             def forces(strain):
                 return force + jnp.einsum("pij,pj->pi", stiffness, strain - at)
@@ -235,7 +235,7 @@ class Member(Inner):
 
         def moved(step):
             steps = step[:12].reshape(2, 6)
-            new = jax.vmap(lambda m, s: turning(m, s, order=1))(motion[:2], steps)
+            new = jax.vmap(lambda m, s: move_node_by_series(m, s, order=1))(motion[:2], steps)
             if self.inner:
                 new = jnp.concatenate([new, motion[2:].at[self._places].add(step[12:])])
             _, pose, field, _ = self._bent(state, ends, new)
@@ -262,7 +262,7 @@ class Member(Inner):
         if load is not None:
             total = total - length * load @ bending.displaced(field, pose.rotations, length)
         if self.springs is not None:
-            turned = jax.vmap(angles)(self._joints(state, motion))
+            turned = jax.vmap(rotation_vector)(self._joints(state, motion))
             total = total + 0.5 * jnp.sum(self.springs * turned**2)
         return total
 
@@ -347,7 +347,9 @@ class Member(Inner):
 
     def size(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Sum of the absolute forces of all fibres, mean over the element, N."""
-        size = self.section.size(*_columns(self.section_strain(state, ends, motion)), state.memory)
+        size = self.section.absolute_force(
+            *_columns(self.section_strain(state, ends, motion)), state.memory
+        )
         return jnp.asarray(bending.lobatto(self.points)[1], size.dtype) @ size
 
     def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
@@ -363,14 +365,14 @@ class Member(Inner):
         each = jnp.concatenate([jnp.stack([both, both]), rows])
         return 8 * jnp.finfo(force.dtype).eps * moved * each
 
-    def settle(
+    def commit_memory(
         self,
         strain: Float[Array, "n_point 3"],
         memory: PyTree[Float[Array, "n_point n_fibre n_memory"]],
         duration: float = 0.0,
     ) -> PyTree[Float[Array, "n_point n_fibre n_memory"]]:
         """Memory after an increment that ended at section strains [n_point, 3]."""
-        return self.section.settle(*_columns(strain), memory, duration)
+        return self.section.commit_memory(*_columns(strain), memory, duration)
 
     def fibre_stress(
         self,
@@ -380,9 +382,9 @@ class Member(Inner):
         """Stress of every fibre at section strains [n_point, 3], [n_point, n_fibre], Pa."""
         return self.section.fibre_stress(*_columns(strain), memory)
 
-    def beyond(self, strain: Float[Array, "n_point 3"]) -> Bool[Array, ""]:
+    def is_ruptured(self, strain: Float[Array, "n_point 3"]) -> Bool[Array, ""]:
         """Whether section strains [n_point, 3] take a fibre beyond its curve."""
-        return jnp.any(self.section.beyond(*_columns(strain)))
+        return jnp.any(self.section.is_ruptured(*_columns(strain)))
 
 
 def _columns(strain: Float[Array, "n_point 3"]) -> tuple[Array, Array, Array]:

@@ -12,7 +12,7 @@ from jax.typing import DTypeLike
 
 from ..common import checks
 from ..common.selection import Selection
-from ..common.tree import Indices, copy, plain, put
+from ..common.tree import Indices, copy_with, index_array, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.element_state import ElementState
 from ..model.parts import group_path
@@ -70,7 +70,7 @@ class OnGroups(Acting):
                 "that has these elements"
             )
         label = f"elements of {group_path(structure, numbers[0])}"
-        return numbers, self.elements.chosen(len(structure.groups[numbers[0]].links), label)
+        return numbers, self.elements.element_mask(len(structure.groups[numbers[0]].links), label)
 
     def _check_values(self, count: int | None = None) -> None:
         """Raise ValueError unless the field that varies has values of the right shape.
@@ -81,10 +81,10 @@ class OnGroups(Acting):
         value = getattr(self, name)
         if value is None:
             raise ValueError(f"{name}: missing; give {type(self).__name__}({name}=...)")
-        values = checks.floats(value, name)
+        values = checks.as_floats(value, name)
         if count is None:
             count = len(values) if values.ndim else 1
-        put(self, **{name: checks.shaped(values, name, one, (count, *one))})
+        set_fields(self, **{name: checks.floats_of_shape(values, name, one, (count, *one))})
 
     def _check_counts(self, structure: Structure, numbers: tuple[int, ...]) -> None:
         """Raise ValueError unless there is one value, or one for every element of the groups."""
@@ -92,7 +92,7 @@ class OnGroups(Acting):
         for number in numbers:
             count = len(structure.groups[number].links)
             hint = f"; {group_path(structure, number)} has {count} elements"
-            checks.shaped(getattr(self, name), name, one, (count, *one), hint=hint)
+            checks.floats_of_shape(getattr(self, name), name, one, (count, *one), hint=hint)
 
     def among(self, structure: Structure) -> Self:
         """Return the load with numbers of groups, and factors of elements: 1 if loaded, else 0.
@@ -100,17 +100,17 @@ class OnGroups(Acting):
         Values of elements become their factors, and the field that has them ones.
         """
         numbers, mask = self.selected(structure)
-        load = copy(self, on=numbers, elements=None)
+        load = copy_with(self, on=numbers, elements=None)
         factors: Any = None if mask is None else mask.astype(float)
         if self.varies is not None and numbers:
             name, one = self.varies
             values: Any = getattr(self, name)
             if jnp.ndim(values) > len(one):
-                load = copy(load, **{name: jnp.ones_like(values[0])})
+                load = copy_with(load, **{name: jnp.ones_like(values[0])})
                 factors = values
                 if mask is not None:
                     factors = jnp.where(mask.reshape(-1, *(1,) * len(one)), values, 0.0)
-        return copy(load, part=None if factors is None else dict.fromkeys(numbers, factors))
+        return copy_with(load, part=None if factors is None else dict.fromkeys(numbers, factors))
 
     def bundled(self, bundles: Bundles) -> Self:
         """Return the load, after `among`, on bundles of groups."""
@@ -119,11 +119,11 @@ class OnGroups(Acting):
         given = self.part or {}
         spread = bundles.spread(self.on, {number: given.get(number, _ALL) for number in self.on})
         part = {number: factors for number, factors in spread.items() if factors is not _ALL}
-        return copy(self, on=tuple(spread), part=part or None)
+        return copy_with(self, on=tuple(spread), part=part or None)
 
     def touched(self, bundles: Bundles) -> Self:
         """Return the load with the numbers of the bundles that it acts on."""
-        return copy(self, on=bundles.numbers(self.on))
+        return copy_with(self, on=bundles.numbers(self.on))
 
     def partly(
         self,
@@ -149,7 +149,7 @@ def _group_numbers(on, structure):
         return tuple(jax.tree.leaves(numbers if on is None else numbers[on]))
     except (KeyError, IndexError, TypeError):
         keys: Any = range(len(numbers)) if isinstance(numbers, list | tuple) else numbers
-        known = checks.meant(on, keys) if isinstance(keys, dict | range) else ""
+        known = checks.suggest_names(on, keys) if isinstance(keys, dict | range) else ""
         raise ValueError(f"on = {on!r}: no such key in the structure's elements{known}") from None
 
 
@@ -168,8 +168,8 @@ def scatter_to_nodes(
         shape: of the result, [n_node, 3 or 6].
         dtype: of the result.
     """
-    nodes = plain(nodes)
-    known = [checks.concrete(part) for part in parts]
+    nodes = index_array(nodes)
+    known = [checks.array_if_known(part) for part in parts]
     traced = any(a is None and b is not None for a, b in zip(known, parts, strict=True))
     traced = traced or isinstance(nodes, jax.core.Tracer)
     total: ArrayLike = jnp.zeros(shape, dtype) if traced else np.zeros(shape, dtype)

@@ -10,7 +10,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from ..common.rules import Rule
-from ..common.tree import Indices, copy
+from ..common.tree import Indices, copy_with
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element, OwnState
 from ..model.structure import Structure
@@ -72,7 +72,7 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
                 "factor multiplies, such as scales = ('forces',)"
             )
         given = {name: getattr(self, name) for name in self.scales}
-        return copy(self, **{name: factor * x for name, x in given.items() if x is not None})
+        return copy_with(self, **{name: factor * x for name, x in given.items() if x is not None})
 
     def rules(self) -> list[Rule]:
         """Return the rules of its numbers, see `common.rules`."""

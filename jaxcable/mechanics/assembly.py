@@ -14,15 +14,15 @@ import jax
 import jax.numpy as jnp
 
 from .. import linear
-from ..common.tree import copy, pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Pulling, Rounding
 from ..elements.element import Element
 from ..elements.element_state import ElementState
 from ..spaces import Space
-from ..spaces.freedoms import carriers
-from ..spaces.space import Forces, Matrix, Motion, Part, Step
-from ..spaces.translations import coarse, refined
+from ..spaces.dof_map import reference_rows
+from ..spaces.space import Forces, Matrix, MatrixPart, Motion, Step
+from ..spaces.translations import append_low_part, drop_low_part
 from .elementwise import Elementwise, PerGroup, each, over_ends
 from .load_stacks import Following
 
@@ -51,19 +51,19 @@ class System(Elementwise):
     space: Space
     followers: list[Following] | None = None
 
-    def risen(self) -> System:
-        """The system with laws that do not fall beyond their first peak, see `Law.risen`."""
-        return copy(self, groups=[group.risen() for group in self.groups])
+    def without_softening(self) -> System:
+        """The system with laws that do not fall beyond their first peak, see `Law.without_softening`."""
+        return copy_with(self, groups=[group.without_softening() for group in self.groups])
 
     # --- points and steps
 
-    def place(self, x: Motion) -> Motion:
+    def impose_supports(self, x: Motion) -> Motion:
         """`x` with the freedoms that supports hold put to their prescribed values."""
-        return self.space.place(x)
+        return self.space.impose_supports(x)
 
-    def carried(self, x: Motion) -> Motion:
+    def with_support_rotations(self, x: Motion) -> Motion:
         """`x`, a constant, as a function of the supports, see `Space.carried`."""
-        return self.space.carried(x)
+        return self.space.with_support_rotations(x)
 
     def move(self, x: Motion, step: Step) -> Motion:
         """The motion after a step [n_free]."""
@@ -75,19 +75,19 @@ class System(Elementwise):
 
     def chart(self, x: Motion) -> tuple[Callable[[Step], Step], Step, Callable[[Step], Motion]]:
         """Residual as a function of a step from `x`, the zero step, and the motion after a step."""
-        x = self.place(x)
+        x = self.impose_supports(x)
         # computed from x, so that the zero step has the batch axes of x
         zero = jnp.where(jnp.isnan(x[0, 0]), 0.0, 0.0)
-        zero = jnp.full(self.freedoms.free.shape[0], zero, x.dtype)
+        zero = jnp.full(self.dof_map.free.shape[0], zero, x.dtype)
 
         def residual(step: Step) -> Step:
-            return self.space.held_still(self._residual_about(x, step), step)
+            return self.space.hold_temporarily_fixed(self._residual_about(x, step), step)
 
         return residual, zero, lambda step: self.move(x, step)
 
     def refined(self, x: Motion) -> Motion:
         """`x` with a fine part in a net, which is iterated with one (`spaces.translations`)."""
-        return refined(coarse(x)) if self.is_net else x
+        return append_low_part(drop_low_part(x)) if self.is_net else x
 
     # --- forces
 
@@ -100,12 +100,12 @@ class System(Elementwise):
         """
         if end_forces is None:
             end_forces = self.reading(x, "end_forces")["end_forces"]
-        ends = [self.space.padded(forces) for forces in end_forces]
+        ends = [self.space.pad_moments(forces) for forces in end_forces]
         return self.at_rows(ends), self.at_rows(self.end_sizes(ends, x))
 
     def end_sizes(self, ends: EndForces, x: Motion) -> list[Float[Array, "n_elem n_end"]]:
         """Sizes of the end forces of every group, with those of parts that balance each other."""
-        sizes = [self.space.size(forces) for forces in ends]
+        sizes = [self.space.force_norm(forces) for forces in ends]
         for k, (group, state) in enumerate(zip(self.groups, self.states, strict=True)):
             if group.remembers:
                 sizes[k] = sizes[k] + self.part_sizes(group, state, x)
@@ -115,8 +115,8 @@ class System(Elementwise):
         """Sums at every row of `values` at the ends of all elements, [n_row, ...]."""
         parts = [value.reshape(-1, *value.shape[2:]) for value in values]
         flat = parts[0] if len(parts) == 1 else jnp.concatenate(parts)
-        if self.freedoms.meeting is not None:
-            return self.freedoms.meeting(flat)
+        if self.dof_map.nodal_assembly is not None:
+            return self.dof_map.nodal_assembly(flat)
         rows = jnp.concatenate([group.links.reshape(-1) for group in self.groups])
         return jnp.zeros((len(self.nodes), *flat.shape[1:]), flat.dtype).at[rows].add(flat)
 
@@ -150,12 +150,12 @@ class System(Elementwise):
             x: motion of all rows.
             spread: step of all rows from `x`; the forces are those after it, and conjugate to it.
         """
-        load = self.load if spread is None else self.space.conjugate(self.load, spread)
+        load = self.load if spread is None else self.space.conjugate_loads(self.load, spread)
         if self.followers is None:
             return load
         moved = self.nodes + x[:, :3]
         moved = moved if spread is None else moved + spread[:, :3]
-        return load + self.space.padded(self.following(moved))
+        return load + self.space.pad_moments(self.following(moved))
 
     def following(self, moved: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
         """Following loads on every row for nodes at `moved`, both [n_row, 3], N."""
@@ -169,14 +169,14 @@ class System(Elementwise):
 
     def residual(self, x: Motion) -> Step:
         """Unbalanced force at every free freedom, [n_free], N (moments over a length)."""
-        return self.space.collected(self.unbalanced(x), x)
+        return self.space.restrict(self.unbalanced(x), x)
 
     def _residual_about(self, x: Motion, step: Step) -> Step:
         """Unbalanced force conjugate to a step [n_free] from `x`, [n_free], N."""
-        spread = self.space.spread(x, step)
+        spread = self.space.prolong(x, step)
         load = self.external_force(x, spread)
         internal, _ = self.internal_force(x, self._end_forces_about(x, spread))
-        return self.space.collected(internal - load, x, spread)
+        return self.space.restrict(internal - load, x, spread)
 
     def residual_and_scale(
         self, x: Motion, end_forces: EndForces | None = None
@@ -186,8 +186,8 @@ class System(Elementwise):
         The scale is the largest, over rows, of the sum of absolute end forces plus the load.
         """
         (force, size), load = self.internal_force(x, end_forces), self.external_force(x)
-        scale = jnp.max(size + self.space.size(load))
-        return self.space.collected(force - load, x), scale
+        scale = jnp.max(size + self.space.force_norm(load))
+        return self.space.restrict(force - load, x), scale
 
     @property
     def rounds(self) -> bool:
@@ -199,14 +199,14 @@ class System(Elementwise):
         left = []
         for group, state in zip(self.groups, self.states, strict=True):
             if isinstance(group, Rounding):
-                left.append(self.space.padded(each("rounding", group, state, self.nodes, x)))
+                left.append(self.space.pad_moments(each("rounding", group, state, self.nodes, x)))
             else:
                 left.append(jnp.zeros((*group.links.shape, self.space.n_freedom), x.dtype))
-        return jnp.abs(self.space.collected(self.at_rows(left), x))
+        return jnp.abs(self.space.restrict(self.at_rows(left), x))
 
     def load_norm(self, x: Motion) -> Float[Array, ""]:
         """Euclidean norm of the load on the free freedoms, N (moments over a length)."""
-        return jnp.linalg.norm(self.space.collected(self.external_force(x), x))
+        return jnp.linalg.norm(self.space.restrict(self.external_force(x), x))
 
     @property
     def may_be_unsymmetric(self) -> bool:
@@ -244,12 +244,12 @@ class System(Elementwise):
         pattern. `known` are tangents of elements that are known already, see `linearized`.
         """
         parts = self.parts(self.tangents(x, known), x) + self.external_parts(x)
-        return self.space.regular(self._assemble(parts), x)
+        return self.space.stabilize_free_spins(self._assemble(parts), x)
 
-    def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[Part]:
-        """Matrices [n_elem, d, d] of the elements of all groups as `linear.assemble` takes them."""
+    def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[MatrixPart]:
+        """Matrices [n_elem, d, d] of the elements of all groups as `linear.assemble_matrix` takes them."""
         return [
-            self.space.part(blocks, group.links, group.n_freedom, group.inner, x)
+            self.space.transform_to_unknowns(blocks, group.links, group.n_freedom, group.inner, x)
             for blocks, group in zip(matrices, self.groups, strict=True)
         ]
 
@@ -261,7 +261,7 @@ class System(Elementwise):
         Arguments as of `masses`. The masses of paired elements are not paired: the pattern has to
         be one without pairs.
         """
-        pattern = self.freedoms.pattern
+        pattern = self.dof_map.pattern
         if pattern is not None and any(pattern.paired):
             raise ValueError("pattern: is one of paired elements, whose masses are not paired")
         parts = self.parts(self.masses(x, gravity, distribution), x)
@@ -269,18 +269,18 @@ class System(Elementwise):
         others = jax.eval_shape(lambda: self.external_parts(x))
         return self._assemble(parts + jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), others))
 
-    def external_parts(self, x: Motion) -> list[Part]:
+    def external_parts(self, x: Motion) -> list[MatrixPart]:
         """Terms of the tangent from `external_force`, as `parts`: loads that follow, and moments.
 
         A sparse pattern needs places for them, after those of the elements (`number_freedoms`).
         """
         arguments = self.groups, self.states, self.nodes, self.nodes + x[:, :3]
         following = [
-            self.space.part(-blocks, links, 3, (), x)
+            self.space.transform_to_unknowns(-blocks, links, 3, (), x)
             for follower in self.followers or ()
             for blocks, links in follower.following_blocks(*arguments)
         ]
-        return following + self.space.own_parts(self.load, lambda: self.unbalanced(x), x)
+        return following + self.space.load_stiffness(self.load, lambda: self.unbalanced(x), x)
 
     def secant(self, before: Motion, x: Motion) -> Matrix:
         """Secant stiffness between two points, a matrix like `tangent`, N/m."""
@@ -288,21 +288,21 @@ class System(Elementwise):
 
     def displaced_by(self, x: Motion) -> Float[Array, "n_row 3 n_free"]:
         """Derivative of the displacements of all rows by the unknowns, [n_row, 3, n_free]."""
-        freedoms, n_row = self.freedoms, len(x)
-        number, slopes = freedoms.number, self.space.slopes(x)
-        if freedoms.carried is not None:
-            number = number[carriers(n_row, freedoms.carried)]
+        dof_map, n_row = self.dof_map, len(x)
+        number, slopes = dof_map.unknown_of_dof, self.space.motion_jacobian(x)
+        if dof_map.rigid_links is not None:
+            number = number[reference_rows(n_row, dof_map.rigid_links)]
         if slopes is None:
             number = number[:, :3]
             slopes = jnp.broadcast_to(jnp.eye(3, dtype=x.dtype), (n_row, 3, 3))
-        moved = jnp.zeros((n_row, 3, freedoms.free.shape[0] + 1), x.dtype)
+        moved = jnp.zeros((n_row, 3, dof_map.free.shape[0] + 1), x.dtype)
         at = jnp.arange(n_row)[:, None, None], jnp.arange(3)[None, :, None], number[:, None, :]
         return moved.at[at].add(slopes[:, :3])[..., :-1]
 
-    def _assemble(self, parts: list[Part]) -> Matrix:
-        matrix = linear.assemble(parts, self.freedoms.free.shape[0], self.freedoms.pattern)
-        bound = self.freedoms.bound
-        return matrix if bound is None or not bound.size else linear.held_at(matrix, bound)
+    def _assemble(self, parts: list[MatrixPart]) -> Matrix:
+        matrix = linear.assemble_matrix(parts, self.dof_map.free.shape[0], self.dof_map.pattern)
+        bound = self.dof_map.temporarily_fixed
+        return matrix if bound is None or not bound.size else linear.hold_unknowns(matrix, bound)
 
     # --- results
 
@@ -327,16 +327,16 @@ class System(Elementwise):
             bears = state.only_present(~loose)[:, None]
             taut.append(jnp.broadcast_to(bears, group.links.shape).astype(jnp.int32))
         stiffened = self.at_rows(taut) > 0
-        if self.freedoms.rows is not None:
-            stiffened = stiffened.at[self.freedoms.rows].max(stiffened)
-        return ~stiffened & ~jnp.all(self.freedoms.fixed, axis=-1)
+        if self.dof_map.node_of_row is not None:
+            stiffened = stiffened.at[self.dof_map.node_of_row].max(stiffened)
+        return ~stiffened & ~jnp.all(self.dof_map.fixed, axis=-1)
 
     def kinked(self, motion: Motion) -> Bool[Array, ""]:
         """Whether a cable at a free node is exactly unstressed.
 
         Equilibrium then has no derivative. (A cable whose law remembers goes slack elsewhere.)
         """
-        found, free = jnp.zeros((), bool), self.freedoms.moves()
+        found, free = jnp.zeros((), bool), self.dof_map.movable_dofs()
         for group, state in zip(self.groups, self.states, strict=True):
             if group.tension_only and not group.remembers:
                 moves = jnp.any(free[group.links], axis=(1, 2))
@@ -348,7 +348,7 @@ class System(Elementwise):
     def may_be_convex(self) -> bool:
         """Whether the energy is convex under dead loads: all groups are tension-only and rising."""
         return self._symmetric_elements and all(
-            group.tension_only and group.rising for group in self.groups
+            group.tension_only and group.monotone for group in self.groups
         )
 
     @property

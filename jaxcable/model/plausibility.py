@@ -45,7 +45,7 @@ def issues_warnings(judge: Callable[..., Iterator[str]]) -> Callable[..., None]:
         with np.errstate(all="ignore"):  # numbers may be of any size
             texts = list(judge(*args))
         for text in texts:
-            checks.suspect(text)
+            checks.warn_user(text)
 
     return warn
 
@@ -58,7 +58,7 @@ def warn_if_unstable(solution: Any) -> None:
         zip(*solution.phases.status_and_stability, strict=True)
     ):
         if int(code) == status.OK and not bool(stable):
-            checks.suspect(
+            checks.warn_user(
                 f"phase {number + 1} (phases[{number}]) ends in an unstable equilibrium: its "
                 "tangent stiffness has a negative eigenvalue, and the structure will not stay "
                 "there; trace_path shows the load factor at which it became unstable",
@@ -180,7 +180,7 @@ def warn_of_zero_bending(named: NamedGroups, fixed: FixedDofs) -> Iterator[str]:
 
 def array_or_none(value):
     """Return `value` as NumPy array; None if it is None or being traced."""
-    return checks.concrete(value)
+    return checks.array_if_known(value)
 
 
 def lengths_over_nodes(group, nodes):

@@ -3,8 +3,8 @@
 A mast on a ball joint with guys at its axis can spin: no force, no strain and no node's position
 depends on the spin, but the tangent is singular. Such pieces are found on the host, from the
 geometry, and named in a warning. The analysis restrains one node of each piece softly if the spin
-is indeed without stiffness (`spaces.RigidNodes.regular`). Equilibrium is not affected: under a
-torque about the line no equilibrium exists.
+is indeed without stiffness (`spaces.RotatingNodes.stabilize_free_spins`). Equilibrium is not
+affected: under a torque about the line no equilibrium exists.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def find_free_spins(
         fixed: held freedoms of all nodes, [n_node, 6], NumPy.
         axes: their directions, [n_node, 3, 3], one in each row of a matrix.
     """
-    nodes = checks.concrete(structure.nodes)
+    nodes = checks.array_if_known(structure.nodes)
     if nodes is None:
         return None  # with traced nodes it is not known which pieces are straight
     rows, piece, ends = [], [], []
@@ -155,7 +155,7 @@ def warn_of_free_spins(structure: Any, fixed: Any, label: str = "supports") -> N
     spins = fixed.spins
     if spins is None:
         return
-    nodes: Any = checks.concrete(structure.nodes)  # known, because free spins were found
+    nodes: Any = checks.array_if_known(structure.nodes)  # known, because free spins were found
     held = fixed.array[:, :3].any(axis=1)
     for number, (first, second) in enumerate(spins.ends.tolist()):
         turning = spins.rows[spins.piece == number]
@@ -170,7 +170,7 @@ def warn_of_free_spins(structure: Any, fixed: Any, label: str = "supports") -> N
         hint = ""
         if not held[[*turning, first, second]].any():
             hint = f", and none of them is supported: is a support missing, such as node {first}?"
-        checks.suspect(
+        checks.warn_user(
             f"{label}: {where}, along {along.tolist()}: nothing holds this rotation{hint or ';'} "
             f'to hold it, add restrained([{first}], about="x", axes={along.tolist()}), or in a '
             f'scene file, in supports, "chosen": [{first}], {_scene_file_fields(along)}'
