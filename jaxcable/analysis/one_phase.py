@@ -63,7 +63,7 @@ def run_phase(
         before: the carry before the phase.
         steps: (number of its increments, load factors from 0 on, [1 + n_inc]). Factors above 1 are
             those of phases with more increments: nothing is done at them.
-        method, code, factored, seen, fresh, tell: see `newton.march`.
+        method, code, factored, seen, fresh, tell: see `newton.solve_increments`.
         differentiate_path: whether increments have derivatives, and not only the end.
     """
     ramp, (count, factors) = Ramp.build(*problem), steps
@@ -107,7 +107,9 @@ def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fre
     """
     (factors, live), method, _ = given
     frozen = lax.stop_gradient(ramp)
-    found = newton.march(frozen, frozen.begin.motion, *given, factored, seen, fresh, tell)
+    found = newton.solve_increments(
+        frozen, frozen.begin.motion, *given, factored, seen, fresh, tell
+    )
     *whole, seen, memory, factored = found
     xs, log, readings = jax.tree.map(lambda x: x[1:], whole)
     factors, good = factors[1:], (log[:, 0] == status.OK) & live[1:]
@@ -115,7 +117,7 @@ def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fre
     ramp = implicit.stop_gradient_unless(valid, ramp)
     x = xs[-1]  # the point stays where it was when an increment fails
     if memory is None:
-        tol, worth = newton.adjoint_effort(method, ramp.at(factor), factors.dtype)
+        tol, worth = newton.adjoint_cg_settings(method, ramp.at(factor), factors.dtype)
         point = implicit.attach_derivative_with_marks(
             ramp.at(factor), x, valid, factored, tol, worth
         )
@@ -136,7 +138,7 @@ def _solve_by_scheme(ramp, count, given, fresh, tell):
     """Solve the increments by `Incremental`, differentiated through; see `_solve_by_newton`."""
     (factors, live), method, code = given
     increments = factors[1:], live[1:]
-    xs, log = incremental.march(ramp, ramp.begin.motion, increments, method, code, tell)
+    xs, log = incremental.solve_increments(ramp, ramp.begin.motion, increments, method, code, tell)
     x, memory = xs[-1], None
     if ramp.memory is None:
         readings = jax.vmap(lambda f, x: _path_output(ramp.at(f), x))(factors[1:], xs)

@@ -239,7 +239,7 @@ def _nan_unless(ok, end, touched):
 
 
 def _progress_reporter(listen, phases):
-    """Return the function `report_progress` of `newton.march`, which reports increments to the listener."""
+    """Return the function `report_progress` of `newton.solve_increments`, which reports increments to the listener."""
 
     def news(number, count, factor, outcome):
         traced = {

@@ -59,7 +59,7 @@ class TensionOnly(Straight, Pulling):
         )
 
     def fits_cones(self, state: AxialState) -> bool:
-        """Whether `equilibrium.cones` applies: to a linear law, as they are straight."""
+        """Whether `conic_interior_point` applies: to a linear law, as they are straight."""
         return self.stiffness_along() is not None
 
     def pulled(self, state: AxialState, ends: Ends, motion: Motion) -> Pull:

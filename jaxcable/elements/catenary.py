@@ -106,7 +106,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         return self._hang(state, ends, motion)[0]
 
     def fits_cones(self, state: AxialState) -> bool:
-        """Whether `equilibrium.cones` applies: where no load acts along them in any phase."""
+        """Whether `conic_interior_point` applies: where no load acts along them in any phase."""
         return state.line_load is None and super().fits_cones(state)
 
     def pulled(self, state: AxialState, ends: Ends, motion: Motion) -> Pull:
