@@ -112,8 +112,8 @@ FAULTS = (
         "",
         "a clamped support clamps a beam beyond its hinge"),
     Fault("loads/along.py",
-        "self.partly(number, amounts, state) / state.rest_length, self._vector()",
-        "self.partly(number, amounts, state) / state.rest_length, self._vector() / "
+        "self.partly(number, amounts, state) / state.rest_length, self._load_vector()",
+        "self.partly(number, amounts, state) / state.rest_length, self._load_vector() / "
         "getattr(self, 'factor', 1.0)",
         "the factor of a line load acts at the ends of beams, but not between them"),
     Fault("loads/areas.py",
@@ -161,7 +161,7 @@ FAULTS = (
     Fault("analysis/states.py",
         "load = load.at[group.links, :3].add(slid)", "load = load.at[group.links, :3].add(-slid)",
         "the reported load of a sliding cable moves against its weight"),
-    Fault("analysis/phases.py",
+    Fault("analysis/statements.py",
         "return differs(group) and mixed and not warms", "return differs(group) and mixed",
         "a temperature for all leaves beams beside cables cold"),
     Fault("analysis/prestress_rules.py",

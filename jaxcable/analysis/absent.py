@@ -22,19 +22,20 @@ from ..elements.stated import Stated
 from ..loads.groups import OnGroups
 from ..loads.load import Acting
 from ..model.structure import Structure
-from .by_group import is_scalar, spread
-from .phases import ABSOLUTE, INCREMENTS, Phase, all_stated
+from .by_group import is_single_number, spread
+from .phases import Phase, all_stated
 from .presence import Presence
+from .statements import ABSOLUTE, INCREMENTS, statement_path
 
 
-def require_present(
+def refuse_absent_elements(
     structure: Structure,
     phases: Sequence[Phase],
     statements: Sequence[Sequence[dict[str, Stated]]],
     presence: Presence,
     earlier: int = 0,
 ) -> Presence:
-    """Refuse statements that name elements which are not there: the presence, with its `sound`.
+    """Refuse statements that name elements which are not there; return the presence.
 
     Args:
         structure, phases: of the analysis.
@@ -49,28 +50,28 @@ def require_present(
     for k, phase in enumerate(phases):
         there = [present[k] for present in presence.present]
         for name, value in all_stated(phase).items():
-            label = f"phases[{earlier + k}].{name}"
-            if is_scalar(value):
-                _judge_scalar(name, label, [name in own for own in statements[k]], there)
+            label = f"phases[{earlier + k}].{statement_path(name)}"
+            if is_single_number(value):
+                _warn_if_all_absent(name, label, [name in own for own in statements[k]], there)
                 continue
-            values = spread(value, structure, name)
+            values = spread(value, structure, label)
             parts = zip(values, structure.named_groups(), there, strict=True)
             for number, (given, (where, group), own) in enumerate(parts):
-                if given is None or _states_nothing(name, given):
+                if given is None or _is_zero_increment(name, given):
                     continue
-                wrong = _named_absent(label, where, given, group, own)
+                wrong = _names_absent_element(label, where, given, group, own)
                 if isinstance(wrong, jax.core.Tracer):
                     sound = jnp.ones(len(phases), bool) if sound is None else sound
                     sound = sound.at[k].set(sound[k] & ~wrong)
                 later = [of_phase[number] for of_phase in statements[k + 1 :]]
-                _judge_array(name, label, where, given, presence.present[number][k:], later)
+                _warn_of_lost_value(name, label, where, given, presence.present[number][k:], later)
     return presence._replace(sound=sound)
 
 
-def loads_that_never_act(
+def warn_of_idle_loads(
     along: Sequence[Sequence[Acting]], presence: Presence, earlier: int = 0
 ) -> None:
-    """Warn of loads on elements none of which is there from the phase of the load on.
+    """Warn of loads on elements of which none is there in the phase of the load or later.
 
     Args:
         along: element loads of every phase, after `among`.
@@ -85,46 +86,47 @@ def loads_that_never_act(
             if any(isinstance(presence.present[number], jax.core.Tracer) for number in on):
                 continue
             part = acting.part or {}
-            acts = [presence.present[n][k:] & _loaded(part.get(n)) for n in on]
+            acts = [presence.present[n][k:] & _loaded_elements(part.get(n)) for n in on]
             if not any(np.any(one) for one in acts):
                 checks.warn_user(
-                    f"loads of phases[{earlier + k}]: {acting} acts on elements that are not "
-                    "there, neither in this phase nor in a later one"
+                    f"phases[{earlier + k}].loads: {acting} acts on nothing: its elements are not "
+                    "there in this phase, nor in a later one"
                 )
 
 
-def _loaded(factors):
-    """Which elements a load acts on by its factors, [n_elem, ...] or None: all if not known."""
+def _loaded_elements(factors):
+    """Return which elements a load acts on, by its factors [n_elem, ...]; True if not known."""
     known = checks.array_if_known(factors)
     return True if known is None else (known != 0).reshape(len(known), -1).any(axis=1)
 
 
-def _states_nothing(name, given):
-    """Whether a statement is an increment that is known to be zero."""
+def _is_zero_increment(name, given):
+    """Return whether a statement is an increment (shortening, temperature) known to be zero."""
     values = checks.array_if_known(given.values if isinstance(given, Only) else given)
     return name in INCREMENTS and values is not None and not np.any(values)
 
 
-def _judge_scalar(name, label, concerned, there):
-    """Warn of one number for the whole structure if nothing that it concerns is there."""
+def _warn_if_all_absent(name, label, concerned, there):
+    """Warn of one number for the whole structure if no element that takes it is there."""
     known = [own for own, ours in zip(there, concerned, strict=True) if ours]
     if name == "temperature" or any(isinstance(own, jax.core.Tracer) for own in known):
         return
     if not any(own.any() for own in known):
-        checks.warn_user(f"{label}: none of the elements that it is for is there in this phase")
+        checks.warn_user(
+            f"{label}: has no effect: none of the elements that take it is there in this phase"
+        )
 
 
-def _named_absent(label, where, given, group, there) -> bool | Bool[jax.Array, ""]:
-    """Whether a statement for a group names absent elements; ValueError if that is known."""
-    hint = "state it in the phase that adds it, or later"
+def _names_absent_element(label, where, given, group, there) -> bool | Bool[jax.Array, ""]:
+    """Return whether a statement for a group names absent elements; ValueError if that is known."""
+    hint = "give the value in the phase that adds it, or in a later one"
     if isinstance(given, Only):
-        lost = given.element_mask(len(group.links), label) & ~there
+        lost = given.element_mask(len(group.links), f"{label}{where}") & ~there
         if isinstance(lost, jax.core.Tracer):
             return jnp.any(lost)
         if lost.any():
-            of = f" of elements{where}" if where else ""
             raise ValueError(
-                f"{label}: element {int(lost.argmax())}{of} is not there in this phase; {hint}"
+                f"{label}{where}: element {int(lost.argmax())} is not there in this phase; {hint}"
             )
         return False
     if isinstance(there, jax.core.Tracer):
@@ -134,8 +136,8 @@ def _named_absent(label, where, given, group, there) -> bool | Bool[jax.Array, "
     return False
 
 
-def _judge_array(name, label, where, given, present, later):
-    """Warn of a number for an absent element that a later phase adds without a statement.
+def _warn_of_lost_value(name, label, where, given, present, later):
+    """Warn of a value for an absent element that a later phase adds without a statement.
 
     Args:
         name, label, where: of the statement and its group, for messages.
@@ -161,6 +163,6 @@ def _judge_array(name, label, where, given, present, later):
         k = int(lost.argmax())
         shown = ", ".join(f"{number:.6g}" for number in np.atleast_1d(values[k]))
         checks.warn_user(
-            f"{label}{where}[{k}] = {shown}: the element is not there in this phase, and "
-            "the phase that adds it states nothing for it: the number has no effect"
+            f"{label}{where}[{k}] = {shown}: has no effect: the element is not there in this "
+            "phase; give the value in the phase that adds it"
         )

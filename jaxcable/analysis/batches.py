@@ -22,8 +22,8 @@ from ..common import checks
 from ..common.fusion import are_loops_fused
 from ..common.types import Array, PyTree
 
-_AXIS = "cases"
-_CHUNK = 256  # cases of a thread at once: their data stay in cache
+_CASES_AXIS = "cases"
+_THREAD_CHUNK = 256  # cases of a thread at once: their data stay in cache
 
 
 def batched(
@@ -76,12 +76,12 @@ def batched(
 
     def share(*cases):
         """The cases of one device."""
-        count = _count(cases)
+        count = _count_cases(cases)
         if chunk is None or count <= chunk:
             return one_by_one(*cases)
         chunks = -(-count // chunk)
         parts = jax.tree.map(
-            lambda a: a.reshape(chunks, chunk, *a.shape[1:]), _filled(cases, chunks * chunk)
+            lambda a: a.reshape(chunks, chunk, *a.shape[1:]), _pad_cases(cases, chunks * chunk)
         )
         results = lax.map(lambda part: one_by_one(*part), parts)
         return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], results)
@@ -90,45 +90,45 @@ def batched(
     def run(*cases):
         if devices is None:
             return share(*cases)
-        count = _count(cases)
+        count = _count_cases(cases)
         per_device = -(-count // len(devices))
         spread = jax.shard_map(
             share,
-            mesh=Mesh(np.asarray(devices), (_AXIS,)),
-            in_specs=PartitionSpec(_AXIS),
-            out_specs=PartitionSpec(_AXIS),
+            mesh=Mesh(np.asarray(devices), (_CASES_AXIS,)),
+            in_specs=PartitionSpec(_CASES_AXIS),
+            out_specs=PartitionSpec(_CASES_AXIS),
             check_vma=False,  # loops begin with constants, which are the same on all devices
         )
-        results = spread(*_filled(cases, per_device * len(devices)))
+        results = spread(*_pad_cases(cases, per_device * len(devices)))
         return jax.tree.map(lambda a: a[:count], results)
 
     concrete = []  # results have been so once: the function knows no traced numbers
 
     def checked(*cases):
-        count = _count(cases)
-        if devices is not None or not are_loops_fused() or not _concrete(cases):
+        count = _count_cases(cases)
+        if devices is not None or not are_loops_fused() or not _is_concrete(cases):
             return run(*cases)
-        workers = _cores()
-        rounds = -(-count // (workers * (chunk or _CHUNK)))
+        workers = _usable_cores()
+        rounds = -(-count // (workers * (chunk or _THREAD_CHUNK)))
         size = -(-count // (workers * rounds))
         if not concrete:  # the first chunk compiles, too
             first = run(*jax.tree.map(lambda a: np.asarray(a)[:size], cases))
-            if not _concrete(first):
+            if not _is_concrete(first):
                 return run(*cases)
             concrete.append(True)
-        return run(*cases) if size == count else _by_threads(run, cases, size, workers)
+        return run(*cases) if size == count else _map_in_threads(run, cases, size, workers)
 
     return checked
 
 
-def _by_threads(run, cases, size, workers):
-    """Results of a compiled function for chunks of `size` cases, computed by several threads."""
+def _map_in_threads(run, cases, size, workers):
+    """Call a compiled function for chunks of `size` cases in several threads; join the results."""
     cases = jax.tree.map(np.asarray, cases)
-    count = _count(cases)
+    count = _count_cases(cases)
 
     def compute(begin):
         part = jax.tree.map(lambda a: a[begin : begin + size], cases)
-        return jax.block_until_ready(run(*_filled(part, size)))
+        return jax.block_until_ready(run(*_pad_cases(part, size)))
 
     with ThreadPoolExecutor(workers) as pool:
         parts = list(pool.map(compute, range(0, count, size)))
@@ -136,31 +136,32 @@ def _by_threads(run, cases, size, workers):
     return jax.tree.map(jnp.asarray, whole)
 
 
-def _cores():
-    """Cores that this process may use, if jax computes on CPUs; else 1."""
+def _usable_cores():
+    """Return the number of cores that this process may use if jax computes on CPUs; else 1."""
     if jax.default_backend() != "cpu":
         return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
 
 
-def _concrete(tree):
-    """Whether no number of a pytree is traced."""
+def _is_concrete(tree):
+    """Return whether no leaf of a pytree is traced."""
     return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
-def _count(cases):
-    """Length of the common leading axis."""
+def _count_cases(cases):
+    """Return the length of the common leading axis; ValueError if there is none."""
     shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(cases)]
     counts = {shape[0] if shape else None for shape in shapes}
     if len(counts) != 1 or None in counts or 0 in counts:
         raise ValueError(
-            f"cases: expected arrays with one leading axis of at least one case, got {shapes}"
+            "cases: expected arrays with one common leading axis [n_case, ...] and at least one "
+            f"case, got shapes {shapes}"
         )
     return counts.pop()
 
 
-def _filled(cases, count):
-    """The cases, the last one repeated until there are `count`."""
+def _pad_cases(cases, count):
+    """Return the cases with the last one repeated until there are `count`."""
 
     def fill(a):
         missing = count - a.shape[0]

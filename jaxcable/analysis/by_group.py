@@ -14,24 +14,26 @@ from ..elements.abilities import components_of
 from ..model.structure import Structure
 
 
-def is_scalar(value: Any) -> bool:
-    """Whether a statement is one number for the whole structure."""
+def is_single_number(value: Any) -> bool:
+    """Return whether a statement is one number for the whole structure."""
     leaf = jax.tree_util.treedef_is_leaf(jax.tree.structure(value))
     return leaf and not isinstance(value, dict | None) and np.ndim(value) == 0
 
 
 def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
-    """A prefix pytree of the elements as a list with one entry per group, None if not stated.
+    """Assign values to the groups; return a list with one item per group, None if not given.
 
-    Groups that a dict leaves out have no entry.
+    `value` is one number, or a pytree with the upper levels of the structure's elements (a prefix),
+    such as a dict by group. Groups that a dict leaves out have None. `name` is what messages call
+    the value.
 
     Raises:
         ValueError: keys that no group has, or another shape.
     """
-    if value is None or is_scalar(value):
+    if value is None or is_single_number(value):
         return [value] * len(structure.groups)
     numbers = structure.arrange(list(range(len(structure.groups))))
-    value = _filled(value, numbers, name)
+    value = _fill_missing_groups(value, numbers, name)
     if isinstance(numbers, int) and isinstance(value, list | tuple):
         return [value]  # the values of the only group
 
@@ -56,20 +58,37 @@ def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
         except (ValueError, TypeError, KeyError):
             continue
         return values
-    known = [components_of(group, name) for group in structure.groups]
+    label, numbers, value = _first_mismatch(name, numbers, value)
+    statement = name.rpartition(".")[2].removeprefix("own['").removesuffix("']")
+    known = [components_of(group, statement) for group in structure.groups]
     columns = [
         f"; components are the columns of [n_elem, {len(names)}]: {', '.join(names)}"
         for names in known
         if names
     ]
-    raise ValueError(
-        f"{name}: expected one number, numbers [n_elem] of the only group, or these by group: "
-        f"the structure has {_told(numbers)}, got {_told(value)}{''.join(dict.fromkeys(columns))}"
-    )
+    expected = "one number, or numbers [n_elem] of the group"
+    if not isinstance(numbers, int):
+        expected = f"one number, or numbers by group: the structure has {_describe_tree(numbers)}"
+    hint = "".join(dict.fromkeys(columns))
+    raise ValueError(f"{label}: expected {expected}, got {_describe_tree(value)}{hint}")
 
 
-def _filled(value, numbers, name):
-    """`value` with nothing for the groups that its dicts leave out; ValueError for unknown keys.
+def _first_mismatch(label, numbers, value):
+    """Find the first part of `value` that does not fit the tree of `numbers` of the groups.
+
+    Returns:
+        The part as a user writes it, the numbers of groups there, and the value there.
+    """
+    if isinstance(numbers, dict) and isinstance(value, dict):
+        for key, own in numbers.items():
+            given = value.get(key)
+            if isinstance(given, dict) or (isinstance(own, dict) and isinstance(given, list)):
+                return _first_mismatch(f"{label}[{key!r}]", own, given)
+    return label, numbers, value
+
+
+def _fill_missing_groups(value, numbers, name):
+    """Return `value` with None for groups that its dicts leave out; refuse unknown keys.
 
     Args:
         value: prefix pytree of the elements; its lists and tuples have all of their items.
@@ -83,14 +102,18 @@ def _filled(value, numbers, name):
                     f"{name}: no group {key!r} in the structure's elements"
                     f"{checks.suggest_names(key, numbers)}"
                 )
-        return {key: _filled(value.get(key), own, name) for key, own in numbers.items()}
+        return {
+            key: _fill_missing_groups(value.get(key), own, name) for key, own in numbers.items()
+        }
     if type(value) in (list, tuple) and type(value) is type(numbers) and len(value) == len(numbers):
-        return type(value)(_filled(*pair, name) for pair in zip(value, numbers, strict=True))
+        return type(value)(
+            _fill_missing_groups(*pair, name) for pair in zip(value, numbers, strict=True)
+        )
     return value
 
 
-def _told(tree):
-    """What a tree is at its top, in words."""
+def _describe_tree(tree):
+    """Describe the top level of a tree in words: names of groups, length of a list, or type."""
     if isinstance(tree, dict):
         return f"groups by name: {', '.join(map(repr, tree))}" if tree else "no group"
     if isinstance(tree, list | tuple):

@@ -22,12 +22,12 @@ from ..numerics import implicit
 from ..numerics.implicit_root import with_deferred_derivative
 from ..spaces import space_of
 from ..spaces.translations import append_low_part, drop_low_part, has_low_part
-from .phase_results import LOG, Path
+from .phase_results import LOG_COLUMNS, Path
 from .results import element_fields
 
 
-class Ended(NamedTuple):
-    """What a phase ended with; a good increment is one whose status is OK.
+class PhaseOutcome(NamedTuple):
+    """What a phase ends with; an increment is called good if its status is OK.
 
     Attributes:
         code, stable: status so far, and whether the end of the phase is stable.
@@ -37,7 +37,7 @@ class Ended(NamedTuple):
             `implicit.attach_derivative_with_marks`.
         factor: load factor of the last good increment, 0 if there is none.
         seen: `Reading` of the last good increment.
-        path, log: `Path`, and the numbers `LOG` of every increment, [n_inc, 10].
+        path, log: `Path`, and the numbers `LOG_COLUMNS` of every increment, [n_inc, 10].
         factored: the last matrix that a sparse solve has factorised.
     """
 
@@ -56,7 +56,7 @@ class Ended(NamedTuple):
 def run_phase(
     problem, before, steps, method, code, differentiate_path, factored, seen, fresh, tell
 ):
-    """Go through the increments of a phase: `Ended`.
+    """Solve the increments of one phase; return its `PhaseOutcome`.
 
     Args:
         problem: nodes, groups, carry and `PhaseData`, of which `Ramp.build` makes the phase.
@@ -72,29 +72,33 @@ def run_phase(
     factors = jnp.minimum(factors, 1)  # later increments repeat the end; results leave them out
     given = (factors, live), method, code
     if isinstance(method, Newton):
-        found = _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tell)
+        found = _solve_by_newton(
+            ramp, count, given, differentiate_path, factored, seen, fresh, tell
+        )
     else:
-        found = _stepped(ramp, count, given, fresh, tell)
+        found = _solve_by_scheme(ramp, count, given, fresh, tell)
     ramp, (x, bare, marks), xs, readings, log, memory, seen, factored = found
     good, live = (log[:, 0] == status.OK) & live[1:], live[1:]
-    valid, factor = _reached(good, count, begin.motion.dtype)
-    carry, bare = _end(ramp, factor, (x, bare), valid, before, memory)
+    valid, factor = _last_converged(good, count, begin.motion.dtype)
+    carry, bare = _phase_end(ramp, factor, (x, bare), valid, before, memory)
     moved = xs[..., :3] - ramp.begin.motion[None, :, :3]
-    path, counts = _path(readings, moved, good, good | ~live)
+    path, counts = _make_path(readings, moved, good, good | ~live)
     motion = space_of(ramp.groups).stored_motion(jnp.where(good[:, None, None], xs, jnp.nan))
     path = copy_with(path, motion=motion)
-    code, stable = log[-1, 0].astype(jnp.int32), LOG.index("stable")
+    code, stable = log[-1, 0].astype(jnp.int32), LOG_COLUMNS.index("stable")
     if not isinstance(method, Newton):
         end, here = lax.stop_gradient((ramp.at(factor, memory), x))
         judged = newton.is_stable(end, here) & (code == status.OK)
         log = log.at[count - 1, stable].set(judged.astype(log.dtype))
     log = lax.stop_gradient(jnp.concatenate([log, counts.astype(log.dtype)], axis=1))
     stable = jnp.take(log[:, stable], count - 1) > 0
-    return Ended(code, stable, begin, carry, (bare, marks), factor, seen, path, log, factored)
+    return PhaseOutcome(
+        code, stable, begin, carry, (bare, marks), factor, seen, path, log, factored
+    )
 
 
-def _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tell):
-    """The increments by Newton's method, with the derivative of the end or of all of them.
+def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fresh, tell):
+    """Solve the increments by Newton's method; the end, or all of them, have derivatives.
 
     Returns:
         The ramp; the last point as `implicit.attach_derivative_with_marks` returns it; points,
@@ -109,7 +113,7 @@ def _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tel
     *whole, seen, memory, factored = found
     xs, log, readings = jax.tree.map(lambda x: x[1:], whole)
     factors, good = factors[1:], (log[:, 0] == status.OK) & live[1:]
-    valid, factor = _reached(good, count, factors.dtype)
+    valid, factor = _last_converged(good, count, factors.dtype)
     ramp = implicit.stop_gradient_unless(valid, ramp)
     x = xs[-1]  # the point stays where it was when an increment fails
     if memory is None:
@@ -120,46 +124,47 @@ def _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tel
         if differentiate_path:
             attach = jax.vmap(lambda f, x, ok: implicit.attach_derivative(ramp.at(f), x, ok))
             xs = attach(factors, xs, good)
-            readings = jax.vmap(lambda f, x: _reading(ramp.at(f), x))(factors, xs)
+            readings = jax.vmap(lambda f, x: _path_output(ramp.at(f), x))(factors, xs)
     else:
         problem = split_indices((ramp, factors, xs, good))
-        x, memory = with_deferred_derivative(_followed, (x, memory), problem)
+        x, memory = with_deferred_derivative(_replay_to_end, (x, memory), problem)
         point = x, x, None
         if differentiate_path:
-            readings, xs, *_ = _follow(ramp, factors, xs, good, True)
+            readings, xs, *_ = _replay_increments(ramp, factors, xs, good, True)
     return ramp, point, xs, readings, log, memory, seen, factored
 
 
-def _stepped(ramp, count, given, fresh, tell):
-    """The increments by the paper's scheme, differentiated through; returns as `_iterated`."""
+def _solve_by_scheme(ramp, count, given, fresh, tell):
+    """Solve the increments by `Incremental`, differentiated through; see `_solve_by_newton`."""
     (factors, live), method, code = given
     increments = factors[1:], live[1:]
     xs, log = incremental.solve_increments(ramp, ramp.begin.motion, increments, method, code, tell)
     x, memory = xs[-1], None
     if ramp.memory is None:
-        readings = jax.vmap(lambda f, x: _reading(ramp.at(f), x))(factors[1:], xs)
+        readings = jax.vmap(lambda f, x: _path_output(ramp.at(f), x))(factors[1:], xs)
     else:
         good = (log[:, 0] == status.OK) & live[1:]
-        readings, _, memory, x = _follow(ramp, factors[1:], xs, good, False)
+        readings, _, memory, x = _replay_increments(ramp, factors[1:], xs, good, False)
     return ramp, (x, x, None), xs, readings, log, memory, None, None
 
 
-def _reached(good, count, dtype):
-    """Whether any increment is good, and the load factor of the last good one."""
+def _last_converged(good, count, dtype):
+    """Return whether any increment is good, and the load factor of the last good one."""
     n_good = jnp.sum(good)
     return n_good > 0, (n_good / count).astype(dtype)
 
 
-def _reading(system, x):
-    """What a path keeps of one increment, a `Reading`."""
+def _path_output(system, x):
+    """Return the element results that a path keeps of one increment, a `Reading`."""
     return read(system, x).of_path
 
 
-def _follow(ramp, factors, xs, good, converges):
-    """Go through the increments of a phase with memory again, to differentiate them.
+def _replay_increments(ramp, factors, xs, good, converges):
+    """Go through the solved increments of a phase with memory again, to differentiate them.
 
-    Every increment depends on the memory that the increment before has left: the end of the phase
-    is no implicit function of the parameters, but every increment is one. Their points are known.
+    Every increment depends on the memory that the increment before has committed: the end of the
+    phase is no implicit function of the parameters, but every increment is one. Their points are
+    known.
 
     Returns:
         Readings and points of all increments; memory and point at the end.
@@ -181,17 +186,17 @@ def _follow(ramp, factors, xs, good, converges):
     return readings, xs, memory, last
 
 
-def _followed(problem):
-    """Last point and memory of a phase whose laws have a memory, see `_follow`."""
-    *_, memory, last = _follow(*merge_indices(*problem), True)
+def _replay_to_end(problem):
+    """Return last point and memory of a phase with history variables, see `_replay_increments`."""
+    *_, memory, last = _replay_increments(*merge_indices(*problem), True)
     return last, memory
 
 
-def _end(ramp, factor, points, valid, before, memory=None):
-    """Carry and bare motion at the end of a phase; those `before` it if no increment is good.
+def _phase_end(ramp, factor, points, valid, before, memory=None):
+    """Return carry and undifferentiated motion at the end of a phase.
 
-    `points` are the motion with its derivative, and the bare one, see
-    `implicit.attach_derivative_with_marks`.
+    They are those `before` it if no increment is good. `points` are the motion with its derivative,
+    and the bare one, see `implicit.attach_derivative_with_marks`.
     """
     motion, bare = points
     after = copy_with(ramp.leave(factor, drop_low_part(motion), memory), loads=None), bare
@@ -201,10 +206,10 @@ def _end(ramp, factor, points, valid, before, memory=None):
     return copy_with(carry, loads=ramp.begin.loads), bare
 
 
-def _path(readings, moved, good, finite):
-    """`Path` of a phase, NaN unless `finite`, and counts of slack elements and loose nodes.
+def _make_path(readings, moved, good, finite):
+    """Return the `Path` of a phase, and counts of slack elements and loose nodes.
 
-    The counts are [n_inc, 2], -1 unless `good`.
+    The path is NaN unless `finite`. The counts are [n_inc, 2], -1 unless `good`.
     """
 
     def known(x):

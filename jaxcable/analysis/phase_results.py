@@ -125,7 +125,7 @@ class PhaseResult(Results):
     stable: Bool[Array, ""]
 
 
-LOG = (
+LOG_COLUMNS = (
     "status",
     "iterations",
     "factorizations",
@@ -139,7 +139,10 @@ LOG = (
 )
 """Columns of the log of increments: one array, because many small ones take long to compile."""
 
-_KINDS = dict.fromkeys(("residual", "scale", "rounding")) | {"equilibrated": bool, "stable": bool}
+_COLUMN_TYPES = dict.fromkeys(("residual", "scale", "rounding")) | {
+    "equilibrated": bool,
+    "stable": bool,
+}
 """Types of the columns that are not int32; None: float, as in the log."""
 
 
@@ -152,7 +155,7 @@ class PhaseResults(Sequence[PhaseResult]):
             batches.
         paths: one `Path` of all that is not in the log, likewise with axes [n_phase, n_inc]; phases
             with fewer increments are padded.
-        log: the numbers `LOG` of every increment, [n_phase, n_inc, 10].
+        log: the numbers `LOG_COLUMNS` of every increment, [n_phase, n_inc, 10].
         increments: number of increments of every phase, a tuple.
         watched: whether the stability of every increment was judged (`Newton.watch`).
 
@@ -184,24 +187,28 @@ class PhaseResults(Sequence[PhaseResult]):
         k = range(len(self))[number]
         batch, count = (slice(None),) * (self.log.ndim - 3), self.increments[k]
         increments = (*batch, k, slice(count))
-        end, path = _taken(self.ends, (*batch, k)), _taken(self.paths, increments)
-        noted = {name: self._noted(name, increments) for name in LOG if name != "scale"}
+        end, path = _take(self.ends, (*batch, k)), _take(self.paths, increments)
+        noted = {
+            name: self._log_column(name, increments) for name in LOG_COLUMNS if name != "scale"
+        }
         noted["stable"] = noted["stable"] if self.watched else None
         path = copy_with(
             path,
-            load_factor=apply_numpy_or_jax(lambda np, log: _factors(np, log[increments]), self.log),
+            load_factor=apply_numpy_or_jax(
+                lambda np, log: _load_factors(np, log[increments]), self.log
+            ),
             relative_residual=apply_numpy_or_jax(
-                lambda np, log: _relative(np, log[increments]), self.log
+                lambda np, log: _relative_residuals(np, log[increments]), self.log
             ),
             **noted,
         )
         last = (*batch, k, count - 1)
-        status, stable = self._noted("status", last), self._noted("stable", last)
+        status, stable = self._log_column("status", last), self._log_column("stable", last)
         return copy_with(end, status=status, stable=stable, path=path)
 
-    def _noted(self, name, at):
-        """One column of the log, at an index of its leading axes, in its type."""
-        kind, column = _KINDS.get(name, "int32"), LOG.index(name)
+    def _log_column(self, name, at):
+        """Return a column of the log, at an index of its leading axes, in its type."""
+        kind, column = _COLUMN_TYPES.get(name, "int32"), LOG_COLUMNS.index(name)
 
         def read(np, log):
             values = log[at][..., column]
@@ -210,14 +217,14 @@ class PhaseResults(Sequence[PhaseResult]):
         return apply_numpy_or_jax(read, self.log)
 
     @property
-    def verdicts(self) -> tuple[Int[Array, " n_phase"], Bool[Array, " n_phase"]]:
+    def status_and_stability(self) -> tuple[Int[Array, " n_phase"], Bool[Array, " n_phase"]]:
         """Status and stability of every phase, two arrays [n_phase], of one analysis."""
         last = np.arange(len(self)), np.array(self.increments) - 1
-        return self._noted("status", last), self._noted("stable", last)
+        return self._log_column("status", last), self._log_column("stable", last)
 
 
-def _taken(tree, at):
-    """The part `at` of every array in a tree; an array that occurs twice is indexed once."""
+def _take(tree, at):
+    """Index every array of a tree with `at`; an array that occurs twice is indexed once."""
     found = {}
 
     def take(x):
@@ -228,13 +235,13 @@ def _taken(tree, at):
     return jax.tree.map(take, tree)
 
 
-def _factors(np, log):
-    """Load factors of increments, from their log [..., n_inc, 10]."""
+def _load_factors(np, log):
+    """Return load factors of increments, from their log [..., n_inc, 10]."""
     count = log.shape[-2]
     return np.broadcast_to(np.arange(1, count + 1, dtype=log.dtype) / count, log.shape[:-1])
 
 
-def _relative(np, log):
-    """Residuals over the forces that they are judged by, from the log of increments."""
-    scale = log[..., LOG.index("scale")]
-    return log[..., LOG.index("residual")] / np.where(scale > 0, scale, 1.0)
+def _relative_residuals(np, log):
+    """Return residuals over the forces that they are judged by, from the log of increments."""
+    scale = log[..., LOG_COLUMNS.index("scale")]
+    return log[..., LOG_COLUMNS.index("residual")] / np.where(scale > 0, scale, 1.0)

@@ -7,35 +7,21 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.rules import refuse_if_broken
 from ..common.selection import Only, Selection, WholeGroups
 from ..common.tree import pytree, replace
 from ..common.types import ArrayLike, Bool, Float, PyTree
-from ..elements.abilities import (
-    STATEMENTS,
-    Jacked,
-    Prestressable,
-    Sagging,
-    components_of,
-    statements_of,
-)
+from ..elements.abilities import STATEMENTS
 from ..elements.prestress import Stated
 from ..loads import as_list
 from ..loads.load import Load
-from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import Supports
-from .by_group import is_scalar, spread
-from .prestress_rules import capacity_rules, span_rules, value_rules
-
-ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking")
-"""Statements that replace the prestress of an element."""
-INCREMENTS = ("shortening", "temperature")
-"""Statements that change the prestress of an element."""
+from .statements import ABSOLUTE as ABSOLUTE
+from .statements import INCREMENTS as INCREMENTS
+from .statements import check_statements
 
 PLACES = "drawn", "attached"
 """Where the nodes that new elements bring are placed."""
@@ -166,7 +152,7 @@ class Phase:
 
     def __post_init__(self):
         for name in ("adds", "removes"):
-            object.__setattr__(self, name, by_name(getattr(self, name)))
+            object.__setattr__(self, name, as_whole_groups(getattr(self, name)))
         if self.placed not in PLACES:
             raise ValueError(f"placed = {self.placed!r}: expected one of {', '.join(PLACES)}")
         if isinstance(self.increments, bool) or not isinstance(self.increments, int | np.integer):
@@ -182,13 +168,13 @@ class Phase:
             kind = checks.describe_type(self.supports, "pinned(nodes)")
             raise ValueError(f"supports: expected pinned(nodes) or Supports(mask), got {kind}")
         as_list(self.loads)
-        self._check_own()
+        self._check_own_statements()
         for name, given in all_stated(self).items():
             for leaf in jax.tree.leaves(given):
                 checks.as_floats(leaf, name)
 
-    def _check_own(self):
-        """Raise ValueError if `own` is no dict of statements that `Phase` does not have itself."""
+    def _check_own_statements(self):
+        """Raise ValueError unless `own` is a dict of statements that `Phase` does not have."""
         if self.own is not None and not isinstance(self.own, Mapping):
             kind = checks.describe_type(self.own, '{"clamped": values}')
             raise ValueError(f"own: expected a dict of statements by name, got {kind}")
@@ -197,42 +183,32 @@ class Phase:
             if name in fields:
                 raise ValueError(f"own: {name!r} is an argument of Phase: Phase({name}=...)")
 
-    def statements(self, structure: Structure) -> list[dict[str, Stated]]:
-        """Prestress statements per group: a list of dicts from name to `Stated`."""
-        named = structure.named_groups()
-        per_group = [{} for _ in named]
-        for name, given in all_stated(self).items():
-            values = _by_group(given, structure, name)
-            for statements, (where, group), value in zip(per_group, named, values, strict=True):
-                if value is not None:
-                    try:
-                        statements[name] = _checked(value, group, name, structure)
-                    except ValueError as error:
-                        of = f"; in elements{where}" if where else ""
-                        raise ValueError(f"{error}{of}") from None
-        for statements, (where, group) in zip(per_group, named, strict=True):
-            _require_apart(statements, where, group)
-            for name, stated in statements.items():
-                if not components_of(group, name):
-                    plausibility.prestress(name, stated, group, where, structure.nodes)
-        return per_group
+    def statements(self, structure: Structure, where: str = "") -> list[dict[str, Stated]]:
+        """Return the statements for every group of a structure, checked: dicts to `Stated` by name.
+
+        Messages begin with `where`, such as "phases[0].", and the name of the statement.
+        """
+        return check_statements(all_stated(self), structure, where)
 
 
 def all_stated(phase: Phase) -> dict[str, Any]:
-    """What a phase states of elements, by the names of statements, as it is given."""
+    """Return all statements of a phase (pretension, ..., those of `own`) by name, as given."""
     fields = {name: getattr(phase, name) for name in (*ABSOLUTE, *INCREMENTS)}
     return {n: given for n, given in {**fields, **(phase.own or {})}.items() if given is not None}
 
 
 def restated(phase: Phase, name: str, given: PyTree[Any]) -> Phase:
-    """The phase with another value of one statement."""
+    """Return the phase with another value of one statement."""
     if name in STATEMENTS:
         return replace(phase, **{name: given})
     return replace(phase, own={**(phase.own or {}), name: given})
 
 
-def by_name(value: Any) -> Any:
-    """What a phase adds or removes, with keys of groups as `WholeGroups`; None if it is empty."""
+def as_whole_groups(value: Any) -> Any:
+    """Return what a phase adds or removes, with keys of groups as `WholeGroups`.
+
+    None if it is empty.
+    """
     if isinstance(value, list | tuple | dict) and not value:
         return None
     if isinstance(value, str):
@@ -242,134 +218,8 @@ def by_name(value: Any) -> Any:
     return value
 
 
-def _by_group(given, structure, name):
-    """The values of a statement, a list with an entry per group, None if it has none of it."""
-    groups = structure.groups
-    if name not in STATEMENTS:
-        _require_known(name, groups)
-    if is_scalar(given):
-        return [None if _passes_by(group, name, structure) else given for group in groups]
-    return spread(given, structure, name)
-
-
-def _require_known(name, groups):
-    """Raise ValueError if no group has a statement of this name."""
-    known = {statement: type(group) for group in groups for statement in statements_of(group)}
-    if name not in known:
-        own = [f"{s!r} of {kind.__name__}" for s, kind in known.items() if s not in STATEMENTS]
-        there = f"; there are {', '.join(own)}" if own else ""
-        raise ValueError(f"own: no group of the structure has a statement {name!r}{there}")
-
-
-def _require_apart(statements, where, group):
-    """Raise ValueError if two statements for an element of the group contradict each other.
-
-    `where` is the key of the group in the elements, as text.
-    """
-    absolute = [name for name in statements if name in ABSOLUTE]
-    for number, name in enumerate(absolute):
-        for other in absolute[:number]:
-            if (both := _shared(statements[name], statements[other], where, group)) is not None:
-                raise ValueError(
-                    f"{other}, {name}: both state the prestress of {both}; "
-                    "give one absolute statement per element"
-                )
-    for name in (name for name in statements if name in INCREMENTS and "jacking" in statements):
-        if (both := _shared(statements[name], statements["jacking"], where, group)) is not None:
-            raise ValueError(
-                f"jacking: {both} has its force held in this phase; {name} must go into another "
-                "phase"
-            )
-
-
-def _shared(one, other, where, group):
-    """The first element that two statements concern, in words; None if there is none."""
-    if one.chosen is None and other.chosen is None:
-        return f"elements{where}"
-    both = _meant(one, group) & _meant(other, group)
-    return f"element {int(both.argmax())} of elements{where}" if both.any() else None
-
-
-def _meant(stated, group):
-    """The elements that a statement concerns, [n_elem] bool, NumPy."""
-    return np.ones(len(group.links), bool) if stated.chosen is None else stated.chosen
-
-
-def _passes_by(group, name, structure):
-    """Whether a scalar stated for the whole structure leaves out `group`.
-
-    It leaves out groups that cannot take it, if another group can; and beams, and groups that take
-    several components, beside cables or bars.
-    """
-
-    def takes(any_group):
-        return name in statements_of(any_group)
-
-    def differs(any_group):  # its numbers mean something else than those of cables and bars
-        return any_group.rotates or bool(components_of(any_group, name))
-
-    if not takes(group):
-        return any(map(takes, structure.groups))
-    if name not in STATEMENTS:
-        return False
-    mixed = any(takes(other) and not differs(other) for other in structure.groups)
-    warms = name == "temperature" and group.expansion is not None
-    return differs(group) and mixed and not warms
-
-
-def _checked(value, group, name, structure):
-    """The value of a statement for a group as `Stated`; ValueError if the group cannot take it."""
-    if isinstance(value, Selection):
-        raise ValueError(f"{name}: only(...) has no values here; give only(elements, values)")
-    known = statements_of(group)
-    if name not in known and name not in STATEMENTS:
-        having = [type(g).__name__ for g in structure.groups if name in statements_of(g)]
-        kinds = ", ".join(dict.fromkeys(having))
-        raise ValueError(f"{name}: a statement of {kinds}, not of {type(group).__name__}")
-    if not isinstance(group, Prestressable):
-        raise ValueError(f"{name}: a group of {type(group).__name__} cannot be prestressed")
-    if name not in known:
-        possible = ", ".join(known)
-        raise ValueError(f"{name}: of a group of {type(group).__name__} state {possible}")
-    if name == "sag" and (not isinstance(group, Sagging) or group.weight is None):
-        raise ValueError(
-            "sag: stated for catenaries with a weight only; for a chain of straight elements "
-            "use forms.hanging_chain"
-        )
-    if name == "jacking" and not isinstance(group, Jacked):
-        raise ValueError(f"jacking: a group of {type(group).__name__} has no jack")
-    if name == "temperature" and group.expansion is None:
-        raise ValueError("temperature: the group has no expansion coefficient; give expansion=...")
-    count, components = len(group.links), components_of(group, name)
-    if isinstance(value, Only):
-        chosen = value.element_mask(count, name)
-        given = _per_element(value.values, len(value.elements), name, components)
-        value = value.merged_with(np.zeros((count, *given.shape[1:])))
-    else:
-        chosen = None
-        value = given = _per_element(value, count, name, components)
-    refuse_if_broken(value_rules(name, given, group))
-    refuse_if_broken(capacity_rules(name, value, group, group.capacity))
-    refuse_if_broken(span_rules(name, group, structure.nodes, chosen))
-    return Stated(value, chosen)
-
-
-def _per_element(value, count, name, components):
-    """Values as floats [n_elem], or [n_elem, n_component]; one number is for all of them."""
-    if not components:
-        return checks.floats_per_element(value, count, name)
-    array, shape = checks.as_floats(value, name), (count, len(components))
-    if array.shape not in ((), shape):
-        raise ValueError(
-            f"{name}: expected a scalar or shape {shape}, for every element "
-            f"{', '.join(components)}, got shape {array.shape}"
-        )
-    pack = jnp if isinstance(array, jax.Array) else np
-    return pack.broadcast_to(array, shape)
-
-
 def as_phases(structure: Structure, phases: Phase | Sequence[Phase] | None) -> list[Phase]:
-    """The phases of an analysis as a list; ValueError for a wrong structure or wrong phases."""
+    """Return the phases of an analysis as a list; ValueError for wrong structures or phases."""
     if isinstance(structure, tuple) and structure and isinstance(structure[0], Structure):
         raise ValueError("structure: got a scene; unpack it: solve(*scene)")
     if not isinstance(structure, Structure):

@@ -24,7 +24,7 @@ from .phases import Phase
 
 
 class Presence(NamedTuple):
-    """Which elements are there, per group.
+    """Which elements of every group are active (there) in which phase.
 
     Attributes:
         first: before the first phase, [n_elem] bool.
@@ -38,13 +38,13 @@ class Presence(NamedTuple):
     sound: Bool[Array, " n_phase"] | None = None
 
     def bundled(self, bundles: Bundles) -> Presence:
-        """The same for bundles of groups."""
+        """Return the presence by bundles of groups instead of groups."""
         if bundles.plain:
             return self
 
         def one(parts, axis):
             return [
-                _package(parts).concatenate([parts[k] for k in numbers], axis=axis)
+                _numpy_or_jax(parts).concatenate([parts[k] for k in numbers], axis=axis)
                 for numbers in bundles.members
             ]
 
@@ -53,7 +53,7 @@ class Presence(NamedTuple):
     def idle(
         self, structure: Structure, groups: Sequence[Element]
     ) -> Bool[ArrayLike, "1+n_phase n_row n_freedom"]:
-        """Freedoms that no element touches, before the first phase and in every phase.
+        """Find degrees of freedom that no present element touches, before and in every phase.
 
         Args:
             structure: `Structure`.
@@ -61,7 +61,7 @@ class Presence(NamedTuple):
         """
         (rows, _), width = structure.rows(), structure.space.n_freedom
         n_row = structure.n_node if rows is None else len(rows.node_of_row)
-        pack = _package([*self.first, *self.present])
+        pack = _numpy_or_jax([*self.first, *self.present])
         shape = 1 + len(self.present[0]), n_row, width
         touched = pack.zeros(shape, bool)
         for group, first, present in zip(groups, self.first, self.present, strict=True):
@@ -73,11 +73,11 @@ class Presence(NamedTuple):
             else:
                 for k in range(shape[0]):
                     touched[k, links[there[k]].ravel(), : group.n_freedom] = True
-        return ~_shared(touched, structure, rows, pack)
+        return ~_share_touched(touched, structure, rows, pack)
 
 
-def _shared(touched, structure, rows, pack):
-    """Touched freedoms, where hinged ends touch their nodes, and carried nodes their carriers."""
+def _share_touched(touched, structure, rows, pack):
+    """Mark nodes as touched where their hinged ends are, and carriers where carried nodes are."""
     if rows is not None:
         more = np.arange(structure.n_node, len(rows.node_of_row))
         ends = more[~rows.inner[more]]  # they move with their nodes, and need no hold
@@ -107,7 +107,7 @@ def presence_of(
     states: Sequence[ElementState] | None,
     earlier: int = 0,
 ) -> Presence | None:
-    """The `Presence` of the elements of a structure; None if all are there in all phases.
+    """Find which elements are there in which phase; None if all are there in all phases.
 
     An element is absent before the phase that adds it.
 
@@ -128,21 +128,24 @@ def presence_of(
     named = structure.named_groups()
     for where, group in named:
         if type(group).found is Element.found:
+            number = asked.index(True) if any(asked) else 0
             raise ValueError(
-                f"adds, removes: elements{where} ({type(group).__name__}) cannot come and go; it "
-                "needs a method `found`, and a state with `present`"
+                f"phases[{earlier + number}].adds, removes: elements{where} "
+                f"({type(group).__name__}) cannot be added or removed; write "
+                "its method `found`, and "
+                "give its state the field `present` (see jaxcable.extend)"
             )
     changes = [
         (
-            _masks(phase.adds, structure, f"phases[{earlier + k}].adds"),
-            _masks(phase.removes, structure, f"phases[{earlier + k}].removes"),
+            _group_masks(phase.adds, structure, f"phases[{earlier + k}].adds"),
+            _group_masks(phase.removes, structure, f"phases[{earlier + k}].removes"),
         )
         for k, phase in enumerate(phases)
     ]
     first, present, sound = [], [], jnp.ones(len(phases), bool)
     for number, (where, group) in enumerate(named):
         own = [(adds[number], removes[number]) for adds, removes in changes]
-        pack = _package([mask for pair in own for mask in pair])
+        pack = _numpy_or_jax([mask for pair in own for mask in pair])
         count = len(group.links)
         if states is None:
             there = pack.ones(count, bool)
@@ -152,11 +155,11 @@ def presence_of(
             there = pack.ones(count, bool)
         else:
             there = known[number]
-            pack = _package([there, *(mask for pair in own for mask in pair)])
+            pack = _numpy_or_jax([there, *(mask for pair in own for mask in pair)])
         first.append(there)
         rows = []
         for k, (adds, removes) in enumerate(own):
-            wrong = _wrong(earlier + k, where, there, adds, removes)
+            wrong = _find_contradiction(earlier + k, where, there, adds, removes)
             if wrong is not None:
                 sound = sound.at[k].set(sound[k] & ~wrong)
             there = (there | adds) & ~removes
@@ -168,7 +171,9 @@ def presence_of(
 def idle_of(
     structure: Structure, states: Sequence[ElementState]
 ) -> Bool[np.ndarray, "n_row n_freedom"] | None:
-    """Freedoms that no element touches in these states of the groups; None if all are there.
+    """Find degrees of freedom that no present element touches in these states of the groups.
+
+    None if all elements are there.
 
     Raises:
         ValueError: which elements are there is being traced.
@@ -177,58 +182,59 @@ def idle_of(
     if all(there is None for there in present):
         return None
     if any(isinstance(there, jax.core.Tracer) for there in present):
-        raise ValueError("state: which elements are there is being traced")
+        raise ValueError("state: is being traced, so that it is not known which elements are there")
     first = [np.asarray(there) for there in present]
     presence = Presence(first, [there[None] for there in first])
     return presence.idle(structure, structure.rows()[1])[0]
 
 
-def attached_of(phases: Sequence[Phase]) -> Bool[np.ndarray, " n_phase"] | None:
-    """Which phases place new nodes "attached", [n_phase] bool; None if none does."""
+def attached_phases(phases: Sequence[Phase]) -> Bool[np.ndarray, " n_phase"] | None:
+    """Return which phases place new nodes "attached", [n_phase] bool; None if none does."""
     found = np.array([phase.placed == "attached" for phase in phases])
     return found if found.any() else None
 
 
-def _package(masks):
-    """The module that computes with masks: NumPy unless one is traced."""
+def _numpy_or_jax(masks):
+    """Return the module that computes with masks: NumPy unless one of them is traced."""
     return jnp if any(isinstance(mask, jax.core.Tracer) for mask in masks) else np
 
 
-def _masks(value: Any, structure, name):
-    """Masks of all groups, a list of [n_elem] bool, from what a phase adds or removes."""
+def _group_masks(value: Any, structure, name):
+    """Return masks of all groups, a list of [n_elem] bool, from what a phase adds or removes."""
     counts = [len(group.links) for group in structure.groups]
     if value is None:
         return [np.zeros(count, bool) for count in counts]
     if isinstance(value, WholeGroups):
-        return _named(value, structure, name)
+        return _masks_of_whole_groups(value, structure, name)
     found = []
-    for given, count in zip(spread(value, structure, name), counts, strict=True):
+    keys = [key for key, _ in structure.named_groups()]
+    for given, count, key in zip(spread(value, structure, name), counts, keys, strict=True):
         if given is None:
             found.append(np.zeros(count, bool))
         elif isinstance(given, Selection):
-            found.append(given.element_mask(count, name))
+            found.append(given.element_mask(count, f"{name}{key}"))
         elif isinstance(given, Only):
-            raise ValueError(f"{name}: only(...) has values here; give only(elements)")
+            raise ValueError(f"{name}{key}: only(...) has values here; give only(elements)")
         elif isinstance(given, WholeGroups):
-            raise ValueError(f"{name}: give keys of groups alone, not inside of a tree")
+            raise ValueError(f"{name}: give keys of groups alone, not inside a dict or list")
         else:
-            found.append(_mask(given, count, name))
+            found.append(_as_mask(given, count, f"{name}{key}"))
     return found
 
 
-def _mask(given, count, name):
-    """A mask [n_elem] from booleans [n_elem], or one for all."""
+def _as_mask(given, count, name):
+    """Return a mask [n_elem] from booleans [n_elem], or one for all."""
     mask = given if isinstance(given, jax.Array) else np.asarray(given)
     if mask.dtype != bool or mask.shape not in ((), (count,)):
         raise ValueError(
-            f"{name}: expected keys of groups, only(elements), or booleans [{count}], got "
-            f"{mask.dtype} {mask.shape}"
+            f"{name}: expected keys of groups, only(elements), or {count} booleans, got "
+            f"{mask.dtype} of shape {mask.shape}"
         )
     return (jnp if isinstance(mask, jax.Array) else np).broadcast_to(mask, (count,))
 
 
-def _named(value, structure, name):
-    """Masks of whole groups, by their keys."""
+def _masks_of_whole_groups(value, structure, name):
+    """Return masks of all groups, a list of [n_elem] bool, from keys of groups."""
     numbers = structure.arrange(list(range(len(structure.groups))))
     found = [np.zeros(len(group.links), bool) for group in structure.groups]
     for key in value.names:
@@ -245,22 +251,22 @@ def _named(value, structure, name):
     return found
 
 
-def _wrong(k, where, there, adds, removes):
-    """Whether a phase adds what is there, or removes what is not, scalar bool, traced.
+def _find_contradiction(k, where, there, adds, removes):
+    """Return whether a phase adds what is there, or removes what is not, scalar bool, traced.
 
     None if that is known and not so; ValueError if it is so.
     """
     wrong = None
     for mask, not_so, name, text in (
-        (adds & removes, True, "adds, removes", "both name"),
-        (adds, there, "adds", "is there already:"),
-        (removes, ~there, "removes", "is not there:"),
+        (adds & removes, True, "adds, removes", "is in both; give it in one of them"),
+        (adds, there, "adds", "is there already; leave it out"),
+        (removes, ~there, "removes", "is not there; leave it out"),
     ):
         bad = mask & not_so
         if isinstance(bad, jax.core.Tracer):
             wrong = jnp.any(bad) if wrong is None else wrong | jnp.any(bad)
         elif bad.any():
             raise ValueError(
-                f"phases[{k}].{name}: {text} element {int(bad.argmax())} of elements{where}"
+                f"phases[{k}].{name}: element {int(bad.argmax())} of elements{where} {text}"
             )
     return wrong

@@ -16,12 +16,12 @@ from ..elements.prestress import Stated, of_each
 _TENSIONS = ("pretension", "force_density", "jacking")
 
 
-def keeps_rules(
+def statements_keep_rules(
     statements: Sequence[dict[str, Stated]],
     groups: Sequence[Element],
     nodes: Float[ArrayLike, "n_row 3"],
 ) -> Bool[Array, ""]:
-    """Whether the prestress statements of a phase keep their rules, scalar bool, traced.
+    """Return whether the prestress statements of a phase keep their rules, scalar bool, traced.
 
     Args:
         statements: for every group a dict from name to `Stated`.
@@ -43,20 +43,26 @@ def keeps_rules(
     return all_kept
 
 
-def value_rules(name: str, values: Float[ArrayLike, " ..."], group: Element) -> list[Rule]:
-    """Rules of the values of a statement, whatever the law can carry, see `common.rules`."""
+def value_rules(
+    name: str, values: Float[ArrayLike, " ..."], group: Element, path: str = ""
+) -> list[Rule]:
+    """Return the rules of the values of a statement, whatever the law can carry.
+
+    Messages name the statement by `path`, such as ``phases[0].pretension['guys']``.
+    """
+    path = path or name
     if name not in STATEMENTS:
-        return [rule(name, values) for rule in statements_of(group)[name].rules]
+        return [rule(path, values) for rule in statements_of(group)[name].rules]
     if name == "rest_length":
-        return [positive(name, values, "an unstressed length must be positive")]
+        return [positive(path, values, "an unstressed length must be positive")]
     if name == "prestrain":
-        return [Rule(name, values, lambda v: v <= -1, "a prestrain must be above -1")]
+        return [Rule(path, values, lambda v: v <= -1, "a prestrain must be above -1")]
     if name == "sag":
         text = "a sag must be positive; a straight cable has no length of its own"
-        return [positive(name, values, text)]
+        return [positive(path, values, text)]
     if name in _TENSIONS and group.tension_only:
         text = "a cable carries tension only; must not be negative (use Bars)"
-        return [not_negative(name, values, text)]
+        return [not_negative(path, values, text)]
     return []
 
 
@@ -65,13 +71,15 @@ def span_rules(
     group: Element,
     nodes: Float[ArrayLike, "n_row 3"],
     chosen: Bool[np.ndarray, " n_elem"] | None = None,
+    path: str = "",
 ) -> list[Rule]:
-    """The rule that a span with a stated sag has a midspan: its nodes do not lie above each other.
+    """Return the rule that a span with a stated sag has a midspan: no node lies above the other.
 
     Args:
         name, group: of the statement.
         nodes: initial positions, [n_row, 3].
         chosen: elements that the statement concerns, [n_elem] bool; None for all.
+        path: the statement in messages; default its name.
     """
     if name != "sag":
         return []
@@ -85,8 +93,8 @@ def span_rules(
 
     def text(index, *_):
         return (
-            f"sag[{index[0]}]: the nodes of the element lie above each other; its span has no "
-            "middle at which a sag could be measured; state rest_length"
+            f"{path or name}[{index[0]}]: the nodes of the element lie above each other, so that "
+            "the span has no middle at which a sag could be measured; give rest_length instead"
         )
 
     return [Rule(name, nodes, upright, text)]
@@ -97,17 +105,19 @@ def capacity_rules(
     values: Float[ArrayLike, " n_elem"],
     group: Element,
     capacity: Callable[[], tuple[Float[ArrayLike, " ..."], Float[ArrayLike, " ..."]]],
+    path: str = "",
 ) -> list[Rule]:
-    """The rule that the law of a group can carry the stated forces, [n_elem].
+    """Return the rule that the law of a group can carry the stated forces, [n_elem].
 
-    `capacity` returns the smallest and the largest force of every element.
+    `capacity` returns the smallest and the largest force of every element, `path` is the statement
+    in messages.
     """
     if name not in ("pretension", "jacking") or not group.has_rupture:
         return []
-    text = "above what its law can carry; a pretension must lie within the curve"
+    text = "more than the law of the element can carry; must lie within its curve"
 
     def beyond(force, low, high):  # a curve with NaN has no capacity, and passes
         more = 1 + 8 * np.finfo(force.dtype).eps  # the peak of the curve itself is allowed
         return (force < low * more) | (force > high * more)
 
-    return [Rule(name, (values, *capacity()), beyond, text)]
+    return [Rule(path or name, (values, *capacity()), beyond, text)]

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Float, PyTree
 
-_FIELDS = {
+_FIELD_OF_RESULT = {
     "tension": "tension",
     "peak_tension": "peak_tension",
     "section_forces": "section_forces",
@@ -17,7 +17,7 @@ _FIELDS = {
 }
 """Results of elements that have a field of their own: their names in elements, and the fields."""
 
-_PER_ELEMENT = (*_FIELDS.values(), "rest_length", "began")
+_ELEMENT_FIELDS = (*_FIELD_OF_RESULT.values(), "rest_length", "began")
 
 Part = TypeVar("Part", bound="ElementResults")
 
@@ -46,7 +46,7 @@ class ElementResults:
             >>> print(solution.status, list(solution.told))
             0 ['tension', 'peak_tension']
         """
-        fields = {name: getattr(self, field, None) for name, field in _FIELDS.items()}
+        fields = {name: getattr(self, field, None) for name, field in _FIELD_OF_RESULT.items()}
         present = {name: value for name, value in fields.items() if value is not None}
         return present | (self.results or {})
 
@@ -92,33 +92,33 @@ NAMES = tuple(field.name for field in dataclasses.fields(Results))
 
 
 def common_fields(part: Results) -> dict[str, Any]:
-    """The fields of `Results` of an object of a derived class, by name."""
+    """Return the fields of `Results` of an object of a derived class, a dict by name."""
     return {name: getattr(part, name) for name in NAMES}
 
 
 def element_fields(found: dict[str, list[Float[Array, " ..."] | None]]) -> dict[str, Any]:
-    """Fields, by name, that hold the results of elements `found`, given by the names there."""
-    fields = {field: found[name] for name, field in _FIELDS.items() if name in found}
-    others = {name: values for name, values in found.items() if name not in _FIELDS}
+    """Return element results `found` as fields of `ElementResults`, a dict by field."""
+    fields = {field: found[name] for name, field in _FIELD_OF_RESULT.items() if name in found}
+    others = {name: values for name, values in found.items() if name not in _FIELD_OF_RESULT}
     return fields | {"results": others}
 
 
 def per_element(
     part: Part, function: Callable[[PyTree[Array]], PyTree[Array]], **changes: Any
 ) -> Part:
-    """A copy with `function` applied to every field that is a list with an item per group.
+    """Return a copy with `function` applied to every field that is a list with an item per group.
 
     Further fields change as stated.
     """
     fields = vars(part)
-    there = [name for name in _PER_ELEMENT if fields.get(name) is not None]
+    there = [name for name in _ELEMENT_FIELDS if fields.get(name) is not None]
     others = {name: function(values) for name, values in (part.results or {}).items()}
     changes |= {name: function(fields[name]) for name in there}
     return copy_with(part, **changes, results=others)
 
 
 def with_peaks(part: Part) -> Part:
-    """A copy whose groups without peak tensions have their tensions (the same arrays) as such."""
+    """Return a copy in which groups without peak tensions have their tensions as such."""
     fields = vars(part)
     pairs = zip(fields["tension"], fields["peak_tension"], strict=True)
     return copy_with(part, peak_tension=[own if peak is None else peak for own, peak in pairs])

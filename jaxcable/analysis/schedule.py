@@ -72,26 +72,26 @@ class Schedule:
 
     @property
     def rows(self) -> tuple[Any, ...]:
-        """All arrays with an axis of phases, a tuple to be scanned; see `of`."""
+        """All arrays with an axis of phases, a tuple to be scanned; see `phase_data`."""
         data = self.statements, self.added_load, self.moved, self.changes, self.before
         return self.number, *data, self.present, self.attached
 
-    def of(self, row: tuple[Any, ...]) -> PhaseData:
-        """The `PhaseData` of one phase from its entry in `rows`."""
+    def phase_data(self, row: tuple[Any, ...]) -> PhaseData:
+        """Return the `PhaseData` of one phase from its entry in `rows`."""
         number, statements, added, moved, changes, before, present, attached = row
         dof_map = self.dof_map if changes is None else copy_with(self.dof_map, **changes)
         was = None if before is None else copy_with(self.dof_map.without_unknowns, **before)
         return PhaseData(number, statements, added, moved, dof_map, was, present, attached)
 
     def phase(self, k: int) -> PhaseData:
-        """The `PhaseData` of the phase `k`."""
-        return self.of(jax.tree.map(lambda x: x[k], self.rows))
+        """Return the `PhaseData` of phase `k`."""
+        return self.phase_data(jax.tree.map(lambda x: x[k], self.rows))
 
 
-def stated(
+def stack_statements(
     statements: Sequence[Sequence[dict[str, Stated]]], groups: Sequence[Element]
 ) -> list[dict[str, Stated]]:
-    """Prestress statements of all phases stacked: for every group a dict from name to `Stated`.
+    """Stack the prestress statements of all phases: for every group a dict from name to `Stated`.
 
     Args:
         statements: for every phase a list with a dict for every group.
@@ -115,13 +115,13 @@ def stated(
     return found
 
 
-def on_rows(
+def stack_nodal_loads(
     loads: Sequence[Sequence[tuple[Load, Amplitude | None]]],
     method: str,
     shape: tuple[int, int],
     dtype: Any,
 ) -> Added | None:
-    """The nodal loads, or movements, that every phase adds, with an axis [n_phase], or None.
+    """Stack the nodal loads, or movements, that every phase adds, with an axis [n_phase], or None.
 
     Args:
         loads: for every phase a list of pairs: nodal load, or movement, and amplitude.
@@ -152,12 +152,12 @@ def on_rows(
     return Added(stack_trees(values), jax.tree.map(lambda x: x.reshape(rows), together(amplitudes)))
 
 
-def numbering(
+def number_phases(
     sets: Sequence[Fixed],
     numbered: Callable[[Fixed], DofMap],
     idle: Bool[ArrayLike, "1+n_phase n_row n_freedom"] | None = None,
 ) -> tuple[DofMap, dict[str, PyTree[ArrayLike]] | None, dict[str, ArrayLike] | None]:
-    """Numbering of the unknowns of all phases, and what supports change of it.
+    """Number the unknowns of all phases, and find what supports change of it.
 
     Args:
         sets: held freedoms before the first phase and in every phase, `Fixed`.
@@ -174,32 +174,32 @@ def numbering(
     else:  # a freedom is unknown if any phase leaves it free
         always = np.logical_and.reduce([fixed.array for fixed in now])
         dof_map = numbered(Fixed(always, now[0].axes))
-        changes = _held(now)
+        changes = _stack_fixed(now)
         if idle is not None:
             changes |= {"fixed": changes["fixed"] | idle[1:], "supported": changes["fixed"]}
         changes["temporarily_fixed"] = changes["fixed"].reshape(len(now), -1)[
             :, np.asarray(dof_map.free)
         ]
-        spins = _spins([fixed.spins for fixed in now])
+        spins = _stack_free_spins([fixed.spins for fixed in now])
         if spins is not None:
             changes["free_spins"] = spins
     if idle is not None:
-        before = _held(was)
+        before = _stack_fixed(was)
         held = {"fixed": before["fixed"] | idle[:-1], "supported": before["fixed"]}
         return dof_map, changes, before | held
-    return dof_map, changes, None if was == now else _held(was)
+    return dof_map, changes, None if was == now else _stack_fixed(was)
 
 
-def _held(sets):
-    """Held freedoms of several `Fixed`, and their directions, stacked, by name."""
+def _stack_fixed(sets):
+    """Stack held freedoms of several `Fixed`, and their directions, by name."""
     held = {"fixed": np.stack([fixed.array for fixed in sets])}
     if sets[0].axes is not None:
         held["axes"] = np.stack([fixed.axes.array for fixed in sets])
     return held
 
 
-def _spins(spins):
-    """`DofMap.free_spins` of every phase, padded and stacked; None if no phase has free spins."""
+def _stack_free_spins(spins):
+    """Stack `DofMap.free_spins` of every phase, padded; None if no phase has free spins."""
     found = [some for some in spins if some is not None]
     if not found:
         return None

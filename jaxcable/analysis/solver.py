@@ -30,7 +30,7 @@ from .phases import Phase
 from .preparation import in_precision_of, prepare, ready, verdicts
 from .results import common_fields, per_element
 from .solution import Solution, State
-from .states import Reached, arranged, state_of, system_of
+from .states import LastConverged, arranged, make_state, system_at_last
 
 
 def solve(
@@ -98,15 +98,15 @@ def solve(
     core = task.thawed, task.arrays, task.method, task.code
     static = {"differentiate_path": differentiate_path, "listen": listen, "bundles": task.bundles}
     solution = _analyse(*core, **static, size=task.n_free)
-    if task.may_warn:  # only then: the check waits until the numbers have been computed
-        plausibility.stability(solution)
+    if task.warns_if_unstable:  # only then: the check waits until the numbers have been computed
+        plausibility.warn_if_unstable(solution)
     return arranged(structure, solution, task)
 
 
 @functools.partial(jit_program, static=("differentiate_path", "listen", "bundles", "alone"))
 def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles, alone):
-    """The compiled core. Results of elements are lists over groups."""
-    through = functools.partial(_through, differentiate_path, listen, bundles)
+    """Run the analysis as one compiled program. Results of elements are lists over groups."""
+    through = functools.partial(_scan_phases, differentiate_path, listen, bundles)
     pattern = thawed[-1].dof_map.pattern
     # a program of its own hands over as many results as there are; one function gains nothing
     whole = listen is None and not alone
@@ -116,30 +116,30 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles, 
 
 
 def analysed(thawed, arrays, method, code, bundles):
-    """The compiled core as a part of another program, with derivatives of the ends of phases."""
+    """Run the analysis as a part of another program, with derivatives of the ends of phases."""
     given = {"differentiate_path": False, "listen": None, "bundles": bundles}
     return _analyse(thawed, arrays, method, code, **given, size=0)
 
 
-def _through(differentiate_path, listen, bundles, thawed, arrays, method, code):
-    """The phases of an analysis, in one loop."""
+def _scan_phases(differentiate_path, listen, bundles, thawed, arrays, method, code):
+    """Solve the phases of an analysis one after the other, in one `lax.scan`."""
     parameters = merge_indices(thawed, arrays)
     structure_ok, codes = verdicts(parameters, method)
     nodes, groups, carry, schedule = ready(parameters, bundles)
     # unsound input has no state: block its gradient so that a batch is not polluted with NaN
-    sound = _finite((nodes, groups)) & structure_ok
+    sound = _is_finite((nodes, groups)) & structure_ok
     frame = implicit.stop_gradient_unless(sound, (nodes, groups))
     loads, counts = carry.loads, jnp.asarray(schedule.increments, jnp.int32)
     factors = jnp.asarray(schedule.factors, nodes.dtype)
-    teller = None if listen is None else _teller(listen, len(schedule))
+    teller = None if listen is None else _progress_reporter(listen, len(schedule))
     touched = implicit.gradient_probe(parameters)
 
     def phase(run, scanned):
         arrays_of_phase, verdict, *steps = scanned
-        data = schedule.of(arrays_of_phase)
+        data = schedule.phase_data(arrays_of_phase)
         code = status.first_failure(run.code, verdict)
         before = knowing(run.carry, loads, data.number)
-        sane = sound & _finite((before, data)) & (code == status.OK)
+        sane = sound & _is_finite((before, data)) & (code == status.OK)
         problem = implicit.stop_gradient_unless(sane, (nodes, groups, before, data))
         factored = run.factored if schedule.changes is None else linear.without_factor(run.factored)
         tell = None if teller is None else functools.partial(teller, data.number, steps[0])
@@ -149,65 +149,69 @@ def _through(differentiate_path, listen, bundles, thawed, arrays, method, code):
         code, carry = done.code, done.carry
         path = copy_with(done.path, displacement=done.path.displacement[:, : schedule.n_node])
         reached = run.reached.after(data, done.factor)
-        end = state_of(frame, carry, done.point, reached, schedule, done.seen)
-        end = _unless(sound, end, touched)
+        end = make_state(frame, carry, done.point, reached, schedule, done.seen)
+        end = _nan_unless(sound, end, touched)
         moved = end.displacement - done.begin.motion[: schedule.n_node, :3]
-        result = _unless(code == status.OK, copy_with(end, displacement=moved), touched)
+        result = _nan_unless(code == status.OK, copy_with(end, displacement=moved), touched)
         began = [state.memory for state in done.begin.states]
         began = None if all(memory is None for memory in began) else began
         given = {"status": None, "stable": None, "path": None, "began": began}
         result = PhaseResult(**given, **common_fields(result))
         left = copy_with(carry, loads=None)
-        run = _Run(code, done.stable, left, end, done.factored, reached, done.seen)
+        run = _LoopState(code, done.stable, left, end, done.factored, reached, done.seen)
         return run, (result, path, done.log)
 
-    start, reached = copy_with(carry, loads=None), Reached.none(schedule, nodes.dtype)
-    end = _blank(lambda: state_of(frame, carry, (carry.motion, None), reached, schedule))
+    start, reached = copy_with(carry, loads=None), LastConverged.before_first(schedule, nodes.dtype)
+    end = _zeros_like_result(
+        lambda: make_state(frame, carry, (carry.motion, None), reached, schedule)
+    )
     factored = seen = None
     if isinstance(method, Newton):
         factored = linear.no_factored_matrix(schedule.dof_map.pattern, nodes.dtype)
-        seen = _blank(lambda: read(system_of(frame, carry, reached, schedule), carry.motion))
-    run = _Run(code, jnp.zeros((), bool), start, end, factored, reached, seen)
+        seen = _zeros_like_result(
+            lambda: read(system_at_last(frame, carry, reached, schedule), carry.motion)
+        )
+    run = _LoopState(code, jnp.zeros((), bool), start, end, factored, reached, seen)
     run, (ends, paths, log) = lax.scan(phase, run, (schedule.rows, codes, counts, factors))
     if not differentiate_path and isinstance(method, Newton):
         paths = implicit.with_nan_derivative(paths, touched)
-    known = [stack.until(run.reached.number) for stack in _all_loads(parameters)]
+    known = [stack.until(run.reached.number) for stack in _loads_on_groups(parameters)]
     states = bundles.apart(run.carry.states)
     carry = copy_with(
         run.carry, states=states, loads=[jax.tree.leaves(stack.load) for stack in known]
     )
-    ends, paths = _apart(bundles, ends, axis=1), _apart(bundles, paths, axis=2)
+    ends, paths = _split_bundles(bundles, ends, axis=1), _split_bundles(bundles, paths, axis=2)
     watched = isinstance(method, Newton) and method.watch
     solution = Solution(
         status=run.code,
         stable=run.stable,
-        last=copy_with(_apart(bundles, run.end), carry=carry),
+        last=copy_with(_split_bundles(bundles, run.end), carry=carry),
         phases=PhaseResults(ends, paths, log, schedule.increments, watched),
         **implicit.nan_unless_probed(run.code == status.OK, common_fields(run.end), touched),
     )
-    return _apart(bundles, solution)
+    return _split_bundles(bundles, solution)
 
 
-def _blank(function):
-    """Zeros in the shape of a function's result, which is not computed."""
+def _zeros_like_result(function):
+    """Return zeros in the shape of a function's result, which is not computed."""
     return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function))
 
 
-def _all_loads(parameters):
-    """Element loads of `start` and of all phases on the user's groups, list of `LoadStack`."""
+def _loads_on_groups(parameters):
+    """Return all element loads, of `start` and the phases, on the user's groups."""
     nodes, _, carry, schedule = parameters
     return in_precision_of(nodes, [*(() if carry is None else carry.loads), *schedule.loads])
 
 
-def _apart(bundles, part, axis=0):
-    """Results of bundles as those of their groups; `axis` is that of the elements."""
+def _split_bundles(bundles, part, axis=0):
+    """Convert results of bundles to those of their groups; `axis` is that of the elements."""
     if bundles.plain:
         return part
     return per_element(part, lambda values: bundles.apart(values, axis))
 
 
 @pytree
-class _Run:
+class _LoopState:
     """What the loop over the phases hands from one phase to the next.
 
     Attributes:
@@ -216,7 +220,7 @@ class _Run:
         end: the `State` that belongs to `carry`.
         factored: the last matrix that a sparse solve has factorised, see
             `linear.solve_reusing_factor`.
-        reached: `states.Reached`.
+        reached: `states.LastConverged`.
         seen: `Reading` of the last converged increment.
     """
 
@@ -225,17 +229,17 @@ class _Run:
     carry: Carry
     end: State
     factored: FactoredMatrix | None
-    reached: Reached
+    reached: LastConverged
     seen: Reading | None
 
 
-def _unless(ok, end, touched):
-    """A `State` whose results are NaN unless `ok`."""
+def _nan_unless(ok, end, touched):
+    """Return a `State` whose results are NaN unless `ok`."""
     return copy_with(end, **implicit.nan_unless_probed(ok, common_fields(end), touched))
 
 
-def _teller(listen, phases):
-    """Return the function by which `newton.solve_increments` reports increments to the listener."""
+def _progress_reporter(listen, phases):
+    """Return the function by which `newton.solve_increments` reports increments."""
 
     def news(number, count, factor, outcome):
         traced = {
@@ -253,8 +257,8 @@ def _teller(listen, phases):
     return news
 
 
-def _finite(tree):
-    """Whether every float in `tree` is finite."""
+def _is_finite(tree):
+    """Return whether every float in `tree` is finite."""
     floats = [x for x in jax.tree.leaves(tree) if jnp.issubdtype(x.dtype, jnp.floating)]
     # one test of the joined array compiles faster than one for each of many small arrays
     return jnp.all(jnp.isfinite(jnp.concatenate([x.reshape(-1) for x in floats])))

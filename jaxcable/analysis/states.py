@@ -25,8 +25,8 @@ from .solution import Solution, State
 
 
 @pytree
-class Reached:
-    """Where an analysis stands: phase, load factor and supports of the last converged increment.
+class LastConverged:
+    """The last converged increment of an analysis: its phase, load factor and supports.
 
     Attributes:
         number: number of the phase, -1 before the first increment.
@@ -40,47 +40,47 @@ class Reached:
     held: dict[str, Array]
 
     @classmethod
-    def none(cls, schedule: Schedule, dtype: Any) -> Reached:
-        """The `Reached` before the first increment."""
+    def before_first(cls, schedule: Schedule, dtype: Any) -> LastConverged:
+        """Return the value before the first increment."""
         held = {} if schedule.before is None else schedule.before
         first = {name: value[0] for name, value in held.items()}
         return cls(jnp.int32(-1), jnp.zeros((), dtype), first)
 
-    def after(self, data: PhaseData, factor: Float[Array, ""]) -> Reached:
-        """The `Reached` after a phase that came to `factor`; 0 if no increment has converged."""
+    def after(self, data: PhaseData, factor: Float[Array, ""]) -> LastConverged:
+        """Return the value after a phase that came to `factor`; unchanged if that is 0."""
         held = {name: getattr(data.dof_map, name) for name in self.held}
-        new = Reached(data.number, factor, held)
+        new = LastConverged(data.number, factor, held)
         return select_tree(factor > 0, new, self)
 
 
-def system_of(
+def system_at_last(
     frame: tuple[Float[Array, "n_row 3"], list[Element]],
     carry: Carry,
-    reached: Reached,
+    reached: LastConverged,
     schedule: Schedule,
 ) -> System:
-    """The system of a carry with the supports of `reached`, without numbering of unknowns."""
+    """Return the system of a carry with the supports of `reached`, without unknowns."""
     dof_map = copy_with(schedule.dof_map.without_unknowns, **reached.held)
     return make_system(*frame, carry, None, dof_map)
 
 
-def state_of(frame, carry, point, reached, schedule, seen=None):
-    """The `State` of a carry, with results of rows of motion summed at their nodes.
+def make_state(frame, carry, point, reached, schedule, seen=None):
+    """Compute the results of a carry; return its `State`, rows of motion summed at nodes.
 
     Args:
         frame: (nodes, groups).
         carry: `Carry`.
         point: (motion of the carry, marks) as `bare` and `marks` of
             `implicit.attach_derivative_with_marks`; marks may be None.
-        reached: `Reached`.
+        reached: `LastConverged`.
         schedule: `Schedule`.
         seen: `Reading` of the carry's motion, without derivatives; None to read it now.
     """
     nodes, groups = frame
-    system = system_of(frame, carry, reached, schedule)
+    system = system_at_last(frame, carry, reached, schedule)
     (motion, marks), n_node, dof_map = point, schedule.n_node, system.dof_map
     space = system.space
-    beside, within = _marked(system, marks)
+    beside, within = _spread_marks(system, marks)
 
     def summed(values, marked=True):  # a hinged end passes its force to its node
         if marked and marks is not None:
@@ -92,13 +92,13 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
     displacement = carry.motion[:n_node, :3]
     problem = split_indices((system, motion))
     if seen is None:
-        found = _read(problem)
+        found = _element_results(problem)
     else:
         found = {name: seen.found[name] for name in (*seen.of_ends, "end_forces")}
-        found = with_deferred_derivative(_read, found, problem)
+        found = with_deferred_derivative(_element_results, found, problem)
     reactions = summed(system.reactions(motion, found.pop("end_forces")))
     follow = system.followers is not None or any(group.slides for group in groups)
-    load = summed(_acting(system, motion), follow)  # dead loads do not depend on the motion
+    load = summed(_acting_loads(system, motion), follow)  # dead loads do not depend on the motion
     return State(
         displacement=displacement,
         positions=nodes[:n_node] + displacement,
@@ -115,14 +115,14 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
     )
 
 
-def _read(problem):
-    """What elements tell at the end of a phase, by name, from a thawed (system, motion)."""
+def _element_results(problem):
+    """Evaluate element results at the end of a phase, by name, from a thawed (system, motion)."""
     system, motion = merge_indices(*problem)
     names = [name for name, result in system.results().items() if result.ends]
     return system.reading(motion, *names, "end_forces")
 
 
-def _marked(system, marks):
+def _spread_marks(system, marks):
     """Spread the marks of rows over elements and neighbouring rows.
 
     Marks are zero; their derivative is NaN where there is no derivative.
@@ -148,8 +148,8 @@ def _marked(system, marks):
     return beside, within
 
 
-def _acting(system, motion):
-    """All loads on every row, with loads that slide along ropes where they are now."""
+def _acting_loads(system, motion):
+    """Return all loads on every row, with loads that slide along ropes where they are now."""
     load = system.external_force(motion)
     for group, state in zip(system.groups, system.states, strict=True):
         if group.slides and state.line_load is not None:
@@ -159,7 +159,7 @@ def _acting(system, motion):
 
 
 def on_nodes(structure: Structure, part: Part, per_node: Sequence[str] = ("displacement",)) -> Part:
-    """A result without the rows of motion that are no nodes.
+    """Return a result without the rows of motion that are no nodes.
 
     Args:
         structure: `Structure`.
@@ -174,7 +174,7 @@ def on_nodes(structure: Structure, part: Part, per_node: Sequence[str] = ("displ
 
 
 def arranged(structure: Structure, solution: Solution, task: Prepared) -> Solution:
-    """The solution for the user: results in the shape of `elements`, topology put back.
+    """Return the solution for the user: results in the shape of `elements`, topology put back.
 
     Args:
         structure: `Structure`.

@@ -27,13 +27,13 @@ from ..common.types import Array, Float, Int, PyTree
 from ..common.writing import create_if_absent
 from . import chunk_files
 from .batches import batched
-from .chunk_files import ANEW, Identity
+from .chunk_files import RECOMPUTE_HINT, ChunkIdentity
 
 Cases: TypeAlias = "PyTree[Float[Array, 'n_case ...']]"
 
-_STUDY = "study.json"
-_AT_ONCE = 256  # cases: their data stay in cache
-_PROBED = 16  # cases that are compared where a function makes them
+_STUDY_FILE = "study.json"
+_CHUNK_IN_CACHE = 256  # cases: their data stay in cache
+_N_COMPARED = 16  # cases that are compared where a function makes them
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,42 +72,45 @@ class Study:
         return [k for k in range(self.n_chunk) if not self.file(k).exists()]
 
     def file(self, k: int) -> Path:
-        """The file of chunk `k`."""
+        """Return the path of the file of chunk `k`."""
         return self.folder / f"chunk-{k:06}.npz"
 
     def numbers(self, k: int) -> Int[np.ndarray, " n"]:
-        """Numbers of the cases of chunk `k`, [n]."""
+        """Return the numbers of the cases of chunk `k`, [n]."""
         return np.arange(k * self.chunk, min((k + 1) * self.chunk, self.n_case))
 
     def chunks(self) -> Iterator[tuple[Int[np.ndarray, " n"], dict[str, np.ndarray]]]:
-        """Numbers of cases, [n], and their results by name, [n, ...], chunk by chunk.
+        """Iterate over the chunks: numbers of cases, [n], and their results by name, [n, ...].
 
         Raises:
             ValueError: the folder holds another study; the file of a chunk is damaged, or it is of
                 another study, or of another chunk.
         """
         there = [k for k in range(self.n_chunk) if self.file(k).exists()]
-        study = self._digest(there)
+        study = self._study_digest(there)
         for k in there:
             numbers = self.numbers(k)
-            yield numbers, chunk_files.read(self.file(k), Identity(study, k), len(numbers))
+            yield (
+                numbers,
+                chunk_files.read_chunk(self.file(k), ChunkIdentity(study, k), len(numbers)),
+            )
 
-    def _digest(self, there):
-        """The digest by which files name this study; None if they do not, as of earlier versions.
+    def _study_digest(self, there):
+        """Return the digest by which files name this study; None for files of earlier versions.
 
         Where nothing describes the study, it is the one that the first file of `there` names.
         """
-        known = self._described()
+        known = self._read_description()
         if known is None:
-            return chunk_files.study_of(self.file(there[0])) if there else None
-        return chunk_files.digest_of(known) if "function" in known else None
+            return chunk_files.read_study_digest(self.file(there[0])) if there else None
+        return chunk_files.study_digest(known) if "function" in known else None
 
-    def _described(self):
-        """What ``study.json`` says, a dict, which must be of this study; None without one."""
-        path = self.folder / _STUDY
+    def _read_description(self):
+        """Read ``study.json``, checked to be of this study; None without such a file."""
+        path = self.folder / _STUDY_FILE
         if not path.exists():
             return None
-        known = _description(path)
+        known = _read_study_file(path)
         if (known["n_case"], known["chunk"]) != (self.n_case, self.chunk):
             raise ValueError(
                 f"{self.folder}: holds a study of {known['n_case']} cases in chunks of "
@@ -116,24 +119,31 @@ class Study:
         return known
 
     def load(self, *names: str) -> dict[str, np.ndarray]:
-        """Results of all cases by name, [n_case, ...]: those of `names`, or all.
+        """Load the results of all cases, a dict of arrays [n_case, ...]: those of `names`, or all.
 
         Raises:
             ValueError: cases are missing, there is no such result, the file of a chunk is damaged
                 or of another study or chunk.
         """
-        self._described()
+        self._read_description()
         missing = self.missing
         if missing:
             raise ValueError(
                 f"{self.folder}: {len(missing)} of {self.n_chunk} chunks are missing, the first is "
-                f"{missing[0]}; run the study again, it goes on where it was"
+                f"{missing[0]}; run the study again to compute them"
             )
         parts = []
         for k, (_, results) in enumerate(self.chunks()):
-            if parts and chunk_files.told(results) != chunk_files.told(parts[0]):
-                held, others = chunk_files.told(results), chunk_files.told(parts[0])
-                raise ValueError(f"{self.file(k)}: holds {held}, other chunks {others}; {ANEW}")
+            if parts and chunk_files.describe_results(results) != chunk_files.describe_results(
+                parts[0]
+            ):
+                held, others = (
+                    chunk_files.describe_results(results),
+                    chunk_files.describe_results(parts[0]),
+                )
+                raise ValueError(
+                    f"{self.file(k)}: holds {held}, other chunks {others}; {RECOMPUTE_HINT}"
+                )
             parts.append(results)
         for name in names:
             if name not in parts[0]:
@@ -194,21 +204,23 @@ def streamed(
         ([], [0.0, 2.5, 5.0, 7.5, 10.0])
     """
     checks.require_whole_number(chunk, "chunk")
-    some, count, known_cases = _cases(cases, n_case)
-    rank, processes = _share(share)
+    some, count, known_cases = _as_case_function(cases, n_case)
+    rank, processes = _check_share(share)
     study = Study(Path(folder), count, chunk)
-    compute = batched(function, min(_AT_ONCE, chunk, count))
+    compute = batched(function, min(_CHUNK_IN_CACHE, chunk, count))
     size = min(chunk, count)
     shapes = jax.tree.map(
-        lambda leaf: jax.ShapeDtypeStruct((size, *leaf.shape[1:]), _dtype(leaf)), known_cases
+        lambda leaf: jax.ShapeDtypeStruct((size, *leaf.shape[1:]), _jax_dtype(leaf)), known_cases
     )
-    expected = _expected(compute, shapes)
-    made_by = cases if callable(cases) and count > _PROBED else None
-    own = chunk_files.digest_of(_begin(study, compute, shapes, known_cases, made_by))
+    expected = _expected_results(compute, shapes)
+    made_by = cases if callable(cases) and count > _N_COMPARED else None
+    own = chunk_files.study_digest(_begin_study(study, compute, shapes, known_cases, made_by))
     mine = range(rank, study.n_chunk, processes)
     done = {k for k in mine if study.file(k).exists()}
     for k in sorted(done):
-        chunk_files.require(study.file(k), Identity(own, k), len(study.numbers(k)), expected)
+        chunk_files.require_chunk(
+            study.file(k), ChunkIdentity(own, k), len(study.numbers(k)), expected
+        )
     for k in mine:
         if k in done or study.file(k).exists():  # another process may have written it
             continue
@@ -217,26 +229,28 @@ def streamed(
         filled = np.minimum(np.arange(k * chunk, k * chunk + size), count - 1)
         results = compute(some(filled))
         arrays = {name: np.asarray(value)[: len(numbers)] for name, value in results.items()}
-        chunk_files.write(study.file(k), arrays, Identity(own, k))
+        chunk_files.write_chunk(study.file(k), arrays, ChunkIdentity(own, k))
     return study
 
 
-def _cases(cases, n_case):
-    """A function from numbers to cases, the number of cases, and the cases that are compared."""
+def _as_case_function(cases, n_case):
+    """Return a function from numbers to cases, the number of cases, and cases to compare."""
     if callable(cases):
         if n_case is None:
-            raise ValueError("n_case: missing; a function of cases does not tell their number")
+            raise ValueError(
+                "n_case: missing; give the number of cases where `cases` is a function"
+            )
         checks.require_whole_number(n_case, "n_case")
-        numbers = np.unique(np.linspace(0, n_case - 1, min(n_case, _PROBED)).astype(int))
+        numbers = np.unique(np.linspace(0, n_case - 1, min(n_case, _N_COMPARED)).astype(int))
         probed = jax.tree.map(np.asarray, cases(numbers))
-        if _counts(probed) != {len(numbers)}:
+        if _axis_lengths(probed) != {len(numbers)}:
             raise ValueError(
                 f"cases: expected arrays [{len(numbers)}, ...] for {len(numbers)} numbers, got "
                 f"{[leaf.shape for leaf in jax.tree.leaves(probed)]}"
             )
         return cases, n_case, probed
     cases = jax.tree.map(np.asarray, cases)
-    counts = _counts(cases)
+    counts = _axis_lengths(cases)
     if len(counts) != 1 or None in counts or 0 in counts:
         raise ValueError("cases: expected arrays with one common leading axis, [n_case, ...]")
     (count,) = counts
@@ -245,18 +259,18 @@ def _cases(cases, n_case):
     return (lambda numbers: jax.tree.map(lambda leaf: leaf[numbers], cases)), count, cases
 
 
-def _counts(cases):
-    """Lengths of the leading axes of cases, a set; None where there is no axis."""
+def _axis_lengths(cases):
+    """Return the lengths of the leading axes of cases, a set; None where there is no axis."""
     return {len(leaf) if leaf.ndim else None for leaf in jax.tree.leaves(cases)}
 
 
-def _dtype(leaf):
-    """The dtype with which jax computes."""
+def _jax_dtype(leaf):
+    """Return the dtype with which jax computes."""
     return jax.dtypes.canonicalize_dtype(leaf.dtype)
 
 
-def _share(share):
-    """Number of this process and number of processes, checked."""
+def _check_share(share):
+    """Return number of this process and number of processes; ValueError if they do not fit."""
     rank, processes = share
     checks.require_whole_number(rank, "share[0]", least=0)
     checks.require_whole_number(processes, "share[1]")
@@ -265,8 +279,8 @@ def _share(share):
     return rank, processes
 
 
-def _expected(compute, shapes):
-    """The results of a case, a dict from name to (shape, dtype); checks their names."""
+def _expected_results(compute, shapes):
+    """Return (shape, dtype) of the results of a case by name, not computed; check the names."""
     results = jax.eval_shape(compute, shapes)
     if not isinstance(results, dict):
         raise ValueError(
@@ -286,8 +300,8 @@ def _expected(compute, shapes):
     return {name: (value.shape[1:], value.dtype.name) for name, value in results.items()}
 
 
-def _begin(study, compute, shapes, cases, made_by):
-    """Make the folder of a study, or see that it holds this one; returns its description.
+def _begin_study(study, compute, shapes, cases, made_by):
+    """Make the folder of a study, or check that it holds this one; return its description.
 
     Args:
         made_by: the function of `cases`, if not all of them are compared; None otherwise.
@@ -297,25 +311,25 @@ def _begin(study, compute, shapes, cases, made_by):
         "chunk": study.chunk,
         "cases": digest.of_arrays(cases),
         "cases_function": None if made_by is None else digest.of_host_function(made_by),
-        "jaxcable": _version("jaxcable"),
+        "jaxcable": _package_version("jaxcable"),
         "jax": jax.__version__,
         "backend": jax.default_backend(),
         "fuse_loops": are_loops_fused(),
         "function": digest.of_function(compute, shapes),
     }
-    path = study.folder / _STUDY
+    path = study.folder / _STUDY_FILE
     if study.folder.exists() and not study.folder.is_dir():
         raise ValueError(f"folder: {study.folder} is a file")
     if not path.exists():
         for k in range(study.n_chunk):
             if study.file(k).exists() and not path.exists():  # no other process has begun it
                 raise ValueError(
-                    f"folder: {study.folder} holds {study.file(k).name} and no {_STUDY} that tells "
-                    "what it is; take another folder, or move that file away"
+                    f"folder: {study.folder} holds {study.file(k).name} but no {_STUDY_FILE} that "
+                    "says what it is; take another folder, or move that file away"
                 )
         study.folder.mkdir(parents=True, exist_ok=True)
         create_if_absent(path, json.dumps(told, indent=1).encode() + b"\n")
-    known = _description(path)
+    known = _read_study_file(path)
     if "function" not in known:
         raise ValueError(
             f"folder: {study.folder} holds a study of an earlier version of jaxcable, which did "
@@ -338,16 +352,16 @@ def _begin(study, compute, shapes, cases, made_by):
     return known
 
 
-def _version(name):
-    """The version of an installed package."""
+def _package_version(name):
+    """Return the version of an installed package, "unknown" if it is not installed."""
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
         return "unknown"
 
 
-def _description(path):
-    """What ``study.json`` says, a dict; ValueError if it is damaged, or a stranger's."""
+def _read_study_file(path):
+    """Read ``study.json``, a dict; ValueError if it is damaged, or not of jaxcable."""
     try:
         found = json.loads(path.read_text("utf-8"))
     except (ValueError, RecursionError) as error:

@@ -1,10 +1,10 @@
 """What acts on a structure in a phase, one kind a file.
 
 Dead loads keep direction and magnitude: on nodes (`nodal`), along elements (`along`), on areas
-(`areas`; `meshes` finds the faces of a net). Following loads turn with the elements or faces that
-they press on (`pressure`). Supports may be moved (`movement`). Loads of elements and areas go on
-acting in later phases. `Varying` lets any of them follow an amplitude within its phase. `combine`
-scales load cases and adds them.
+(`areas`; `net_meshes` finds the faces of a net). Follower loads turn with the elements or faces
+that they press on (`pressure`). Supports may be moved (`movement`). Loads of elements and areas go
+on acting in later phases. `Varying` lets any of them follow an amplitude within its phase.
+`combine` scales load cases and adds them.
 
 `load` is the contract: `Load` and the ways to act, `OnNodes`, `Moving`, `Dead` (with `Measured`,
 which can also be dead in the geometry where its phase begins) and `Following`.
@@ -19,8 +19,8 @@ from .along import LineLoads, SelfWeight
 from .areas import AreaLoads
 from .combine import combine
 from .load import Load
-from .meshes import net_faces
 from .movement import SupportMovement
+from .net_meshes import net_faces
 from .nodal import NodalLoads
 from .pressure import CablePressure, FacePressure
 from .varying import Varying
@@ -40,8 +40,8 @@ __all__ = [
 ]
 
 
-def _hint(thing):
-    """Advice, for an error message, on how to make a load of something that is none."""
+def _loads_hint(thing):
+    """Return advice, for an error message, on how to make a load of something that is none."""
     if isinstance(thing, type):
         return f"; call it: {thing.__name__}(...)"
     if isinstance(thing, float | int):
@@ -52,7 +52,7 @@ def _hint(thing):
 
 
 def as_list(loads: Load | Sequence[Load] | None) -> list[Load]:
-    """Loads of a phase as a list.
+    """Return the loads of a phase as a list.
 
     Args:
         loads: None, one load, or a list or tuple of loads.
@@ -75,5 +75,5 @@ def as_list(loads: Load | Sequence[Load] | None) -> list[Load]:
         if not isinstance(load, Load):
             is_class = isinstance(load, type)
             kind = f"the class {load.__name__}" if is_class else type(load).__name__
-            raise ValueError(f"loads[{k}]: {kind} is not a load{_hint(load)}")
+            raise ValueError(f"loads[{k}]: {kind} is not a load{_loads_hint(load)}")
     return items

@@ -22,24 +22,24 @@ from ..numerics import scaled
 from .groups import Key, OnGroups
 from .load import Dead, Groups, Measured, OnEveryNode, Positions, States
 
-PER = ("unstressed", "initial", "projected")
+LENGTH_REFERENCES = ("unstressed", "initial", "projected")
 GEOMETRIES = ("input", "begun")
 
 
-class Along(OnGroups, Dead):
-    """A dead load along elements: a vector times an amount, such as a weight, of each element."""
+class AlongElements(OnGroups, Dead):
+    """Dead load along elements: one vector times an amount, such as a weight, for each element."""
 
     @abc.abstractmethod
-    def _vector(self):
-        """Direction and size of the load, [3]."""
+    def _load_vector(self):
+        """Return direction and size of the load, [3]."""
 
     @abc.abstractmethod
-    def _at_ends(self, number, group, state, nodes):
-        """Amounts at the ends of the elements of a group, [n_elem, n_end], or None."""
+    def _amounts_at_ends(self, number, group, state, nodes):
+        """Return the amounts at the ends of the elements of a group, [n_elem, n_end], or None."""
 
     @abc.abstractmethod
-    def _between_ends(self, number, group, state, nodes):
-        """Amounts between the ends of the elements of a group, [n_elem], or None."""
+    def _amounts_between_ends(self, number, group, state, nodes):
+        """Return the amounts between the ends of the elements of a group, [n_elem], or None."""
 
     def element_forces(
         self,
@@ -49,26 +49,30 @@ class Along(OnGroups, Dead):
         shape: tuple[int, int],
         dtype: DTypeLike,
     ) -> OnEveryNode:
-        """Force on every node, of `shape`, N, for the given element states."""
+        """Return the force on every node, of `shape`, N, for the given element states."""
         total = jnp.zeros(shape[0], dtype)
         for number in self.on:
-            amounts = self._at_ends(number, groups[number], states[number], nodes)
+            amounts = self._amounts_at_ends(number, groups[number], states[number], nodes)
             if amounts is not None:
                 total = total.at[groups[number].links].add(amounts)
-        return padded(jnp.outer(total, self._vector().astype(dtype)), shape)
+        return pad_moments(jnp.outer(total, self._load_vector().astype(dtype)), shape)
 
     def per_length(
         self, number: int, group: Element, state: OwnState, nodes: Positions
     ) -> Float[Array, "n_elem 3"] | None:
-        """Load along the elements of a group per unstressed length, [n_elem, 3], N/m, or None."""
-        amounts = self._between_ends(number, group, state, nodes) if number in self.on else None
+        """Return the load of a group per unstressed length, [n_elem, 3], N/m, or None."""
+        amounts = (
+            self._amounts_between_ends(number, group, state, nodes) if number in self.on else None
+        )
         if amounts is None:
             return None
-        return jnp.outer(self.partly(number, amounts, state) / state.rest_length, self._vector())
+        return jnp.outer(
+            self.partly(number, amounts, state) / state.rest_length, self._load_vector()
+        )
 
 
 @pytree(static=("on",))
-class SelfWeight(Along):
+class SelfWeight(AlongElements):
     """Self-weight of the elements that have a `weight`; half of it acts at each end of an element.
 
     Of elements with more ends, such as membranes of your own, each end has an equal part of it.
@@ -113,7 +117,7 @@ class SelfWeight(Along):
     scales = ("direction",)
 
     def __post_init__(self):
-        self._check_elements()
+        self._check_selection()
         direction = checks.as_floats(self.direction, "direction")
         if direction.shape != (3,):
             raise ValueError(
@@ -127,16 +131,17 @@ class SelfWeight(Along):
         if all(group.weight is None for group in groups):
             kind = "no element group" if self.on is None else f"on = {self.on!r}: no such group"
             raise ValueError(
-                f"SelfWeight: {kind} has a weight; give weight=... in N/m, of surfaces N/m2"
+                f"SelfWeight: {kind} has a weight; give the group weight=... in N/m (surfaces: "
+                "N/m2)"
             )
 
-    def _vector(self):
+    def _load_vector(self):
         return self.direction
 
-    def _between_ends(self, number, group, state, nodes):
+    def _amounts_between_ends(self, number, group, state, nodes):
         return group.weights(state)
 
-    def _at_ends(self, number, group, state, nodes):
+    def _amounts_at_ends(self, number, group, state, nodes):
         weights = group.weights(state)
         if weights is None:
             return None
@@ -144,7 +149,7 @@ class SelfWeight(Along):
 
 
 @pytree(static=("on", "per", "geometry"))
-class LineLoads(Along, Measured):
+class LineLoads(AlongElements, Measured):
     """Dead loads along the elements; beams bend under them and catenaries hang.
 
     They act on elements whenever these are there (`Phase`): also on those that later phases add, or
@@ -200,11 +205,11 @@ class LineLoads(Along, Measured):
     scales = ("factor",)
 
     def __post_init__(self):
-        self._check_elements()
+        self._check_selection()
         forces = checks.floats_of_shape(self.forces, "forces", (3,))
         set_fields(self, forces=forces, factor=checks.as_scalar(self.factor, "factor"))
-        checks.require_one_of(self.per, "per", PER)
-        check_geometry(self.geometry, self.per)
+        checks.require_one_of(self.per, "per", LENGTH_REFERENCES)
+        require_known_geometry(self.geometry, self.per)
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if the structure has no such elements, or they have no length."""
@@ -213,41 +218,41 @@ class LineLoads(Along, Measured):
         if without and (self.on is not None or len(without) == len(numbers)):
             path, kind = group_path(structure, without[0]), type(structure.groups[without[0]])
             raise ValueError(
-                f"on = {self.on!r}: {path} ({kind.__name__}) has no length to load; its class must "
-                "state has_length = True"
+                f"on = {self.on!r}: {path} ({kind.__name__}) has no length to load; if its "
+                "elements have one, give the class has_length = True"
             )
 
-    def _vector(self):
+    def _load_vector(self):
         return self.factor * self.forces
 
-    def _at_ends(self, number, group, state, nodes):
+    def _amounts_at_ends(self, number, group, state, nodes):
         if not group.has_length:
             return None
-        ends = self._ends(group, nodes)
+        ends = self._end_positions(group, nodes)
         if self.per == "unstressed":
             share = group.at_ends(state.loaded, ends)
         else:  # half of each piece to each of its ends
             n_inner = group.n_inner_row
-            half = 0.5 * self._pieces(ends[:, : ends.shape[1] - n_inner])
+            half = 0.5 * self._piece_lengths(ends[:, : ends.shape[1] - n_inner])
             share = jnp.pad(half, ((0, 0), (0, 1))) + jnp.pad(half, ((0, 0), (1, 0)))
             share = jnp.pad(share, ((0, 0), (0, n_inner)))
         return self.partly(number, share, state)
 
-    def _between_ends(self, number, group, state, nodes):
+    def _amounts_between_ends(self, number, group, state, nodes):
         slides = group.slides and self.per != "unstressed"
         if slides or not group.has_length:
             return None
         if self.per == "unstressed":
             return state.loaded
-        ends = self._ends(group, nodes)
-        return jnp.sum(self._pieces(ends[:, : ends.shape[1] - group.n_inner_row]), axis=-1)
+        ends = self._end_positions(group, nodes)
+        return jnp.sum(self._piece_lengths(ends[:, : ends.shape[1] - group.n_inner_row]), axis=-1)
 
-    def _ends(self, group, nodes):
-        """Ends of a group's elements in the geometry that lengths are measured in."""
+    def _end_positions(self, group, nodes):
+        """Return the ends in the geometry that lengths are measured in, [n_elem, n_end, 3]."""
         return self.measured(nodes)[group.links]
 
-    def _pieces(self, ends):
-        """Initial or projected lengths between successive ends, [n_elem, n_end - 1], m."""
+    def _piece_lengths(self, ends):
+        """Return initial or projected lengths between successive ends, [n_elem, n_end - 1], m."""
         pieces = ends[:, 1:] - ends[:, :-1]
         if self.per == "projected":
             square = self.forces @ self.forces
@@ -256,18 +261,18 @@ class LineLoads(Along, Measured):
         return scaled.safe_norm(pieces)  # a piece along the force has no projected length
 
 
-def check_geometry(geometry: str, per: str) -> None:
+def require_known_geometry(geometry: str, per: str) -> None:
     """Raise ValueError for an unknown geometry, or "begun" with unstressed lengths."""
     checks.require_one_of(geometry, "geometry", GEOMETRIES)
     if geometry == "begun" and per == "unstressed":
         raise ValueError(
-            'geometry = "begun": unstressed lengths have no geometry; give per="initial" or '
-            '"projected"'
+            'geometry = "begun": cannot be used with per="unstressed", because unstressed lengths '
+            'have no geometry; give per="initial" or per="projected"'
         )
 
 
-def padded(
+def pad_moments(
     forces: Float[Array, "n_row 3"], shape: tuple[int, int]
 ) -> Float[Array, "n_row n_freedom"]:
-    """Forces [n_node, 3] in the columns of `shape`, with zero moments if it has six."""
+    """Return forces [n_node, 3] in the columns of `shape`, with zero moments if it has six."""
     return jnp.pad(forces, ((0, 0), (0, shape[1] - 3)))

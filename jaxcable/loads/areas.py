@@ -12,12 +12,12 @@ from ..common.selection import Selection
 from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float, Int
 from ..numerics import scaled
-from .along import check_geometry, padded
+from .along import pad_moments, require_known_geometry
 from .faces import OnFaces, area_vectors
 from .groups import Key
 from .load import Groups, Measured, OnEveryNode, Positions, States
 
-PER = ("projected", "initial")
+AREA_REFERENCES = ("projected", "initial")
 
 
 @pytree(static=("per", "geometry", "on"), indices=("faces",))
@@ -80,8 +80,8 @@ class AreaLoads(OnFaces, Measured):
     def __post_init__(self):
         self._check_faces()
         set_fields(self, factor=checks.as_scalar(self.factor, "factor"))
-        checks.require_one_of(self.per, "per", PER)
-        check_geometry(self.geometry, self.per)
+        checks.require_one_of(self.per, "per", AREA_REFERENCES)
+        require_known_geometry(self.geometry, self.per)
 
     def element_forces(
         self,
@@ -91,9 +91,9 @@ class AreaLoads(OnFaces, Measured):
         shape: tuple[int, int],
         dtype: DTypeLike,
     ) -> OnEveryNode:
-        """Force on every node, of `shape`, N."""
+        """Return the force on every node, of `shape`, N."""
         total = jnp.zeros((shape[0], 3), dtype)
-        for faces, per_area in self._on_faces(groups, states, dtype):
+        for faces, per_area in self._faces_and_values(groups, states, dtype):
             for numbers, vector in area_vectors(self.measured(nodes)[faces]):
                 if self.per == "projected":
                     along = jnp.abs(jnp.sum(vector * per_area, axis=-1))
@@ -103,4 +103,4 @@ class AreaLoads(OnFaces, Measured):
                 force = (area / 3)[:, None] * per_area
                 for k in numbers:
                     total = total.at[faces[:, k]].add(force)
-        return padded(self.factor.astype(dtype) * total, shape)
+        return pad_moments(self.factor.astype(dtype) * total, shape)

@@ -17,10 +17,10 @@ def combine(
     cases: Mapping[Any, Load | Sequence[Load]] | Sequence[Load | Sequence[Load]],
     factors: Float[ArrayLike, "... n_case"],
 ) -> list[Load]:
-    """Combine load cases with factors: the loads of a phase, as a batch of combinations.
+    """Combine load cases with factors; return the loads of a phase as a batch of combinations.
 
-    Results of cable structures cannot be superposed: every combination needs its own analysis.
-    Map over the batch::
+    Results of cable structures cannot be superposed: every combination needs its own analysis. Map
+    over the batch::
 
         loads = combine({"dead": dead, "snow": snow}, [[1.35, 1.5], [1.0, 0.0]])
         jax.vmap(lambda one: solve(structure, [Phase(loads=one)], start=first).tension)(loads)
@@ -52,14 +52,16 @@ def combine(
         raise ValueError("cases: at least one load case is needed")
     if factors.ndim not in (1, 2) or factors.shape[-1] != len(cases):
         raise ValueError(
-            f"factors: expected shape [n_combination, {len(cases)}], one column a case, "
+            f"factors: expected shape [n_combination, {len(cases)}], one column for each case, "
             f"got {factors.shape}"
         )
     listed = [list(c) if isinstance(c, list | tuple) else [c] for c in cases]
     for k, loads in enumerate(listed):
         for load in loads:
             if not isinstance(load, Load):
-                raise ValueError(f"cases[{k}]: {type(load).__name__} is not a load")
+                raise ValueError(
+                    f"cases[{k}]: {type(load).__name__} is not a load such as NodalLoads"
+                )
 
     def combined(shares):
         return [

@@ -25,8 +25,8 @@ _SPLITS = {
 }
 
 
-def checked(faces: Int[ArrayLike, "n 3or4"]) -> Indices:
-    """Faces [n, 3] or [n, 4] as `Indices`; ValueError for other shapes and degenerate faces."""
+def as_faces(faces: Int[ArrayLike, "n 3or4"]) -> Indices:
+    """Return faces [n, 3] or [n, 4] as `Indices`; ValueError for wrong or degenerate ones."""
     if isinstance(faces, Indices):
         return faces
     array = np.asarray(faces)
@@ -43,7 +43,7 @@ def checked(faces: Int[ArrayLike, "n 3or4"]) -> Indices:
 def area_vectors(
     corners: Float[Array, "*n 3or4 3"],
 ) -> list[tuple[tuple[int, int, int], Float[Array, "*n 3"]]]:
-    """Area vectors of the triangles of faces with `corners` [..., 3 or 4, 3], m.
+    """Return the area vectors of the triangles of faces with `corners` [..., 3 or 4, 3], m.
 
     Returns:
         List of (indices of the triangle's corners, area vector [..., 3], m2). The area vectors of a
@@ -57,12 +57,15 @@ def area_vectors(
 
 
 def areas(corners: Float[Array, "*n 3or4 3"]) -> Float[Array, "*n"]:
-    """Areas of faces with `corners` [..., 3 or 4, 3], m2: the sum of those of their triangles."""
+    """Return the areas of faces, m2, as the sums over their triangles.
+
+    `corners` are [..., 3 or 4, 3], m.
+    """
     return sum(scaled.safe_norm(vector) for _, vector in area_vectors(corners))  # type: ignore[return-value]  # not empty
 
 
 class OnFaces(OnGroups):
-    """A load on faces: those that are stated, or those of the elements of groups (`Element.face`).
+    """Base of loads on faces: those that are given, or those of groups (`Element.face`).
 
     Attributes:
         faces: `Indices` [n_face, 3] or [n_face, 4], or None.
@@ -73,20 +76,22 @@ class OnFaces(OnGroups):
     faces: Int[ArrayLike, "n_face 3or4"] | None
 
     def _check_faces(self):
-        """Raise ValueError for faces that are none, given twice, or another number of values."""
-        self._check_elements()
+        """Raise ValueError for wrong faces, faces beside a group, or wrong values."""
+        self._check_selection()
         if self.faces is None:
             return self._check_values()
         for name in ("on", "elements"):
             if getattr(self, name) is not None:
-                raise ValueError(f"faces, {name}: give faces, or a group whose elements have them")
-        set_fields(self, faces=checked(self.faces))
+                raise ValueError(
+                    f"faces, {name}: give either faces, or a group whose elements have faces"
+                )
+        set_fields(self, faces=as_faces(self.faces))
         return self._check_values(len(self.faces))
 
     def selected(
         self, structure: Structure
     ) -> tuple[tuple[int, ...], Bool[np.ndarray, " n_elem"] | None]:
-        """As `OnGroups.selected`, of groups that have faces; no group if `faces` are given."""
+        """Select groups that have faces, see `OnGroups.selected`; none if `faces` are given."""
         if self.faces is not None:
             return (), None
         numbers, mask = super().selected(structure)
@@ -96,9 +101,10 @@ class OnFaces(OnGroups):
             k = next(number for number in numbers if number not in kept)
             given = "faces: missing" if self.on is None else f"on = {self.on!r}"
             raise ValueError(
-                f"{given}: {group_path(structure, k)} ({type(groups[k]).__name__}) has no faces; "
-                "give faces=... (of a net those of net_faces), or name a group whose class "
-                "states which ends are around the face of an element, such as face = (0, 1, 2)"
+                f"{given}: {group_path(structure, k)} "
+                f"({type(groups[k]).__name__}) has no faces; give "
+                "faces=... (net_faces finds those of a net), or on=... a group of surfaces "
+                "(a class with face = (0, 1, 2), the ends around the face of an element)"
             )
         return kept, mask
 
@@ -109,16 +115,16 @@ class OnFaces(OnGroups):
         self._check_counts(structure, self.selected(structure)[0])
 
     def touches(self, groups: Groups) -> list[Indices]:
-        """Nodes whose forces depend on each other's positions, a list of [n, 3 or 4]."""
+        """Return the nodes whose forces depend on each other's positions, a list of [n, 3 or 4]."""
         if self.faces is not None:
             return [self.faces]
         found = [groups[number] for number in self.on]
         return [Indices(np.asarray(group.links)[:, group.face]) for group in found]
 
-    def _on_faces(
+    def _faces_and_values(
         self, groups: Groups, states: States, dtype: Any
     ) -> Iterator[tuple[Any, Float[Array, "n_face ..."]]]:
-        """Iterate over pairs of node numbers around faces [n_face, 3 or 4], and their values.
+        """Iterate over pairs: node numbers around faces [n_face, 3 or 4], and values there.
 
         Values are zero where the load, or the element, is not.
         """

@@ -27,7 +27,7 @@ _ALL = 1.0  # factor of all elements of a group
 
 
 class OnGroups(Acting):
-    """A load on elements: of all groups, of one, or of some elements of one.
+    """Base of loads on elements: of all groups, of one group, or of some elements of one group.
 
     Attributes:
         on: `Key` of the loaded group.
@@ -43,35 +43,34 @@ class OnGroups(Acting):
     varies: ClassVar[tuple[str, tuple[int, ...]] | None] = None
     part: dict[int, Float[Array, "n_elem ..."]] | None
 
-    def _check_elements(self):
+    def _check_selection(self):
         """Raise ValueError unless `elements` is a selection or None."""
         if self.elements is not None and not isinstance(self.elements, Selection):
             raise ValueError(
-                "elements: expected a selection such as only([4, 5]), got "
-                f"{type(self.elements).__name__}"
+                "elements: expected a selection of elements such as only([4, 5]), without values, "
+                f"got {type(self.elements).__name__}"
             )
 
     def selected(
         self, structure: Structure
     ) -> tuple[tuple[int, ...], Bool[np.ndarray, " n_elem"] | None]:
-        """Numbers of the loaded groups, and a mask of the loaded elements, [n_elem] bool, NumPy.
+        """Return numbers of the loaded groups, and a mask of their loaded elements, [n_elem].
 
         The mask is None if all elements are loaded.
 
         Raises:
             ValueError: there is no such group or element, or elements of several groups.
         """
-        numbers = _chosen(self.on, structure)
+        numbers = _group_numbers(self.on, structure)
         if self.elements is None:
             return numbers, None
         if len(numbers) != 1:
             raise ValueError(
-                f"elements: on = {self.on!r} means {len(numbers)} groups; name the one whose "
-                "elements these are"
+                f"elements: on = {self.on!r} means {len(numbers)} groups; give on=... the group "
+                "that has these elements"
             )
-        return numbers, self.elements.element_mask(
-            len(structure.groups[numbers[0]].links), "elements"
-        )
+        label = f"elements of {group_path(structure, numbers[0])}"
+        return numbers, self.elements.element_mask(len(structure.groups[numbers[0]].links), label)
 
     def _check_values(self, count: int | None = None) -> None:
         """Raise ValueError unless the field that varies has values of the right shape.
@@ -81,7 +80,7 @@ class OnGroups(Acting):
         name, one = self.varies  # type: ignore[misc]  # asked only of loads that have such a field
         value = getattr(self, name)
         if value is None:
-            raise ValueError(f"{name}: missing; {type(self).__name__} needs a value of it")
+            raise ValueError(f"{name}: missing; give {type(self).__name__}({name}=...)")
         values = checks.as_floats(value, name)
         if count is None:
             count = len(values) if values.ndim else 1
@@ -96,7 +95,7 @@ class OnGroups(Acting):
             checks.floats_of_shape(getattr(self, name), name, one, (count, *one), hint=hint)
 
     def among(self, structure: Structure) -> Self:
-        """The load with groups as numbers, and with factors for elements: 1 if loaded, else 0.
+        """Return the load with numbers of groups, and factors of elements: 1 if loaded, else 0.
 
         Values of elements become their factors, and the field that has them ones.
         """
@@ -114,7 +113,7 @@ class OnGroups(Acting):
         return copy_with(load, part=None if factors is None else dict.fromkeys(numbers, factors))
 
     def bundled(self, bundles: Bundles) -> Self:
-        """The load, after `among`, on bundles of groups, see `mechanics.bundles`."""
+        """Return the load, after `among`, on bundles of groups."""
         if bundles.plain:
             return self
         given = self.part or {}
@@ -123,7 +122,7 @@ class OnGroups(Acting):
         return copy_with(self, on=tuple(spread), part=part or None)
 
     def touched(self, bundles: Bundles) -> Self:
-        """The load with the numbers of the bundles that it acts on."""
+        """Return the load with the numbers of the bundles that it acts on."""
         return copy_with(self, on=bundles.numbers(self.on))
 
     def partly(
@@ -132,7 +131,7 @@ class OnGroups(Acting):
         amounts: Float[ArrayLike, "n_elem ..."],
         state: ElementState | None = None,
     ) -> Float[Array, "n_elem ..."]:
-        """Amounts of the elements of a group, [n_elem, ...], zero where the load is not.
+        """Multiply amounts [n_elem, ...] of a group by the factors of its elements.
 
         They are zero where an element is not there, too, if the `state` of the group says so.
         """
@@ -143,8 +142,8 @@ class OnGroups(Acting):
         return amounts if state is None else state.only_present(amounts)
 
 
-def _chosen(on, structure):
-    """Numbers of the groups that a key of the structure's elements names, a tuple; all if None."""
+def _group_numbers(on, structure):
+    """Return the numbers of the groups that a key of the elements names; all if None."""
     numbers = structure.arrange(list(range(len(structure.groups))))
     try:
         return tuple(jax.tree.leaves(numbers if on is None else numbers[on]))
@@ -154,13 +153,13 @@ def _chosen(on, structure):
         raise ValueError(f"on = {on!r}: no such key in the structure's elements{known}") from None
 
 
-def scattered(
+def scatter_to_nodes(
     nodes: Indices | Int[Array, " n"],
     parts: Sequence[Float[ArrayLike, "... 3"] | None],
     shape: tuple[int, int],
     dtype: DTypeLike,
 ) -> OnEveryNode:
-    """Add vectors at their nodes: an array of `shape`, NumPy unless something is traced.
+    """Add vectors at their nodes; return an array of `shape`, NumPy unless something is traced.
 
     Args:
         nodes: `Indices` [n], or a traced array.

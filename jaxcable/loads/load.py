@@ -16,6 +16,9 @@ from ..elements.element import Element, OwnState
 from ..model.structure import Structure
 from ..model.supports import Fixed
 
+VECTOR_HINT = "; give (x, y, z) for all nodes, or for each of them"
+"""End of messages on vectors of nodes that have another shape."""
+
 Groups: TypeAlias = Sequence[Element]
 States: TypeAlias = Sequence[OwnState]
 """State of every group, an `ElementState` of the group's own class."""
@@ -43,7 +46,7 @@ class Bundles(Protocol):
 
 
 class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstract methods
-    """Something that acts on a structure in a phase; a pytree whose leaves are its numbers.
+    """Base of all loads: pytrees whose leaves are their numbers, and which act in a phase.
 
     A load derives from one of the classes below: `OnNodes`, `Moving`, `Dead` or `Measured`,
     `Following`.
@@ -61,15 +64,18 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
         return None
 
     def scaled(self, factor: Float[ArrayLike, ""]) -> Self:
-        """The load times `factor`, by its fields `scales`."""
+        """Return the load times `factor`, which multiplies the fields `scales`."""
         if not self.scales:
             kind = type(self).__name__
-            raise ValueError(f"{kind}: cannot be scaled; its class names no field in `scales`")
+            raise ValueError(
+                f"{kind}: cannot be multiplied by a factor; its class must name the fields that a "
+                "factor multiplies, such as scales = ('forces',)"
+            )
         given = {name: getattr(self, name) for name in self.scales}
         return copy_with(self, **{name: factor * x for name, x in given.items() if x is not None})
 
     def rules(self) -> list[Rule]:
-        """The rules of its numbers, see `common.rules`."""
+        """Return the rules of its numbers, see `common.rules`."""
         return []
 
     def __str__(self) -> str:
@@ -77,10 +83,10 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
 
 
 class OnNodes(Load):
-    """A dead load on nodes; where a freedom becomes fixed, its force no longer counts as load."""
+    """Base of dead loads on nodes; at a degree of freedom that becomes fixed they end."""
 
     def at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]] | None:
-        """Nodes [n] and the forces on them, [3] or [n, 3], N, to warn of loads without effect.
+        """Return nodes [n] and the forces on them, [3] or [n, 3], N, for warnings.
 
         None (the default) of a load that has them in another form, which is not warned of.
         """
@@ -93,23 +99,23 @@ class OnNodes(Load):
 
     @abc.abstractmethod
     def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
+        """Return force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
 
 
 class Moving(Load):
-    """A movement of supports."""
+    """Base of movements of supports."""
 
     @abc.abstractmethod
     def check_supported(self, fixed: Fixed) -> None:
-        """Raise ValueError if a moved freedom is not held; `fixed` is a `supports.Fixed`."""
+        """Raise ValueError if a moved degree of freedom is not held."""
 
     @abc.abstractmethod
     def steps(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Steps of all nodes, of `shape`: translations, and rotation vectors with six columns."""
+        """Return the movement of every node, of `shape`: translation, and rotation vector."""
 
 
 class Acting(Load):
-    """A load on elements or areas, which goes on acting in later phases."""
+    """Base of loads on elements or areas, which go on acting in later phases."""
 
     @property
     def asks_begun(self) -> bool:
@@ -117,20 +123,20 @@ class Acting(Load):
         return False
 
     def among(self, structure: Structure) -> Acting:
-        """The load as an analysis of a structure needs it, with groups by their numbers."""
+        """Return the load as an analysis of a structure needs it, with groups by their numbers."""
         return self
 
     def bundled(self, bundles: Bundles) -> Acting:
-        """The load, after `among`, with bundles instead of groups (`mechanics.bundles`)."""
+        """Return the load, after `among`, on bundles of groups."""
         return self
 
     def touched(self, bundles: Bundles) -> Acting:
-        """As `bundled`, with only the numbers of the bundles that the load acts on."""
+        """Return the load as `bundled` does, with only the numbers of its bundles."""
         return self
 
 
 class Dead(Acting):
-    """Forces that do not depend on where the nodes are, but may on the state of the elements."""
+    """Base of forces that depend on no current positions, but may on states of elements."""
 
     @abc.abstractmethod
     def element_forces(
@@ -141,12 +147,12 @@ class Dead(Acting):
         shape: tuple[int, int],
         dtype: DTypeLike,
     ) -> OnEveryNode:
-        """Force on every node, as `shape`, N, for the given element states."""
+        """Return the force on every node, as `shape`, N, for the given element states."""
 
     def per_length(
         self, number: int, group: Element, state: OwnState, nodes: Positions
     ) -> Float[Array, "n_elem 3"] | None:
-        """The load along the elements of a group, which bends them or makes them hang.
+        """Return the load along the elements of a group, which bends them or makes them hang.
 
         Returns:
             Force per unstressed length, [n_elem, 3], N/m; None if the load has no such part.
@@ -155,7 +161,7 @@ class Dead(Acting):
 
 
 class Measured(Dead):
-    """A dead load per length or area of a geometry.
+    """Base of dead loads per length or area of a geometry.
 
     Attributes:
         geometry: "input", that of the structure's nodes, or "begun", that at the beginning of the
@@ -172,33 +178,36 @@ class Measured(Dead):
         return self.geometry == "begun"
 
     def measured(self, nodes: Positions) -> Positions:
-        """Positions to measure lengths or areas in, [n_row, 3], m; `nodes` are the initial ones."""
+        """Return the positions in which lengths or areas are measured, [n_row, 3], m.
+
+        `nodes` are the initial positions.
+        """
         return nodes if self.begun is None else self.begun
 
 
 class Following(Acting):
-    """Forces that depend on where the nodes are."""
+    """Base of follower loads: forces that depend on the current positions of the nodes."""
 
     @abc.abstractmethod
     def touches(self, groups: Groups) -> list[Indices]:
-        """Nodes whose forces depend on each other's positions, a list of `Indices` [n, k]."""
+        """Return nodes whose forces depend on each other's positions, list of `Indices` [n, k]."""
 
     @abc.abstractmethod
     def following_forces(
         self, groups: Groups, states: States, nodes: Positions, moved: Positions
     ) -> Positions:
-        """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
+        """Return the force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
 
     @abc.abstractmethod
     def following_blocks(
         self, groups: Groups, states: States, nodes: Positions, moved: Positions
     ) -> Blocks:
-        """Derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
+        """Return the derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
 
     def pressing(
         self, number: int, group: Element
     ) -> tuple[str, Float[Array, " n_elem"], Float[Array, "n_elem 3"]] | None:
-        """The pressure that bends the elements of a group.
+        """Return the pressure that bends the elements of a group (beams, between their ends).
 
         Returns:
             The length that it is per, pressure [n_elem], axes [n_elem, 3]; None if it bends none.

@@ -11,8 +11,8 @@ from ..common.types import ArrayLike, Float, Int
 from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import Fixed
-from .groups import scattered
-from .load import Moving, OnEveryNode
+from .groups import scatter_to_nodes
+from .load import VECTOR_HINT, Moving, OnEveryNode
 
 
 @pytree(indices=("nodes",))
@@ -57,22 +57,23 @@ class SupportMovement(Moving):
         for name in ("displacements", "rotations"):
             if getattr(self, name) is not None:
                 shapes = (3,), (len(self.nodes), 3)
-                set_fields(
-                    self, **{name: checks.floats_of_shape(getattr(self, name), name, *shapes)}
-                )
+                value = checks.floats_of_shape(getattr(self, name), name, *shapes, hint=VECTOR_HINT)
+                set_fields(self, **{name: value})
         turn = checks.array_if_known(self.rotations)
         if turn is not None:
-            plausibility.turned("rotations", turn)
+            plausibility.warn_of_degrees("rotations", turn)
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
         checks.require_known_nodes(self.nodes.array, structure.n_node, "moved nodes")
         if self.rotations is not None and not structure.rotating()[self.nodes.array].all():
             k = int((~structure.rotating()[self.nodes.array]).argmax())
-            raise ValueError(f"rotations: node {self.nodes[k]} has no rotation")
+            raise ValueError(
+                f"rotations: node {self.nodes[k]} has no rotation: no beam is joined to it rigidly"
+            )
 
     def check_supported(self, fixed: Fixed) -> None:
-        """Raise ValueError if a moved freedom is not held; `fixed` is a `supports.Fixed`.
+        """Raise ValueError if a moved degree of freedom is not held.
 
         It is not known which components of a traced movement are zero: here only nodes without any
         support are refused; a free component that moves ends in NONFINITE (see `mechanics.ramp`).
@@ -97,8 +98,11 @@ class SupportMovement(Moving):
                     f"{'its own ' if skew else ''}{where}; only what is held can be moved"
                 )
             if self.rotations is not None and not held[k, 3:].all():
-                raise ValueError(f"rotations[{k}]: node {node} is not clamped")
+                raise ValueError(
+                    f"rotations[{k}]: node {node} is not clamped; only a node whose three "
+                    "rotations are held can be rotated"
+                )
 
     def steps(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Steps of all nodes, of `shape`: translations, and rotation vectors with six columns."""
-        return scattered(self.nodes, (self.displacements, self.rotations), shape, dtype)
+        """Return the movement of every node, of `shape`: translation, and rotation vector."""
+        return scatter_to_nodes(self.nodes, (self.displacements, self.rotations), shape, dtype)

@@ -9,8 +9,8 @@ from ..common import checks
 from ..common.tree import Indices, pytree, set_fields
 from ..common.types import ArrayLike, Float, Int
 from ..model.structure import Structure
-from .groups import scattered
-from .load import OnEveryNode, OnNodes
+from .groups import scatter_to_nodes
+from .load import VECTOR_HINT, OnEveryNode, OnNodes
 
 
 @pytree(indices=("nodes",))
@@ -47,16 +47,18 @@ class NodalLoads(OnNodes):
     def __post_init__(self):
         if not isinstance(self.nodes, Indices):
             set_fields(self, nodes=Indices(checks.as_indices(self.nodes, "load nodes")))
-        shapes, hint = ((3,), (len(self.nodes), 3)), "; give (x, y, z) for all nodes, or for each"
+        shapes = (3,), (len(self.nodes), 3)
         set_fields(
-            self,
-            forces=checks.floats_of_shape(self.forces, "forces", *shapes, hint=f"{hint} of them"),
+            self, forces=checks.floats_of_shape(self.forces, "forces", *shapes, hint=VECTOR_HINT)
         )
         if self.moments is not None:
-            set_fields(self, moments=checks.floats_of_shape(self.moments, "moments", *shapes))
+            set_fields(
+                self,
+                moments=checks.floats_of_shape(self.moments, "moments", *shapes, hint=VECTOR_HINT),
+            )
 
     def at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]]:
-        """Nodes [n] and the forces on them, [3] or [n, 3], N."""
+        """Return nodes [n] and the forces on them, [3] or [n, 3], N."""
         return self.nodes, self.forces
 
     @property
@@ -72,7 +74,8 @@ class NodalLoads(OnNodes):
             if not rotating.all():
                 k = int((~rotating).argmax())
                 raise ValueError(
-                    f"moments: node {self.nodes[k]} has no rotation: no beam is joined rigidly"
+                    f"moments: node {self.nodes[k]} has no rotation: no beam is joined to it "
+                    "rigidly"
                 )
 
     def __str__(self) -> str:
@@ -84,5 +87,5 @@ class NodalLoads(OnNodes):
         return f"NodalLoads on {len(self.nodes)} nodes, sum ({total}) N"
 
     def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
-        return scattered(self.nodes, (self.forces, self.moments), shape, dtype)
+        """Return force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
+        return scatter_to_nodes(self.nodes, (self.forces, self.moments), shape, dtype)

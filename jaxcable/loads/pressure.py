@@ -26,38 +26,38 @@ from .faces import OnFaces, area_vectors
 from .groups import Key, OnGroups
 from .load import Blocks, Following, Groups, Positions, States
 
-PER = ("current", "unstressed")
+PRESSURE_REFERENCES = ("current", "unstressed")
 
 
 class Pressure(Following):
-    """A following load by the force on one piece, an element or a face, and all of its pieces."""
+    """Base of follower loads that add up the forces on pieces: elements or faces."""
 
     scales = ("pressure",)
 
     @abc.abstractmethod
-    def _parts(self, groups, states, moved):
-        """Iterate over arrays of pieces: moved corners [n, k, 3], numbers, nodes [n, k]."""
+    def _pressed_pieces(self, groups, states, moved):
+        """Iterate over arrays of pieces: current corners [n, k, 3], pressures, nodes [n, k]."""
 
     @abc.abstractmethod
-    def _force(self, corners, numbers):
-        """Force at the corners of one piece, [k, 3], N."""
+    def _force_on_piece(self, corners, numbers):
+        """Return the force at the corners of one piece, [k, 3], N."""
 
     def following_forces(
         self, groups: Groups, states: States, nodes: Positions, moved: Positions
     ) -> Positions:
-        """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
+        """Return the force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
         total = jnp.zeros_like(moved)
-        for corners, numbers, links in self._parts(groups, states, moved):
-            total = total.at[links].add(jax.vmap(self._force)(corners, numbers))
+        for corners, numbers, links in self._pressed_pieces(groups, states, moved):
+            total = total.at[links].add(jax.vmap(self._force_on_piece)(corners, numbers))
         return total
 
     def following_blocks(
         self, groups: Groups, states: States, nodes: Positions, moved: Positions
     ) -> Blocks:
-        """Derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
+        """Return the derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
         return [
-            (jax.vmap(jax.jacfwd(self._force))(corners, numbers), links)
-            for corners, numbers, links in self._parts(groups, states, moved)
+            (jax.vmap(jax.jacfwd(self._force_on_piece))(corners, numbers), links)
+            for corners, numbers, links in self._pressed_pieces(groups, states, moved)
         ]
 
 
@@ -114,23 +114,23 @@ class CablePressure(OnGroups, Pressure):
         set_fields(self, axis=checks.floats_of_shape(self.axis, "axis", (3,)))
         refuse_if_broken(self.rules())
         self._check_values()
-        checks.require_one_of(self.per, "per", PER)
+        checks.require_one_of(self.per, "per", PRESSURE_REFERENCES)
 
     def rules(self) -> list[Rule]:
-        """The rules of its numbers, see `common.rules`."""
+        """Return the rules of its numbers, see `common.rules`."""
         text = "is zero; give the normal of the plane in which the cable bends"
         return [Rule("axis", self.axis, lambda v: (v == 0).all(), text)]
 
     def check(self, structure: Structure) -> None:
-        """Raise ValueError if a loaded group cannot be pressed."""
+        """Raise ValueError if a loaded group cannot take pressure."""
         numbers, _ = self.selected(structure)
         for number in numbers:
             group = structure.groups[number]
             if group.links.shape[1] != 2 or (group.shaped_by_load and not group.rotates):
                 raise ValueError(
                     f"on = {self.on!r}: {group_path(structure, number)} "
-                    f"({type(group).__name__}) cannot be pressed; only cables and bars of two "
-                    "nodes, and beams"
+                    f"({type(group).__name__}) takes no pressure; only cables and bars of two "
+                    "nodes, and beams do"
                 )
             if self.per == "unstressed" and not group.has_length:
                 raise ValueError(
@@ -140,13 +140,13 @@ class CablePressure(OnGroups, Pressure):
         self._check_counts(structure, numbers)
 
     def touches(self, groups: Groups) -> list[Indices]:
-        """Nodes whose forces depend on each other's positions, a list of [n, 2]."""
+        """Return the nodes whose forces depend on each other's positions, a list of [n, 2]."""
         return [Indices(groups[number].links.array[:, :2]) for number in self.on]
 
     def pressing(
         self, number: int, group: Element
     ) -> tuple[str, Float[Array, " n_elem"], Float[Array, "n_elem 3"]] | None:
-        """The pressure that bends the elements of a group.
+        """Return the pressure that bends the elements of a group.
 
         Returns:
             `per`, pressure [n_elem], axes [n_elem, 3]; None if the load does not act on the group,
@@ -155,11 +155,11 @@ class CablePressure(OnGroups, Pressure):
         if number not in self.on or not group.rotates:
             return None
         count = len(group.links)
-        axis = self.axis / _length(self.axis)
+        axis = self.axis / _norm_or_one(self.axis)
         pressure = self.partly(number, jnp.broadcast_to(self.pressure, (count,)))
         return self.per, pressure, jnp.broadcast_to(axis, (count, 3))
 
-    def _parts(self, groups, states, moved):
+    def _pressed_pieces(self, groups, states, moved):
         for number in self.on:
             group, state = groups[number], states[number]
             pressure = jnp.broadcast_to(self.pressure, (len(group.links),)).astype(moved.dtype)
@@ -167,13 +167,13 @@ class CablePressure(OnGroups, Pressure):
             links = group.links[:, :2]  # without the inner numbers of beams
             yield moved[links], (pressure, state.rest_length), links
 
-    def _force(self, corners, numbers):
+    def _force_on_piece(self, corners, numbers):
         pressure, rest_length = numbers
         axis = self.axis.astype(corners.dtype)
-        axis = axis / _length(axis)
+        axis = axis / _norm_or_one(axis)
         across = jnp.cross(axis, corners[1] - corners[0])
         if self.per == "unstressed":
-            across = rest_length * across / _length(across)
+            across = rest_length * across / _norm_or_one(across)
         half = 0.5 * pressure * across
         return jnp.stack([half, half])
 
@@ -226,18 +226,18 @@ class FacePressure(OnFaces, Pressure):
     def __post_init__(self):
         self._check_faces()
 
-    def _parts(self, groups, states, moved):
-        for faces, pressure in self._on_faces(groups, states, moved.dtype):
+    def _pressed_pieces(self, groups, states, moved):
+        for faces, pressure in self._faces_and_values(groups, states, moved.dtype):
             yield moved[faces], pressure, faces
 
-    def _force(self, corners, numbers):
+    def _force_on_piece(self, corners, numbers):
         force, pressure = jnp.zeros_like(corners), numbers
         for triangle, vector in area_vectors(corners):
             force = force.at[jnp.array(triangle)].add(pressure * vector / 3)
         return force
 
 
-def _length(vector):
-    """Length of a vector; 1 for the zero vector, which has no direction."""
+def _norm_or_one(vector):
+    """Return the length of a vector; 1 for the zero vector, which has no direction."""
     square = vector @ vector
     return jnp.sqrt(jnp.where(square > 0, square, 1.0))

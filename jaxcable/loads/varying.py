@@ -15,12 +15,12 @@ from ..common.types import Array, ArrayLike, Float
 from ..model.structure import Structure
 from .load import Load
 
-_SHOWN = 8  # points of an amplitude that are shown
+_MAX_SHOWN_POINTS = 8  # points of an amplitude that are shown
 
 
 @pytree
 class Amplitude:
-    """Factors of a load at values of the parameter of a phase, with straight lines between them.
+    """Factor of a load as a piecewise linear function of the load factor of its phase.
 
     Attributes:
         parameters: increasing from 0 to 1, [..., n_point].
@@ -31,7 +31,7 @@ class Amplitude:
     factors: Float[ArrayLike, "... n_point"]
 
     def at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, " ..."]:
-        """Interpolate the factor at a parameter.
+        """Interpolate the factor at a parameter, the load factor of the phase.
 
         At 0 it is zero, whatever the first factor: a phase begins with what earlier ones left.
         """
@@ -44,7 +44,7 @@ class Amplitude:
         return jnp.where(parameter > 0, factor, 0.0)
 
     def padded(self, n_point: int) -> Amplitude:
-        """Return the same function with `n_point` points, more of them on its last line."""
+        """Return the same function with `n_point` points; the new ones are on its last line."""
         count = n_point - len(self.parameters)
         if not count:
             return self
@@ -57,12 +57,14 @@ class Amplitude:
         return jax.tree.map(more, self)
 
     def rules(self) -> list[Rule]:
-        """The rules of the parameters, see `common.rules`."""
+        """Return the rules of the parameters, see `common.rules`."""
         given = self.parameters
         return [
-            Rule("parameters", given, lambda v: abs(v[..., :1]) > 0, _first),
-            Rule("parameters", given, lambda v: abs(v[..., -1:] - 1) > 0, _last),
-            Rule("parameters", given, lambda v: v[..., 1:] <= v[..., :-1], _not_increasing),
+            Rule("parameters", given, lambda v: abs(v[..., :1]) > 0, _describe_first_parameter),
+            Rule("parameters", given, lambda v: abs(v[..., -1:] - 1) > 0, _describe_last_parameter),
+            Rule(
+                "parameters", given, lambda v: v[..., 1:] <= v[..., :-1], _describe_not_increasing
+            ),
         ]
 
 
@@ -149,13 +151,13 @@ class Varying(Load):
     def __str__(self) -> str:
         parameters, factors = (checks.array_if_known(x) for x in (self.parameters, self.factors))
         told = f"{len(self.parameters)} points"
-        if parameters is not None and factors is not None and len(parameters) <= _SHOWN:
+        if parameters is not None and factors is not None and len(parameters) <= _MAX_SHOWN_POINTS:
             pairs = zip(factors, parameters, strict=True)
             told = ", ".join(f"{factor:.6g} at {parameter:.6g}" for factor, parameter in pairs)
         return f"{self.load}; amplitude: {told}"
 
 
-def apart(load: Load, where: str, increments: int) -> tuple[Load, Amplitude | None]:
+def split_amplitude(load: Load, where: str, increments: int) -> tuple[Load, Amplitude | None]:
     """Return a load of a phase without its amplitude, and the amplitude, None if it has none.
 
     Warn if no increment ends at the largest or the smallest factor of the amplitude.
@@ -177,14 +179,14 @@ def apart(load: Load, where: str, increments: int) -> tuple[Load, Amplitude | No
         if missed.any():
             k = int(missed.argmax())
             checks.warn_user(
-                f"{where}: factors[{k}] = {factors[k]:.6g} is passed by, increments go through "
-                f"factors from {low:.6g} to {high:.6g}; let one of them end at load factor "
-                f"{parameters[k]:.6g} by another number of increments"
+                f"{where}: factors[{k}] = {factors[k]:.6g} is not reached: at the ends of "
+                f"increments (increments = {increments}) the factor is {low:.6g} to {high:.6g}; "
+                f"let one of them end at load factor {parameters[k]:.6g}"
             )
     return load.load, load.amplitude
 
 
-def at_peak(load: Load, amplitude: Amplitude | None) -> Load:
+def scale_to_peak(load: Load, amplitude: Amplitude | None) -> Load:
     """Return a load times the largest absolute factor of its amplitude, if it can be scaled."""
     if amplitude is None or not load.scales:
         return load
@@ -193,14 +195,17 @@ def at_peak(load: Load, amplitude: Amplitude | None) -> Load:
     )
 
 
-def _first(index, values):
+def _describe_first_parameter(index, values):
+    """Return the message for amplitudes that do not begin at 0."""
     return f"parameters[0] = {values[0]}: must be 0, where the phase begins"
 
 
-def _last(index, values):
+def _describe_last_parameter(index, values):
+    """Return the message for amplitudes that do not end at 1."""
     return f"parameters[{len(values) - 1}] = {values[-1]}: must be 1, where the phase ends"
 
 
-def _not_increasing(index, values):
+def _describe_not_increasing(index, values):
+    """Return the message for parameters that do not increase."""
     k = index[0] + 1
     return f"parameters[{k}] = {values[k]}: must be above parameters[{k - 1}] = {values[k - 1]}"

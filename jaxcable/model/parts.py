@@ -24,26 +24,26 @@ from .topology import Part
 
 
 def groups_by_name(structure: Structure) -> list[tuple[str, Element]]:
-    """Pairs (name, group); the name is the key in the elements, "" of a single group."""
+    """Return pairs (name, group); the name is the key in the elements, "" of a single group."""
     leaves = jax.tree_util.tree_leaves_with_path(structure.elements, is_leaf=is_group)
     keystr = functools.partial(jax.tree_util.keystr, simple=True, separator=".")
     return [(keystr(path), group) for path, group in leaves]
 
 
 def group_path(structure: Structure, k: int) -> str:
-    """Group number `k` as a user writes it, for messages: ``elements['net']``."""
+    """Return group number `k` as a user writes it, for messages: ``elements['net']``."""
     return f"elements{structure.named_groups()[k][0]}"
 
 
 def per_group(
     structure: Structure, values: PyTree[Float[Array, "n_elem ..."]]
 ) -> list[Float[np.ndarray, "n_elem ..."] | None]:
-    """Values in the shape of the elements as a list with a NumPy array or None for every group."""
+    """Convert values in the shape of the elements to a list of NumPy arrays (or None)."""
     return [None if value is None else np.asarray(value) for value in listed(structure, values)]
 
 
 def listed(structure: Structure, values: PyTree[Any] | None) -> list[Any]:
-    """Values in the shape of the elements as a list with an item for every group, as they are.
+    """Convert values in the shape of the elements to a list with one item per group, unchanged.
 
     All items are None if there are no values.
     """
@@ -55,7 +55,7 @@ def listed(structure: Structure, values: PyTree[Any] | None) -> list[Any]:
 def there(
     structure: Structure, present: PyTree[Float[Array, " n_elem"]] | None
 ) -> list[Bool[np.ndarray, " n_elem"]]:
-    """Which elements are there, from `ElementResults.present`: a list of [n_elem] bool."""
+    """Return which elements are there, from `ElementResults.present`: a list of [n_elem] bool."""
     if present is None:
         return [np.ones(len(group.links), bool) for group in structure.groups]
     return [np.asarray(found) > 0 for found in per_group(structure, present)]
@@ -66,7 +66,7 @@ def slack_cables(
     tension: Float[np.ndarray, " n_elem"] | None,
     present: Bool[np.ndarray, " n_elem"],
 ) -> Bool[np.ndarray, " n_elem"]:
-    """Elements of a group that are there and hold nothing, told by their forces, [n_elem] bool.
+    """Return which elements of a group are present and slack, by their forces, [n_elem].
 
     What reports and pictures call slack. An analysis asks the elements (`Element.is_slack`), whose
     forces are zero then.
@@ -77,7 +77,7 @@ def slack_cables(
 
 
 class Column(NamedTuple):
-    """One number per element, of a result at one place, or of one of its components there.
+    """A table column: one number per element of a result, at one place and of one component.
 
     Attributes:
         label: name of the result, of its place if it has several, and of its component if it has
@@ -95,9 +95,10 @@ class Column(NamedTuple):
 
 
 def columns(
-    groups: Sequence[Element | Part], told: Mapping[str, PyTree[Float[Array, "n_elem ..."]]]
+    groups: Sequence[Element | Part],
+    told: Mapping[str, PyTree[Float[Array, "n_elem ..."]]],
 ) -> list[Column]:
-    """Results of elements, with a `Column` for every place and component, a list.
+    """Split results of elements into columns, one for every place and component.
 
     Section forces and strains at several positions along an element, which have tables and pictures
     of their own, are left out.
@@ -116,7 +117,7 @@ def columns(
         if result in (SECTION_FORCES, SECTION_STRAIN):
             if any(x is not None and x.ndim > 1 for x in values):
                 continue
-        parts = [{} if x is None else _by_place(result, x) for x in values]
+        parts = [{} if x is None else _split_result(result, x) for x in values]
         # in the order of places, also where groups have different numbers of them
         for place, component in dict.fromkeys(key for part in parts for key in part):
             label = " ".join(word for word in (name, place, component) if word)
@@ -125,8 +126,8 @@ def columns(
     return found
 
 
-def _by_place(result, values):
-    """The values [n_elem, ...] of a group by names of place and component, [n_elem] each."""
+def _split_result(result, values):
+    """Split values [n_elem, ...] of a group by (place, component) into arrays [n_elem], a dict."""
     components = result.components or ("",)
     count = math.prod(values.shape[1:]) // len(components)
     one = values.ndim == 1 + bool(result.components)
@@ -141,7 +142,7 @@ def _by_place(result, values):
 def pieces(
     groups: Sequence[Element | Part],
 ) -> tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"], Int[np.ndarray, " n_piece"]]:
-    """Straight pieces of all elements, as pictures draw them.
+    """Return the straight pieces of all elements, as pictures draw them.
 
     Args:
         groups: element groups, or the parts of a `Topology`.
@@ -170,7 +171,7 @@ def pieces(
 def faces(
     groups: Sequence[Element | Part],
 ) -> tuple[Int[np.ndarray, "n_face 4"], Int[np.ndarray, " n_face"], Int[np.ndarray, " n_face"]]:
-    """Faces of all elements that have one.
+    """Return the faces of all elements that have one.
 
     Args:
         groups: element groups, or the parts of a `Topology`.
@@ -192,17 +193,17 @@ def faces(
 
 
 def first_and_last(group: Element | Part) -> Int[np.ndarray, "n_elem 2"]:
-    """First and last node of every element of a group, [n_elem, 2]."""
+    """Return first and last node of every element of a group, [n_elem, 2]."""
     return group.links.array[:, [0, -1]]
 
 
 def one_case(solution: Any) -> None:
-    """Raise ValueError unless `solution` is a solution of one case, and not being traced."""
+    """Raise ValueError unless `solution` is a solution of one case that is not being traced."""
     if not hasattr(solution, "status"):
         raise ValueError(f"solution: expected a Solution, got {type(solution).__name__}")
     if isinstance(solution.status, jax.core.Tracer):
-        raise ValueError("solution: is being traced; write files outside of jit")
+        raise ValueError("solution: is being traced; call this outside of jit, vmap and grad")
     if np.ndim(solution.status) != 0:
         raise ValueError(
-            "solution: is a batch; take one case: jax.tree.map(lambda x: x[k], solution)"
+            "solution: is a batch; take one case k: jax.tree.map(lambda x: x[k], solution)"
         )

@@ -20,11 +20,13 @@ from ..common.tree import Indices
 from ..common.types import ArrayLike, Bool, Float, Int
 from ..elements.abilities import Bending
 
-_STRAIGHT = 1e-9  # distance from a line, over the length of the piece, that counts as rounding
+_LINE_TOLERANCE = (
+    1e-9  # distance from a line, over the length of the piece, that counts as rounding
+)
 
 
-class Spins:
-    """Free spins of a structure: static metadata.
+class FreeSpins:
+    """Pieces of beams that can spin freely about their line: static metadata of a structure.
 
     Attributes:
         rows: rows of motion that turn with a piece, [m], NumPy.
@@ -46,13 +48,13 @@ class Spins:
         return hash(self._key)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Spins) and self._key == other._key
+        return isinstance(other, FreeSpins) and self._key == other._key
 
 
-def free_spins(
+def find_free_spins(
     structure: Any, fixed: Bool[np.ndarray, "n_node 6"], axes: Float[np.ndarray, "n_node 3 3"]
-) -> Spins | None:
-    """`Spins` of a structure under given supports, or None.
+) -> FreeSpins | None:
+    """Find the `FreeSpins` of a structure under given supports; None if there are none.
 
     Args:
         structure: `Structure` with beams.
@@ -63,18 +65,18 @@ def free_spins(
     if nodes is None:
         return None  # with traced nodes it is not known which pieces are straight
     rows, piece, ends = [], [], []
-    for members, turning in _pieces(structure):
-        line = _line(nodes, members)
-        if line is None or _held(structure, nodes, turning, line, fixed, axes):
+    for members, turning in _torsion_chains(structure):
+        line = _common_line(nodes, members)
+        if line is None or _is_spin_held(structure, nodes, turning, line, fixed, axes):
             continue
         rows += turning
         piece += [len(ends)] * len(turning)
         ends.append(line[1])
-    return Spins(rows, piece, ends) if ends else None
+    return FreeSpins(rows, piece, ends) if ends else None
 
 
-def _pieces(structure):
-    """Beams joined for torsion: pairs (nodes of the elements [k, 2], list of rows that turn)."""
+def _torsion_chains(structure):
+    """Iterate over beams joined for torsion: links [k, 2], list of the rows that rotate."""
     _, groups = structure.rows()
     n_node = structure.n_node
     pairs, joined, hinge_rows, wide = [], [], [], []
@@ -109,8 +111,8 @@ def _pieces(structure):
         yield pairs[members], [*np.flatnonzero(part[:n_node] == number), *hinged[hinged >= 0]]
 
 
-def _line(nodes, members):
-    """Direction of the line that all members lie on, and two nodes on it; None if bent."""
+def _common_line(nodes, members):
+    """Return direction of, and two nodes on, the line of all elements; None if there is none."""
     places = nodes[members]
     first, second = members[0]
     along = nodes[second] - nodes[first]
@@ -118,13 +120,13 @@ def _line(nodes, members):
     off = places - nodes[first]
     off = off - (off @ along)[..., None] * along
     extent = np.ptp((places - nodes[first]) @ along)
-    if not np.abs(off).max() <= _STRAIGHT * extent:
+    if not np.abs(off).max() <= _LINE_TOLERANCE * extent:
         return None
     return along, (first, second)
 
 
-def _held(structure, nodes, turning, line, fixed, axes):
-    """Whether a support, another kind of element or an arm keeps a piece from spinning."""
+def _is_spin_held(structure, nodes, turning, line, fixed, axes):
+    """Return whether a support, another element or a rigid link holds a piece's spin."""
     along, (first, _) = line
     turning = np.array([row for row in turning if row < structure.n_node], int)
     for group in structure.groups:
@@ -139,14 +141,22 @@ def _held(structure, nodes, turning, line, fixed, axes):
     carried = structure.rigid.array[np.isin(structure.rigid.array[:, 0], turning), 1]
     off = nodes[carried] - nodes[first]
     off = off - (off @ along)[:, None] * along
-    return bool((np.abs(off) > _STRAIGHT * np.abs(nodes).max()).any())
+    return bool((np.abs(off) > _LINE_TOLERANCE * np.abs(nodes).max()).any())
 
 
-def warn(structure: Any, spins: Spins | None) -> None:
-    """Issue an `InputWarning` that names each piece."""
+def warn_of_free_spins(structure: Any, fixed: Any, label: str = "supports") -> None:
+    """Warn of each piece that can spin, as `InputWarning`.
+
+    Args:
+        structure: `Structure`.
+        fixed: `supports.Fixed`, with its `spins`.
+        label: the supports as a user writes them, such as "phases[0].supports".
+    """
+    spins = fixed.spins
     if spins is None:
         return
     nodes: Any = checks.array_if_known(structure.nodes)  # known, because free spins were found
+    held = fixed.array[:, :3].any(axis=1)
     for number, (first, second) in enumerate(spins.ends.tolist()):
         turning = spins.rows[spins.piece == number]
         turning = turning[turning < structure.n_node]
@@ -157,15 +167,18 @@ def warn(structure: Any, spins: Spins | None) -> None:
             where = f"nodes {turning.min()} to {turning.max()} can spin about their line"
         if not len(turning):
             where = f"the beam from node {first} to {second} can spin about its line"
+        hint = ""
+        if not held[[*turning, first, second]].any():
+            hint = f", and none of them is supported: is a support missing, such as node {first}?"
         checks.warn_user(
-            f"supports: {where}, along {along.tolist()}: nothing holds that; if it is not meant, "
-            f'hold it: pinned(...) + restrained([{first}], about="x", axes={along.tolist()}), or '
-            f'in a scene file, in supports, "chosen": [{first}], {_in_a_file(along)}'
+            f"{label}: {where}, along {along.tolist()}: nothing holds this rotation{hint or ';'} "
+            f'to hold it, add restrained([{first}], about="x", axes={along.tolist()}), or in a '
+            f'scene file, in supports, "chosen": [{first}], {_scene_file_fields(along)}'
         )
 
 
-def _in_a_file(along):
-    """The rotation about a direction as a scene file says that it is held."""
+def _scene_file_fields(along):
+    """Return the fields of a scene file that hold the rotation about a direction, as text."""
     held, axes = [False] * 6, ""
     if np.abs(along).max() == 1.0:
         held[3 + int(np.abs(along).argmax())] = True

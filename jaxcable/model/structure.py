@@ -18,12 +18,12 @@ from ..elements import contract
 from ..elements.element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Element
 from ..spaces import Space, space_of
 from ..spaces.dof_map import MotionRows
-from . import digits, plausibility
-from .spins import free_spins
-from .spins import warn as warn_of_spins
+from . import coordinate_precision, plausibility
+from .spins import find_free_spins
+from .spins import warn_of_free_spins as warn_of_spins
 from .supports import Fixed, Supports
 
-_TAKEN = (  # names of results of nodes and increments
+_RESERVED_RESULT_NAMES = (  # names of results of nodes and increments
     *("displacement", "positions", "reactions", "load", "rotation", "reaction_moments"),
     *("rest_length", "links", "status", "stable", "phase", "load_factor", "end_forces", "is_slack"),
     "present",
@@ -31,12 +31,12 @@ _TAKEN = (  # names of results of nodes and increments
 
 
 def is_group(x: object) -> bool:
-    """Whether `x` is an element group, a leaf of the `elements` pytree."""
+    """Return whether `x` is an element group, a leaf of the `elements` pytree."""
     return isinstance(x, Element)
 
 
 def place_rules(nodes, group, where=""):
-    """Rules that positions [n_node, 3] and a group's numbers keep together, see `common.rules`."""
+    """Return the rules that positions [n_node, 3] and a group keep together."""
     links = index_array(group.links)
 
     def same(ends, _):
@@ -44,7 +44,7 @@ def place_rules(nodes, group, where=""):
 
     def text(index, _, links):
         k = index[0]
-        return f"{where}links[{k}] = {links[k].tolist()}: zero length; its nodes coincide"
+        return f"{where}links[{k}] = {links[k].tolist()}: zero length; its nodes are at one place"
 
     apart = [Rule("nodes", (nodes[links], links), same, text)] if links.shape[1] > 1 else []
     return [*apart, *group.rules_at(nodes)]
@@ -101,14 +101,16 @@ class Structure:
             raise ValueError(f"nodes: expected float32 or float64, got {nodes.dtype}")
         set_fields(self, nodes=nodes)
         if not isinstance(self.supports, Supports):
-            got = f", got {checks.describe_type(self.supports, 'pinned(nodes)')}"
-            raise ValueError(
-                "supports: missing; a structure needs supports=pinned(nodes) or Supports(mask)"
-                f"{'' if self.supports is None else got}"
-            )
+            if self.supports is None:
+                raise ValueError(
+                    "supports: missing; a structure needs supports=pinned(nodes) or Supports(mask)"
+                )
+            got = checks.describe_type(self.supports, "pinned(nodes)")
+            hint = "; write supports=pinned([0, 3])" if isinstance(self.supports, list) else ""
+            raise ValueError(f"supports: expected pinned(nodes) or Supports(mask), got {got}{hint}")
         positions = checks.array_if_known(nodes)
         if positions is not None and all(is_group(group) for group in self.groups):
-            digits.resolution(positions, self.named_groups())
+            coordinate_precision.warn_of_coarse_coordinates(positions, self.named_groups())
         for where, group in self.named_groups():
             if not is_group(group):
                 raise ValueError(
@@ -119,7 +121,7 @@ class Structure:
             refuse_if_broken(place_rules(nodes, group, f"elements{where}."))
             if positions is not None:
                 group.check(positions)
-                plausibility.members(group, where, positions)
+                plausibility.warn_of_dimensions(group, where, positions)
         if not self.groups:
             raise ValueError("elements: a structure needs at least one element group")
         self._check_results()
@@ -128,9 +130,9 @@ class Structure:
         self._check_rigid()
         fixed = self.fixed(self.supports)
         if positions is not None:
-            plausibility.places(positions, self.touched(), fixed.array)
-            plausibility.bending(self.named_groups(), fixed.array[: self.n_node])
-            warn_of_spins(self, fixed.spins)
+            plausibility.warn_of_coincident_nodes(positions, self.touched_nodes(), fixed.array)
+            plausibility.warn_of_zero_bending(self.named_groups(), fixed.array[: self.n_node])
+            warn_of_spins(self, fixed)
 
     def _check_results(self):
         """Raise ValueError for names of results that have another meaning elsewhere."""
@@ -138,16 +140,16 @@ class Structure:
         known = {result.name: result for result in every}
         for where, group in self.named_groups():
             for result in group.results:
-                if result.name in _TAKEN:
-                    text = "is the name of another result"
+                if result.name in _RESERVED_RESULT_NAMES:
+                    text = "is the name of a result of nodes or of the analysis; take another name"
                 elif known.setdefault(result.name, result) != result:
-                    text = "has another unit, or is kept otherwise, elsewhere"
+                    text = "is a result of another group with another unit or shape; rename one"
                 else:
                     continue
                 raise ValueError(f"elements{where}.results: {result.name!r} {text}")
 
     def _check_rigid(self):
-        """Check `rigid`; raise ValueError for pairs of nodes that cannot be carrier and carried."""
+        """Raise ValueError for pairs of nodes in `rigid` that cannot be rigid links."""
         if self.rigid is None:
             return
         if not isinstance(self.rigid, Indices):
@@ -157,14 +159,14 @@ class Structure:
                 return
         pairs = self.rigid.array
         checks.require_known_nodes(pairs, self.n_node, "rigid")
-        turns = self.joined()
+        turns = self.rigidly_joined_nodes()
         carried = pairs[:, 1].tolist()
         for k, (carrier, node) in enumerate(pairs.tolist()):
             text = None
             if carrier in carried or carrier == node:
-                text = f"node {carrier} is carried itself; name the node at the end of the chain"
+                text = f"node {carrier} is carried itself; give the node at the end of the chain"
             elif carried.index(node) != k:
-                text = f"node {node} is carried twice"
+                text = f"node {node} is carried twice; give one carrier"
             elif not turns[carrier]:
                 text = f"node {carrier} has no rotation: no beam is joined to it rigidly"
             if text is not None:
@@ -172,7 +174,7 @@ class Structure:
 
     @computed_once
     def named_groups(self) -> list[tuple[str, Element]]:
-        """Pairs of (key in `elements` as text, element group), in pytree order."""
+        """Return pairs of (key in `elements` as text, element group), in pytree order."""
         leaves = jax.tree_util.tree_leaves_with_path(self.elements, is_leaf=is_group)
         return [(jax.tree_util.keystr(path), group) for path, group in leaves]
 
@@ -203,15 +205,15 @@ class Structure:
         """Space of the nodes' motion, a class of `spaces`."""
         return space_of(self.groups)
 
-    def touched(self) -> Bool[np.ndarray, " n_node"]:
-        """Nodes that an element touches, [n_node] bool."""
+    def touched_nodes(self) -> Bool[np.ndarray, " n_node"]:
+        """Return which nodes an element touches, [n_node] bool."""
         touched = np.zeros(self.n_node, bool)
         for group in self.groups:
             touched[group.links.array] = True
         return touched
 
-    def joined(self) -> Bool[np.ndarray, " n_node"]:
-        """Nodes that a beam is joined to rigidly, at least in part, [n_node] bool."""
+    def rigidly_joined_nodes(self) -> Bool[np.ndarray, " n_node"]:
+        """Return which nodes a beam is joined to rigidly, at least in part, [n_node] bool."""
         joined = np.zeros(self.n_node, bool)
         for group in self.groups:
             if group.rotates:
@@ -221,15 +223,15 @@ class Structure:
         return joined
 
     def rotating(self) -> Bool[np.ndarray, " n_node"]:
-        """Nodes that have rotations, or whose carriers have, [n_node] bool."""
-        turns = self.joined()
+        """Return which nodes have rotations, or have carriers that do, [n_node] bool."""
+        turns = self.rigidly_joined_nodes()
         if self.rigid is not None:
             turns[self.rigid.array[:, 1]] = True
         return turns
 
     @computed_once
     def rows(self) -> tuple[MotionRows | None, list[Element]]:
-        """Rows of motion: one for every node, then hinged ends, and inner numbers of elements.
+        """Lay out rows of motion: nodes, then hinged ends, then inner unknowns of elements.
 
         Returns:
             rows: `dof_map.MotionRows`, or None if every row is a node.
@@ -266,29 +268,37 @@ class Structure:
         return MotionRows(np.concatenate(nodes), np.concatenate(inner), idles), groups
 
     def fixed(self, supports: Supports) -> Fixed:
-        """Fixed freedoms under `supports`, `Fixed` [n_row, 3 or 6]; checks that they make sense.
+        """Return the fixed degrees of freedom under `supports`: `Fixed` [n_row, 3 or 6].
 
         Rotations exist where a beam is joined rigidly; elsewhere they count as fixed. Columns of
         inner rows that no element uses count as fixed, too.
         """
-        return self._own_fixed() if supports is self.supports else self._fixed(supports)
+        return (
+            self._fixed_by_own_supports()
+            if supports is self.supports
+            else self._find_fixed_dofs(supports)
+        )
 
     @computed_once
-    def _own_fixed(self):
-        """`fixed` under the structure's own supports."""
-        return self._fixed(self.supports)
+    def _fixed_by_own_supports(self):
+        """Return the fixed degrees of freedom under the structure's own supports, found once."""
+        return self._find_fixed_dofs(self.supports)
 
-    def _fixed(self, supports):
-        """See `fixed`."""
+    def _find_fixed_dofs(self, supports):
+        """Find the fixed degrees of freedom, see `fixed`."""
         fixed, axes = supports.fixed(self.n_node), supports.directions(self.n_node)
         if not fixed[:, :3].any():
-            raise ValueError("supports: no freedom is fixed; the structure would float away")
-        self._require_touched(fixed)
+            raise ValueError(
+                "supports: no node is held, so that the structure would float away; hold some, "
+                "such as pinned([0, 1])"
+            )
+        self._require_connected(fixed)
         rows, _ = self.rows()
         if not self.space.rotates:
             if supports.holds_rotations:
                 raise ValueError(
-                    "supports mask: expected [n_node, 3]; no element of the structure has rotations"
+                    "supports: hold rotations, but no element of the structure has rotations (only "
+                    "beams have); use pinned(nodes), or a mask [n_node, 3]"
                 )
             fixed = fixed[:, :3]
             if rows is not None:
@@ -301,10 +311,10 @@ class Structure:
             if wrong.any():
                 node = int(carried[wrong.argmax()])
                 raise ValueError(
-                    f"supports of node {node}: another node carries it; support that one"
+                    f"supports: node {node} is carried by another node (rigid); support that one"
                 )
         fixed[:, 3:] |= ~self.rotating()[:, None]
-        spins = free_spins(self, fixed, axes)
+        spins = find_free_spins(self, fixed, axes)
         if rows is not None:
             fixed, axes = fixed[rows.node_of_row], axes[rows.node_of_row]
             fixed[self.n_node :, 3:] = False  # a support acts on the node, not beyond the hinge
@@ -314,19 +324,21 @@ class Structure:
         return Fixed(fixed, None if plain else axes, spins)
 
     def held(self) -> Bool[np.ndarray, "n_node 3"]:
-        """Displacements along x, y, z that supports hold, [n_node, 3] bool, without rotations.
+        """Return which displacements along x, y, z are held, [n_node, 3] bool, without rotations.
 
         Raises:
             ValueError: supports along other directions.
         """
         fixed = self.fixed(self.supports)
         if fixed.axes is not None:
-            raise ValueError("supports: form finding takes supports along x, y, z only")
+            raise ValueError(
+                "supports: form finding takes supports along x, y, z only, not along other axes"
+            )
         return fixed.array
 
-    def _require_touched(self, fixed):
-        """Raise ValueError for nodes without elements and parts without supports."""
-        touched = self.touched()
+    def _require_connected(self, fixed):
+        """Raise ValueError for free nodes without elements, and for parts without supports."""
+        touched = self.touched_nodes()
         idle = ~touched & ~fixed[:, :3].all(axis=1)
         if self.rigid is not None:
             idle[self.rigid.array[:, 1]] = False
@@ -335,12 +347,14 @@ class Structure:
                 f"nodes[{int(idle.argmax())}]: no element touches this node and it is not "
                 "supported; connect it, support it or remove it"
             )
-        self._require_held(fixed[:, :3].any(axis=1), touched)
+        self._require_supported_parts(fixed[:, :3].any(axis=1), touched)
 
-    def _require_held(self, held, touched):
-        """Raise ValueError if a part has no supported node; `held` and `touched` are [n_node]."""
+    def _require_supported_parts(self, held, touched):
+        """Raise ValueError if a connected part has no support; masks are [n_node] bool."""
         links = [group.links for group in self.groups]
-        part = _parts((*links, *([] if self.rigid is None else [self.rigid])), self.n_node)
+        part = _connected_parts(
+            (*links, *([] if self.rigid is None else [self.rigid])), self.n_node
+        )
         if not part.any():  # one part only, and it has a support
             return
         anchored = np.zeros(self.n_node, bool)
@@ -351,13 +365,13 @@ class Structure:
             count = int((part == part[node]).sum())
             raise ValueError(
                 f"supports: node {node} is in a part of {count} nodes that no element joins to a "
-                "support; the part would float away: support it or connect it"
+                "support; the part would float away: support one of its nodes, or connect it"
             )
 
 
 @functools.lru_cache(maxsize=16)
-def _parts(links, n_node):
-    """Number of the connected part of every node, [n_node], for the links of all groups."""
+def _connected_parts(links, n_node):
+    """Return the number of the connected part of every node, [n_node], by all links."""
     pairs = [
         np.stack([group_links.array[:, :-1].ravel(), group_links.array[:, 1:].ravel()])
         for group_links in links

@@ -7,21 +7,21 @@ import numpy as np
 from ..common import checks
 from ..common.tree import Indices, pytree, set_fields
 from ..common.types import ArrayLike, Bool, Float, Int
-from .spins import Spins
+from .spins import FreeSpins
 
-N_FREEDOM = 3
+N_DISPLACEMENT = 3
 """Freedoms of a node in a structure of bars and cables: three displacements."""
 
 
 class Fixed(Indices):
-    """Held freedoms of all rows of motion, and their directions: static metadata, as `Indices`.
+    """Held degrees of freedom of all rows of motion, with their directions: static metadata.
 
     Attributes:
         array: True where a freedom is held, [n_row, 3 or 6].
         axes: directions of displacements and of rotations, `Indices` [n_row, 3, 3], one in each row
             of a matrix; None if they are x, y, z everywhere and no row has exactly one held
             rotation.
-        spins: `spins.Spins` that these supports leave free, or None.
+        spins: `spins.FreeSpins` that these supports leave free, or None.
     """
 
     __slots__ = ("axes", "spins")
@@ -30,23 +30,24 @@ class Fixed(Indices):
         self,
         array: Bool[ArrayLike, "n_row n_freedom"],
         axes: Float[ArrayLike, "n_row 3 3"] | Indices | None = None,
-        spins: Spins | None = None,
+        spins: FreeSpins | None = None,
     ):
         super().__init__(array)
         self.axes = axes if axes is None or isinstance(axes, Indices) else Indices(axes)
         self.spins = spins
 
-    def _whole(self):
+    def _identity(self):
+        """Return what equality and hash depend on."""
         return self._digest, self.axes, self.spins
 
     def __hash__(self):
-        return hash(self._whole())
+        return hash(self._identity())
 
     def __eq__(self, other):
-        return isinstance(other, Fixed) and self._whole() == other._whole()
+        return isinstance(other, Fixed) and self._identity() == other._identity()
 
-    def directed(self) -> Fixed:
-        """The same freedoms with `axes`, which are x, y, z if it had none."""
+    def with_directions(self) -> Fixed:
+        """Return the same with `axes`, which are x, y, z if there were none."""
         if self.axes is not None:
             return self
         return Fixed(self.array, np.tile(np.eye(3), (len(self.array), 1, 1)), self.spins)
@@ -106,25 +107,25 @@ class Supports:
                 if name in numbers:
                     value = checks.as_indices(value, f"{numbers[name]} nodes")
                 set_fields(self, **{name: Indices(value)})
-        self._check_directions()
+        self._check_restrained()
         if self.mask is not None and not isinstance(self.mask, Indices):
             mask = np.asarray(self.mask)
-            if mask.dtype != bool or mask.ndim != 2 or mask.shape[1] not in (N_FREEDOM, 6):
+            if mask.dtype != bool or mask.ndim != 2 or mask.shape[1] not in (N_DISPLACEMENT, 6):
                 raise ValueError(
-                    f"supports mask: expected booleans [n_node, {N_FREEDOM}] or [n_node, 6], "
+                    f"supports mask: expected booleans [n_node, {N_DISPLACEMENT}] or [n_node, 6], "
                     f"got {mask.dtype} {mask.shape}; for node numbers use pinned(nodes)"
                 )
             set_fields(self, mask=Indices(mask))
 
-    def _check_directions(self):
-        """Put in default `axes`; raise ValueError unless `chosen` and `held` are given in shape."""
+    def _check_restrained(self):
+        """Check `chosen`, `held` and `axes`, which fit each other; put in default axes."""
         if self.chosen is None and self.held is None and self.axes is None:
             return
         for name in ("chosen", "held"):
             if getattr(self, name) is None:
                 raise ValueError(
-                    f"supports {name}: missing; chosen (nodes) and held (which of their freedoms, "
-                    "[n, 6]) are given together, as restrained(...) does"
+                    f"supports {name}: missing; chosen (nodes) and held (which of their degrees of "
+                    "freedom, [n, 6]) are given together, as restrained(...) does"
                 )
         if self.axes is None:
             axes = np.tile(np.eye(3), (len(self.chosen), 1, 1))
@@ -146,7 +147,8 @@ class Supports:
         if len(masks) == 2:
             if len(masks[0]) != len(masks[1]):
                 raise ValueError(
-                    f"supports: masks of {len(masks[0])} and {len(masks[1])} nodes cannot be joined"
+                    f"supports: masks of {len(masks[0])} and {len(masks[1])} nodes cannot be "
+                    "added; both must have a row for every node of the structure"
                 )
             masks = [np.pad(m, ((0, 0), (0, 6 - m.shape[1]))) for m in masks]
             masks = [masks[0] | masks[1]]
@@ -155,23 +157,24 @@ class Supports:
     @property
     def holds_rotations(self) -> bool:
         """Whether the mask has columns for rotations, or `restrained` holds rotations."""
-        by_mask = self.mask is not None and self.mask.shape[1] != N_FREEDOM
+        by_mask = self.mask is not None and self.mask.shape[1] != N_DISPLACEMENT
         return by_mask or (self.held is not None and bool(self.held.array[:, 3:].any()))
 
     def fixed(self, n_node: int) -> Bool[np.ndarray, "n_node 6"]:
-        """True where a freedom is fixed, along `directions`, [n_node, 6], NumPy."""
-        fixed = self._plain(n_node)
+        """Return a mask of the held degrees of freedom, along `directions`, [n_node, 6], NumPy."""
+        fixed = self._fixed_along_axes(n_node)
         if self.chosen is not None:
             np.logical_or.at(fixed, self.chosen.array, self.held.array)
         return fixed
 
-    def _plain(self, n_node):
-        """True where a freedom is fixed along x, y, z, [n_node, 6]."""
+    def _fixed_along_axes(self, n_node):
+        """Return a mask of what `mask`, `nodes` and `clamps` hold along x, y, z, [n_node, 6]."""
         fixed = np.zeros((n_node, 6), bool)
         if self.mask is not None:
             if self.mask.shape[0] != n_node:
                 raise ValueError(
-                    f"supports mask: has {self.mask.shape[0]} rows, the structure {n_node} nodes"
+                    f"supports mask: has {self.mask.shape[0]} rows, but the structure has {n_node} "
+                    "nodes"
                 )
             fixed[:, : self.mask.shape[1]] = self.mask.array
         for name, nodes, width in (("pinned", self.nodes, 3), ("clamped", self.clamps, 6)):
@@ -184,14 +187,14 @@ class Supports:
         return fixed
 
     def directions(self, n_node: int) -> Float[np.ndarray, "n_node 3 3"]:
-        """Directions of each node's displacements and rotations, [n_node, 3, 3], NumPy.
+        """Return the directions of each node's displacements and rotations, [n_node, 3, 3], NumPy.
 
         Every row of a matrix is one direction.
         """
         axes = np.tile(np.eye(3), (n_node, 1, 1))
         if self.chosen is None:
             return axes
-        plain, taken = self._plain(n_node), {}
+        plain, taken = self._fixed_along_axes(n_node), {}
         for node, held, given in zip(
             self.chosen.array.tolist(), self.held.array, self.axes.array, strict=True
         ):
@@ -200,12 +203,12 @@ class Supports:
                 in_part = plain[node, part].any() and not plain[node, part].all()
                 if turned and held[part].any() and in_part:
                     raise ValueError(
-                        f"supports of node {node}: {kind} are held in part along x, y, z and in "
-                        "part along other directions; state all along one set"
+                        f"supports: {kind} of node {node} are held in part along x, y, z and in "
+                        "part along other directions; give all along one set of directions"
                     )
             if node in taken and np.abs(taken[node] - given).max() > 1e-9:
                 raise ValueError(
-                    f"supports of node {node}: held along two sets of directions; state all along "
+                    f"supports: node {node} is held along two sets of directions; give all along "
                     "one set"
                 )
             axes[node] = taken[node] = given
@@ -213,7 +216,7 @@ class Supports:
 
 
 def pinned(nodes: Int[ArrayLike, " n"]) -> Supports:
-    """Supports that hold the position of the given nodes, node numbers [n].
+    """Make supports that hold the position of the given nodes, node numbers [n].
 
     Example:
         >>> jc.pinned([0, 2]).fixed(3)[:, :3].all(axis=1)
@@ -223,7 +226,7 @@ def pinned(nodes: Int[ArrayLike, " n"]) -> Supports:
 
 
 def clamped(nodes: Int[ArrayLike, " n"]) -> Supports:
-    """Supports that hold position and rotation of the given nodes, node numbers [n].
+    """Make supports that hold position and rotation of the given nodes, node numbers [n].
 
     Example:
         >>> jc.clamped([0]).fixed(2).all(axis=1)
@@ -240,7 +243,7 @@ def restrained(
     about: str = "",
     axes: Float[ArrayLike, "... 3"] | None = None,
 ) -> Supports:
-    """Supports that hold some displacements and rotations of nodes, along any directions.
+    """Make supports that hold some displacements and rotations of nodes, along any directions.
 
     Args:
         nodes: node numbers, [n].
@@ -279,12 +282,12 @@ def restrained(
             raise ValueError(f'{name} = {letters!r}: expected some of "x", "y", "z"')
         held[:, [start + "xyz".index(letter) for letter in letters]] = True
     if not held.any():
-        raise ValueError('along, about: nothing is held; give some of "xyz"')
-    return Supports(chosen=nodes, held=held, axes=_directions(axes, len(nodes)))
+        raise ValueError('along, about: nothing is held; give some of "xyz" in one of them')
+    return Supports(chosen=nodes, held=held, axes=_orthonormal_axes(axes, len(nodes)))
 
 
-def _directions(axes, count):
-    """Directions of length 1, [count, 3, 3], one in each row of a matrix."""
+def _orthonormal_axes(axes, count):
+    """Return directions of length 1 at right angles, [count, 3, 3], one in each row of a matrix."""
     if axes is None:
         return np.tile(np.eye(3), (count, 1, 1))
     axes = checks.array_if_known(checks.as_floats(axes, "axes"))
@@ -293,7 +296,7 @@ def _directions(axes, count):
     if axes.shape == (3,):
         length = np.linalg.norm(axes)
         if not (np.isfinite(length) and length > 0):
-            raise ValueError(f"axes = {axes.tolist()}: no direction")
+            raise ValueError(f"axes = {axes.tolist()}: has no direction; must not be zero")
         along = axes / length
         across = np.eye(3)[np.abs(along).argmin()]
         across = across - (across @ along) * along

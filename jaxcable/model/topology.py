@@ -25,7 +25,7 @@ class Part(NamedTuple):
         results: results of its elements, a tuple of `elements.element.Result`.
         hinges: `Indices` of ends that turn against their nodes, or None.
         inner: indices of its inner numbers, and how many rows they take.
-        remembered: shapes of the memory of its law, as text; that of None without memory.
+        memory_shapes: shapes of the memory of its law, as text; that of None without memory.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Part(NamedTuple):
     results: tuple[Result, ...]
     hinges: Indices | None
     inner: tuple[tuple[tuple[int, int], ...], int]
-    remembered: str
+    memory_shapes: str
 
 
 class Topology(NamedTuple):
@@ -57,7 +57,7 @@ class Topology(NamedTuple):
 
 @computed_once
 def topology_of(structure):
-    """The `Topology` of a structure."""
+    """Return the `Topology` of a structure."""
     parts = tuple(
         Part(
             name,
@@ -91,42 +91,50 @@ def require_same(structure, there, name):
         return
     if here.n_node != there.n_node:
         raise ValueError(
-            f"{name}: belongs to a structure of {there.n_node} nodes, this one has {here.n_node}"
+            f"{name}: belongs to a structure of {there.n_node} nodes; this structure has "
+            f"{here.n_node}"
         )
     names = [[part.name for part in topology.parts] for topology in (here, there)]
     if names[0] != names[1]:
         lists = [", ".join(keys) if any(keys) else "one without a name" for keys in names]
-        raise ValueError(f"{name}: element groups: {lists[0]} here and {lists[1]} there")
+        raise ValueError(
+            f"{name}: element groups: {lists[0]} in this structure, and {lists[1]} there"
+        )
     for ours, theirs in zip(here.parts, there.parts, strict=True):
         if ours != theirs:
-            raise ValueError(f"{name}: elements{ours.name}: {_difference(ours, theirs)}")
+            raise ValueError(f"{name}: elements{ours.name}: {_describe_difference(ours, theirs)}")
     if here.rigid != there.rigid:
-        raise ValueError(f"{name}: rigid: other nodes are carried, or by others, than here")
+        raise ValueError(f"{name}: rigid: has other pairs of nodes than this structure")
     if (here.supports.array != there.supports.array).any():
         node = int(np.argwhere(here.supports.array != there.supports.array)[0][0])
         raise ValueError(
-            f"{name}: supports: node {node} is held otherwise than in its structure; other "
-            "supports go into a phase: Phase(supports=...)"
+            f"{name}: supports: this structure holds node {node} otherwise; supports that change "
+            "go into a phase: Phase(supports=...)"
         )
     if here.supports.axes != there.supports.axes:
-        raise ValueError(f"{name}: supports: nodes are held along other directions than there")
+        raise ValueError(
+            f"{name}: supports: this structure holds nodes along other directions; supports that "
+            "change go into a phase: Phase(supports=...)"
+        )
 
 
-def _difference(part, other):
-    """What differs between two parts, in words."""
+def _describe_difference(part, other):
+    """Describe in words how one group differs from that of another topology."""
     if part.kind != other.kind:
-        return f"is made of {part.kind} here and of {other.kind} there"
+        return f"is made of {part.kind} in this structure, and of {other.kind} there"
     here, there = part.links.array, other.links.array
     if len(here) != len(there):
-        return f"has {len(here)} elements here and {len(there)} there"
+        return f"has {len(here)} elements in this structure, and {len(there)} there"
     if here.shape != there.shape:
-        return f"its elements have {here.shape[1]} nodes here and {there.shape[1]} there"
+        return (
+            f"its elements have {here.shape[1]} nodes in this structure, and {there.shape[1]} there"
+        )
     apart = (here != there).any(axis=1)
     if apart.any():
         k = int(apart.argmax())
-        return f"links[{k}] is {here[k].tolist()} here and {there[k].tolist()} there"
+        return f"links[{k}] is {here[k].tolist()} in this structure, and {there[k].tolist()} there"
     if part.hinges != other.hinges:
-        return "hinges: other ends turn here than there"
+        return "hinges: other ends are hinged in this structure than there"
     if part.inner != other.inner:
-        return "its beams have other inner numbers (joints, or sections that are not linear)"
-    return "its law remembers something else than there"
+        return "its beams have other inner unknowns (joints, or sections that are not linear)"
+    return "its law has other history variables than there"

@@ -229,7 +229,7 @@ def test_a_phase_shorter_than_others_is_judged_where_it_ends():
     structure = jc.Structure([[0, 0, 0], [0, 0, 1.0], [1.0, 0, 1.0]], groups, supports)
     loads = [jc.NodalLoads([1], (0.0, 0.0, force)) for force in (-500.0, -700.0, 700.0)]
     stages = [jc.Phase(loads=load, increments=n) for load, n in zip(loads, (1, 1, 3), strict=True)]
-    with pytest.warns(jc.UnstableWarning, match=r"phases\[1\] ends in an unstable equilibrium"):
+    with pytest.warns(jc.UnstableWarning, match=r"phases\[1\]\) ends in an unstable equilibrium"):
         solution = jc.solve(structure, stages, jc.Incremental(2))
     assert int(solution.status) == 0
     assert [bool(phase.stable) for phase in solution.phases] == [True, False, True]

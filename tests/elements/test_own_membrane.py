@@ -125,7 +125,7 @@ def test_a_pretension_of_two_components():
 
     assert_allclose(jax.grad(warp)(1.0), 300.0, rtol=1e-12)
     for wrong in (np.full(9, 300.0), both, np.ones((9, 3))):
-        with pytest.raises(ValueError, match=r"pretension: expected a scalar or shape \(9, 2\)"):
+        with pytest.raises(ValueError, match=r"pretension.*: expected a scalar or shape \(9, 2\)"):
             stretched({"one": wrong})
     with pytest.raises(ValueError, match=r"the columns of \[n_elem, 2\]: warp, weft"):
         stretched({"one": {"warp": 300.0, "weft": 120.0}})
@@ -358,7 +358,7 @@ def test_what_it_does_not_take_is_refused():
     line = jc.Phase(loads=jc.LineLoads((0.0, 0.0, -1.0)))
     for name in ("pretension", "jacking"):
         stated = jc.Phase(**{name: {"sheet": 100.0, "edges": None}})
-        with pytest.raises(ValueError, match=f"{name}: of a group of Membranes state prestrain"):
+        with pytest.raises(ValueError, match=f"Membranes have no {name}; they take prestrain"):
             jc.solve(structure, stated)
     with pytest.raises(ValueError, match=r"elements \(Membranes\) has no length to load"):
         jc.solve(square, [phase, line])

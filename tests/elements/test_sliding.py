@@ -158,7 +158,7 @@ def test_a_rope_that_balances_over_a_peg_is_unstable():
     mask = np.ones((3, 3), bool)
     mask[[0, 2], 2] = False
     structure = jc.Structure(nodes, rope, jc.Supports(mask))
-    with pytest.warns(jc.UnstableWarning, match=r"phases\[0\] ends in an unstable equilibrium"):
+    with pytest.warns(jc.UnstableWarning, match=r"phases\[0\]\) ends in an unstable equilibrium"):
         solution = jc.solve(structure, jc.Phase(loads=jc.SelfWeight()))
     assert int(solution.status) == 0 and not bool(solution.stable)
     z = np.asarray(solution.positions[:, 2])

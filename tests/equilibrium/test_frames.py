@@ -92,9 +92,11 @@ def test_start_of_another_frame():
     cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1.0)
     plastic = jc.Section.rectangle(0.02, 0.05, jc.materials.steel())
     others = {
-        "is made of Cables here and of Beams there": jc.Structure(NODES, cables, jc.pinned([0])),
-        "hinges: other ends turn here than there": cantilever(hinges=[[False, True], [False] * 2]),
-        "its beams have other inner numbers": cantilever(section=plastic),
+        "is made of Cables in this structure, and of Beams there": jc.Structure(
+            NODES, cables, jc.pinned([0])
+        ),
+        "hinges: other ends are hinged": cantilever(hinges=[[False, True], [False] * 2]),
+        "its beams have other inner unknowns": cantilever(section=plastic),
     }
     for message, other in others.items():
         with pytest.raises(ValueError, match=f"start: elements: {message}"):

@@ -165,7 +165,7 @@ def test_a_zero_eigenvalue_is_not_negative():
 
 
 def test_instability_is_in_warning_report_picture_and_file(tmp_path, capsys):
-    with pytest.warns(jc.UnstableWarning, match=r"phases\[0\] ends in an unstable equilibrium"):
+    with pytest.warns(jc.UnstableWarning, match=r"phases\[0\]\) ends in an unstable equilibrium"):
         solution = push_strut(12.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -89,7 +89,7 @@ def test_they_may_lie_within_others():
     assert largest({"net": 3.0}) == [3.0, 3.0, 3.0, None]
     assert largest({"tie": 4.0}) == [None, None, None, 4.0]
     assert largest(collections.OrderedDict(tie=4.0)) == [None, None, None, 4.0]
-    with pytest.raises(ValueError, match=r"pretension: expected one number, .* by group"):
+    with pytest.raises(ValueError, match=r"\['net'\]\['b'\]: expected one number, .* got groups"):
         largest({"net": {"b": {"c": 1.0}}})
     with pytest.raises(ValueError, match=r"no group 'c' .*; there are 'a', 'b'"):
         largest({"net": {"c": 1.0}})
@@ -175,8 +175,8 @@ def test_the_remedy_for_a_spin_helps(top, analyse, tmp_path):
 @pytest.mark.parametrize(
     ("fibres", "words"),
     [
-        ({"y": [0.3], "z": [-0.2]}, "all axes: its fibres are one point; give `own`"),
-        ({"y": [-0.1, 0.1], "z": [0.1, 0.3]}, "one axis: its fibres are points on one line"),
+        ({"y": [0.3], "z": [-0.2]}, "all axes, because it is a single fibre; give `own`"),
+        ({"y": [-0.1, 0.1], "z": [0.1, 0.3]}, "one axis, because its fibres lie on one line"),
     ],
 )
 def test_a_beam_that_does_not_resist_bending_is_named(fibres, words):
@@ -210,7 +210,7 @@ def test_a_fibre_with_moments_is_not_and_nothing_traced_is():
         jax.jit(traced)(jnp.array([1.0]))
     law = jc.Polygonal([-0.01, 0, 0.01], [-1e8, 0, 1e8])
     section = jc.Section([0.0], [0.0], [0.001], [law], torsion=[1e-6], own=[[1e-6, 1e-6, 0]])
-    with pytest.warns(jc.InputWarning, match="EI is zero about all axes: .*; give more fibres"):
+    with pytest.warns(jc.InputWarning, match="EI is zero about all axes, .*; give more fibres"):
         jc.Structure(PLACES[:2], jc.Beams([[0, 1]], section=section), jc.clamped([0]))
 
 

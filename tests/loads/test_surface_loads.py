@@ -144,7 +144,7 @@ def test_loads_on_elements_that_never_come_are_told():
         jc.Phase(prestrain=0.01, removes="one"),
         jc.Phase(loads=jc.FacePressure(pressure=PRESSURES, on="one")),
     ]
-    with pytest.warns(checks.InputWarning, match=r"phases\[1\]: FacePressure acts on elements"):
+    with pytest.warns(checks.InputWarning, match=r"phases\[1\].loads: FacePressure acts on"):
         jc.solve(structure, phases)
 
 
@@ -278,7 +278,7 @@ def test_what_is_no_face_is_refused(monkeypatch):
         (jc.AreaLoads(forces=np.ones((3, 3)), on="one"), "forces: expected shape (3,) or (16, 3)"),
         (
             jc.AreaLoads(forces=np.ones(3), on="one", elements=jc.only([16])),
-            "elements: elements[0] = 16",
+            "elements of elements['one']: elements[0] = 16",
         ),
     ):
         with pytest.raises(ValueError) as caught:

@@ -216,15 +216,15 @@ jc.scenes.saddle(0, 3)  # n_x, n_y = 0, 3
 ## supports
 jc.Structure(NODES, cables())  # supports: missing; a structure needs supports=pinned(nodes)
 jc.Structure(NODES, cables(), [0, 2, 3])
-    # supports: ... needs supports=pinned(nodes) or Supports(mask), got list
+    # supports: expected pinned(nodes) or Supports(mask), got list; write supports=pinned([
 jc.Supports([0, 2, 3])  # supports mask: expected booleans ... use pinned(nodes)
 jc.Supports(np.zeros((3, 2), bool))  # supports mask: expected booleans [n_node, 3]
 net(supports=jc.Supports(np.ones((2, 3), bool)))  # supports mask: has 2 rows
 net(supports=jc.Supports(np.ones((4, 6), bool)))
-    # supports mask: expected [n_node, 3]; no element of the structure has rotations
-net(supports=jc.Supports(np.zeros((4, 3), bool)))  # supports: no freedom is fixed
+    # supports: hold rotations, but no element of the structure has rotations
+net(supports=jc.Supports(np.zeros((4, 3), bool)))  # supports: no node is held
 jc.Supports(np.ones((3, 3), bool)) + jc.Supports(np.ones((4, 3), bool))
-    # supports: masks of 3 and 4 nodes cannot be joined
+    # supports: masks of 3 and 4 nodes cannot be added; both must have
 Phase(supports=[0])  # supports: expected pinned
 jc.pinned([True, False])  # pinned nodes: expected integers, got bool; numpy.flatnonzero
 net(supports=[1, 3, 4])  # pinned nodes[2] = 4: ... nodes 0 to 3; ... subtract 1
@@ -232,24 +232,24 @@ net(supports=[0, 7])  # pinned nodes[1] = 7: the structure has nodes 0 to 3
 frame(jc.clamped([0, 9]))  # clamped nodes[1] = 9: the structure has nodes 0 to 3
 frame(HELD + jc.restrained([8], "x"))  # restrained nodes[0] = 8: the structure has nodes 0 to 3
 net(FAR, cables([*LINKS, [4, 5]]))
-    # supports: node 4 is in a part of 2 nodes ... float away: support it or connect it
+    # supports: node 4 is in a part of 2 nodes ... float away: support one of its nodes
 analyse(Phase(supports=jc.pinned([0, 2])), structure=net(FAR, cables([*LINKS, [4, 5]]), (0, 2, 3,
         5)))
-    # supports: node 4 is in a part of 2 nodes ... support it or connect it
+    # phases[0].supports: node 4 is in a part of 2 nodes ... or connect it
 jc.restrained([0], "xq")  # along = 'xq': expected some of
 jc.restrained([0])  # along, about: nothing is held
 jc.restrained([0], "x", axes=[[1.0, 0, 0], [1.0, 1.0, 0], [0, 0, 1.0]])
     # axes[0]: expected three directions of length 1 at right angles
 jc.restrained([0], "x", axes=(0.0, 0, 0))  # ...no direction
-frame(SKEW + OTHER_SKEW)  # supports of node 2: held along two sets of directions
+frame(SKEW + OTHER_SKEW)  # supports: node 2 is held along two sets of directions
 analyse(Phase(loads=push([2])), Phase(supports=HELD + OTHER_SKEW), structure=frame(SKEW))
-    # supports of node 2: held in part along other directions than in the phase before
+    # phases[1].supports: node 2 is held along other directions than in phases[0]; put a phase
 net(supports=jc.pinned([0, 2]) + jc.restrained([0], about="x"))
     # ...no element of the structure has rotations
 frame(n_node=5, rigid=[[3, 4]])  # rigid[0] = [3, 4]: node 3 has no rotation
 frame(stay=(4, 3), n_node=5, rigid=[[2, 4], [1, 4]])  # rigid[1] = [1, 4]: node 4 is carried twice
 frame(HELD + jc.pinned([4]), stay=(4, 3), n_node=5, rigid=[[2, 4]])
-    # supports of node 4: another node carries it
+    # supports: node 4 is carried by another node
 
 ## beams and sections
 jc.Beams([[0, 1]])  # section: missing; a group of beams needs a Section
@@ -302,23 +302,24 @@ loaded(jc.SelfWeight(on="net"), structure=net(elements=TWO))
     # ...SelfWeight: on = 'net': no such group has a weight
 jc.SelfWeight(on="three").check(net(elements=TWO))  # ...on = 'three': no such key
 jc.SelfWeight(elements=jc.only([0])).check(net(elements=TWO))  # ...on = None means 2 groups
-jc.SelfWeight(elements=jc.only([0], 1.0))  # elements: expected a selection...got Only
-jc.LineLoads(UP, elements=[0])  # elements: expected a selection such as only
+jc.SelfWeight(elements=jc.only([0], 1.0))
+    # elements: expected a selection of elements ... without values, got Only
+jc.LineLoads(UP, elements=[0])  # elements: expected a selection of elements such as only
 jc.LineLoads(UP, on="net", elements=jc.only([2])).check(net(elements=TWO))
-    # ...elements[0] = 2: the group has elements 0 to 1
+    # elements of elements['net']: elements[0] = 2: the group has elements 0 to 1
 jc.LineLoads((0, 1.0))  # forces: expected shape (3,), got (2,)
 framed(jc.LineLoads(UP, on="mast"))  # ...on = 'mast': no such key in the structure's elements
 jc.LineLoads(UP, per="current")  # per = 'current': expected one of
 jc.AreaLoads([[0, 1, 2]], UP, per="x")  # per = 'x'
 jc.AreaLoads([[0, 1, 2]], 1.0)  # forces: expected shape (3,) or (1, 3), got ()
 loaded(jc.AreaLoads([[1, 2, 4]], UP))  # phases[0].loads[0]: faces[0] = [1, 2, 4]: ... subtract 1
-jc.AreaLoads([[0, 1, 2]])  # forces: missing; AreaLoads needs a value of it
+jc.AreaLoads([[0, 1, 2]])  # forces: missing; give AreaLoads(forces=
 jc.AreaLoads(forces=(1.0, 2.0))  # forces: expected shape (3,) or (2, 3), got (2,)
-jc.AreaLoads([[0, 1, 2]], UP, elements=jc.only([0]))  # faces, elements: give faces, or a group
-jc.AreaLoads(forces=UP, on="net", elements=[0])  # elements: expected a selection such as only
+jc.AreaLoads([[0, 1, 2]], UP, elements=jc.only([0]))  # faces, elements: give either faces
+jc.AreaLoads(forces=UP, on="net", elements=[0])  # elements: expected a selection of elem
 framed(jc.AreaLoads(forces=UP, on="beam"))  # ...on = 'beam': elements['beam'] (Beams) has no faces
 loaded(jc.FacePressure(pressure=1.0))  # ...faces: missing: elements (Cables) has no faces; give
-jc.FacePressure([[0, 1, 2]], 1.0, on="net")  # faces, on: give faces, or a group
+jc.FacePressure([[0, 1, 2]], 1.0, on="net")  # faces, on: give either faces, or a group
 jc.FacePressure([[0, 1]], 1.0)  # faces: expected node numbers [n, 3]
 jc.FacePressure([[0, 1, 2], [0, 1, 0]], 1.0)  # faces[1] = [0, 1, 0]: a face has at least 3
 loaded(jc.FacePressure([[0, 1, 9]], 1.0))  # ...faces[0] = [0, 1, 9]: the structure has nodes 0 to 3
@@ -331,7 +332,7 @@ loaded(jc.CablePressure(1.0, AXIS), structure=net(elements=jc.Catenaries(LINKS,
         axial_stiffness=1e5)))
     # ...only cables and bars of two nodes, and beams
 analyse(Phase(loads=jc.CablePressure(1.0, AXIS)), method=jc.Incremental(stiffness="secant"))
-    # ...not with loads that follow
+    # stiffness = "secant" cannot be used with follower loads (phases[0].loads[0]); use
 analyse(Phase(loads=jc.LineLoads(UP)), structure=frame(), method=jc.Incremental(0, "secant"))
     # ...(Beams) has no secant stiffness
 loaded(jc.SupportMovement([7], UP))  # ...moved nodes[0] = 7: the structure has nodes 0 to 3
@@ -356,7 +357,7 @@ jc.trace_path(net(), [Phase(loads=[push(), jc.Varying(push(), HALF, HALF)])])
 jc.net_faces(PLAN, ROUND, border="hull")  # border = 'hull': expected None, 'ends' or 'links'
 jc.net_faces(NODES, LINKS[:2])  # ...they enclose no mesh
 jc.net_faces(SPIRAL, [[k, k + 1] for k in range(6)], border="ends")
-    # ...free end 0 to 6 would cross [1, 2]
+    # ...free end 0 to 6 would cross link [1, 2]; add links
 jc.net_faces(PLAN, [*ROUND, [0, 2], [1, 3]])  # ...links: some cross in plan
 jc.net_faces(PLAN, ROUND, largest=5)  # largest = 5: expected 3 or 4 corners
 jc.net_faces(PLAN, [*ROUND, [1, 5]])  # links[4] = [1, 5]: ... nodes 0 to 3
@@ -376,21 +377,23 @@ jax.vmap(lambda n: Phase(increments=n).increments)(np.arange(1, 3))
     # increments = a traced number: expected an integer; ... vmap ... cannot vary it
 stated(pretension=1.0, rest_length=1.0)
     # phases[0].pretension, rest_length: both state the prestress of elements;
-stated(jacking=1.0, shortening=0.1)  # phases[0].jacking: elements has
+stated(jacking=1.0, shortening=0.1)
+    # phases[0].jacking, shortening: a jack keeps the force of elements in
 stated(pretension=[10.0, -10.0, 10.0])
     # phases[0].pretension[1] = -10.0: ... tension only; must not be negative (use Bars
 stated(TWO, pretension={"net": -1.0, "tie": 5.0})
-    # phases[0].pretension[0] = -1.0: ... tension only; ... in elements['net']
+    # phases[0].pretension['net'][0] = -1.0: a cable carries tension only
 stated(pretension=[1.0, 2])  # phases[0].pretension: expected a scalar or shape (3,)
 stated(TWO, pretension={"net": [1.0, 1, 1], "tie": None})
-    # phases[0].pretension: expected ... shape (2,), ... shape (3,); in elements['net'
+    # phases[0].pretension['net']: expected ... shape (2,), ... got shape (3,)
 stated(pretension={"net": 1.0})  # phases[0].pretension: expected one number
 stated(TWO, pretension={"nets": 1.0, "tie": None})
     # phases[0].pretension: no group 'nets' ... are 'net', 'tie'; did you mean 'net'?
-stated(temperature=10.0)  # phases[0].temperature: the group has no expansion
+stated(temperature=10.0)
+    # phases[0].temperature: the group has no coefficient of expansion; give Cables(exp
 analyse(Phase(pretension={"beam": 1e9, "stay": None}),
         structure=frame(group=beams(section=YIELDING)))
-    # ...pretension[0] = 1000000000.0: above what its law can carry; ... within the curve
+    # phases[0].pretension['beam'][0] = 1000000000.0: more than the law of the element can
 
 ## solve
 jc.solve(NODES, [])  # structure: expected a Structure, got ndarray
@@ -489,43 +492,45 @@ design.nearest_kink(lambda x: x, jnp.ones(2), jnp.ones(3))
 SUSPICIOUS = rows("""
 ## units
 stated(cables(axial_stiffness=98.0), pretension=[0.0, 200.0, 0.0])
-    # pretension[1] = 200: a strain of 204 %, and steel breaks ... stiffness and forces in N
+    # phases[0].pretension[1] = 200: a strain of 204 % with EA = 98 N, and steel breaks ...
+        forces in N
 stated(jc.Cables(LINKS, area=1e-4, law=jc.Elastic(210e3)), pretension=200.0)
-    # pretension[0] = 200: a strain of 952 %, ... moduli in Pa
+    # phases[0].pretension[0] = 200: a strain of 952 % with EA = 21 N, ... moduli in Pa
 stated(cables(axial_stiffness=98.0), force_density=200.0)
-    # force_density[0] = 200: a strain of 204 %
+    # phases[0].force_density[0] = 200: a strain of 204 %
 stated(cables(axial_stiffness=0.5), loads=push())
-    # loads of phases[0]: 1 N on node 1, ... 1.5 N together: strained by 66.7 % ... in N
+    # phases[0].loads: 1 N on node 1 strains its elements by 66.7 % or more: ... EA is 1.5 N; ...
 analyse(Phase(pretension=0.01), PUSHED, structure=net(elements=cables(axial_stiffness=0.5)))
-    # loads of phases[1]: 1 N on node 1
+    # phases[1].loads: 1 N on node 1
 stated(prestrain=jc.only([2], 0.2))
-    # prestrain[2] = 0.2: a strain of 20 %, ... a ratio, not a percentage
+    # phases[0].prestrain[2] = 0.2: a strain of 20 %, ... a ratio, not a percentage
 jc.Polygonal([0, 0.2, 5.0], [0, 4e8, 5e8])
     # strain[2] = 5: more than 1; it is a ratio, not a percentage
 jc.Polygonal([0, 4e8, 5e8], [0, 2e-3, 0.05])  # strain[2] = 5e+08: more than 1
-stated(rest_length=[1.0, 999.0, 1.0])  # rest_length[1] = 999: its nodes are 1 m apart; is it in m
+stated(rest_length=[1.0, 999.0, 1.0])
+    # phases[0].rest_length[1] = 999: its nodes are 1 m apart; is the length in m
 net(1000.0 * NODES, {"net": cables(rest_length=0.999)})
-    # elements['net'].rest_length[0] = 0.999: its nodes are 1e+03 m apart; is it in m
+    # elements['net'].rest_length[0] = 0.999: its nodes are 1e+03 m apart; is the length in m
 net(elements=jc.Cables(LINKS, area=[1e-4, 314.0, 1e-4], law=STEEL))
-    # elements.area[1] = 314: thicker than the element is long; is it in m2
+    # elements.area[1] = 314: thicker than the element is long; is the area in m2
 net(elements={"mast": jc.Beams(LINKS, section=jc.Section.rectangle(100.0, 200.0, STEEL))})
-    # elements['mast'].section: fibres 180 m apart, further than all nodes; is it in m
+    # elements['mast'].section: 180 m from fibre to fibre is more than ... coordinates in m
 stated(cables(expansion=12.0), temperature=30.0)
-    # temperature[0] = 30: a strain of 3.6e+04 %, ... is expansion in 1/K
+    # phases[0].temperature[0] = 30: a strain of 3.6e+04 %, ... is the expansion in 1/K
 stated({"net": cables(strength=[20.0, 5.0, 20.0])}, pretension=10.0)
-    # pretension['net'][1] = 10: more than the strength of the element
+    # phases[0].pretension['net'][1] = 10: more than its strength, 5 N
 
 ## what no increment sees
 loaded(jc.Varying(push(), HALF, [0.0, 1.0, 0.0]))
-    # phases[0].loads[0]: factors[1] = 1 is passed by, ... from 0 to 0; ...load factor 0.5
+    # phases[0].loads[0]: factors[1] = 1 is not reached: ... 0 to 0; ... load factor 0.5
 
 ## what acts on nothing
 loaded(push([2, 3]))
-    # loads of phases[0]: all of them act on supports (node 2) ... look at the numbers
+    # phases[0].loads: all of them act on supports (node 2) ... check the numbers
 analyse(Phase(pretension=1.0), structure=net(supports=range(4)))
-    # supports of phases[0]: every node is held, ... names the anchors only
+    # phases[0].supports: every node is held, ... of the anchors only
 net(NODES[[0, 1, 2, 3, 1]], cables([[0, 1], [4, 2], [1, 3]]))
-    # nodes[4]: at the place of nodes[1] and not joined to it; ... one number in links
+    # nodes[1] and nodes[4] are at the same place but not joined; ... one number for it in links
 """)
 
 ODD = rows("""

@@ -292,18 +292,18 @@ thickness,  # thickness: thickness = -1.0
 ## sections/composites.py
 composed,  # torsion: torsion = -1.0
 ## analysis/prestress_rules.py
-stated("rest_length"),  # value_rules: ...rest_length[0] = -1.0: ... must be positive
-stated("prestrain"), 0.1, -1.0  # value_rules: ...prestrain[0] = -1.0: a prestrain must be above -1
-stated("pretension"),  # value_rules: ...pretension[0] = -1.0: a cable carries tension only
-stated("force_density"),  # value_rules: ...force_density[0] = -1.0
-stated("jacking"), 100.0, -100.0  # value_rules: ...jacking[0] = -100.0
-stated("sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # value_rules: ...sag[0] = -0.1
+stated("rest_length"),  # value_rules: ...rest_length[1] = -1.0: ... must be positive
+stated("prestrain"), 0.1, -1.0  # value_rules: ...prestrain[1] = -1.0: a prestrain must be above -1
+stated("pretension"),  # value_rules: ...pretension[1] = -1.0: a cable carries tension only
+stated("force_density"),  # value_rules: ...force_density[1] = -1.0
+stated("jacking"), 100.0, -100.0  # value_rules: ...jacking[1] = -100.0
+stated("sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # value_rules: ...sag[1] = -0.1
 stated("pretension", area=1.0, law=LAW), 1e6, 1000001.0
-    # capacity_rules: ...pretension[1] = 1000001.0: above what its law
+    # capacity_rules: ...pretension[1] = 1000001.0: more than the law
 stated("jacking", area=1.0, law=LAW), 1e6, 1000001.0
-    # capacity_rules: ...jacking[1] = 1000001.0: above what its law
+    # capacity_rules: ...jacking[1] = 1000001.0: more than the law
 stated("pretension", jc.Bars, area=1.0, law=STOCKY), -1e6, -1000001.0
-    # capacity_rules: ...pretension[1] = -1000001.0: ...what its law
+    # capacity_rules: ...pretension[1] = -1000001.0: ...law of the element can
 plumb, 1.0, 0.0  # span_rules: ...sag[0]: the nodes of the element lie
 ## loads/pressure.py
 pressed, AXIS, (0.0, 0.0, 0.0)  # axis: axis: is zero
@@ -366,14 +366,14 @@ used, 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
 """)
 
 OTHERWISE = {
-    "analysis/absent.py:_states_nothing": "a traced increment may be other than zero: it counts",
-    "analysis/absent.py:_judge_array": "a warning",
-    "analysis/absent.py:_loaded": "a warning",
-    "analysis/preparation.py:_may_warn": "no rule: whether a warning can be given",
-    "loads/groups.py:scattered": "no rule: which library computes",
+    "analysis/absent.py:_is_zero_increment": "traced: it may be other than zero",
+    "analysis/absent.py:_warn_of_lost_value": "a warning",
+    "analysis/absent.py:_loaded_elements": "a warning",
+    "analysis/preparation.py:_can_prove_instability": "no rule: whether a warning can be given",
+    "loads/groups.py:scatter_to_nodes": "no rule: which library computes",
     "loads/nodal.py:__str__": "no rule: what is said of it",
     "loads/varying.py:__str__": "no rule: what is said of it",
-    "loads/varying.py:apart": "a warning",
+    "loads/varying.py:split_amplitude": "a warning",
     "elements/beam.py:unused_columns": "no rule: layers on one line have nothing across it",
     "elements/beam.py:_differs": "a lean without `up` is NaN in `Beams.start`",
     "materials/polygonal.py:__post_init__": "no rule: puts the origin among known points",
@@ -389,10 +389,10 @@ OTHERWISE = {
     "stiffness/vibration.py:_warn_of_modes_within_spans": "no rule: a warning",
     "stiffness/buckling.py:buckling_factor": "NaN where it is traced",
     "stiffness/buckling.py:_can_be_unstressed": "NaN where it is traced",
-    "model/supports.py:_directions": "traced directions are refused",
-    "model/spins.py:free_spins": "a warning",
-    "model/spins.py:warn": "a warning",
-    "model/plausibility.py:_there": "warnings",
+    "model/supports.py:_orthonormal_axes": "traced directions are refused",
+    "model/spins.py:find_free_spins": "a warning",
+    "model/spins.py:warn_of_free_spins": "a warning",
+    "model/plausibility.py:array_or_none": "warnings",
     "loads/movement.py:__post_init__": "a warning",
     "loads/movement.py:check_supported": "NaN where it is traced (`ramp`), status NONFINITE",
     "forms/feasible_prestress.py:feasible_prestress": "NaN where a cable is not taut",

@@ -27,28 +27,37 @@ def first():
 REFUSED = {
     "renumbered": (
         lambda: net([[1, 2], [0, 1], [1, 3]]),
-        r"elements\['net'\]: links\[0\] is \[1, 2\] here and \[0, 1\] there",
+        r"elements\['net'\]: links\[0\] is \[1, 2\] in this structure, and \[0, 1\] there",
     ),
-    "turned": (lambda: net([[0, 1], [1, 2], [3, 1]]), r"links\[2\] is \[3, 1\] here and \[1, 3\]"),
-    "fewer": (lambda: net([[0, 1], [1, 3]], held=(0, 2, 3)), "has 2 elements here and 3 there"),
-    "kind": (lambda: net(kind=jc.Bars), "is made of Bars here and of Cables there"),
+    "turned": (
+        lambda: net([[0, 1], [1, 2], [3, 1]]),
+        r"links\[2\] is \[3, 1\] in this structure, and \[1, 3\]",
+    ),
+    "fewer": (
+        lambda: net([[0, 1], [1, 3]], held=(0, 2, 3)),
+        "has 2 elements in this structure, and 3 there",
+    ),
+    "kind": (lambda: net(kind=jc.Bars), "is made of Bars in this structure, and of Cables there"),
     "chains": (
         lambda: net([[0, 1, 2], [1, 2, 2], [1, 3, 3]], jc.SlidingCables),
-        "is made of SlidingCables here",
+        "is made of SlidingCables in this structure",
     ),
     "tree": (lambda: net(wrap=lambda g: g), r"element groups: one without .* and \['net'\] there"),
-    "name": (lambda: net(wrap=lambda g: {"guys": g}), r"groups: \['guys'\] here and \['net'\]"),
+    "name": (
+        lambda: net(wrap=lambda g: {"guys": g}),
+        r"groups: \['guys'\] in this structure, and \['net'\]",
+    ),
     "nodes": (
         lambda: net(nodes=np.vstack([NODES, [[0.0, 0.0, 9.0]]]), held=(0, 2, 3, 4)),
-        "belongs to a structure of 4 nodes, this one has 5",
+        "belongs to a structure of 4 nodes; this structure has 5",
     ),
     "supports": (
         lambda: net(held=(0, 1, 2, 3)),
-        "supports: node 1 is held otherwise.*into a phase",
+        "supports: this structure holds node 1 otherwise.*into a phase",
     ),
     "memory": (
         lambda: net(axial_stiffness=None, area=1e-4, law=jc.materials.strand()),
-        "its law remembers something else than there",
+        "its law has other history variables than there",
     ),
 }
 

@@ -13,10 +13,10 @@ from ..common.types import ArrayLike, Float, Int
 from ..sections.outlines import points_inside, signed_area
 
 BORDERS = (None, "ends", "links")
-STRAIGHT = 45.0
+CORNER_ANGLE = 45.0
 """Angle, degrees, from which on a turn of the border from link to link is a corner."""
 
-_NOTHING = 1e-12
+_ZERO_AREA = 1e-12
 """Largest area, relative to the square of the net's size, of faces that count as lines."""
 
 
@@ -26,12 +26,12 @@ def net_faces(
     largest: int = 4,
     border: str | None = None,
 ) -> Int[np.ndarray, "n_face 4"]:
-    """Faces of a net as seen in plan: its meshes, and those between free ends at its border.
+    """Find the faces of a net in plan: its meshes, and those between free ends at its border.
 
     Give the links of the net alone: nodes that none of them touches, such as feet of masts and
-    anchors of stays, are left out. The meshes are those of the planar graph of the links in the
-    x-y plane. Nodes are in anticlockwise order, so that normals point up. Meshes with more than
-    four corners, and meshes that are not convex, are split into triangles.
+    anchors of stays, are left out. The meshes are those of the planar graph of the links in the x-y
+    plane. Nodes are in anticlockwise order, so that normals point up. Meshes with more than four
+    corners, and meshes that are not convex, are split into triangles.
 
     Where links close the border, no face lies outside of them, whether the border is convex or not.
     A net without edge cables has free ends instead: nodes with a single link. Corners of its border
@@ -95,23 +95,23 @@ def net_faces(
         k = int((links >= len(plan)).any(axis=1).argmax())
         raise ValueError(f"links[{k}] = {links[k].tolist()}: there are nodes 0 to {len(plan) - 1}")
     edges = {tuple(sorted(link)) for link in links.tolist()}
-    nothing = _NOTHING * np.ptp(plan[np.unique(links)], axis=0).max(initial=0.0) ** 2
-    rings = _rings(plan, edges)
-    _require_plane(plan, edges, rings, nothing)
+    nothing = _ZERO_AREA * np.ptp(plan[np.unique(links)], axis=0).max(initial=0.0) ** 2
+    rings = _trace_rings(plan, edges)
+    _require_planar(plan, edges, rings, nothing)
     if border != "links":
-        lines = _between_ends(plan, edges, [r for r in rings if signed_area(plan[r]) <= nothing])
+        lines = _border_lines(plan, edges, [r for r in rings if signed_area(plan[r]) <= nothing])
         if lines:
-            _require_apart(plan, lines, edges)
-            closed, rings = rings, _rings(plan, edges | lines)
+            _require_uncrossed(plan, lines, edges)
+            closed, rings = rings, _trace_rings(plan, edges | lines)
             if border is None:
-                _warn(plan, lines, closed, rings, nothing)
+                _warn_of_open_border(plan, lines, closed, rings, nothing)
     faces = []
     for ring in rings:
         if signed_area(plan[ring]) <= nothing:
             continue  # the outside of the net, or a line
-        ring = _without_spurs(ring)
-        if not _convex(plan[ring]):
-            faces += _ears(plan, ring)
+        ring = _remove_spurs(ring)
+        if not _is_convex(plan[ring]):
+            faces += _triangulate(plan, ring)
         elif len(ring) <= largest:
             faces.append([*ring, ring[-1]][:4])
         else:
@@ -121,8 +121,8 @@ def net_faces(
     return np.array(faces)
 
 
-def _rings(plan, edges):
-    """Rings of nodes of a planar graph: anticlockwise around meshes, clockwise around parts."""
+def _trace_rings(plan, edges):
+    """Trace the rings of a planar graph: anticlockwise around meshes, clockwise around parts."""
     spokes = [[] for _ in plan]
     for i, j in edges:
         spokes[i].append(j)
@@ -134,8 +134,8 @@ def _rings(plan, edges):
         directions = plan[others] - plan[i]
         if (directions == 0).all(axis=1).any():
             raise ValueError(
-                f"nodes[{i}]: a linked node has the same place in plan; give the links of the net "
-                "alone, without vertical masts"
+                f"nodes[{i}]: a node that is linked to it has the same place in plan; give the "
+                "links of the net alone, without vertical masts"
             )
         order = np.argsort(np.arctan2(directions[:, 1], directions[:, 0]))
         around = [others[k] for k in order]
@@ -153,7 +153,7 @@ def _rings(plan, edges):
     return rings
 
 
-def _require_plane(plan, edges, rings, nothing):
+def _require_planar(plan, edges, rings, nothing):
     """Raise ValueError if links cross, or a part of the net lies within a mesh of another part."""
     ends = np.array(sorted(edges)).T
     graph = coo_array((np.ones(len(edges)), ends), shape=(len(plan), len(plan)))
@@ -161,7 +161,7 @@ def _require_plane(plan, edges, rings, nothing):
     # Euler's formula: the number of rings if no links cross, one around each part included
     alone = len(plan) - len(np.unique(ends))  # nodes without links, each a part by itself
     if len(rings) != len(edges) - (len(plan) - alone) + 2 * (count - alone):
-        raise ValueError("links: some cross in plan; put a node where they do")
+        raise ValueError("links: some cross in plan; put a node where they cross")
     meshes = [ring for ring in rings if signed_area(plan[ring]) > nothing]
     covering = np.isin(part, [part[ring[0]] for ring in meshes])
     for ring in meshes if count > 1 else ():
@@ -174,8 +174,8 @@ def _require_plane(plan, edges, rings, nothing):
             )
 
 
-def _without_spurs(ring):
-    """The ring of nodes without the ways into dead ends and back."""
+def _remove_spurs(ring):
+    """Return a ring of nodes without the ways into dead ends and back."""
     k = 0
     while k < len(ring) and len(ring) > 3:
         if ring[k - 1] == ring[(k + 1) % len(ring)]:
@@ -186,8 +186,8 @@ def _without_spurs(ring):
     return ring
 
 
-def _turns(places):
-    """Twice the area of the triangle of the corners before, at and after each one of a ring, [n].
+def _corner_areas(places):
+    """Return twice the area of the triangle of each corner of a ring and its two neighbours, [n].
 
     Positive where the ring turns to the left.
     """
@@ -195,21 +195,21 @@ def _turns(places):
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-def _convex(places):
-    """Whether an anticlockwise ring turns to the left, or goes straight on, at every corner."""
-    return bool((_turns(places) >= -1e-9 * np.ptp(places, axis=0).max() ** 2).all())
+def _is_convex(places):
+    """Return whether an anticlockwise ring nowhere turns to the right."""
+    return bool((_corner_areas(places) >= -1e-9 * np.ptp(places, axis=0).max() ** 2).all())
 
 
-def _ears(plan, ring):
-    """Triangles of a mesh that need not be convex, by cutting off one corner after the other."""
+def _triangulate(plan, ring):
+    """Split a mesh, which need not be convex, into triangles by cutting off its corners."""
     ring, faces = list(ring), []
     while len(ring) > 3:
-        turns = _turns(plan[ring])
+        turns = _corner_areas(plan[ring])
         best, cut = 0.0, None
         for k in range(len(ring)):
             a, b, c = ring[k - 1], ring[k], ring[(k + 1) % len(ring)]
             rest = plan[[node for node in ring if node not in (a, b, c)]]
-            sides = [_left_of(plan[i], plan[j], rest) for i, j in ((a, b), (b, c), (c, a))]
+            sides = [_signed_areas(plan[i], plan[j], rest) for i, j in ((a, b), (b, c), (c, a))]
             holds_others = (np.stack(sides) >= 0).all(axis=0).any()
             if turns[k] > best and not holds_others:
                 best, cut = turns[k], k
@@ -220,56 +220,61 @@ def _ears(plan, ring):
     return [*faces, [*ring, ring[-1]]]
 
 
-def _left_of(a, b, places):
-    """Twice the area of triangles (a, b, place), [n]; positive where a place is left of a to b."""
+def _signed_areas(a, b, places):
+    """Return twice the areas of triangles (a, b, place), [n]; positive left of a to b."""
     return (b[..., 0] - a[..., 0]) * (places[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (
         places[..., 0] - a[..., 0]
     )
 
 
-def _between_ends(plan, edges, outsides):
-    """Lines that close the border between free ends; `outsides` are clockwise rings of parts."""
+def _border_lines(plan, edges, outsides):
+    """Find lines that close the border between free ends; `outsides` are clockwise rings."""
     count = np.bincount(np.array(sorted(edges)).ravel(), minlength=len(plan))
     open_ = [ring for ring in outsides if (count[ring] == 1).sum() > 1]
     if len(open_) > 1:
-        return _lines(_hull(plan, sorted({node for ring in open_ for node in ring}))) - edges
+        return (
+            _successive_pairs(_convex_hull(plan, sorted({node for ring in open_ for node in ring})))
+            - edges
+        )
     lines = set()
     for ring in open_:
         start = int(np.argmax(count[ring] == 1))
         ring = [*ring[start:], *ring[:start]]
         free = count[ring] == 1
-        stops = [*np.flatnonzero(free | _corners(plan[ring])), len(ring)]
+        stops = [*np.flatnonzero(free | _find_corners(plan[ring])), len(ring)]
         ring.append(ring[0])
         for first, last in itertools.pairwise(stops):
             way = ring[first : last + 1]
-            if (count[[way[0], way[-1]]] == 1).any() and not _one_cable(plan[way]):
-                lines |= _lines(_round(plan, way))
+            if (count[[way[0], way[-1]]] == 1).any() and not _is_single_cable(plan[way]):
+                lines |= _successive_pairs(_hull_of_way(plan, way))
     return lines - edges
 
 
-def _lines(way):
-    """The pairs of successive nodes on a way, a set of sorted pairs."""
+def _successive_pairs(way):
+    """Return the pairs of successive nodes on a way, a set of sorted pairs."""
     return {tuple(sorted(pair)) for pair in itertools.pairwise(way)}
 
 
-def _corners(places):
-    """Corners of a clockwise ring: turns to the right by `STRAIGHT` or more, [n] bool."""
+def _find_corners(places):
+    """Find corners of a clockwise ring: turns to the right by `CORNER_ANGLE` or more, [n] bool."""
     a, b = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
-    return np.arctan2(_turns(places), np.sum(a * b, axis=1)) <= -np.radians(STRAIGHT) * (1 - 1e-9)
-
-
-def _one_cable(places):
-    """Whether a way through places [n, 2] turns by less than `STRAIGHT` at every place."""
-    way = np.diff(places, axis=0)
-    way = way / np.linalg.norm(way, axis=1, keepdims=True)
-    return bool(
-        (np.sum(way[1:] * way[:-1], axis=1) > np.cos(np.radians(STRAIGHT)) * (1 + 1e-9)).all()
+    return np.arctan2(_corner_areas(places), np.sum(a * b, axis=1)) <= -np.radians(CORNER_ANGLE) * (
+        1 - 1e-9
     )
 
 
-def _round(plan, way):
-    """Nodes of the convex hull of a way, clockwise from its first node to its last."""
-    hull = _hull(plan, sorted(set(way)))[:-1]
+def _is_single_cable(places):
+    """Return whether a way through places [n, 2] nowhere turns by `CORNER_ANGLE` or more."""
+    way = np.diff(places, axis=0)
+    way = way / np.linalg.norm(way, axis=1, keepdims=True)
+    return bool(
+        (np.sum(way[1:] * way[:-1], axis=1) > np.cos(np.radians(CORNER_ANGLE)) * (1 + 1e-9)).all()
+    )
+
+
+def _hull_of_way(plan, way):
+    """Return the nodes of the convex hull of a way, clockwise from its first node to its last."""
+    hull = _convex_hull(plan, sorted(set(way)))[:-1]
     if way[0] not in hull or way[-1] not in hull:
         return [way[0], way[-1]]
     start = hull.index(way[0])
@@ -277,8 +282,8 @@ def _round(plan, way):
     return hull[: hull.index(way[-1]) + 1]
 
 
-def _hull(plan, nodes):
-    """Nodes on the convex hull of `nodes`, clockwise, from the leftmost node and back to it.
+def _convex_hull(plan, nodes):
+    """Return the nodes on the convex hull of `nodes`, clockwise, from the leftmost and back to it.
 
     Nodes on the straight sides of the hull are included (Andrew's monotone chain).
     """
@@ -299,7 +304,7 @@ def _hull(plan, nodes):
     return half(ordered) + half(ordered[::-1])[1:]
 
 
-def _require_apart(plan, lines, edges):
+def _require_uncrossed(plan, lines, edges):
     """Raise ValueError if a line between free ends crosses a link or another such line."""
     links = np.array(sorted(edges | lines))
 
@@ -307,18 +312,19 @@ def _require_apart(plan, lines, edges):
     first, second = plan[links[:, 0]], plan[links[:, 1]]
     for i, j in sorted(lines):
         a, b = plan[i], plan[j]
-        sides = np.stack([_left_of(a, b, first), _left_of(a, b, second)])
-        across = np.stack([_left_of(first, second, a), _left_of(first, second, b)])
+        sides = np.stack([_signed_areas(a, b, first), _signed_areas(a, b, second)])
+        across = np.stack([_signed_areas(first, second, a), _signed_areas(first, second, b)])
         clear = (np.abs(sides) > tiny).all(axis=0) & (np.abs(across) > tiny).all(axis=0)
         crossed = clear & (np.prod(np.sign(sides), 0) < 0) & (np.prod(np.sign(across), 0) < 0)
         if crossed.any():
             raise ValueError(
-                f"links: the border from free end {i} to {j} would cross "
-                f"{links[int(crossed.argmax())].tolist()}; link the border and give border='links'"
+                f"links: the border from free end {i} to {j} would cross link "
+                f"{links[int(crossed.argmax())].tolist()}; add links along the border, and give "
+                "border='links'"
             )
 
 
-def _warn(plan, lines, closed, rings, nothing):
+def _warn_of_open_border(plan, lines, closed, rings, nothing):
     """Warn of area that lies outside of all links, if there is any."""
     before, after = (
         sum(area for ring in found if (area := signed_area(plan[ring])) > nothing)
@@ -328,6 +334,6 @@ def _warn(plan, lines, closed, rings, nothing):
         i, j = min(lines)
         checks.warn_user(
             f"net_faces: {after - before:.6g} of {after:.6g} m2 lie outside of all links, between "
-            f"free ends of cables such as {i} and {j}; give border='ends' if they are meant, "
-            "border='links' if not"
+            f"free ends of cables such as {i} and {j}; border='ends' keeps these faces, "
+            "border='links' leaves them out"
         )

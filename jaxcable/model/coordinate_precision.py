@@ -9,15 +9,15 @@ import numpy as np
 
 from ..common.types import Float
 from ..elements.element import Element
-from .plausibility import warns
+from .plausibility import issues_warnings
 
-COARSE = 1e-4
+MAX_RELATIVE_SPACING = 1e-4
 """Resolution of coordinates over the length of an element, beyond which strains are nothing but
 rounding: prestrains are of order 1e-3."""
 
 
-@warns
-def resolution(
+@issues_warnings
+def warn_of_coarse_coordinates(
     nodes: Float[np.ndarray, "n_node 3"], named: Sequence[tuple[str, Element]]
 ) -> Iterator[str]:
     """Warn of coordinates, such as those of maps, that are too large for their precision.
@@ -36,11 +36,11 @@ def resolution(
         if links.shape[1] < 2 or links.max() >= len(nodes):
             continue
         chord = np.linalg.norm(np.diff(nodes[links].astype(float), axis=1), axis=2).sum(axis=1)
-        if apart > COARSE * chord.min():
+        if apart > MAX_RELATIVE_SPACING * chord.min():
             yield (
-                f"nodes: {largest:.6g} m in float32, whose next number is {apart:.2g} m further; "
-                f"elements{where} are {chord.min():.3g} m long and longer: take the origin near "
-                "the structure, subtracting in float64, or give float64 with "
-                'jax.config.update("jax_enable_x64", True)'
+                f"nodes: a coordinate of {largest:.6g} m has a resolution of {apart:.2g} m in "
+                f"float32, too coarse for elements{where}, which are {chord.min():.3g} m long and "
+                "longer; put the origin near the structure (subtract in float64), or give float64 "
+                'with jax.config.update("jax_enable_x64", True)'
             )
             return

@@ -1,0 +1,180 @@
+"""Checks of the method, the supports and the loads of phases; messages name the phase."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..common import checks
+from ..elements.abilities import Secant
+from ..equilibrium.incremental import Incremental
+from ..equilibrium.newton import Newton
+from ..loads import as_list
+from ..loads.load import Acting, Following, Moving, OnNodes
+from ..loads.varying import Varying, split_amplitude
+from ..model import spins
+from ..model.structure import Structure
+from ..model.supports import Fixed
+from .phases import Phase
+from .solution import Solution, State
+
+
+@functools.cache
+def _default_method():
+    """Return Newton's method with its default settings, one object for all analyses."""
+    return Newton()
+
+
+def check_method(structure: Structure, method: Any) -> Newton | Incremental:
+    """Check the method of an analysis and return it, `Newton` by default."""
+    method = _default_method() if method is None else method
+    if not isinstance(method, Newton | Incremental):
+        raise ValueError(f"method: expected Newton or Incremental, got {_describe_wrong(method)}")
+    if _is_secant(method):
+        for where, group in structure.named_groups():
+            if not isinstance(group, Secant):
+                raise ValueError(
+                    f'stiffness = "secant": elements{where} ({type(group).__name__}) has no secant '
+                    'stiffness (ability `Secant`); use "tangent"'
+                )
+    return method
+
+
+def _is_secant(method):
+    """Return whether a method uses the secant stiffness."""
+    return isinstance(method, Incremental) and method.stiffness == "secant"
+
+
+def _describe_wrong(method):
+    """Return what was given instead of a method, in words, and where it belongs."""
+    if isinstance(method, Phase):
+        return "Phase; phases go into one list: solve(structure, [first, second])"
+    if isinstance(method, Solution | State):
+        return f"{type(method).__name__}; an earlier solution goes by name: start=..."
+    return checks.describe_type(method, "Newton()")
+
+
+def require_tangent(
+    method: Newton | Incremental, phases: Sequence[Phase], followed: bool, earlier: int = 0
+) -> None:
+    """Raise ValueError for follower loads with a method that has no tangent stiffness.
+
+    Args:
+        method: of the analysis.
+        phases: of the analysis.
+        followed: whether the analysis begins under follower loads, those of `start`.
+        earlier: number of phases solved before, by which messages number the phases.
+    """
+    if not _is_secant(method):
+        return
+    where = "start" if followed else None
+    for k, phase in enumerate(phases):
+        for j, given in enumerate(as_list(phase.loads)):
+            base: Any = given.load if isinstance(given, Varying) else given
+            if isinstance(base, Following):
+                where = where or f"phases[{earlier + k}].loads[{j}]"
+    if where is not None:
+        raise ValueError(
+            f'stiffness = "secant" cannot be used with follower loads ({where}); use "tangent"'
+        )
+
+
+@contextlib.contextmanager
+def errors_prefixed(where: str) -> Iterator[None]:
+    """Put `where` in front of the message of a ValueError."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{where}{error}") from None
+
+
+def check_loads(
+    structure: Structure, phase: Phase, fixed: Fixed, where: str
+) -> tuple[list[Any], ...]:
+    """Check the loads of a phase and sort them: nodal loads, movements of supports, element loads.
+
+    Args:
+        structure: `Structure`.
+        phase: `Phase`.
+        fixed: freedoms that are held in the phase.
+        where: the phase in messages, such as "phases[0]".
+
+    Returns:
+        Three lists of pairs: a load, and its amplitude or None (`loads.varying.split_amplitude`).
+    """
+    found: tuple[list[Any], ...] = [], [], []
+    for j, given in enumerate(as_list(phase.loads)):
+        label = f"{where}.loads[{j}]"
+        with errors_prefixed(f"{label}: "):
+            given.check(structure)
+            load, amplitude = split_amplitude(given, label, phase.increments)
+            if isinstance(load, Moving):
+                load.check_supported(fixed)
+            if isinstance(load, Acting):
+                load = load.among(structure)
+        for pairs, kind in zip(found, (OnNodes, Moving, Acting), strict=True):
+            if isinstance(load, kind):
+                pairs.append((load, amplitude))
+    return found
+
+
+def without_amplitudes(loads: Sequence[Sequence[tuple[Any, Any]]]) -> list[list[Any]]:
+    """Return the loads of every phase without their amplitudes, a list of lists."""
+    return [[load for load, _ in pairs] for pairs in loads]
+
+
+def check_supports(
+    structure: Structure, phases: Sequence[Phase], fixed: Fixed, earlier: int = 0
+) -> list[Fixed]:
+    """Return the fixed freedoms before the first phase and in each phase, checked.
+
+    All have directions if any of them has some. Nodes that can spin get a warning.
+
+    Raises:
+        ValueError: supports of a phase do not fit the structure, or hold a node in part along other
+            directions than before.
+    """
+    sets = [fixed]
+    for k, phase in enumerate(phases):
+        if phase.supports is None:
+            sets.append(sets[-1])
+            continue
+        with errors_prefixed(f"phases[{earlier + k}]."):
+            sets.append(_fixed_in_phase(structure, phase.supports))
+        if structure.space.rotates:
+            spins.warn_of_free_spins(structure, sets[-1], f"phases[{earlier + k}].supports")
+    if all(fixed.axes is None for fixed in sets):
+        return sets
+    sets = [fixed.with_directions() for fixed in sets]
+    for k, pair in enumerate(itertools.pairwise(sets)):
+        _require_same_directions(*pair, earlier + k)
+    return sets
+
+
+def _fixed_in_phase(structure, supports):
+    """Return the fixed freedoms under supports of a phase; messages begin with "supports"."""
+    try:
+        return structure.fixed(supports)
+    except ValueError as error:
+        text = str(error)
+        raise ValueError(text if text.startswith("supports") else f"supports: {text}") from None
+
+
+def _require_same_directions(before, after, number):
+    """Raise ValueError if a node is held in part before and in phase `number`, along other axes."""
+    for part in range(0, before.array.shape[1], 3):
+        held = [fixed.array[:, part : part + 3] for fixed in (before, after)]
+        in_part = [mask.any(axis=1) & ~mask.all(axis=1) for mask in held]
+        differs = np.abs(before.axes.array - after.axes.array).max(axis=(1, 2)) > 1e-9
+        turned = in_part[0] & in_part[1] & differs
+        if turned.any():
+            raise ValueError(
+                f"phases[{number}].supports: node {int(turned.argmax())} is held along other "
+                f"directions than {f'in phases[{number - 1}]' if number else 'before'}; put a "
+                "phase between them in which it is free or fully held"
+            )

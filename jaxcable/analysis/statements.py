@@ -1,0 +1,225 @@
+"""Statements of a phase: checked, and expanded to the elements of every group."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..common import checks
+from ..common.rules import refuse_if_broken
+from ..common.selection import Only, Selection
+from ..common.types import ArrayLike, Float
+from ..elements.abilities import (
+    STATEMENTS,
+    Jacked,
+    Prestressable,
+    Sagging,
+    components_of,
+    statements_of,
+)
+from ..elements.element import Element
+from ..elements.prestress import Stated
+from ..model import phase_plausibility
+from ..model.structure import Structure
+from .by_group import is_single_number, spread
+from .prestress_rules import capacity_rules, span_rules, value_rules
+
+ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking")
+"""Statements that replace the prestress of an element."""
+INCREMENTS = ("shortening", "temperature")
+"""Statements that change the prestress of an element."""
+
+
+def check_statements(
+    given: dict[str, Any], structure: Structure, where: str = ""
+) -> list[dict[str, Stated]]:
+    """Return the statements of a phase for every group, checked: dicts from name to `Stated`.
+
+    Warn of prestress that no cable bears.
+
+    Args:
+        given: statements by name, as `Phase` takes them.
+        structure: `Structure`.
+        where: what messages put before the name of a statement, such as "phases[0].".
+
+    Raises:
+        ValueError: a group cannot take a statement, or two statements contradict each other.
+    """
+    named = structure.named_groups()
+    found: list[dict[str, Stated]] = [{} for _ in named]
+    for name, values in given.items():
+        path = where + statement_path(name)
+        by_group = _values_by_group(values, structure, name, path)
+        for statements, (key, group), value in zip(found, named, by_group, strict=True):
+            if value is not None:
+                statements[name] = _check_statement(value, group, name, path + key, structure)
+    for statements, (key, group) in zip(found, named, strict=True):
+        _require_compatible(statements, where, key, group)
+        for name, stated in statements.items():
+            if not components_of(group, name):
+                path = where + statement_path(name) + key
+                phase_plausibility.warn_of_prestress(name, stated, group, path, structure.nodes)
+    return found
+
+
+def statement_path(name: str) -> str:
+    """Return a statement as a user writes it in a phase: ``pretension``, ``own['clamped']``."""
+    return name if name in STATEMENTS else f"own[{name!r}]"
+
+
+def _values_by_group(given, structure, name, path):
+    """Return the values of a statement, a list with an item per group, None where it has none."""
+    groups = structure.groups
+    if name not in STATEMENTS:
+        _require_known_statement(name, path, groups)
+    if is_single_number(given):
+        return [None if _is_left_out(group, name, structure) else given for group in groups]
+    return spread(given, structure, path)
+
+
+def _require_known_statement(name, path, groups):
+    """Raise ValueError if no group has a statement of this name."""
+    known = {statement: type(group) for group in groups for statement in statements_of(group)}
+    if name not in known:
+        own = [f"{s!r} of {kind.__name__}" for s, kind in known.items() if s not in STATEMENTS]
+        others = f"; there are {', '.join(own)}" if own else ""
+        raise ValueError(f"{path}: no group of the structure has a statement {name!r}{others}")
+
+
+def _require_compatible(statements, where, key, group):
+    """Raise ValueError if two statements for an element of the group contradict each other.
+
+    `key` is that of the group in the elements, as text; `where` as in `check_statements`.
+    """
+    absolute = [name for name in statements if name in ABSOLUTE]
+    for number, name in enumerate(absolute):
+        for other in absolute[:number]:
+            if (both := _describe_overlap(statements[name], statements[other], key, group)) is None:
+                continue
+            raise ValueError(
+                f"{where}{other}, {name}: both state the prestress of {both}; give one of them, or "
+                "give them to different elements by only(elements, values)"
+            )
+    for name in (name for name in statements if name in INCREMENTS and "jacking" in statements):
+        both = _describe_overlap(statements[name], statements["jacking"], key, group)
+        if both is not None:
+            raise ValueError(
+                f"{where}jacking, {name}: a jack keeps the force of {both} in this phase; give "
+                f"{name} in another phase"
+            )
+
+
+def _describe_overlap(one, other, key, group):
+    """Return the first element that two statements concern, in words; None if there is none."""
+    if one.chosen is None and other.chosen is None:
+        return f"elements{key}"
+    both = _concerned_elements(one, group) & _concerned_elements(other, group)
+    return f"element {int(both.argmax())} of elements{key}" if both.any() else None
+
+
+def _concerned_elements(stated, group):
+    """Return a mask of the elements that a statement concerns, [n_elem] bool, NumPy."""
+    return np.ones(len(group.links), bool) if stated.chosen is None else stated.chosen
+
+
+def _is_left_out(group, name, structure):
+    """Return whether one number for the whole structure leaves out `group`.
+
+    It leaves out groups that cannot take it, if another group can; and beams, and groups that take
+    several components, beside cables or bars.
+    """
+
+    def takes(any_group):
+        return name in statements_of(any_group)
+
+    def differs(any_group):  # its numbers mean something else than those of cables and bars
+        return any_group.rotates or bool(components_of(any_group, name))
+
+    if not takes(group):
+        return any(map(takes, structure.groups))
+    if name not in STATEMENTS:
+        return False
+    mixed = any(takes(other) and not differs(other) for other in structure.groups)
+    warms = name == "temperature" and group.expansion is not None
+    return differs(group) and mixed and not warms
+
+
+def _check_statement(
+    value: Any, group: Element, name: str, path: str, structure: Structure
+) -> Stated:
+    """Return the value of a statement for a group as `Stated`.
+
+    Raises:
+        ValueError: the group cannot take it; the message begins with `path`, the statement and the
+            key of the group as a user writes them.
+    """
+    if isinstance(value, Selection):
+        raise ValueError(f"{path}: only(...) has no values here; give only(elements, values)")
+    _require_ability(group, name, path, structure)
+    count, components = len(group.links), components_of(group, name)
+    chosen = None
+    if isinstance(value, Only):
+        chosen = value.element_mask(count, path)
+        given = _values_per_element(value.values, len(value.elements), path, components)
+        value = value.merged_with(np.zeros((count, *given.shape[1:])))
+    else:
+        value = _values_per_element(value, count, path, components)
+    refuse_if_broken([_for_chosen(rule, chosen) for rule in value_rules(name, value, group, path)])
+    refuse_if_broken(capacity_rules(name, value, group, group.capacity, path))
+    refuse_if_broken(span_rules(name, group, structure.nodes, chosen, path))
+    return Stated(value, chosen)
+
+
+def _for_chosen(rule, chosen):
+    """Return a rule for the `chosen` elements only, [n_elem] bool; None for all."""
+    if chosen is None:
+        return rule
+
+    def broken(values):
+        wrong = rule.broken(values)
+        return wrong & chosen.reshape(-1, *(1,) * (np.ndim(wrong) - 1))
+
+    return rule._replace(broken=broken)
+
+
+def _require_ability(group, name, path, structure):
+    """Raise ValueError unless a group can take a statement of this name."""
+    known, kind = statements_of(group), type(group).__name__
+    if name not in known and name not in STATEMENTS:
+        having = [type(g).__name__ for g in structure.groups if name in statements_of(g)]
+        kinds = ", ".join(dict.fromkeys(having))
+        raise ValueError(f"{path}: a statement of {kinds}; this group is made of {kind}")
+    if not isinstance(group, Prestressable):
+        raise ValueError(f"{path}: a group of {kind} cannot be prestressed")
+    if name not in known:
+        raise ValueError(f"{path}: {kind} have no {name}; they take {', '.join(known)}")
+    if name == "sag" and (not isinstance(group, Sagging) or group.weight is None):
+        raise ValueError(
+            f"{path}: only catenaries with a weight can have a stated sag; for a chain of straight "
+            "elements use forms.hanging_chain"
+        )
+    if name == "jacking" and not isinstance(group, Jacked):
+        raise ValueError(f"{path}: {kind} cannot be jacked")
+    if name == "temperature" and group.expansion is None:
+        raise ValueError(
+            f"{path}: the group has no coefficient of expansion; give {kind}(expansion=...) in 1/K"
+        )
+
+
+def _values_per_element(
+    value: Any, count: int, path: str, components: tuple[str, ...]
+) -> Float[ArrayLike, "n_elem ..."]:
+    """Return values as floats [n_elem] or [n_elem, n_component]; one number is for all of them."""
+    if not components:
+        return checks.floats_per_element(value, count, path)
+    array, shape = checks.as_floats(value, path), (count, len(components))
+    if array.shape not in ((), shape):
+        raise ValueError(
+            f"{path}: expected a scalar or shape {shape}, for every element "
+            f"{', '.join(components)}, got shape {array.shape}"
+        )
+    pack = jnp if isinstance(array, jax.Array) else np
+    return pack.broadcast_to(array, shape)

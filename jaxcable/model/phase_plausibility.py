@@ -1,0 +1,189 @@
+"""Warnings of legal input of phases that is most likely not meant: huge strains, idle loads.
+
+As in `plausibility`, known values are checked in NumPy on the host; traced values are not checked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..common.types import ArrayLike, Float
+from ..elements.element import Element
+from ..elements.stated import Stated
+from .plausibility import (
+    FixedDofs,
+    NamedGroups,
+    array_or_none,
+    describe_first,
+    issues_warnings,
+    lengths_over_nodes,
+    unlikely_lengths,
+)
+
+MAX_STATED_STRAIN = 0.15
+"""Stated strain above which no cable has a constant stiffness: steel breaks at 0.02 to 0.04, ropes
+of polyester at some 0.12."""
+
+MAX_LOAD_STRAIN = 0.5
+"""Limit of strains from loads; larger, because a batch or a search may contain large loads."""
+
+_UNITS = "check the units: stiffness and forces in N, areas in m2, moduli in Pa"
+
+
+@issues_warnings
+def warn_of_prestress(
+    name: str, stated: Stated, group: Element, label: str, nodes: Float[ArrayLike, "n_node 3"]
+) -> Iterator[str]:
+    """Warn of a statement of prestress that no cable can bear.
+
+    Args:
+        name: of the statement, as in `Phase`.
+        stated: `Stated` for the group.
+        group: element group.
+        label: the statement as a user writes it, such as ``phases[0].pretension['guys']``.
+        nodes: initial positions of the structure, [n_node, 3].
+    """
+    value, nodes = array_or_none(stated.values), array_or_none(nodes)
+    if value is None or nodes is None:
+        return
+    value = value if stated.chosen is None else np.where(stated.chosen, value, np.nan)
+    stiffness = known_axial_stiffness(group)
+    if name in ("pretension", "jacking", "force_density"):
+        force = value * lengths_over_nodes(group, nodes) if name == "force_density" else value
+        strength = array_or_none(group.strength)
+        if strength is not None:
+            over = force > strength
+            text = "".join(f"more than its strength, {s:.6g} N" for s in strength[over][:1])
+            yield from describe_first(label, value, over, text)
+        if stiffness is not None:
+            yield from _unlikely_strains(label, value, force / stiffness, _UNITS, stiffness)
+    elif name == "prestrain":
+        strain = np.maximum(value, 0.0) if group.tension_only else value  # slack is no strain
+        hint = "a prestrain is a ratio, not a percentage"
+        yield from _unlikely_strains(label, value, strain, hint)
+    elif name == "temperature" and array_or_none(group.expansion) is not None:
+        strain = value * array_or_none(group.expansion)
+        yield from _unlikely_strains(label, value, strain, "is the expansion in 1/K?")
+    elif name == "rest_length":
+        yield from unlikely_lengths(label, value, lengths_over_nodes(group, nodes))
+
+
+@issues_warnings
+def warn_of_nodal_loads(
+    number: int,
+    loads: Sequence[Any],
+    fixed: FixedDofs,
+    groups: Sequence[Element],
+    alone: bool,
+    inactive: FixedDofs | None = None,
+) -> Iterator[str]:
+    """Warn of nodal loads that act on supports only, or that strain their elements beyond reason.
+
+    The elements at a free node balance its load. Hence at least one of them has a strain of the
+    load over the sum of their axial stiffnesses, or more.
+
+    Args:
+        number: of the phase, from 0.
+        loads: the nodal loads of the phase, a list.
+        fixed: True where a freedom is held, [n_row, 3 or 6].
+        groups: the element groups of the structure.
+        alone: whether the phase has no other input than these loads.
+        inactive: True where a freedom is held because no element that is there touches it,
+            [n_row, 3 or 6]; None if all elements are always there.
+    """
+    known = [load.at_nodes() for load in loads]
+    forces = [None if pair is None else array_or_none(pair[1]) for pair in known]
+    if not loads or any(f is None for f in forces):
+        return
+    total = np.zeros((len(fixed), 3))
+    for (named, _), force in zip(known, forces, strict=True):
+        nodes, each = named.array, np.full((len(named), 3), force)
+        for axis in np.flatnonzero(each.any(axis=0)):
+            total[:, axis] += np.bincount(nodes, each[:, axis], len(fixed))
+    acts = total != 0
+    alone = alone and not any(load.has_moments for load in loads)
+    if alone and acts.any() and not (acts & ~fixed[:, :3]).any():
+        yield (
+            f"phases[{number}].loads: all of them act on supports (node "
+            f"{int(acts.any(axis=1).argmax())}) and strain nothing; check the numbers of the "
+            "nodes, which start at 0, and the supports"
+        )
+    elif (
+        alone
+        and inactive is not None
+        and acts.any()
+        and not (acts & ~(fixed | inactive)[:, :3]).any()
+    ):
+        node = int((acts & inactive[:, :3]).any(axis=1).argmax())
+        yield (
+            f"phases[{number}].loads: all of them act on supports, or on nodes that no element "
+            f"touches in this phase (node {node}); these act when an element is added there"
+        )
+    if any(group.rotates for group in groups):  # beams bend
+        return
+    size = np.sqrt(np.sum(total**2, axis=1))
+    given = [known_axial_stiffness(group) for group in groups]
+    known = [np.array([np.inf]) if along is None else along for along in given]
+    if size.max() <= MAX_LOAD_STRAIN * min(along.min() for along in known):
+        return
+    stiffness = np.zeros(len(fixed))
+    for group, along in zip(groups, known, strict=True):
+        ends = group.links.array
+        passing = 1 if ends.shape[1] == 2 else 2  # two pieces of a sliding cable meet at its nodes
+        along = np.broadcast_to(passing * along[:, None], ends.shape)
+        stiffness += np.bincount(ends.ravel(), along.ravel(), len(fixed))
+    high = ~fixed.any(axis=1) & (size > MAX_LOAD_STRAIN * stiffness) & np.isfinite(size)
+    if high.any():
+        node = int(high.argmax())
+        yield (
+            f"phases[{number}].loads: {size[node]:.4g} N on node {node} strains its elements by "
+            f"{100 * size[node] / stiffness[node]:.3g} % or more: the sum of their axial "
+            f"stiffnesses EA is {stiffness[node]:.4g} N; {_UNITS}"
+        )
+
+
+@issues_warnings
+def warn_of_unused_weight(named: NamedGroups, weighed: bool) -> Iterator[str]:
+    """Warn of groups with a weight if no phase has `SelfWeight`, so that it is no load.
+
+    Args:
+        named: pairs of (key in the elements as text, group).
+        weighed: whether any phase, or an analysis before it, has `SelfWeight`.
+    """
+    for where, group in [] if weighed else named:
+        weight = array_or_none(group.weight)
+        if weight is not None and np.any(weight):
+            yield (
+                f"elements{where}.weight: no phase has SelfWeight, so that the weight is no load; "
+                "give a phase loads=SelfWeight() if it shall act"
+            )
+            return
+
+
+@issues_warnings
+def warn_if_all_held(number: int, fixed: FixedDofs, groups: Sequence[Element]) -> Iterator[str]:
+    """Warn of supports that hold every node, unless elements change their shape under load."""
+    if fixed.all() and not any(group.shaped_by_load and not group.slides for group in groups):
+        yield (
+            f"phases[{number}].supports: every node is held, so that nothing can move; give "
+            "pinned(nodes) the numbers of the anchors only"
+        )
+
+
+def known_axial_stiffness(group: Element) -> Float[np.ndarray, " n_elem"] | None:
+    """Return EA of a group with a linear law, [n_elem], N, NumPy; None if it is not known."""
+    return array_or_none(group.stiffness_along())
+
+
+def _unlikely_strains(label, value, strain, hint, stiffness=None):
+    """Describe the first value that makes a strain which no cable bears; yield one text or none."""
+    wrong = (np.abs(strain) > MAX_STATED_STRAIN) & np.isfinite(strain)
+    text = ""
+    if wrong.any():
+        k = int(wrong.argmax())
+        given = "" if stiffness is None else f" with EA = {stiffness[k]:.6g} N"
+        text = f"a strain of {100 * strain[k]:.3g} %{given}, and steel breaks at 2 to 4 %; {hint}"
+    yield from describe_first(label, value, wrong, text)
