@@ -81,7 +81,7 @@ class System(Elementwise):
         zero = jnp.full(self.freedoms.free.shape[0], zero, x.dtype)
 
         def residual(step: Step) -> Step:
-            return self.space.held_still(self._residual_about(x, step), step)
+            return self.space.held_still(self._residual_after_step(x, step), step)
 
         return residual, zero, lambda step: self.move(x, step)
 
@@ -120,13 +120,13 @@ class System(Elementwise):
         rows = jnp.concatenate([group.links.reshape(-1) for group in self.groups])
         return jnp.zeros((len(self.nodes), *flat.shape[1:]), flat.dtype).at[rows].add(flat)
 
-    def _end_forces_about(self, x, spread):
+    def _end_forces_after(self, x, spread):
         """End forces of every group conjugate to a step of all rows from `x`."""
         found = []
         placed = zip(*map(self.at_ends, (self.nodes, x, spread)), strict=True)
         for group, state, (*at, step) in zip(self.groups, self.states, placed, strict=True):
             beside = (step[..., : group.n_freedom],)
-            found.append(over_ends(_about, group, state, at, beside))
+            found.append(over_ends(_element_forces_after, group, state, at, beside))
         return found
 
     def part_sizes(
@@ -171,11 +171,11 @@ class System(Elementwise):
         """Unbalanced force at every free freedom, [n_free], N (moments over a length)."""
         return self.space.collected(self.unbalanced(x), x)
 
-    def _residual_about(self, x: Motion, step: Step) -> Step:
+    def _residual_after_step(self, x: Motion, step: Step) -> Step:
         """Unbalanced force conjugate to a step [n_free] from `x`, [n_free], N."""
         spread = self.space.spread(x, step)
         load = self.external_force(x, spread)
-        internal, _ = self.internal_force(x, self._end_forces_about(x, spread))
+        internal, _ = self.internal_force(x, self._end_forces_after(x, spread))
         return self.space.collected(internal - load, x, spread)
 
     def residual_and_scale(
@@ -211,10 +211,10 @@ class System(Elementwise):
     @property
     def may_be_unsymmetric(self) -> bool:
         """Whether the tangent can be unsymmetric: by rotations, following loads or elements."""
-        return self.followers is not None or self.space.rotates or not self._symmetric_elements
+        return self.followers is not None or self.space.rotates or not self._has_symmetric_elements
 
     @property
-    def _symmetric_elements(self) -> bool:
+    def _has_symmetric_elements(self) -> bool:
         """Whether the tangents of all elements are symmetric."""
         return all(group.symmetric for group in self.groups)
 
@@ -223,7 +223,7 @@ class System(Elementwise):
 
         Nodal moments act, loads follow, or there are elements whose tangent is not symmetric.
         """
-        if not self._symmetric_elements:
+        if not self._has_symmetric_elements:
             return jnp.ones((), bool)
         moments = self.space.moments(self.load)
         return self.followed if moments is None else jnp.any(moments != 0) | self.followed
@@ -244,7 +244,7 @@ class System(Elementwise):
         pattern. `known` are tangents of elements that are known already, see `linearized`.
         """
         parts = self.parts(self.tangents(x, known), x) + self.external_parts(x)
-        return self.space.regular(self._assemble(parts), x)
+        return self.space.regular(self._assemble_matrix(parts), x)
 
     def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[Part]:
         """Matrices [n_elem, d, d] of the elements of all groups as `linear.assemble` takes them."""
@@ -267,7 +267,9 @@ class System(Elementwise):
         parts = self.parts(self.masses(x, gravity, distribution), x)
         # the pattern has places for terms of loads, too
         others = jax.eval_shape(lambda: self.external_parts(x))
-        return self._assemble(parts + jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), others))
+        return self._assemble_matrix(
+            parts + jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), others)
+        )
 
     def external_parts(self, x: Motion) -> list[Part]:
         """Terms of the tangent from `external_force`, as `parts`: loads that follow, and moments.
@@ -284,7 +286,7 @@ class System(Elementwise):
 
     def secant(self, before: Motion, x: Motion) -> Matrix:
         """Secant stiffness between two points, a matrix like `tangent`, N/m."""
-        return self._assemble(self.parts(self.secants(before, x), x))
+        return self._assemble_matrix(self.parts(self.secants(before, x), x))
 
     def displaced_by(self, x: Motion) -> Float[Array, "n_row 3 n_free"]:
         """Derivative of the displacements of all rows by the unknowns, [n_row, 3, n_free]."""
@@ -299,7 +301,7 @@ class System(Elementwise):
         at = jnp.arange(n_row)[:, None, None], jnp.arange(3)[None, :, None], number[:, None, :]
         return moved.at[at].add(slopes[:, :3])[..., :-1]
 
-    def _assemble(self, parts: list[Part]) -> Matrix:
+    def _assemble_matrix(self, parts: list[Part]) -> Matrix:
         matrix = linear.assemble(parts, self.freedoms.free.shape[0], self.freedoms.pattern)
         bound = self.freedoms.bound
         return matrix if bound is None or not bound.size else linear.held_at(matrix, bound)
@@ -347,25 +349,25 @@ class System(Elementwise):
     @property
     def may_be_convex(self) -> bool:
         """Whether the energy is convex under dead loads: all groups are tension-only and rising."""
-        return self._symmetric_elements and all(
+        return self._has_symmetric_elements and all(
             group.tension_only and group.rising for group in self.groups
         )
 
     @property
     def always_convex(self) -> bool:
         """Whether the energy is convex in all phases: no load ever follows or slides."""
-        return self.may_be_convex and self.followers is None and not self._sliding
+        return self.may_be_convex and self.followers is None and not self._sliding_loads
 
     @property
     def convex(self) -> Bool[Array, ""]:
         """Whether the energy is convex, scalar bool."""
         if self.always_convex or not self.may_be_convex:
             return jnp.asarray(self.always_convex)
-        still = [jnp.all(load == 0) for load in self._sliding]
+        still = [jnp.all(load == 0) for load in self._sliding_loads]
         return jnp.all(jnp.stack([~self.followed, *still]))
 
     @property
-    def _sliding(self) -> list[Float[Array, "n_elem 3"]]:
+    def _sliding_loads(self) -> list[Float[Array, "n_elem 3"]]:
         """Loads that slide along elements, a list of [n_elem, 3], N/m."""
         pairs = zip(self.groups, self.states, strict=True)
         loads = [state.line_load for group, state in pairs if group.slides]
@@ -379,6 +381,6 @@ class System(Elementwise):
         return all(cables) and self.always_convex and not self.space.rotates
 
 
-def _about(one, state, ends, motion, step):
+def _element_forces_after(one, state, ends, motion, step):
     """End forces of an element conjugate to a step from a motion."""
     return one.end_forces_about(state, ends, motion, step)

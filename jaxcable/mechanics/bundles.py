@@ -22,7 +22,7 @@ from ..elements.element import Element
 from ..elements.stated import Stated
 from ..sections import Section, padding
 
-_NONE = {"weight": 0.0, "expansion": 0.0}
+_NEUTRAL_VALUES = {"weight": 0.0, "expansion": 0.0}
 """Values of groups that lack these numbers, if other groups of their bundle have them."""
 
 
@@ -42,7 +42,7 @@ class Bundles(NamedTuple):
         """The bundles of element groups, whose links name rows of motion."""
         found = {}
         for number, group in enumerate(groups):
-            found.setdefault(_sort(number, group), []).append(number)
+            found.setdefault(_bundle_key(number, group), []).append(number)
         members = tuple(tuple(numbers) for numbers in found.values())
         return cls(members, tuple(len(group.links) for group in groups))
 
@@ -56,7 +56,7 @@ class Bundles(NamedTuple):
         return (
             groups
             if self.plain
-            else [_joined([groups[k] for k in numbers]) for numbers in self.members]
+            else [_join_groups([groups[k] for k in numbers]) for numbers in self.members]
         )
 
     def together(self, per_group: Any) -> list[PyTree[Float[Array, "n_elem ..."]]]:
@@ -119,10 +119,10 @@ class Bundles(NamedTuple):
         found = []
         for numbers in self.members:
             names = dict.fromkeys(name for k in numbers for name in per_group[k])
-            found.append({name: self._stated(name, numbers, per_group) for name in names})
+            found.append({name: self._join_statement(name, numbers, per_group) for name in names})
         return found
 
-    def _stated(self, name, numbers, per_group):
+    def _join_statement(self, name, numbers, per_group):
         """The statements `name` of the groups of one bundle, joined to one."""
         parts = [per_group[k].get(name) for k in numbers]
         sizes = [self.sizes[k] for k in numbers]
@@ -140,7 +140,7 @@ class Bundles(NamedTuple):
         return Stated(joined(values), np.concatenate(chosen))
 
 
-def _sort(number, group):
+def _bundle_key(number, group):
     """What the groups of one bundle have in common, a key."""
     key = [type(group)]
     for field in dataclasses.fields(group):
@@ -148,7 +148,7 @@ def _sort(number, group):
         if field.name == "links":
             key.append(value.shape[1:])
         elif field.name in group.per_element:
-            key.append(value is None and field.name not in _NONE)
+            key.append(value is None and field.name not in _NEUTRAL_VALUES)
         elif field.name in group._static_fields:
             key.append(value)
         elif field.name in group._index_fields:
@@ -162,7 +162,7 @@ def _sort(number, group):
     return tuple(key)
 
 
-def _joined(groups):
+def _join_groups(groups):
     """One group with the elements of several groups of the same sort."""
     first = groups[0]
     if len(groups) == 1:
@@ -171,26 +171,26 @@ def _joined(groups):
     for field in dataclasses.fields(first):
         values = [getattr(group, field.name) for group in groups]
         if field.name == "links":
-            changes["links"] = _linked(tuple(values))
+            changes["links"] = _join_links(tuple(values))
         elif field.name in first.per_element:
             if any(value is not None for value in values):
-                fill = _NONE.get(field.name)
+                fill = _NEUTRAL_VALUES.get(field.name)
                 pairs = zip(values, sizes, strict=True)
                 changes[field.name] = joined(
                     [np.full(n, fill) if x is None else x for x, n in pairs]
                 )
         elif field.name not in first._static_fields:
-            changes[field.name] = _each(values, sizes)
+            changes[field.name] = _join_values(values, sizes)
     return copy(first, **changes)
 
 
 @functools.lru_cache(maxsize=64)
-def _linked(links):
+def _join_links(links):
     """`Indices` of several groups, joined."""
     return Indices(np.concatenate([indices.array for indices in links]))
 
 
-def _each(values, sizes):
+def _join_values(values, sizes):
     """One object for all elements of several groups: their common one, or `Each`."""
     if isinstance(values[0], Section):
         values = padding.evened(values)
@@ -199,12 +199,12 @@ def _each(values, sizes):
         return values[0]
 
     def one(*parts):
-        return joined([_repeated(x, n) for x, n in zip(parts, sizes, strict=True)])
+        return joined([_repeat_for_elements(x, n) for x, n in zip(parts, sizes, strict=True)])
 
     return Each(jax.tree.map(one, *values))
 
 
-def _repeated(x, count):
+def _repeat_for_elements(x, count):
     """An array broadcast to `count` elements, [count, ...], without a copy."""
     pack = jnp if isinstance(x, jax.core.Tracer) else np
     return pack.broadcast_to(x, (count, *np.shape(x)))

@@ -201,7 +201,7 @@ class Elementwise:
                 found.append(of_each("settle", group, strain, state.memory, **options))
             else:
                 at = self.nodes[group.links], motion[group.links]
-                found.append(over_ends(_settled(duration), group, state, at, absent=True))
+                found.append(over_ends(_memory_after(duration), group, state, at, absent=True))
         return found
 
     def length_scale(self) -> Float[Array, ""]:
@@ -213,7 +213,7 @@ class Elementwise:
         return jnp.linalg.norm(jnp.max(self.nodes, axis=0) - jnp.min(self.nodes, axis=0))
 
 
-def _settled(duration):
+def _memory_after(duration):
     """The function of an element that returns its memory after an increment of a `duration`, s."""
     return lambda one, state, ends, motion: one.settled(state, ends, motion, duration)
 
@@ -271,9 +271,9 @@ def over_ends(
     """
     exact = jnp.asarray(exact)
     nodes, *motions = at
-    motions = [_own(group, motion) for motion in motions]
+    motions = [_motion_columns(group, motion) for motion in motions]
     if state.present is not None:
-        motions = [_still_unless(state.present, motion) for motion in motions]
+        motions = [_zero_motion_unless(state.present, motion) for motion in motions]
 
     def one(properties, beside, *at):
         law = element(group, properties)
@@ -283,7 +283,7 @@ def over_ends(
     return found if absent or isinstance(found, ElementState) else state.only_present(found)
 
 
-def _still_unless(present, motion):
+def _zero_motion_unless(present, motion):
     """Motions of ends, those of elements that are not there without any displacement or turn."""
     still = jnp.zeros(motion.shape[-1], motion.dtype)
     if len(still) == 7:
@@ -293,9 +293,9 @@ def _still_unless(present, motion):
 
 def motion_of(group: Element, motion: Motion) -> Float[Array, "n_elem n_end n_motion"]:
     """Motion of the ends of a group's elements, [n_elem, n_end, 3 or 7], or 6 with a fine part."""
-    return _own(group, motion[group.links])
+    return _motion_columns(group, motion[group.links])
 
 
-def _own(group, ends):
+def _motion_columns(group, ends):
     """The columns of motions at ends that concern a group."""
     return ends if is_fine(ends) else ends[..., : group.n_motion]

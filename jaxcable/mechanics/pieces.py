@@ -18,7 +18,9 @@ from ..spaces.space import Forces, Motion
 from ..spaces.translations import is_fine
 from .assembly import System
 
-_APART = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(3))  # of the square of a difference
+_DIFFERENCE_SQUARED = np.kron(
+    [[1.0, -1.0], [-1.0, 1.0]], np.eye(3)
+)  # of the square of a difference
 
 
 def all_fit_cones(system: System) -> bool:
@@ -51,7 +53,7 @@ def vectors(system: System, x: Motion) -> Float[Array, "n_piece 3"]:
 
 def exist(system: System) -> Bool[Array, " n_piece"] | None:
     """Return which pieces are not void, [n_piece] bool; None if all are there."""
-    if all(state.present is None for state in system.states) and _are_single(system):
+    if all(state.present is None for state in system.states) and _have_single_pieces(system):
         return None
     found = []
     for group, state in zip(system.groups, system.states, strict=True):
@@ -85,14 +87,14 @@ def mean(system: System, values: Float[Array, " n_piece"]) -> Float[Array, ""]:
 def total(system: System, values: Float[Array, " n_piece"]) -> Float[Array, " n"]:
     """Return the sums of `values` [n_piece] over the pieces of every cable, [n]."""
     values = real(system, values)
-    if _are_single(system):
+    if _have_single_pieces(system):
         return values
-    return jnp.concatenate([jnp.sum(part, axis=1) for part in _per_group(system, values)])
+    return jnp.concatenate([jnp.sum(part, axis=1) for part in _split_by_group(system, values)])
 
 
 def repeated(system: System, values: Float[Array, "... n"]) -> Float[Array, "... n_piece"]:
     """Return for every piece the value of its cable, [..., n_piece]."""
-    if _are_single(system):
+    if _have_single_pieces(system):
         return values
     parts, first = [], 0
     for group in system.groups:
@@ -115,7 +117,7 @@ def shared(system: System, values: Float[Array, " n"]) -> Float[Array, " n_piece
 
 def at_nodes(system: System, pulls: Float[Array, "n_piece 3"]) -> Forces:
     """Return the end forces of pieces that pull with `pulls` [n_piece, 3], N, summed at nodes."""
-    return system.at_rows([_end_forces(part) for part in _per_group(system, pulls)])
+    return system.at_rows([_end_forces_of_pieces(part) for part in _split_by_group(system, pulls)])
 
 
 def matrices(
@@ -138,49 +140,51 @@ def matrices(
         ratio: of every piece, [n_piece].
     """
     found, first, stiff = [], 0, real(system, stiff)
-    for q, c, r in zip(*(_per_group(system, v) for v in (stiff, across, ratio)), strict=True):
+    for q, c, r in zip(*(_split_by_group(system, v) for v in (stiff, across, ratio)), strict=True):
         n, width = q.shape
         k = slope[first : first + n, None]
         first += n
         if width == 1:
-            found.append(_single(q, k * r**2 - q, c[:, 0]))
+            found.append(_single_piece_matrices(q, k * r**2 - q, c[:, 0]))
             continue
-        blocks = [_single(q[:, i : i + 1], -q[:, i : i + 1], c[:, i]) for i in range(width)]
+        blocks = [
+            _single_piece_matrices(q[:, i : i + 1], -q[:, i : i + 1], c[:, i]) for i in range(width)
+        ]
         placed = [(3 * i, 3 * (width - 1 - i), 0) for i in range(width)]
         whole = sum(
             lax.pad(block, jnp.zeros((), q.dtype), [(0, 0, 0), at, at])
             for block, at in zip(blocks, placed, strict=True)
         )
-        g = _end_forces(r[:, :, None] * c).reshape(n, -1)
+        g = _end_forces_of_pieces(r[:, :, None] * c).reshape(n, -1)
         found.append(whole + k[:, :, None] * g[:, :, None] * g[:, None, :])
     return found
 
 
-def _single(stiff, more, across):
+def _single_piece_matrices(stiff, more, across):
     """Matrices ``stiff I + more c c'`` of pieces, by their ends, [n, 6, 6]."""
     c = jnp.concatenate([-across, across], axis=1)
-    same = stiff[:, :, None] * _APART[None].astype(stiff.dtype)
+    same = stiff[:, :, None] * _DIFFERENCE_SQUARED[None].astype(stiff.dtype)
     return same + (more * c)[:, :, None] * c[:, None, :]
 
 
-def _end_forces(pulls):
+def _end_forces_of_pieces(pulls):
     """End forces [n_elem, n_end, 3] of pieces that pull with `pulls` [n_elem, n_end - 1, 3]."""
     if pulls.shape[1] == 1:
         return jnp.concatenate([-pulls, pulls], axis=1)
-    return _padded(pulls, 1, 0) - _padded(pulls, 0, 1)
+    return _pad_with_zeros(pulls, 1, 0) - _pad_with_zeros(pulls, 0, 1)
 
 
-def _padded(values, before, after):
+def _pad_with_zeros(values, before, after):
     """Values [n_elem, n, ...] with zeros `before` and `after` them."""
     return jnp.pad(values, ((0, 0), (before, after), *((0, 0),) * (values.ndim - 2)))
 
 
-def _are_single(system):
+def _have_single_pieces(system):
     """Whether every cable has one piece."""
     return all(group.links.shape[1] == 2 for group in system.groups)
 
 
-def _per_group(system, values):
+def _split_by_group(system, values):
     """An array for all pieces [n_piece, ...] as a list with [n_elem, n_end - 1, ...] per group."""
     sizes = [(len(group.links), group.links.shape[1] - 1) for group in system.groups]
     ends = [0]

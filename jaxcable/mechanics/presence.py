@@ -53,7 +53,7 @@ def changed(
         was: Array = state.present  # type: ignore[assignment]  # all groups have it here
         new.append(there & ~was)
     if attached is not None:
-        placed = _attached(nodes, groups, motion, new, before, now)
+        placed = _attach_nodes(nodes, groups, motion, new, before, now)
         motion = jnp.where(attached, placed, motion)
     states = []
     for group, state, there, coming in zip(groups, carry.states, present, new, strict=True):
@@ -72,31 +72,31 @@ def changed(
     return carry, system.unbalanced(motion) - old.unbalanced(old.place(carry.motion))
 
 
-def _attached(nodes, groups, motion, new, before, now):
+def _attach_nodes(nodes, groups, motion, new, before, now):
     """Motion with the nodes that elements bring placed as if rigidly joined to the others.
 
     Every such node goes along with a node that is in place already, over the elements that come:
     from the elements with the lowest numbers, as far as they reach.
     """
-    owner = _owners(len(nodes), now)
+    owner = _displacement_rows(len(nodes), now)
     # held before, because nothing touched them, and now not by a support
     waiting = jnp.all(before.fixed[:, :3], axis=1) & ~jnp.all(now.fixed[:, :3], axis=1)
-    root = _roots(groups, new, owner, waiting[owner])
+    root = _root_rows(groups, new, owner, waiting[owner])
     moved = space_of(groups).borne(motion[root], nodes[owner] - nodes[root])
     brought = waiting[owner] & (root != owner)
     if now.inner is not None:
         brought = brought & ~now.inner
-    moved = moved.at[:, :3].set(_unheld(moved[:, :3], motion[:, :3], now))
+    moved = moved.at[:, :3].set(_move_where_free(moved[:, :3], motion[:, :3], now))
     return jnp.where(brought[:, None], moved, motion)
 
 
-def _owners(n_row, freedoms):
+def _displacement_rows(n_row, freedoms):
     """The row whose displacement every row has: the node of a hinged end, [n_row]."""
     rows = jnp.arange(n_row)
     return rows if freedoms.rows is None else jnp.asarray(freedoms.rows, rows.dtype)
 
 
-def _roots(groups, new, owner, waiting):
+def _root_rows(groups, new, owner, waiting):
     """The row in place that every waiting row is joined to by elements that come, [n_row].
 
     Rows that nothing joins to such a row are their own.
@@ -129,7 +129,7 @@ def _roots(groups, new, owner, waiting):
     return jnp.where(root < 0, owner, root[owner])
 
 
-def _unheld(moved, still, freedoms):
+def _move_where_free(moved, still, freedoms):
     """Displacements `moved` where supports leave them free, else `still`, [n_row, 3]."""
     fixed = freedoms.fixed[:, :3]
     if freedoms.axes is None:

@@ -63,7 +63,7 @@ class Pulls:
             Residual [n_free]; largest sum of absolute end forces and load at a row; error that the
             rounding of displacements leaves in the residual, [n_free]; N.
         """
-        slopes = _split(system, self.slope)
+        slopes = _split_by_group(system, self.slope)
         fine, unsure = _ROUNDINGS * jnp.finfo(x.dtype).eps ** 2, []
         for k, group in enumerate(system.groups):
             moved = jnp.max(jnp.abs(x[group.links]), axis=(1, 2))
@@ -79,15 +79,15 @@ class Pulls:
 
     def under(self, system: System, tensions: Float[Array, " n"]) -> Under:
         """What `tensions` would do to the cables here, N."""
-        split = _split(system, tensions)
+        split = _split_by_group(system, tensions)
         rooms: list[Room] = []
         for group, state, tension, shape in zip(
             system.groups, system.states, split, self.shapes, strict=True
         ):
             room = of_each("room", group, state, tension, shape)
-            rooms.append(room if state.present is None else _empty(room, state))
-        sags = _filled([room.sag for room in rooms], rooms)
-        less = _filled([room.less for room in rooms], rooms)
+            rooms.append(room if state.present is None else _slacken_absent(room, state))
+        sags = _concatenate_or_none([room.sag for room in rooms], rooms)
+        less = _concatenate_or_none([room.less for room in rooms], rooms)
         return Under(
             tensions,
             jnp.concatenate([room.gap for room in rooms]),
@@ -146,7 +146,7 @@ class Under:
         """Unbalanced force [n_free] at `x` under other tensions [n], to first order, N."""
         ends = []
         pairs = zip(self.along, self.forces, strict=True)
-        split = _split(system, tensions), _split(system, tensions - self.tension)
+        split = _split_by_group(system, tensions), _split_by_group(system, tensions - self.tension)
         for (along, forces), whole, change in zip(pairs, *split, strict=True):
             if forces is None:
                 ends.append(whole[:, None, None] * along)
@@ -167,7 +167,7 @@ def stiffness(
     Slopes [n], N/m, times ``g g^T`` with g = `along`, and what tensions [n], N, give by themselves.
     """
     found = []
-    split = _split(system, slopes), _split(system, tensions)
+    split = _split_by_group(system, slopes), _split_by_group(system, tensions)
     for group, state, g, slope, tension in zip(
         system.groups, system.states, along, *split, strict=True
     ):
@@ -198,7 +198,7 @@ def turned(system: System, spread: Forces) -> Float[Array, " n"]:
     return jnp.concatenate(found) / rest_lengths(system)
 
 
-def _empty(room, state):
+def _slacken_absent(room, state):
     """The room of cables, where some are not there: as slack as they can be, and without forces."""
     gap = jnp.where(state.present, room.gap, state.rest_length)
     rest = copy(room, gap=None, compliance=None)
@@ -235,7 +235,7 @@ def loaded(system: System, x: Motion) -> Bool[Array, ""]:
     return jnp.any(jnp.stack([jnp.any(system.external_force(x) != 0), *jacks]))
 
 
-def _split(system, values):
+def _split_by_group(system, values):
     """An array for all cables [n] as a list with an array per group."""
     ends = [0]
     for group in system.groups:
@@ -243,7 +243,7 @@ def _split(system, values):
     return [values[i:j] for i, j in pairwise(ends)]
 
 
-def _filled(values, rooms):
+def _concatenate_or_none(values, rooms):
     """Arrays of all groups in one, with zeros for None; None if all are None."""
     if all(value is None for value in values):
         return None

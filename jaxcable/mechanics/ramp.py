@@ -144,7 +144,7 @@ class Ramp:
             end_states.append(end_state)
             jacks.append(jack)
         carry = copy(carry, states=states)
-        steps = None if data.moved is None else _supported(data.moved, data.freedoms)
+        steps = None if data.moved is None else _restrict_to_supports(data.moved, data.freedoms)
         return cls(
             *(nodes, groups, carry, end_states, jacks, data.added_load, added, steps, released),
             data.freedoms,
@@ -207,7 +207,7 @@ class Ramp:
 
     def at(self, parameter: Float[ArrayLike, ""], memory: Memory | None = None) -> System:
         """The system at a parameter."""
-        now = self._loaded(self.begin.motion, self.states(parameter, memory), parameter)
+        now = self._restart_at(self.begin.motion, self.states(parameter, memory), parameter)
         return make_system(
             self.nodes, self.groups, now, self.prescribed_motion(parameter), self.freedoms
         )
@@ -250,9 +250,9 @@ class Ramp:
         for group, state in zip(self.groups, self.states(parameter, memory), strict=True):
             locked = state.jack_force is not None
             states.append(each("lock", group, state, self.nodes, motion) if locked else state)
-        return self._loaded(motion, states, parameter)
+        return self._restart_at(motion, states, parameter)
 
-    def _loaded(
+    def _restart_at(
         self, motion: Motion, states: list[ElementState], parameter: Float[ArrayLike, ""]
     ) -> Carry:
         """`Carry` with the loads of a parameter."""
@@ -260,13 +260,13 @@ class Ramp:
         return Carry(motion, states, *loads, self.begin.bearing)
 
 
-def _supported(added, freedoms):
+def _restrict_to_supports(added, freedoms):
     """Movements of the supports on all rows; NaN if a traced one moves a free freedom.
 
     A support cannot move a freedom that it does not hold.
     """
     if added.amplitude is not None:
-        one_by_one = jax.vmap(lambda moved: _supported(Added(moved), freedoms).values)
+        one_by_one = jax.vmap(lambda moved: _restrict_to_supports(Added(moved), freedoms).values)
         return copy(added, values=one_by_one(added.values))
     moved = added.values
     if freedoms.rows is not None:
