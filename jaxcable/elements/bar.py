@@ -84,7 +84,7 @@ class Bars(TwoNodeStraight):
         weight: self-weight per unstressed length, scalar or [n_elem], N/m; it acts where a phase
             has `SelfWeight`.
         expansion: thermal expansion coefficient, scalar or [n_elem], 1/K.
-        strength: breaking force, scalar or [n_elem], N; only reports use it.
+        strength: breaking force, scalar or [n_elem], N; for utilization in reports and design.
         compliance: strain per force of a spring in series with every element, scalar or [n_elem],
             1/N (soft end fittings).
 

@@ -286,13 +286,10 @@ class BeamElement(InnerUnknowns):
             return super().reading(state, ends, motion, names)
         bent = self._deformation(state, ends, motion)
         resistance = cache(lambda: self._forces_of_deformation(state, motion, bent))
-
-        def mean():
-            return self._mean_tension(state, bent[2])
-
+        tension = cache(lambda: self._mean_tension(state, bent[2]))
         known = {
-            "tension": mean,
-            "peak_tension": lambda: self._peak_of_tension(state, ends, motion, mean()),
+            "tension": tension,
+            "peak_tension": lambda: self._peak_of_tension(state, ends, motion, tension()),
             "section_strain": lambda: self._section_strains(bent[2]),
             "section_forces": lambda: self._section_forces(state, bent, resistance()),
             "end_forces": lambda: self._forces_of_parts(*resistance()),

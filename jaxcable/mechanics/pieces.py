@@ -1,7 +1,7 @@
-"""Straight pieces of the cables of a net, one after the other over all groups.
+"""Straight pieces of the cables of a net: one array [n_piece, ...] over all groups.
 
-A cable over n nodes has n - 1 pieces. Cables of one piece are their pieces: then nothing is summed.
-Pieces between a node and itself, which pad shorter chains, and those of absent cables are void.
+A cable over n nodes has n - 1 pieces; if every cable has one, nothing is summed. A piece is void if
+it pads a shorter chain (between a node and itself), or if its cable is inactive.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _DIFFERENCE_SQUARED = np.kron(
 
 
 def all_fit_cones(system: System) -> bool:
-    """Whether every cable is straight between its nodes, and of a linear law."""
+    """Return whether every cable is straight between its nodes and has a linear law."""
     pairs = zip(system.groups, system.states, strict=True)
     return all(isinstance(group, Pulling) and group.fits_cones(state) for group, state in pairs)
 
@@ -115,9 +115,11 @@ def shared(system: System, values: Float[Array, " n"]) -> Float[Array, " n_piece
     return repeated(system, values / jnp.maximum(count, 1.0))
 
 
-def at_nodes(system: System, pulls: Float[Array, "n_piece 3"]) -> Forces:
-    """Return the end forces of pieces that pull with `pulls` [n_piece, 3], N, summed at nodes."""
-    return system.at_rows([_end_forces_of_pieces(part) for part in _split_by_group(system, pulls)])
+def at_nodes(system: System, tensions: Float[Array, "n_piece 3"]) -> Forces:
+    """Return the sums at nodes of the end forces of pieces with tension vectors [n_piece, 3], N."""
+    return system.at_rows(
+        [_end_forces_of_pieces(part) for part in _split_by_group(system, tensions)]
+    )
 
 
 def matrices(
@@ -161,31 +163,31 @@ def matrices(
 
 
 def _single_piece_matrices(stiff, more, across):
-    """Matrices ``stiff I + more c c'`` of pieces, by their ends, [n, 6, 6]."""
+    """Return the matrices ``stiff I + more c c'`` of pieces, by their ends, [n, 6, 6]."""
     c = jnp.concatenate([-across, across], axis=1)
     same = stiff[:, :, None] * _DIFFERENCE_SQUARED[None].astype(stiff.dtype)
     return same + (more * c)[:, :, None] * c[:, None, :]
 
 
-def _end_forces_of_pieces(pulls):
-    """End forces [n_elem, n_end, 3] of pieces that pull with `pulls` [n_elem, n_end - 1, 3]."""
-    if pulls.shape[1] == 1:
-        return jnp.concatenate([-pulls, pulls], axis=1)
-    return _pad_with_zeros(pulls, 1, 0) - _pad_with_zeros(pulls, 0, 1)
+def _end_forces_of_pieces(tensions):
+    """Return end forces [n_elem, n_end, 3] of tension vectors [n_elem, n_end - 1, 3]."""
+    if tensions.shape[1] == 1:
+        return jnp.concatenate([-tensions, tensions], axis=1)
+    return _pad_with_zeros(tensions, 1, 0) - _pad_with_zeros(tensions, 0, 1)
 
 
 def _pad_with_zeros(values, before, after):
-    """Values [n_elem, n, ...] with zeros `before` and `after` them."""
+    """Pad values [n_elem, n, ...] with zeros `before` and `after` them."""
     return jnp.pad(values, ((0, 0), (before, after), *((0, 0),) * (values.ndim - 2)))
 
 
 def _have_single_pieces(system):
-    """Whether every cable has one piece."""
+    """Return whether every cable has one piece."""
     return all(group.links.shape[1] == 2 for group in system.groups)
 
 
 def _split_by_group(system, values):
-    """An array for all pieces [n_piece, ...] as a list with [n_elem, n_end - 1, ...] per group."""
+    """Split an array for all pieces into a list with [n_elem, n_end - 1, ...] per group."""
     sizes = [(len(group.links), group.links.shape[1] - 1) for group in system.groups]
     ends = [0]
     for n, width in sizes:
