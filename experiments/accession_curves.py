@@ -1,8 +1,8 @@
-"""How does the displacement come nearer to equilibrium as the increments get smaller (Figure 7)?
+"""How does the error of the displacement decrease with the size of the increments (Figure 7)?
 
 Question   The accuracy cable under 2.0 kN in phase 2, relative increments of 0.5 to 9.5 %, 5 and 10
-           elements: error of each scheme, its order, and whether there is a size of the increment
-           below which the solution diverges, as the paper says of 0.5 %.
+           elements: error of each scheme, its order, and whether the solution diverges below a
+           certain size of the increments, as the paper says of 0.5 %.
 Reference  The closed form of `accuracy_cable.py` (NumPy, extended precision), and, for the limit,
            the eigenvalues of one step of the secant form about it, from NumPy matrices of its own.
 Error      Largest difference over both components of nodes 2 to 5 from the closed form, in % of
@@ -10,9 +10,9 @@ Error      Largest difference over both components of nodes 2 to 5 from the clos
 Command    python experiments/accession_curves.py
            (writes experiments/results/accession_curves.txt and .png)
 
-A phase has equal increments, so a relative increment r stands for n = round(1/r) of them. Phase 2
-starts from the equilibrium of phase 1: the errors are its own. The first n of N increments under
-N/n times the load are the same as n increments of the load; so one program serves all r.
+A phase has equal increments: a relative increment r means n = round(1/r) increments. Phase 2 starts
+from the equilibrium of phase 1, so that all errors arise in phase 2. The first n of N increments
+under N/n times the load are the same as n increments of the load; so one program serves all r.
 """
 
 import jax
@@ -47,7 +47,7 @@ OFF = 0.1  # %: an error above it, and ten times that of a coarser run, has dive
 
 
 def cast(tree, dtype):
-    """The floats of a tree in another precision."""
+    """Convert the floats of a pytree to another precision."""
 
     def one(value):
         floats = hasattr(value, "dtype") and jnp.issubdtype(value.dtype, jnp.floating)
@@ -57,11 +57,11 @@ def cast(tree, dtype):
 
 
 def runs(n_elements, method, counts=COUNTS, dtype=np.float64):
-    """Phase 2 in every number of increments.
+    """Compute phase 2 with every number of increments.
 
     Returns:
-        displacements of nodes 2 to 5, [n_count, 4, 2], mm, whatever is out of balance; and by the
-        force norm of the paper: status of each run and the increments it took, [n_count].
+        displacements of nodes 2 to 5, [n_count, 4, 2], mm, whatever the residual is; and with the
+        force norm of the paper as criterion: status and number of increments of runs, [n_count].
     """
     structure, phases = cast(jc.scenes.accuracy_cable(n_elements), dtype)
     first = jc.solve(structure, phases[:1], TIGHT if dtype == np.float64 else jc.Newton())
@@ -92,7 +92,7 @@ def runs(n_elements, method, counts=COUNTS, dtype=np.float64):
 
 
 def error(moved, true):
-    """In % of the largest exact displacement, [n_count]."""
+    """Return the errors, % of the largest exact displacement, [n_count]."""
     return 100 * np.abs(moved - true).max(axis=(1, 2)) / np.abs(true).max()
 
 

@@ -1,17 +1,17 @@
-"""How near do the schemes come to the accuracy cable of the paper, and to its published tables?
+"""How accurate are the schemes for the accuracy cable, and how near are they to published tables?
 
 Question   The cable of Tables 1 and 2 (10 N on four nodes in phase 1, 1000 N more in phase 2) with
            5 and 10 elements, 10 and 100 increments a phase, one linear solve an increment: the
            displacements in phase 2, beside the published ones.
 Reference  The closed form: every element carries the same horizontal force, found by bisection in
-           extended precision with NumPy, apart from the package. Beside it the published columns
-           (Mihanovic, Trogrlic, Zivaljic 2011, Tables 1 and 2, Millar and Barghian's among them).
+           extended precision with NumPy, independently of the package. Beside it the published
+           columns (Mihanovic, Trogrlic, Zivaljic 2011, Tables 1 and 2, with Millar and Barghian's).
 Error      Largest difference over both components of nodes 2 to 5 from the closed form, mm.
 Command    python experiments/accuracy_cable.py
            (writes experiments/results/accuracy_cable.txt and .png)
 
-The span and the start geometry stood in a figure and are not in the text. The span is identified
-from the published vertical displacements, so that their agreement is no validation.
+The span and the start geometry are only in a figure of the paper. The span is identified from the
+published vertical displacements, so that agreement with them is no validation.
 """
 
 import jax

@@ -1,4 +1,4 @@
-"""What the banks of random scenes share: a table with a row for every kind, and one for all."""
+"""The table of a bank of random scenes: a row for every kind of scene, and one for all of them."""
 
 import numpy as np
 from benchmarks.measure import clock
@@ -10,16 +10,17 @@ HEADS = "median", "99%", "max", "factors", "ms"
 
 
 def fill(say, form, kinds, drawn, judged, counts, converged):
-    """Write the rows.
+    """Analyse all scenes and write the rows of the table.
 
     Args:
-        say: function that takes lines.
-        form: of the kind and of what is counted, before `COLUMNS`.
-        kinds: their names; the scenes of a kind share a program.
-        drawn: function of a kind that gives its scenes, one after the other.
-        judged: function of a scene and its solution: `steps` of all increments, `factorizations`.
-        counts: what is counted of these, a list of functions.
-        converged: whether its steps count, another one.
+        say: function that writes a line.
+        form: format of the first columns (kind and counts), before `COLUMNS`.
+        kinds: names of the kinds; the scenes of a kind share a program.
+        drawn: function of a kind that generates its scenes.
+        judged: function of a scene and its solution that returns a record, with the `steps` of all
+            increments and `factorizations`.
+        counts: functions of such a record that say whether it counts in a column, a list.
+        converged: function of such a record that says whether its steps count.
     """
     everything, time_of_all = [], 0.0
     for kind in kinds:

@@ -1,12 +1,12 @@
-"""Does every structure that is no net converge, however stiff its bars and cables are?
+"""Does every structure with bars or beams converge, however stiff its bars and cables are?
 
-Question   Bars that turn, strings of insulators, crooked chains, strings on nets, strings and ropes
+Question   Rotating bars, strings of insulators, crooked chains, strings on nets, strings and ropes
            on beams, tensegrities, masts, trusses, stayed decks, cables under pressure, EA over the
            load from 1e2 to 1e10: how many end without equilibrium, in how many Newton steps and
            factorisations?
-Reference  Statics in extended precision, apart from the package: of every node (`independent.py`),
-           with beams of the whole structure in its deflected shape.
-Error      failed: no equilibrium, whatever the status says; wrong: status OK and not in balance.
+Reference  Statics in extended precision, independently of the package: of every node
+           (`independent.py`); with beams, of the whole structure in its deflected shape.
+Error      failed: no equilibrium, whatever the status says; wrong: status OK, but no equilibrium.
 Command    python experiments/bar_bank.py [scenes of a kind] [first seed]   (default 200 0; writes
            experiments/results/bar_bank.txt; two minutes)
 """
@@ -32,7 +32,7 @@ def converged(one):
 
 
 def turning():
-    """Steps of one bar that turns, by EA over the load."""
+    """Return the Newton steps of one rotating bar, by EA over the load."""
     found = []
     for ratio in range(2, 13, 2):
         bar = jc.Bars([[0, 1]], axial_stiffness=10.0**ratio)

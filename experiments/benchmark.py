@@ -1,11 +1,11 @@
-"""The benchmarks: times of jaxcable, alone and beside other programs, and where their tables are.
+"""The benchmarks: times of jaxcable, alone and beside other programs.
 
     python experiments/benchmark.py [--quick] NAME [PART ...]
 
-Without a name it lists them. Each writes its files to experiments/results; with --quick it measures
-a case or two of each kind and writes to a temporary folder: to see that it runs. What is measured
-is a table, `benchmarks/cases.py`; how, `benchmarks/measure.py`. Where OPENSEES_PYTHON names an
-interpreter with openseespy, and JAX_FDM_PYTHON one with jax_fdm, they are measured beside.
+Without a name it lists them. Each writes its files to experiments/results. With --quick it measures
+a case or two of each kind and writes to a temporary folder, to see that it runs. The table
+`benchmarks/cases.py` says what is measured, `benchmarks/measure.py` how. OpenSees and jax_fdm are
+measured, too, if OPENSEES_PYTHON and JAX_FDM_PYTHON name interpreters that have them.
 """
 
 import importlib

@@ -1,13 +1,13 @@
-"""Does every net of cables under dead load converge, and to what is promised?
+"""Does every cable net under dead load converge, and as accurately as the method promises?
 
-Question   Random nets, cut and hung far from where they end, chains, released nets, ropes, jacks
-           and catenaries, EA/N from 1e2 to 1e10 (1e5 in float32), loads from none to ten times the
-           prestress: how many end without the equilibrium that there is, in how many steps?
+Question   Random nets that start far from equilibrium, chains, released nets, ropes, jacks and
+           catenaries, EA/N from 1e2 to 1e10 (1e5 in float32), loads from none to ten times the
+           prestress: for how many is an existing equilibrium not found, and in how many steps?
 Reference  `tests/oracles/convex_oracle.py`: equilibrium of the same scenes in extended precision,
            by an interior-point method on the cone program of least energy; it shares no code.
 Error      missed: no equilibrium, although the reference finds one, and the status does not say
-           that rounding hides the forces; wrong: status OK, but a residual by the reference that
-           is beyond what the method promises.
+           that forces are lost in rounding errors; wrong: status OK, but the reference finds a
+           residual above the tolerance of the method.
 Command    python experiments/cable_bank.py [scenes of a kind] [first seed]   (default 250 0; writes
            experiments/results/cable_bank.txt; five minutes)
 """
@@ -34,7 +34,7 @@ COUNTED = {
 
 
 def slopes(kind, seeds):
-    """Derivatives by a factor of all loads against differences of the reference, a line."""
+    """Compare derivatives by a factor of all loads with differences of the reference; a line."""
     errors, absent = [], 0
     for seed in seeds:
         one = drawn(kind, seed)

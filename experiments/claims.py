@@ -1,13 +1,14 @@
-"""Do README and the tables of experiments say what the result files hold?
+"""Do README.md and experiments/README.md have the figures of the result files?
 
-Question   Is every figure of README.md and experiments/README.md that a script has measured the one
-           in the file that the script wrote?
+Question   Is every measured figure in README.md and experiments/README.md the one in the file that
+           its script wrote?
 Reference  The files in experiments/results.
-Error      None: figures are rounded as the text has them, and compared as text.
-Command    python experiments/claims.py   (writes the figures into the text; a test sees to it that
-           this changes nothing)
+Error      None: figures are rounded as in the text, and compared as text.
+Command    python experiments/claims.py   (writes the figures into the text; a test checks that this
+           changes nothing)
 
-A claim is a pattern whose groups are figures, in a file, and a function that reads them off.
+A claim is a pattern in a text, whose groups are figures, and a function that reads these figures
+from result files.
 """
 
 import json

@@ -1,16 +1,17 @@
-"""Which library minimises under limits best, and do the package's own loops still earn their place?
+"""Which optimizer is best under constraints, and are the package's own ones still worth keeping?
 
-Question   Six problems with limits: the loss, evaluations and seconds of `minimize_subject_to` by
-           SLSQP, trust-constr and IPOPT, beside the method of multipliers around `minimize`, the
-           package's own loop until then. Five without limits: `minimize` beside SciPy's L-BFGS-B,
-           `fit` beside its `least_squares`.
-Reference  dome: least load path 282.93, a figure by SLSQP whose publication we do not know;
+Question   Six problems with constraints: loss, evaluations and seconds of `minimize_subject_to` by
+           SLSQP, trust-constr and IPOPT, beside the method of multipliers around `minimize`, which
+           the package had before. Five problems without constraints: `minimize` beside SciPy's
+           L-BFGS-B, `fit` beside SciPy's `least_squares`.
+Reference  Dome: least load path 282.93, found by SLSQP, from a publication unknown to us;
            its load path and moves are computed by NumPy in `tests/design/test_constrained.py`.
            Three bars: Schmit, Structural design by systematic synthesis (1960); its optimum is that
            of a quadratic. Ten bars: Haftka and Guerdal, Elements of Structural Optimization (1992),
            5060.85 lb. Rosen-Suzuki: Hock and Schittkowski, Test Examples for Nonlinear
            Programming Codes (1981), problem 43, -44. Cantilever and ropes: closed forms, below.
-Error      Loss over the known one, less 1; largest constraint; KKT residual, judged by the package.
+Error      Relative excess of the loss over the known one; largest constraint; KKT residual, by the
+           package.
 Command    python experiments/constrained.py  (IPOPT where ipyopt is installed)
            (writes experiments/results/constrained.txt and .json)
 

@@ -1,13 +1,13 @@
-"""How long must the cables of the flat net be cut, so that it hangs in a given shape under load?
+"""To which unstressed lengths must the flat net be cut to have a given shape under load?
 
 Question   Unstressed lengths of the twelve links, for which the four loaded nodes hang exactly
-           12 mm below the supports, and exactly over their places in plan, under 15 N each.
-Reference  Closed form: of the prestress that keeps this shape one state is free (stiffer along x,
-           softer along y); the even one has the horizontal force H = P a / (2 f) in every cable,
-           P load, a = 0.4 m spacing, f sag, and ``L0 = l / (1 + N / EA)``.
-Error      Largest distance of a node from its place, mm, by a fresh analysis with the lengths of
-           the printed list (rounded to 0.01 mm too); largest difference of a length from the closed
-           form, mm.
+           12 mm below the supports, and exactly at their positions in plan, under 15 N each.
+Reference  Closed form: one state of prestress is free for this shape (more force along x, less
+           along y). In the even state every cable has the horizontal force H = P a / (2 f), with
+           load P, spacing a = 0.4 m and sag f; ``L0 = l / (1 + N / EA)``.
+Error      Largest distance of a node from its target, mm, by another analysis with the lengths of
+           the printed list (also rounded to 0.01 mm); largest difference of a length from the
+           closed form, mm.
 Command    python experiments/cutting_list.py
            (writes experiments/results/cutting_list.txt and .png)
 """

@@ -1,21 +1,22 @@
 """Do many load cases give the same answers on several devices and in several processes?
 
-Question: load cases of a saddle net of 48 unknowns, shared out to devices by `jc.batched`; their
+Question: load cases of a saddle net of 48 unknowns, distributed over devices by `jc.batched`; their
 displacements, and the gradient of their mean deflection with respect to all pretensions.
 Reference: the same cases by `jax.vmap` on one device of the same process. Error: largest
 difference, m and m/N. Time: of the second call, results on the devices.
 
-One process, four devices made of one processor:
+One process, with one processor as four devices:
 
     python experiments/distributed.py --devices 4
 
-Two processes of one machine, two devices each (one command in a terminal of its own, both at once):
+Two processes on one machine, two devices each (both commands at once, in two terminals):
 
     python experiments/distributed.py --devices 2 --processes 2 --rank 0
     python experiments/distributed.py --devices 2 --processes 2 --rank 1
 
-On several machines give ``--address HOST:PORT``, the first process's. A net too large for dense
-matrices runs the same way (``--side 12``): its factorisations are the host's, one after the other.
+On several machines give ``--address HOST:PORT`` of the first process. A net too large for dense
+matrices runs in the same way (``--side 12``); its matrices are factorised on the host, one after
+the other.
 """
 
 import argparse

@@ -4,8 +4,8 @@ Question   The flat net of 3 x 3 cells under 150 N on every free node: load fact
            deflection, by full Newton and by the incremental scheme in its tangent and secant forms;
            forces and displacements at 12.5 % of the load, 18.75 N.
 Reference  tests/reference/flat_net.json: an independent NumPy computation to 1e-13 of the load
-           (not published values); along the path a NumPy solution of the same equations, which
-           the symmetry of the net leaves two unknowns.
+           (not published values); along the path a NumPy solution of the same equations, which by
+           symmetry have two unknowns.
 Error      Largest difference of a displacement of a free node, mm, and of a tension, N.
 Command    python experiments/flat_net_path.py
            (writes experiments/results/flat_net_path.txt and .png)
@@ -64,7 +64,7 @@ def symmetric(load, cell=0.4):
 
 
 def path_of(method, increments):
-    """Path of phase 2, whatever is out of balance, and the good increments by the criterion."""
+    """Return the path of phase 2 whatever its residual, and which increments meet the criterion."""
     scene = jc.scenes.flat_net(LOAD, (1, increments))
     solution = jc.solve(*scene, method)
     good = int((np.asarray(solution.phases[1].path.status) == 0).sum())

@@ -1,11 +1,13 @@
 """Does any of ten thousand random scenes end wrongly?
 
-Question   Random nets, bars, curves, plastic bars, catenaries and ropes, of numbers over many
-           decades and in both precisions, and random mistakes in the input: what comes out?
+Question   Random nets, bars, curved laws, plastic bars, catenaries and ropes, with numbers over
+           many orders of magnitude and in both precisions, and random mistakes in the input: what
+           is the outcome?
 Reference  `tests/oracles/independent.py`: residual, tensions, reactions and lengths in NumPy, in
-           extended precision, apart from the package.
-Error      A defect is anything but: a ValueError that names the argument; a status of failure with
-           NaN results and a last state; a status OK with a residual below what the method promises.
+           extended precision, independently of the package.
+Error      There are three correct outcomes: a ValueError that names the argument; a failure status
+           with NaN results and a last converged state; status OK with a residual within the
+           tolerance of the method. Everything else is a defect.
 Command    python experiments/fuzz.py [count] [seed]   (default 10000 1; writes
            experiments/results/fuzz.txt; five minutes)
 """
@@ -35,7 +37,7 @@ MISTAKEN = 0.2  # part of the cases
 
 
 def mistake(name, rng):
-    """How a wrong input ended, and what is wrong with that."""
+    """Return how the analysis of a wrong input ended, and what is wrong with that."""
     make, pattern = MISTAKES[name]
     try:
         result = make(rng)

@@ -1,18 +1,18 @@
-"""What comes out where analyses are hard, and does any of it claim to be right that is not?
+"""How do difficult analyses end, and does any wrong result have the status OK?
 
 Question   The bank of hard cases (`tests/banks/hard_cases.py`) at full size, in both precisions:
            status, error, time. Is there a silent failure?
-Reference  Of each case its own: a closed form, digits by mpmath, a symmetry; and of every
-           equilibrium the residual by `tests/oracles/independent.py`, in NumPy, apart from it.
-Error      As the case states it, beside its limit; the residual over what `Newton` promises.
+Reference  For each case its own: a closed form, digits by mpmath, a symmetry; for every equilibrium
+           the residual by `tests/oracles/independent.py`, in NumPy, independently of the package.
+Error      As each case defines it, with its limit; the residual over the tolerance of `Newton`.
 Command    python experiments/hard_cases.py   (writes experiments/results/hard_cases.txt; two
            minutes)
 
-A silent failure is a status OK with a residual above what the method promises (its tolerance, and
-the rounding of the state's own digits), with a number that is not finite, or with a figure beyond
-its limit. Times are wall milliseconds of all calls that the case makes (a hundred cycles: all of
-them), medians of five from the second time on; compile is what the first time took longer. There
-are 34 programs to compile: without most of XLA's optimizations, to be done in two minutes.
+A silent failure is a status OK with a residual above the tolerance of the method (plus the rounding
+of the state), with a number that is not finite, or with an error beyond its limit. Times are wall
+milliseconds of all calls of a case (for a hundred cycles, of all of them), medians of five runs
+after the first; compile time is the excess of the first run. The 34 programs are compiled without
+most of XLA's optimizations, so that the study takes two minutes.
 """
 
 import os
@@ -36,7 +36,7 @@ REPEATS = 5
 
 
 def run(case, dtype):
-    """A row of the table, whether the status is one that is expected, and silent failures."""
+    """Run a case: a row of the table, whether the status is an expected one, silent failures."""
     problem = case.build(True, dtype)
     first, solution = clock(problem.solve)
     long = first > 5  # whole cycles: once more will do

@@ -7,9 +7,9 @@ Error      Deviation of a deflection, computed less published, mm and %; largest
 Command    python experiments/hypar_net.py
            (writes experiments/results/hypar_net.txt and .png)
 
-The geometry stood in a figure. The plan used here was identified from the deflections of the
-second Kwan column (`identify_spacings.py` does it for each): agreement is an identification and not
-a validation.
+The geometry is only in a figure of the paper. The plan used here was identified from the
+deflections of the second Kwan column (`identify_spacings.py` does so for each column), so that
+agreement with them is no validation.
 """
 
 import jax

@@ -1,8 +1,9 @@
-"""Which plan of the hyperbolic paraboloid net do the published deflections tell?
+"""Which plan of the hyperbolic paraboloid net follows from the published deflections?
 
-Question   The geometry of the net stood in a figure. Four spacings along x and five along y are
-           recovered from the twelve deflections of each column of Table 3, starting from the
-           regular net of 0.4 m. How well are they determined, and what is not at all?
+Question   The geometry of the net is only in a figure of the paper. Four spacings along x and five
+           along y are identified from the twelve deflections of each column of Table 3, starting
+           from the regular net of 0.4 m. How well are they determined, and what cannot be
+           identified?
 Reference  The columns themselves (Mihanovic, Trogrlic, Zivaljic 2011, Table 3). The Jacobian is
            compared with central differences; the confidence intervals with refits to the computed
            deflections plus random errors.
@@ -10,7 +11,7 @@ Error      Largest difference of a computed deflection from the published one, m
 Command    python experiments/identify_spacings.py
            (writes experiments/results/identify_spacings.txt and .png)
 
-Agreement is an identification and not a validation: nine numbers are fitted to twelve.
+Agreement is no validation: nine numbers are fitted to twelve.
 """
 
 import jax
@@ -41,7 +42,7 @@ def nodes(spacing):
 def deflections(spacing, heights=None):
     """Deflections of the free nodes, mm, downward, [12], and the solution.
 
-    `heights` are those of the supports, [14], m; the form that 200 N make of them is found first.
+    `heights` are those of the supports, [14], m; phase 1 finds the form of the net with 200 N.
     """
     places = nodes(spacing)
     if heights is not None:

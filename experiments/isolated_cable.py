@@ -1,15 +1,17 @@
-"""What does a displacement cost to a given error, with catenaries and with straight elements?
+"""How long does a displacement to a given error take, by catenaries and by straight elements?
 
 Question   The isolated cable (`scenes.isolated_cable`) with one elastic catenary a span,
            and with 1 to 256 straight elements a span: time against error.
-Reference  Both spans as catenaries by Irvine's integrals, solved in 40 digits with mpmath, apart
-           from the package; beside it the published displacement (Jayaraman and Knudson 1981).
+Reference  Both spans as catenaries by Irvine's integrals, solved in 40 digits with mpmath,
+           independently of the package; beside it the published displacement (Jayaraman and
+           Knudson 1981).
 Error      Distance of the loaded node's displacement in phase 2 from the reference, m.
 Command    python experiments/isolated_cable.py   (writes experiments/results/isolated_cable.txt
            and .png; two minutes)
 
-Times are wall milliseconds of jitted functions through both phases, medians and quartiles of calls
-by turns in one process, each with a new load and blocked on completion. Compile: the first call.
+Times are wall milliseconds of jitted functions through both phases: medians and quartiles of
+alternating calls in one process, each with a new load and blocked on completion. Compile: the first
+call.
 """
 
 import os

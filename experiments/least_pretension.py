@@ -1,13 +1,13 @@
 """How little pretension does the hyperbolic paraboloid net need?
 
-Question   Seven jacks, one for each cable: the least sum of the forces that they leave in the 31
-           links, such that under three load cases no node moves more than 30 mm and no link has
-           less than 80 N (none may come near to slackening).
+Question   Seven jacks, one for each cable: the least sum of the forces in the 31 links after
+           lock-off, such that under three load cases no node moves more than 30 mm and no link has
+           less than 80 N (so that none is nearly slack).
 Reference  Fresh analyses of the optimum with 100 + 10 increments from the disturbed geometry; the
            same problem by SciPy's SLSQP with these gradients from the same 20 random starts (it has
            several optima); the multipliers against optima for other limits.
 Error      Largest deflection over its limit and smallest tension over its limit, at the optimum;
-           sum of the forces relative to SLSQP's, -.
+           sum of the forces relative to that of SLSQP, -.
 Command    python experiments/least_pretension.py
            (writes experiments/results/least_pretension.txt and .png)
 
@@ -55,7 +55,7 @@ def problem(jacks, limits):
 
 
 def fresh(jacks):
-    """Deflections [3, 12], m, and tensions [3, 31], N, of analyses of their own."""
+    """Return deflections [3, 12], m, and tensions [3, 31], N, of separate analyses."""
     structure, (prestress, _) = jc.scenes.hypar_net()
     prestress = jc.replace(prestress, jacking=jnp.asarray(jacks)[CABLE])
     moved, tension = [], []

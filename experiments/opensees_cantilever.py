@@ -45,7 +45,7 @@ from benchmarks.measure import Peer, clock
 from record import Record
 
 import jaxcable as jc
-from jaxcable.scenes.parts import chain
+from jaxcable.scenes.building_blocks import chain_links
 
 LENGTH, WIDTH, HEIGHT = 2.0, 0.1, 0.2
 E, YIELD, HARDENING = 210e9, 235e6, 0.01
@@ -118,7 +118,7 @@ def analyse(parameters, n, fibres=(1, 40), plane=True, law=steel):
     held[0] = True
     if plane:
         held[:, [1, 3, 5]] = True
-    beams = jc.Beams(chain(range(n + 1)), section=section, points=POINTS)
+    beams = jc.Beams(chain_links(range(n + 1)), section=section, points=POINTS)
     force = load * jnp.array([0.0, 0.0, -1.0])
     return jc.solve(
         jc.Structure(nodes, beams, jc.Supports(held)),

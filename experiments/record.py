@@ -1,6 +1,6 @@
-"""What the studies share: where they write, the machine first, then every line twice; settings.
+"""The record of a study: prints lines and writes them to `results`, after a line about the machine.
 
-Who imports it computes in double precision and draws without a window.
+Importing this module sets double precision, and pictures without a window.
 """
 
 import json
@@ -39,7 +39,7 @@ def commit():
 
 
 def machine():
-    """What figures belong to: processor, cores, versions, commit."""
+    """Describe the machine: processor, cores, versions, commit."""
     information = Path("/proc/cpuinfo")  # of Linux
     lines = information.read_text().splitlines() if information.exists() else []
     names = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]

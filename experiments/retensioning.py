@@ -1,13 +1,13 @@
-"""How does a site crew retension a net whose cables were cut wrongly?
+"""How does a site crew retension a net whose cables were cut to wrong lengths?
 
 Question   A saddle net of 60 cables, cut with random errors of 1 mm in a metre, is measured under
-           its dead load. Which turnbuckle adjustments bring its tensions back to the design: in one
-           step with the influence matrix of the design, with that matrix again and again, in one
-           step after the errors are identified, and when only the 20 cables at the edge have a
-           turnbuckle? What do errors of measurement do?
-Reference  The net as built is another analysis, with the errors as shortenings, that the crew does
-           not know; it knows the design, its influence matrix and the tensions measured. Converged
-           adjustments must undo the errors.
+           its dead load. Which turnbuckle adjustments bring its tensions back to the design values:
+           one step with the influence matrix of the design; repeated steps with that matrix; one
+           step after the errors are identified; steps at the 20 cables of the edge only? What is
+           the effect of measurement errors?
+Reference  The net as built is another analysis, with the errors as shortenings. The crew does not
+           know them; it knows the design, its influence matrix and the measured tensions. Converged
+           adjustments must cancel the errors.
 Error      Largest deviation of a tension from its target, % of the target.
 Command    python experiments/retensioning.py
            (writes experiments/results/retensioning.txt and .png)
@@ -31,7 +31,7 @@ ERRORS = 1e-3 * np.random.default_rng(5).normal(size=N)  # m, too long where pos
 
 @jax.jit
 def site(turned):
-    """The net as built, its turnbuckles turned by so much, m."""
+    """Analyse the net as built, with the turnbuckles shortened by given amounts, m."""
     cut = jc.Phase(shortening=turned - ERRORS)
     return jc.solve(STRUCTURE, [PRESTRESS, cut, LOAD])
 
@@ -41,7 +41,7 @@ def deviation(tension, target):
 
 
 def retension(matrix, target, steps, cables=None, error=0.0, rcond=1e-10):
-    """Measure, adjust, again: deviations (%) and turns (m) before each step and after the last.
+    """Measure and adjust repeatedly; return deviations (%) and adjustments (m) at each step.
 
     `cables` have turnbuckles (default all); `error` is the standard error of a measurement over
     the tension measured; the crew measures again before each step.

@@ -1,4 +1,4 @@
-"""Limit loads of plane extensible rods by shooting, apart from jaxcable.
+"""Limit loads of plane extensible rods by the shooting method, independently of jaxcable.
 
 ``x' = (1+e) cos t, z' = (1+e) sin t, t' = M/EI, M' = (1+e)(H sin t - V cos t)`` with the axial
 strain ``e = (H cos t + V sin t)/EA``: the geometrically exact rod without shear (Reissner 1972).

@@ -1,8 +1,9 @@
-"""What do the schemes make of the large saddle net, and which geometry has its published field?
+"""How do the schemes solve the large saddle net, and which geometry has the published field?
 
 Question   The saddle net of 201 links and 132 nodes in 500 and 435 increments: its equilibrium path
-           (Figure 16), slack cables, and full Newton beside the incremental schemes. And inversely:
-           which heights of the 42 anchors and which two spacings give the published displacements?
+           (Figure 16), slack cables, and full Newton beside the incremental schemes. Inverse
+           problem: which heights of the 42 anchors and which two spacings give the published
+           displacements?
 Reference  For the schemes: full Newton, whose end state is checked by NumPy from lengths alone. For
            the geometry: the published z displacements of the 90 free nodes (Mihanovic, Trogrlic,
            Zivaljic 2011, section 5.3).
@@ -10,9 +11,9 @@ Error      Largest difference of a z displacement in phase 2, m; for the fit als
 Command    python experiments/saddle_net.py
            (writes experiments/results/saddle_net.txt and .png)
 
-Neither spacing nor heights are in the text. The first part uses the geometry of
-`jaxcable.scenes.saddle_net`; its field is not the published one. The second is an identification
-and never a validation: 44 numbers are fitted to 90.
+The paper states neither spacing nor heights. The first part uses the geometry of
+`jaxcable.scenes.saddle_net`, which does not have the published displacements. The second part is an
+identification, no validation: 44 numbers are fitted to 90.
 """
 
 import textwrap
@@ -129,7 +130,7 @@ def nearby(params, rng):
 
 
 def _started(height, spacing):
-    """A start inside of the bounds, where steps in both directions are free."""
+    """Return a start away from the bounds, so that steps in both directions are possible."""
     low, high = np.log(SPACINGS)
     return {
         "height": jnp.asarray(np.clip(height, -0.95 * HIGHEST, 0.95 * HIGHEST)),
@@ -149,7 +150,7 @@ def rms(values):
 def identify(seed=0, fresh=16, hops=16, steps=150):
     """The best fit from `fresh` random starts and `hops` disturbed best ones.
 
-    Of the seeds 0 to 7 the first leads farthest.
+    Of the seeds 0 to 7 the first gives the smallest misfit.
 
     Returns:
         the best `Fit`, and of every trial: rms of the misfit at the start and at the end, m, NaN

@@ -1,20 +1,21 @@
-"""What does the iteration for the equilibrium of a section cost, and how exact is it?
+"""How long does the iteration for the equilibrium of a section take, and how accurate is it?
 
 Question   Errors, iterations and time of `Section.strains` against its tolerance, for 1000 random
-           forces that the section can carry; whether 1000 that it cannot are told apart.
+           forces that the section can carry; whether 1000 that it cannot carry are recognized.
 Reference  Forces of random strains, up to just before the end of the first fibre's curve, by a
            fibre sum in NumPy from the points of the curves; the strains are those it began with.
-Error      Residual: what `tol` bounds, found by NumPy: largest unbalanced force (moments over the
-           radius of gyration) over the sum of absolute fibre forces plus the load, -. Force: NumPy
-           sum at the strains found less the target, over the capacity of all fibres, -. Strain:
-           largest of e0 and the curvatures times the largest distance of a fibre, over the yield
-           strain, where at least a tenth of the area is elastic, -. Each the largest of 1000.
+Error      Residual (the quantity that `tol` bounds, by NumPy): largest unbalanced force (moments
+           over the radius of gyration) over the sum of absolute fibre forces plus the load, -.
+           Force: NumPy sum at the strains found minus the target, over the capacity of all fibres,
+           -. Strain: largest of e0 and the curvatures times the largest distance of a fibre, over
+           the yield strain, where at least a tenth of the area is elastic, -. Each is the largest
+           of 1000.
 Command    python experiments/section_equilibrium.py
            (writes experiments/results/section_equilibrium.txt)
 
-Times are wall seconds, median of 5 calls, each blocked on completion. In turn (one call with all
-forces) each force has its own iteration; a batch (vmap) goes round until its slowest is done.
-Compile: the first call less the median warm one, with no compilation cache.
+Times are wall seconds, median of 5 calls, each blocked on completion. "In turn" (one call with all
+forces) iterates for one force after the other; a batch (vmap) iterates until its slowest force is
+done. Compile: the first call minus the median warm one, with no compilation cache.
 """
 
 import jax

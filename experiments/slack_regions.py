@@ -1,16 +1,16 @@
-"""Do the steps of a cable net grow with its slack regions?
+"""Does the number of Newton steps of a cable net grow with its slack regions?
 
-Question   Square grids of cables, held at the corners, a load at one node in twenty across their
-           plane; cables of one half, of a third at random, of the fields of a chessboard or all of
-           them 15 % too long: how many steps from the plane grid to equilibrium, for EA over a
-           quarter of the load from 1e2 to 1e6?
+Question   Square grids of cables, supported at the corners, with transverse loads at one node in
+           twenty. Cables are 15 % too long: in one half, a third at random, in the fields of a
+           chessboard, or all of them. How many steps lead from the plane grid to equilibrium, for
+           EA over a quarter of the load from 1e2 to 1e6?
 Reference  `tests/equilibrium/test_slack_nets.py` compares tensions of 12 x 12 nodes with those of
            least energy, found by a cone program in extended precision.
 Error      Largest unbalanced force at a node, N, as the analysis reports it; loads are 1 N.
-Peer       OpenSees, where OPENSEES_PYTHON names an interpreter with openseespy: the fastest of four
-           ways that converges (Newton's method, with a line search and without; slack cables have
-           1e-2 or 1e-4 of the stiffness of taut ones, nodes begin 0.1 m off at random, because the
-           first matrix is singular otherwise), up to 40 nodes on a side.
+Peer       OpenSees, where OPENSEES_PYTHON names an interpreter with openseespy, up to 40 nodes on a
+           side. The fastest of four ways that converges: Newton's method with or without line
+           search, slack cables with 1e-2 or 1e-4 of the stiffness of taut ones. Nodes start 0.1 m
+           off the plane at random, because the first matrix is singular otherwise.
 Command    python experiments/slack_regions.py [n ...]   (default 10 20 40 60 100; writes
            experiments/results/slack_regions.txt; half a minute, with the peer some minutes)
 """

@@ -1,12 +1,13 @@
-"""Does a bridge come out level, however its stays were first thought to be stressed?
+"""Which jacking forces make a cable-stayed bridge level that is erected in stages?
 
-Question   A bridge erected by free cantilevering (`scenes.cable_stayed_bridge`): are there forces
-           of the jacks, from any of 20 random guesses, at which its deck is level when it is paved?
-           Is that the state which dismantling leads back from? Are derivatives through all stages
-           exact? What do errors of 5 mm in the lengths of stays do, 1 000 times? What do 40 stages
-           cost beside 2? And what happens when a stay is lost?
-Reference  Dismantling: the paved bridge, stressed at once with the lengths that the erection found,
-           taken down in the reverse order. Differences of fourth order. OpenSees with `remove`.
+Question   A bridge erected by free cantilevering (`scenes.cable_stayed_bridge`): does the search
+           for jacking forces at which the paved deck is level succeed from 20 random guesses? Does
+           dismantling lead back through the same states? Are derivatives through all stages exact?
+           What is the effect of errors of 5 mm in the lengths of stays (1 000 samples)? How long do
+           40 stages take beside 2? What happens when a stay is lost?
+Reference  Dismantling: the paved bridge, stressed at once with the unstressed lengths of the
+           erection, taken down in the reverse order. Differences of fourth order. OpenSees with
+           `remove`.
 Error      m and N, as named.
 Command    OPENSEES_PYTHON=... python experiments/stages.py
            (writes experiments/results/stages.txt and .png; some minutes)
@@ -44,7 +45,7 @@ def staged(forces):
 
 
 def tuned(forces):
-    """What `design.tune` makes of these forces: numbers only, so that it can be mapped."""
+    """Tune the forces by `design.tune`, from these as a start; returns arrays, for vmap."""
     found = jc.design.tune(
         STRUCTURE, staged(forces), [(k, "jacking") for k in range(M)], LEVEL, bounds=(1e3, None)
     )
@@ -69,7 +70,7 @@ def guesses(record):
 
 
 def backward(record, forces):
-    """The paved bridge at once, with the lengths of the erection, and taken down again."""
+    """Analyse the dismantling of the paved bridge, with the unstressed lengths of the erection."""
     erected = jc.solve(STRUCTURE, staged(forces), jc.Newton(tol=1e-13))
     assert int(erected.status) == 0
     rest = erected.rest_length
@@ -116,7 +117,7 @@ def derivatives(record, forces):
 
 
 def tolerances(record, forces):
-    """1 000 bridges whose stays are up to 5 mm too long or too short, not noticed."""
+    """Analyse 1 000 bridges whose stays are up to 5 mm too long or too short, uncorrected."""
     errors = np.random.default_rng(3).uniform(-5e-3, 5e-3, (1000, M, 2))
     phases = staged(forces)
 
@@ -146,7 +147,7 @@ def tolerances(record, forces):
 
 
 def costs(record):
-    """First calls of a cantilever in 2 and in 40 stages, each in a process of its own."""
+    """Measure first calls of a cantilever in 2 and in 40 stages, each in a separate process."""
     record("\na cantilever built segment by segment, first call with compilation")
     for n in (2, 10, 40):
         first, again, lines = apart(__file__, n, "--cantilever")
@@ -177,7 +178,7 @@ def cantilever(n):
 
 
 def lost(record):
-    """A stay of the finished bridge is lost, beside OpenSees."""
+    """Compare the loss of a stay of the finished bridge with OpenSees."""
     structure, _ = scenes.cable_stayed_bridge(N, stages=False)
     groups = {name: jc.replace(group, weight=None) for name, group in structure.elements.items()}
     structure = jc.replace(structure, elements=groups)

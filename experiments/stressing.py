@@ -1,16 +1,16 @@
 """In which order are stays stressed, with which forces, and how few are to be stressed again?
 
-Question   The deck of a cable-stayed bridge lies on falsework that only presses. Its pairs of stays
-           are stressed one after the other, each once, so that they hold the forces of the design
-           when the falsework is struck: what do the 120 orders ask of the jacks and of the deck on
-           the way? Then a stay is stressed strand by strand: with which forces of the jack do all
-           its strands hold the same at last? And when the stays of the finished bridge are up to
-           20 mm too long or too short: how few of them are to be stressed again until the deck is
-           level within 3 mm?
+Question   The deck of a cable-stayed bridge lies on falsework, which carries compression only. Its
+           pairs of stays are stressed one after the other, each once, so that they have the design
+           forces after the falsework is removed: how large are the jacking forces and the moments
+           of the deck in each of the 120 orders? Then a stay is stressed strand by strand: which
+           jacking forces give all strands the same force in the end? And if the stays of the
+           finished bridge are up to 20 mm too long or too short: how few of them must be stressed
+           again until the deck is level within 3 mm?
 Reference  The final state of every order is the same, as nothing is locked in. Strands: the force
-           that the last one leaves in the others, by another analysis. Stressing again: no smaller
-           set of stays can be found, by linear programming over all sets; the set that is found is
-           checked by the analysis itself.
+           in the others after the last one, by another analysis. Stressing again: linear
+           programming over all sets of stays finds no smaller set; the analysis itself checks the
+           set that is found.
 Error      m and N, as named.
 Command    python experiments/stressing.py
            (writes experiments/results/stressing.txt and .png; some minutes)
@@ -37,7 +37,7 @@ NOTHING = {"pylon": None, "deck": None}
 
 
 def on_falsework():
-    """The bridge, props under its deck that only press, and the lengths of its stays."""
+    """Return the bridge on compression-only props, and the unstressed lengths of its stays."""
     bridge, phases = scenes.cable_stayed_bridge(N, stages=False)
     ends = np.arange(BASE, BASE + 2 * M)
     feet = np.array(bridge.nodes)[ends] - [0.0, 0.0, 20.0]
@@ -122,7 +122,7 @@ ORDERS = np.arange(M), np.arange(M)[::-1]
 
 
 def strands(record, count=4):
-    """The longest stay on the right in strands, each stressed once."""
+    """Stress the longest stay on the right strand by strand, each strand once."""
     bridge, phases = scenes.cable_stayed_bridge(N, stages=False)
     stays = bridge.elements["stays"]
     others, last = np.arange(2 * M - 1), 2 * M - 1
@@ -171,7 +171,7 @@ def strands(record, count=4):
 
 
 def again(record, cases=200, slip=20e-3, within=3e-3):
-    """Least number of stays that are to be stressed again, for bridges with random errors."""
+    """Find the least number of stays to stress again, for bridges with random errors."""
     bridge, phases = scenes.cable_stayed_bridge(N, stages=False)
     planned = np.asarray(phases[0].pretension["stays"])
 

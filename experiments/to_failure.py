@@ -1,10 +1,10 @@
 """Where do structures fail, and how exactly are limit and branch points located?
 
-References, all apart from the package: closed forms of the truss of von Mises (limit points, branch
-points, snap-back behind a soft hanger); plane extensible rods by shooting (`rods.py`) and the
-published limit load of Lee's frame, 18.552 (Schweizerhof and Wriggers 1986; only its digits,
-because it is given in other units of load); Euler's column; the derivative of the limit load in
-60 digits. Errors are relative to the limit load, of load factors.
+References, all independent of the package: closed forms of the truss of von Mises (limit points,
+bifurcation points, snap-back with a soft hanger); plane extensible rods by the shooting method
+(`rods.py`) and the published limit load of Lee's frame, 18.552 (Schweizerhof and Wriggers 1986; its
+digits only, because the unit of load differs); Euler's column; the derivative of the limit load in
+60 digits. Errors are those of load factors, relative to the limit load.
 
     python experiments/to_failure.py
 """
@@ -26,7 +26,7 @@ from benchmarks.measure import timed
 from record import Record
 
 import jaxcable as jc
-from jaxcable.scenes.parts import chain
+from jaxcable.scenes.building_blocks import chain_links
 
 LEE = 1.8552  # published, times ten
 
@@ -176,7 +176,7 @@ def column(say):
     for n in (4, 8):
         z = np.linspace(0, length, n + 1)
         section = scenes.frames.solid(1.0, 1.0 / (2e4 * euler / ei), 2e4 * euler)
-        beams = jc.Beams(chain(range(n + 1)), section=section, torsional_stiffness=ei)
+        beams = jc.Beams(chain_links(range(n + 1)), section=section, torsional_stiffness=ei)
         held = scenes.frames.in_plane(n + 1).mask.array.copy()
         held[0, :3] = held[n, :2] = True
         structure = jc.Structure(np.column_stack([0 * z, 0 * z, z]), beams, jc.Supports(held))

@@ -1,14 +1,14 @@
-"""What does a page that turns cost: time to write, size, first paint, pictures a second?
+"""How large and how fast are interactive 3-D pages: time to write, size, first paint, frame rate?
 
-Question   `plots.view` of nets of 10 000 and 100 000 members: seconds to write the page, its size,
+Question   `plots.view` of nets of 10 000 and 100 000 elements: seconds to write the page, its size,
            milliseconds to the first paint of the browser and until the structure is drawn, and
-           pictures a second while it turns. Does it look right?
-Reference  What was asked of it, for 10 000 members: written within 1 s, at most 6 MB, painted
-           within 1 s, 30 pictures a second.
+           frames a second while it is rotated. Does it look right?
+Reference  Requirements for 10 000 elements: written within 1 s, at most 6 MB, painted within 1 s,
+           30 frames a second.
 Error      none: times and sizes, with the machine; ten pictures to look at.
 Command    python experiments/view.py [pictures]
            (writes experiments/results/view.txt, or results/view_*.png; needs a Chromium. It draws
-           without a graphics card: with one pictures come as fast as the screen shows them)
+           without a graphics card; with one, the frame rate is that of the screen)
 """
 
 import sys

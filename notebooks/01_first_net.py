@@ -9,10 +9,10 @@
 # %% [markdown]
 # # A first net: how far does it move under load, and how does that depend on its prestress?
 #
-# A cable net has no stiffness across its plane until it is pulled tight. So it is analysed in two
-# phases: **prestress** first, then **load** on the geometry that results. Here both are done for a
-# net of twelve cables; then we ask for the derivative of the deflection with respect to the
-# prestress, and check the deflection by hand.
+# A cable net has no stiffness across its plane until it is prestressed. So it is analysed in two
+# phases: **prestress** first, then **load** on the resulting geometry. This notebook analyses a net
+# of twelve cables, takes the derivative of its deflection with respect to the prestress, and checks
+# both by hand.
 #
 # All units are SI: m, N, Pa.
 
@@ -36,9 +36,9 @@ jc.keep_programs()  # on disk: the next run of this notebook compiles little
 # %% [markdown]
 # ## The net
 #
-# Two cables run along $x$ and two along $y$, in a 3 x 3 grid of 0.4 m cells, flat. They cross in
-# four free nodes; their eight ends are anchored. A node is a row of coordinates, a link is a pair
-# of node numbers (from 0).
+# The net is flat: two cables run along $x$ and two along $y$, in a grid of 3 x 3 cells of 0.4 m.
+# They cross at four free nodes; their eight ends are anchored. `nodes` has a row of coordinates for
+# each node, `links` a pair of node numbers (from 0) for each cable between two nodes.
 
 # %%
 a = 0.4  # m, side of a cell
@@ -89,9 +89,9 @@ print(jc.describe(solution.status))
 print(f"deflection {-1e3 * solution.displacement[3, 2]:.3f} mm")
 
 # %% [markdown]
-# Every analysis has a status. `describe` says it in words; `raise_if_failed` stops if it is not
-# "converged", and says which increment failed and what to try. A failed analysis gives NaN, never
-# a number that looks right.
+# Every analysis has a status. `describe` gives it in words; `raise_if_failed` stops if it is not
+# "converged", and says which increment failed and what to try. A failed analysis gives NaN, never a
+# number that looks right.
 
 # %%
 jc.raise_if_failed(solution)
@@ -100,8 +100,8 @@ jc.plots.net(solution, structure=structure, magnify=5.0)
 # %% [markdown]
 # ## Was it in equilibrium?
 #
-# Each increment is iterated to equilibrium. The residual is the largest unbalanced force, over the
-# forces that meet at a node; the iterations stop below the line. No cable went slack.
+# Each increment is iterated to equilibrium. The residual is the largest unbalanced force relative
+# to the forces at a node; the iteration stops when it is below the line. No cable went slack.
 
 # %%
 jc.plots.increments(solution)
@@ -153,8 +153,8 @@ jc.plots.net(pulled, structure=structure)
 # %% [markdown]
 # ## The report
 #
-# `report` writes down what a checking engineer asks for: reactions and their sum against the
-# loads, the forces with their envelope, and the lengths to which the cables are cut. It can be
+# `report` lists what a checking engineer asks for: reactions and their sum beside that of the
+# loads, forces and their envelope, and the unstressed lengths to which cables are cut. It can be
 # saved as text, CSV or JSON (`.save("net.txt")`), and its tables are plain lists.
 
 # %%
@@ -203,10 +203,10 @@ axes.legend(frameon=False)
 axes.grid(color="0.9")
 
 # %% [markdown]
-# ## Keep it, and use it without Python
+# ## Save it, and use it without Python
 #
-# A structure with its phases is a scene. It is saved as readable JSON with all digits, so that it
-# solves to the same numbers wherever it is loaded.
+# A structure with its phases is a scene. It is saved as readable JSON with all digits, so that an
+# analysis of the loaded scene gives the same numbers.
 
 # %%
 folder = Path(tempfile.mkdtemp())
@@ -235,7 +235,7 @@ print("identical:", bool((again.displacement == solution.displacement).all()))
 #
 # $$ N_2 - N_1 \frac{a + 2u}{l_1} = 0, \qquad 2 N_1 \frac{w}{l_1} = P. $$
 #
-# Two equations, two unknowns; SciPy solves them and knows nothing of jaxcable.
+# SciPy solves these two equations for the two unknowns, independently of jaxcable.
 
 
 # %%
@@ -260,8 +260,8 @@ print(
 )
 
 # %% [markdown]
-# And the derivative: the slope of the deflections by hand, of two pretensions 0.1 N apart. Its
-# own error is about 1e-7 of it.
+# The derivative by hand is the difference quotient of the deflections at two pretensions 0.1 N
+# apart; its relative error is about 1e-7.
 
 # %%
 slope = (by_hand(T + 0.05, P)[0][1] - by_hand(T - 0.05, P)[0][1]) / 0.1

@@ -9,10 +9,10 @@
 # %% [markdown]
 # # Form finding: which shape belongs to given forces, and how long is each cable cut?
 #
-# A cable net cannot be drawn first and analysed afterwards: its shape is an equilibrium of its
-# forces. So one states forces (or force densities), finds the shape, and from shape, force and
-# stiffness follow the lengths to which the cables are cut. This notebook goes that way for a roof
-# of 14 x 14 m, and on to its deflection under snow.
+# A cable net cannot be drawn first and analysed afterwards, because its shape follows from its
+# forces. So one prescribes forces (or force densities) and finds the shape; the unstressed lengths
+# to which cables are cut follow from shape, forces and stiffness. This notebook does so for a roof
+# of 14 x 14 m, and then computes its deflection under snow.
 
 # %%
 import jax
@@ -30,9 +30,9 @@ jc.keep_programs()  # on disk: the next run of this notebook compiles little
 # %% [markdown]
 # ## The frame and the topology
 #
-# Four cables each way between the edges of a saddle. Only the anchors matter for a form; the free
-# nodes are where the search begins. The cables are strands of 100 mm², steel expands by
-# $1.2 \cdot 10^{-5}$ per kelvin.
+# Four cables each way between the edges of a saddle. Only the anchors determine the form; the
+# positions of free nodes are the start of the iteration. The cables are strands of 100 mm², steel
+# expands by $1.2 \cdot 10^{-5}$ per kelvin.
 
 # %%
 n, spacing = 4, 2.8  # free nodes a side; m
@@ -51,10 +51,10 @@ print(f"{structure.n_node} nodes, {len(links)} cables, edges from {z.min():.1f} 
 # %% [markdown]
 # ## Force densities
 #
-# With $q = T / l$ prescribed, equilibrium is linear in the coordinates (Schek 1974): one solve, no
-# iterations. The price is that the forces are only known afterwards: they vary with the lengths.
-# (The drawn surface, a hyperbolic paraboloid over an even plan, happens to be the shape of equal
-# force densities.)
+# With $q = T / l$ prescribed, equilibrium is linear in the coordinates (Schek 1974): one linear
+# solve, no iteration. But the forces are only known afterwards: they vary with the lengths. (The
+# drawn surface, a hyperbolic paraboloid over an even plan, happens to be the shape of equal force
+# densities.)
 
 
 # %%
@@ -73,7 +73,7 @@ print(f"away from the drawn saddle: {np.abs(by_density - structure.nodes).max():
 #
 # A net whose cables all have the same tension is, of all nets between these anchors, the one with
 # the least total length: $\sum T l$ is stationary. `find_form` takes tensions (or stresses, or
-# lengths) and gives the shape.
+# lengths) and returns the shape.
 
 # %%
 T = 20e3  # N
@@ -90,8 +90,8 @@ for name, positions in (
 # %% [markdown]
 # ## Other forces, another shape
 #
-# Tensions can differ from cable to cable: here all cables along $x$ (they hang) carry `ratio`
-# times what those along $y$ (they arch) carry. The stronger family pulls the net its way.
+# Tensions can differ from cable to cable: here all cables along $x$, which hang, have `ratio` times
+# the tension of those along $y$, which arch upward. The cables with more tension become straighter.
 
 # %%
 along_x = np.arange(len(links)) < len(links) // 2
@@ -105,9 +105,9 @@ for ratio in (0.5, 1.0, 2.0):
 # %% [markdown]
 # ## From the form to an analysis
 #
-# A form goes straight into a phase: its positions are the nodes, its tensions the pretension. The
-# analysis begins in equilibrium, so nothing moves in phase 1. Phase 2 puts snow of 0.75 kN/m² of
-# plan on the meshes, which `net_faces` finds.
+# An analysis takes the positions of the form as nodes and its tensions as pretension. It begins in
+# equilibrium, so nothing moves in phase 1. Phase 2 adds snow, 0.75 kN/m² of the plan, on the meshes
+# of the net, which `net_faces` finds.
 
 # %%
 found = jc.replace(structure, nodes=form.positions)
@@ -127,9 +127,9 @@ jc.plots.net(solution, structure=found)
 # %% [markdown]
 # ## One derivative through form and load
 #
-# If all tensions of the form are raised together, its shape stays and it deflects less. If one
-# family is pulled harder, the shape changes too. The derivative of the whole chain (form,
-# prestress, snow) tells both, here for the node that moves most.
+# If all tensions are raised by the same factor, the shape stays and the net deflects less. If only
+# the cables in one direction are tensioned more, the shape changes too. The derivative of the whole
+# chain (form, prestress, snow) has both effects, here for the node that moves most.
 
 # %%
 moved = np.linalg.norm(solution.displacement, axis=1)
@@ -151,10 +151,10 @@ print(f"both    {1e6 * rate.sum():+.3f} mm per kN")
 # %% [markdown]
 # ## The cutting list
 #
-# Cables are cut without force, and at the temperature of the workshop. The unstressed length at
-# the temperature of the site is $l_0 = l / (1 + T / EA)$. Say the form is wanted at 5 °C and the
-# cables are cut at 25 °C: they are to be longer by the factor $1 / (1 - 20\,\alpha)$. An analysis
-# says so in one phase: the cables come at their workshop lengths and cool by 20 K.
+# Cables are cut without force, and at the temperature of the workshop. The unstressed length at the
+# temperature of the site is $l_0 = l / (1 + T / EA)$. Say the form is wanted at 5 °C and the cables
+# are cut at 25 °C: they must be longer by the factor $1 / (1 - 20\,\alpha)$. An analysis confirms
+# it in one phase: cables of the workshop lengths are installed and cool by 20 K.
 
 # %%
 cooling = -20.0  # K
@@ -170,9 +170,9 @@ print(f"  unstressed at  5 °C {form.rest_length[k]:.5f} m")
 print(f"  unstressed at 25 °C {workshop[k]:.5f} m")
 
 # %% [markdown]
-# The report gives the list at the temperature before the first phase (if it is given the phases),
-# with reactions for the edge and the use of the cables. Long tables are cut to the rows that
-# govern; `.csv()` and `.save("net.csv")` have them all.
+# If it is given the phases, the report lists the lengths at the temperature before the first phase,
+# with the reactions at the edge and the utilization of the cables. Long tables show the governing
+# rows only; `.csv()` and `.save("net.csv")` have all rows.
 
 # %%
 written = jc.report(found, cooled, phases)
@@ -181,7 +181,7 @@ print(written.text(rows=6))
 # %% [markdown]
 # ## A shape from weight: the hanging cable
 #
-# The same idea with loads: a cable between two level supports 120 m apart that is to sag by 9 m
+# A form can also follow from loads: a cable between two level supports 120 m apart shall sag by 9 m
 # under its own weight. `hanging_chain` finds the shape of $n$ straight elements and their
 # unstressed length, exactly in equilibrium. The exact elastic catenary follows from its formulas
 # for half span and sag, with horizontal force $H$ and half unstressed length $s$:
@@ -221,9 +221,9 @@ jc.plots.convergence(
 # %% [markdown]
 # ## Check the minimal net
 #
-# Independent of all of the above, from positions and tensions alone: the forces at every free node
-# add up to nothing; the lengths that were cut reproduce 20 kN by Hooke's law; and no small random
-# move of the free nodes makes the net shorter.
+# These checks use positions and tensions alone: the forces at every free node add up to zero; by
+# Hooke's law the unstressed lengths lead to 20 kN; and no small random displacement of the free
+# nodes makes the net shorter.
 
 # %%
 positions = np.asarray(form.positions)

@@ -10,9 +10,9 @@
 # # Optimal pretension: how little prestress does a net need under several load cases?
 #
 # Prestress makes a net stiff, and costs edge beams, anchors and strands. Here the forces of eight
-# cables are chosen with exact gradients: first as a trade between deflection and prestress (by the
-# default optimizer, and by Adam from optax), then as a specification asks: the least prestress
-# with which deflections are allowed, no cable is nearly slack and none is overused.
+# cables are chosen with exact gradients: first as a trade-off between deflection and prestress (by
+# the default optimizer, and by Adam from optax), then for a specification: the least prestress with
+# which deflections stay within a limit, no cable is nearly slack and none is overstressed.
 
 # %%
 import jax
@@ -31,10 +31,10 @@ jc.keep_programs()  # on disk: the next run of this notebook compiles little
 # %% [markdown]
 # ## Net and prestress
 #
-# A saddle of 10 x 10 m with four cables each way, strands of 100 mm². Every cable is pulled by a
+# A saddle of 10 x 10 m with four cables each way, strands of 100 mm². Every cable is tensioned by a
 # jack and then anchored: `jacking` holds its force while the net finds its form, so that the eight
-# parameters are the forces that are there before any load. Parameters can be any pytree of arrays;
-# here a dict.
+# parameters are the forces before any load. Parameters can be any pytree of arrays; here they are a
+# dict.
 
 # %%
 n, spacing = 4, 2.0  # free nodes a side; m
@@ -51,7 +51,7 @@ def prestress(T):  # T: {"x": [4], "y": [4]}, N
 # %% [markdown]
 # ## Load cases
 #
-# Effects on a net cannot be superposed: every combination is an analysis of its own. `combine`
+# Load effects on a net cannot be superposed: every combination needs its own analysis. `combine`
 # makes a batch of them from basic loads and factors, and `solve_cases` runs the batch from one
 # prestressed state. Snow is per area of the plan, on the meshes that `net_faces` finds.
 
@@ -66,10 +66,10 @@ factors = [[1.0, 0.0, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]
 cases = jc.Phase(loads=jc.combine({"snow": snow, "drift": drift, "wind": wind}, factors))
 
 # %% [markdown]
-# What matters of all cases: the largest deflection, the smallest strain above slackness, the
-# largest share of the breaking force. Each is a smooth bound of the extreme over nodes, cables and
-# cases, always on the safe side, because a corner (where another node becomes the worst) stops a
-# gradient method.
+# Three values are extremes over all cases: the largest deflection, the smallest margin of strain
+# before a cable goes slack, and the largest utilization of the breaking force. The exact extreme
+# has a kink where another node or cable becomes the worst one, and a kink stops a gradient method.
+# So each is replaced by a smooth bound on the safe side.
 
 
 # %%
@@ -103,13 +103,14 @@ def show(T):
 show(start)
 
 # %% [markdown]
-# ## A trade between deflection and prestress
+# ## A trade-off between deflection and prestress
 #
-# First for the case that moves the net most, drifted snow. The loss adds the squared deflection,
-# in units of 20 mm, to the mean square of the forces, in units of 30 kN. A third term keeps away
-# from slackness: a cable that goes slack takes its stiffness with it, and the corner in the loss
-# would stop any gradient method. The solution is returned beside the value: then the loop knows
-# when the analysis fails at a trial point, never accepts such a point, and counts it.
+# The first optimization is for drifted snow, the case that moves the net most. The loss is the
+# squared deflection, in units of 20 mm, plus the mean square of the forces, in units of 30 kN. A
+# third term keeps cables from going slack: a slack cable has no stiffness, and the kink in the loss
+# would stop any gradient method. The function returns the solution beside the value, so that the
+# optimizer sees when the analysis fails at a trial point, never accepts such a point, and counts
+# it.
 
 
 # %%
@@ -141,12 +142,12 @@ print("along y (kN):", np.round(found.params["y"] / 1e3, 2))
 jc.plots.history(found, tol=1e-6)
 
 # %% [markdown]
-# The middle cables along $x$ lie on the lower bound of 8 kN: for this loss they are in the way. The
-# drift lies on the left and the first cable along $y$ carries most of it.
+# The forces of the middle cables along $x$ are at the lower bound of 8 kN: for this loss they do
+# more harm than good. The snow drift lies on the left, and the first cable along $y$ carries most
+# of it.
 #
-# Any optax transformation can take the optimizer's place. Adam has no line search: its step is
-# chosen by hand
-# (here 500 N), and it needs many more of them. `Design` keeps the best point it saw.
+# Any optax transformation can replace the default optimizer. Adam has no line search: its step size
+# is chosen by hand (here 500 N), and it needs many more steps. `Design` has the best point of all.
 
 # %%
 adam = jc.minimize(loss, start, bounds=bounds, optimizer=optax.adam(500.0), steps=300)
@@ -157,8 +158,8 @@ print(f"loss {adam.loss:.5f}, above the default's by {adam.loss - found.loss:.1e
 # ## The least prestress that meets a specification
 #
 # Now all cases, and limits: 16 mm of deflection, a strain of $2 \cdot 10^{-4}$ (3.3 kN) above
-# slackness, 45 % of the breaking force. A constraint is a number that must not be positive, without
-# units. The loss is the mean force. Limits that we want to vary go in as an argument: nothing is
+# slackness, 45 % of the breaking force. A constraint is a number without units that must not be
+# positive. The loss is the mean force. Limits that will be varied are arguments, so that nothing is
 # compiled again.
 
 
@@ -186,12 +187,11 @@ for name, c, m in zip(limits, least.constraints, least.multipliers):
     print(f"{name:11s} constraint {c:+.1e}, multiplier {m:.4f}")
 
 # %% [markdown]
-# Nobody told the optimizer that the loads are symmetric about $x$: the forces along $x$ are. The
-# drift lies on the left, where the first of the cables along $y$ run.
+# The optimizer does not know that the loads are symmetric about $x$, and yet finds symmetric forces
+# along $x$. The drift lies on the left, where the first cables along $y$ run.
 #
-# A limit with a positive multiplier governs, and the multiplier says what it costs. If the
-# deflection may be 0.1 % larger, the mean force should fall by 0.1 % of the multiplier (times
-# 30 kN).
+# A limit with a positive multiplier governs, and the multiplier is its price. If the deflection may
+# be 0.1 % larger, the mean force should fall by 0.1 % of the multiplier (times 30 kN).
 
 # %%
 wider = limits | {"deflection": 1.001 * limits["deflection"]}
@@ -204,8 +204,9 @@ print(
 # %% [markdown]
 # ## Was it worth it?
 #
-# The plain alternative is one force in all cables. Here are its deflections, of all cases (the
-# limit is 16 mm). Different forces are not only less force: they give the net another shape.
+# The simple alternative is the same force in all cables. These are its largest deflections over all
+# cases (the limit is 16 mm). Different forces do not only need less prestress: they also give the
+# net another shape.
 
 # %%
 for T in (3e4 * float(least.loss), 30e3, 50e3, 80e3):
@@ -214,10 +215,10 @@ for T in (3e4 * float(least.loss), 30e3, 50e3, 80e3):
     print(f"{T / 1e3:5.1f} kN in all cables: {1e3 * values['deflection']:.1f} mm")
 
 # %% [markdown]
-# ## The result, by report
+# ## The result as a report
 #
-# With `cases`, forces and reactions are enveloped over the load cases, and each extreme names its
-# case.
+# With `cases`, the report has envelopes of forces and reactions over the load cases, and each
+# extreme names its case.
 
 # %%
 values, after = look(least.params)
@@ -234,13 +235,13 @@ jc.plots.net(loaded, structure=structure)
 # %% [markdown]
 # ## Check without our derivatives
 #
-# The search above is by SciPy's SLSQP with our derivatives, and its end is judged by the
-# conditions of a minimum, with our derivatives, too. Here SLSQP gets values alone, and takes
-# gradients from finite differences. Central ones are needed: the constraints are sharply curved
-# (that of the deflection has a first derivative of 0.06 by a force along $x$ and a second one of
-# 170, in the units here). Forward differences over $10^{-6}$ miss the gradient by $10^{-4}$,
-# central ones by $10^{-8}$; with the former it is luck whether SLSQP comes to an end, and it ends
-# 0.02 mN above the optimum.
+# The optimization above used SciPy's SLSQP with derivatives of jaxcable, and these also served to
+# check the optimality conditions at its end. Here SLSQP gets values alone, and gradients come from
+# finite differences. Central differences are needed, because the constraints are strongly curved
+# (with respect to a force along $x$, that of the deflection has a first derivative of 0.06 and a
+# second one of 170, in the units here). Forward differences with a step of $10^{-6}$ have errors of
+# $10^{-4}$ in the gradient, central ones $10^{-8}$. With forward differences it is a matter of luck
+# whether SLSQP converges, and it ends 0.02 mN above the optimum.
 
 
 # %%

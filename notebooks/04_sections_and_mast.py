@@ -9,10 +9,10 @@
 # %% [markdown]
 # # Sections and a guyed mast: when does steel yield, and how much more can it carry?
 #
-# Beams are made of fibres: a cross-section is a mesh of small areas, each with a uniaxial law of
-# its material. Forces are sums over fibres, so that yielding needs no formulas, only the curve of
-# the steel. Here a section is taken through yielding and checked by closed forms; then a mast of
-# such a section stands in the wind.
+# Beams have fibre sections: a cross-section is a mesh of small areas, each with the uniaxial law of
+# its material. Section forces are sums over fibres, so that yielding needs no formulas, only the
+# stress-strain curve of the steel. Here a section is loaded beyond yielding and checked by closed
+# forms; then a mast of such a section stands in the wind.
 
 # %%
 import jax
@@ -30,9 +30,10 @@ jc.keep_programs()  # on disk: the next run of this notebook compiles little
 # %% [markdown]
 # ## Laws
 #
-# A law is a polygon of points (strain, stress in Pa). This one is elastic and ideally plastic, with
-# failure at 5 %. `jc.materials.steel` has the bilinear curve of Eurocode 3 with some hardening and
-# elastic unloading, `strand` that of prestressing steel, each with the source of its numbers.
+# A law is a polygon through points (strain, stress in Pa). This one is elastic and ideally plastic,
+# with failure at a strain of 5 %. `jc.materials.steel` has the bilinear curve of Eurocode 3 with
+# some hardening and elastic unloading, `strand` that of prestressing steel, each with the source of
+# its numbers.
 
 # %%
 E, fy, ultimate = 210e9, 355e6, 0.05
@@ -45,13 +46,13 @@ for name, law in (("ideal", ideal), ("steel", hardening), ("strand", strand)):
     print(f"{name:7s}", "  ".join(f"{s / 1e6:6.1f} MPa" for s in law.stress_at(strain)))
 
 # %% [markdown]
-# A curve ends: beyond its last point the material has failed, and an analysis says so by its
-# status instead of going on with an invented stress.
+# A curve ends: beyond its last point the material has failed. An analysis then ends with a failure
+# status; it does not extrapolate the stress.
 #
 # ## A section
 #
-# A rectangle of 100 x 200 mm, 2 x 40 fibres. Its plastic forces follow from the formulas of every
-# textbook; its initial stiffness is a sum over fibres.
+# A rectangle of 100 x 200 mm, 2 x 40 fibres. Its plastic forces follow from textbook formulas; its
+# initial stiffness is a sum over fibres.
 
 # %%
 b, h = 0.1, 0.2  # m
@@ -65,9 +66,9 @@ print(f"EI {section.stiffness()[1, 1] / 1e6:.3f} MN m2, exact {E * b * h**3 / 12
 # %% [markdown]
 # ## Strains from forces
 #
-# `forces` gives $N$, $M_y$, $M_z$ from the strain at the axis and the curvatures; `strains` goes
-# the other way round. That needs iteration and has an outcome, for a section can be asked for more
-# than it has. Here: 40 % of the plastic axial force, with 80 % and with 90 % of the plastic moment.
+# `forces` gives $N$, $M_y$, $M_z$ from the strain at the axis and the curvatures; `strains` is the
+# inverse. It iterates and returns a status, because forces can exceed the capacity of a section.
+# Here: 40 % of the plastic axial force, with 80 % and with 90 % of the plastic moment.
 
 # %%
 state = section.strains(N=0.4 * N_pl, My=0.8 * M_pl, Mz=0.0)
@@ -95,7 +96,7 @@ moment = section.forces(jnp.zeros(61), curvature, jnp.zeros(61))[1]
 ratio = np.asarray(curvature) / first_yield
 known = M_pl * np.where(ratio < 1, ratio / 1.5, 1 - 1 / (3 * np.maximum(ratio, 1) ** 2))
 harder = jc.Section.rectangle(b, h, hardening, shape=(2, 40))
-virgin = harder.initial_memory()  # plastic strains of a section that was never loaded: it remembers
+virgin = harder.initial_memory()  # history variables (plastic strains) before loading
 moment_hardening = jax.vmap(lambda k: harder.forces(0.0, k, 0.0, virgin)[1])(curvature)
 print(f"largest difference to the closed form: {np.abs(moment - known).max() / M_pl:.1e} of M_pl")
 
@@ -111,8 +112,9 @@ axes.grid(color="0.9")
 # %% [markdown]
 # ## Axial force and moment together
 #
-# `interaction` goes along all ratios of elongation to curvature until the first fibre reaches the
-# end of its curve. For this section the plastic interaction is $|M| / M_{pl} + (N / N_{pl})^2 = 1$.
+# For each ratio of elongation to curvature, `interaction` increases both until the first fibre
+# reaches the end of its curve. For this section the plastic interaction is $|M| / M_{pl} + (N /
+# N_{pl})^2 = 1$.
 
 # %%
 N, My, _ = section.interaction(n_angle=4, n_axial=61)
@@ -133,8 +135,9 @@ axes.grid(color="0.9")
 #
 # Quantities with closed forms: the bending stiffness of the rectangle, $E b h^3 / 12$, and of a
 # disc, $E \pi d^4 / 64$, and the plastic moment of the disc, $f_y d^3 / 6$. (The last one needs a
-# law that yields at once, or what is left of the elastic core shows.) The errors of the stiffness
-# fall with the square of the size of the fibres; ten across are good to 1 %.
+# law that yields at a very small strain; otherwise the remaining elastic core adds an error.) The
+# errors of the stiffness are proportional to the square of the fibre size; with ten fibres across
+# they are about 1 %.
 
 # %%
 d, rigid = 0.2, jc.Polygonal([-0.05, -1e-6, 0.0, 1e-6, 0.05], [-fy, -fy, 0.0, fy, fy])
@@ -159,8 +162,8 @@ jc.plots.convergence(
 # ## A guyed mast
 #
 # A tube of 406.4 x 8.8 mm, 40 m high and clamped at its foot, with three guys at half height and
-# three at the top. Phase 1 puts on the weight and tensions the guys, phase 2 adds wind along $x$,
-# 2.5 kN/m at the top. Two groups of elements are a dict; results come back in its shape.
+# three at the top. Phase 1 adds the weight and tensions the guys; phase 2 adds wind along $x$, 2.5
+# kN/m at the top. The two groups of elements are a dict, and results are dicts with the same keys.
 
 # %%
 law = jc.materials.steel(fy, unloading="reversible")  # the wind only grows here
@@ -188,7 +191,7 @@ jc.plots.net(solution, structure=structure, magnify=20.0)
 # ## Stresses
 #
 # `fibre_stress` gives the stress of every fibre, at every integration point of every element, in
-# every increment of a phase: of the section with the largest one we draw them.
+# every increment of a phase. The picture shows the section with the largest stress.
 
 # %%
 stress = jc.fibre_stress(structure, solution.phases[1])["mast"]  # [n_inc, n_elem, n_point, n_fibre]
@@ -206,8 +209,8 @@ jc.plots.section(tube, stress[-1, element, point])
 # %% [markdown]
 # ## How fine a mesh?
 #
-# Deflections converge fast; stresses and moments take more elements, since they jump where guys
-# are, and a coarse mesh may not even find where they are largest.
+# Deflections converge fast. Stresses and moments need more elements: they have kinks at the guys,
+# and a coarse mesh can miss the place where they are largest.
 
 # %%
 print("elements a level   top (mm)   largest stress (MPa)   between (m)   foot moment (kN m)")
@@ -227,8 +230,8 @@ for per_level in (2, 4, FINE, 2 * FINE):
 # %% [markdown]
 # ## How much more wind?
 #
-# Numbers can change without a new compilation. Guys go slack one after the other, the top moves
-# faster than the wind grows, and at 11 kN/m the first fibre yields (355 MPa).
+# Numbers can change without a new compilation. With more wind guys go slack one after the other,
+# the top moves more than in proportion, and at 11 kN/m the first fibre yields (355 MPa).
 
 # %%
 for wind in (2500.0, 5000.0, 10000.0, 11000.0):
@@ -245,7 +248,8 @@ for wind in (2500.0, 5000.0, 10000.0, 11000.0):
 # %% [markdown]
 # ## Reactions
 #
-# The report lists what the foundations carry, moments included, and whether all of it balances.
+# The report lists the reactions, moments included, and whether they are in equilibrium with the
+# loads.
 
 # %%
 written = jc.report(structure, solution, phases)
@@ -254,11 +258,11 @@ print("\n".join(written.text().split("\n\n")[k] for k in (0, 1, 2)))
 # %% [markdown]
 # ## Check
 #
-# The section against the closed forms from above: its moment at three times the curvature of first
-# yield is $1 - 1/27$ of the plastic moment, and errors fall at the expected orders. The mast
-# against equilibrium, in NumPy: the sum of the wind is known without any analysis, and the moments
-# of loads and reactions about the foot vanish on the deformed mast (but for the weight of the
-# beams, which acts between the nodes that carry it in this sum).
+# The section is compared with the closed forms above: its moment at three times the curvature of
+# first yield is $1 - 1/27$ of the plastic moment, and errors fall at the expected orders. The mast
+# is checked for equilibrium in NumPy: the sum of the wind is known without any analysis, and on the
+# deformed mast the moments of loads and reactions about the foot add up to zero (except for the
+# weight of the beams, which acts along them; this sum puts it at the nodes).
 
 # %%
 M3 = float(section.forces(0.0, 3 * first_yield, 0.0)[1])

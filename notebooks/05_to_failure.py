@@ -14,9 +14,9 @@
 #
 # - the load reaches a maximum and the structure snaps (**limit point**),
 # - the structure leaves its path sideways (**bifurcation**),
-# - a cable is strained beyond what it bears (**material failure**).
+# - a cable is strained beyond its rupture strain (**material failure**).
 #
-# Cables that go slack on the way are no failure, but worth knowing. `jc.trace_path` follows the
+# Cables that go slack on the way are no failure, but good to know. `jc.trace_path` follows the
 # equilibrium path by arc length, past maxima, and locates all of these.
 
 # %%
@@ -33,7 +33,7 @@ jc.fuse_loops()  # before jax computes anything: small nets are two to three tim
 jc.keep_programs()  # on disk: the next run of this notebook compiles little
 
 # %% [markdown]
-# ## A truss that snaps
+# ## A truss that snaps through
 #
 # The truss of von Mises: two bars with $EA$ = 1 MN meet in an apex, half-span $b$ = 1 m, rise
 # $h$ = 0.1 m. The apex (node 1) moves in the plane of the truss; its load is 500 N at load
@@ -51,10 +51,10 @@ for event in path.events:
 jc.plots.path(path, node=1, axis="-z", scale=500.0, unit="N")
 
 # %% [markdown]
-# The load rises to the first limit point. From there a dead load would throw the apex down to the
-# right-hand branch; the dashed part, on which the load falls, can only be held by a jack. The
-# second limit point is the same on the way back. `path.failure_load` is the load factor of the
-# first failure.
+# The load rises to the first limit point. From there the apex would snap through to the right-hand
+# branch under a dead load. The dashed part, where the load decreases, is stable only if the
+# displacement of the apex is controlled, by a jack for example. The second limit point is the same
+# on the way back. `path.failure_load` is the load factor of the first failure.
 #
 # ## The same by hand
 #
@@ -65,7 +65,7 @@ jc.plots.path(path, node=1, axis="-z", scale=500.0, unit="N")
 
 # %%
 def load_by_hand(l, b, l0, ea):
-    """Load under which the bars have the length l."""
+    """Return the load under which the bars have the length l."""
     return 2 * ea * (l0 - l) / l0 * np.sqrt(l**2 - b**2) / l
 
 
@@ -80,9 +80,9 @@ print(f"traced {limit:.9f} N, by hand {limit_by_hand(0.1):.9f} N")
 # %% [markdown]
 # ## What `solve` says beyond the limit
 #
-# Here is a trap. Ask for the state under the full 500 N, and there is one: beyond the snap, with
-# status 0. `solve` finds an equilibrium; it does not say that the way there was a jump. Where a
-# structure can snap, trace the path.
+# Beware: under the full 500 N there is an equilibrium, beyond the snap-through, and `solve` finds
+# it with status 0. It does not tell that the structure jumps on its way there. Where a structure
+# can snap through, trace the path.
 
 
 # %%
@@ -98,10 +98,10 @@ for load in (0.99 * limit, 500.0):
 # %% [markdown]
 # ## What the limit load depends on
 #
-# The limit load is differentiable: one `jax.grad` gives its rate by every number of the structure.
-# Rates have different units; what one percent less of each number costs can be compared. The limit
-# load grows with the cube of a small rise, and with the first power of the stiffness.
-# (`through=False` ends at the first failure.)
+# The limit load is differentiable: one `jax.grad` gives its derivatives with respect to all numbers
+# of the structure. They have different units; what can be compared is how much one percent less of
+# each number reduces the load. The limit load grows with the cube of a small rise, and with the
+# first power of the stiffness. (`through=False` ends at the first failure.)
 
 
 # %%
@@ -123,9 +123,9 @@ for name, value in (("rise", 0.1), ("EA", 1e6)):
 # %% [markdown]
 # ## A warning that can be measured
 #
-# The stiffness fades before a limit point, and with it the lowest natural frequency $f$. Near the
-# limit $f^4$ falls linearly with the load, so that a line through two measured frequencies points
-# to the limit load before it is reached. The apex carries a mass of 10 kg.
+# Towards a limit point the stiffness goes to zero, and with it the lowest natural frequency $f$.
+# Near the limit $f^4$ decreases linearly with the load, so that a line through two measured
+# frequencies predicts the limit load before it is reached. The apex carries a mass of 10 kg.
 
 # %%
 shares = np.array([0.0, 0.3, 0.6, 0.8, 0.9, 0.95])
@@ -155,9 +155,10 @@ axes.grid(color="0.9")
 # %% [markdown]
 # ## A truss that sways first
 #
-# The same truss, but 10 m high: two steep legs. Long before its limit point it has another way out,
-# sideways. `alignment` tells the two apart: the critical mode $\varphi$ does work with the load
-# ($|\varphi \cdot F| > 0$) at a limit point, and none at a bifurcation. `mode` is $\varphi$.
+# The same truss, but 10 m high, has two steep legs. Long before its limit point it buckles
+# sideways, at a bifurcation. `alignment` distinguishes the two: the load does work on the critical
+# mode $\varphi$ ($|\varphi \cdot F| > 0$) at a limit point, and none at a bifurcation. `mode` is
+# $\varphi$.
 
 # %%
 steep, push = jc.scenes.von_mises_truss(rise=10.0, load=30e3, sway=True)
@@ -176,9 +177,9 @@ branch = load_by_hand(sway_length, 1.0, l0, 1e6)
 print(f"traced {30e3 * upright.failure_load:.6f} N, by hand {branch:.6f} N")
 
 # %% [markdown]
-# `trace_path` goes straight on at a bifurcation: only a perfectly straight structure does. Real
-# ones have imperfections, in the shape of the mode. With the apex 10 mm off the middle the path
-# bends away, and ends in a limit point at a lower load: the real failure load.
+# At a bifurcation `trace_path` stays on the primary path, as only a perfect structure does. Real
+# structures have imperfections; the worst have the shape of the mode. With the apex 10 mm off the
+# middle the path bends away and ends in a limit point at a lower load: the real failure load.
 
 # %%
 crooked = jc.replace(steep, nodes=jnp.asarray(steep.nodes).at[1, 0].add(0.01))
@@ -191,12 +192,12 @@ print(f"{30e3 * bent.failure_load:.0f} N, {loss:.1%} less than the perfect one")
 jc.plots.path(bent, node=1, axis="x", scale=30.0, unit="kN")
 
 # %% [markdown]
-# ## A cable net: slack first, broken last
+# ## A cable net: cables go slack first and break last
 #
 # A saddle net with 4 x 4 free nodes a metre apart, of prestressing strand: 93 mm$^2$, 1860 MPa,
 # with its stress-strain curve. The prestress is 20 kN in every cable; the load is 1 kN on every
-# node (about 1 kN/m$^2$ of snow) at load factor 1, and goes on until a cable breaks. Phases before
-# the last one are solved first.
+# node (about 1 kN/m$^2$ of snow) at load factor 1, and grows until a cable breaks. The phases
+# before the last one are solved first.
 
 # %%
 strand = jc.materials.strand(unloading="reversible")
@@ -212,10 +213,10 @@ middle = int(np.argmin(np.linalg.norm(np.asarray(net.nodes)[:, :2] - 2.5, axis=1
 jc.plots.path(loaded, node=middle, axis="-z", unit="kN a node")
 
 # %% [markdown]
-# The events say which elements they concern. The cables along $x$ sag and carry the snow; those
-# along $y$ arch over it and go slack. The last kink is where strands begin to yield, which is no
-# event. In the end carrying cables are strained beyond their curve.
-# The load factor of the failure lies between the last good point and the first failed one.
+# Each event names its elements. The cables along $x$ hang and carry the snow; those along $y$ arch
+# upward and go slack. At the last kink of the path strands begin to yield, which is no event. In
+# the end some carrying cables are strained beyond the end of their curve. The load factor of the
+# failure lies between the last converged point and the first failed one.
 
 # %%
 ends = np.asarray(net.nodes)[np.asarray(net.elements.links)]
@@ -231,8 +232,8 @@ print(f"largest stress there {loaded.tension[-1].max() / area / 1e6:.2f} MPa")
 # %% [markdown]
 # ## Checks
 #
-# Limit load, its derivative and the sway load against the closed forms; the stress at failure
-# against the strength of the strand.
+# The limit load, its derivative and the sway load are compared with the closed forms, the stress at
+# failure with the strength of the strand.
 
 # %%
 assert path.events.names[0] == "limit point"

@@ -15,7 +15,7 @@
 # default, Newton's method with one increment and double precision, and catenaries where weight
 # matters. The rest of this page is the evidence.
 #
-# Times are of this machine at this moment; only their ratios mean something elsewhere.
+# Times are those of this machine at this moment; elsewhere only their ratios are meaningful.
 
 # %%
 import jax
@@ -34,14 +34,14 @@ jc.fuse_loops()  # before jax computes anything: small nets are two to three tim
 # %% [markdown]
 # ## How to measure time
 #
-# - The first call of a program includes its compilation: it is timed apart.
+# - The first call of a program includes its compilation: it is timed separately.
 # - jax returns before the work is done: `jax.block_until_ready` waits for the result.
-# - One call proves nothing: we take the median of 200.
+# - Times of single calls vary: we take the median of 200.
 
 
 # %%
 def measure(function, *arguments):
-    """Result, seconds of the first call, median of the seconds of 200 more."""
+    """Return the result, the time of the first call, and the median time of 200 more, s."""
     begin = time.perf_counter()
     result = jax.block_until_ready(function(*arguments))
     first = time.perf_counter() - begin
@@ -56,10 +56,10 @@ def measure(function, *arguments):
 # %% [markdown]
 # ## A rope with a known answer
 #
-# A wire rope, $EA$ = 5 MN, is stretched with $T$ = 20 kN between two anchors 10 m apart, and
-# pulled down in the middle with $P$ = 2 kN. With the half-span $a$, the unstressed half-length
-# $L_0 = a / (1 + T/EA)$ and the deflection $w$: $P = 2 N w / l$, $N = EA\,(l - L_0)/L_0$,
-# $l = \sqrt{a^2 + w^2}$. SciPy finds the root, apart from jaxcable.
+# A wire rope, $EA$ = 5 MN, is stretched with $T$ = 20 kN between two anchors 10 m apart, and pulled
+# down in the middle with $P$ = 2 kN. With the half-span $a$, the unstressed half-length $L_0 = a /
+# (1 + T/EA)$ and the deflection $w$: $P = 2 N w / l$, $N = EA\,(l - L_0)/L_0$, $l = \sqrt{a^2 +
+# w^2}$. SciPy finds the root, independently of jaxcable.
 
 # %%
 EA, T, P, a = 5e6, 20e3, 2e3, 5.0
@@ -75,8 +75,8 @@ exact = brentq(lambda w: pull(w) - P, 0.0, 1.0, xtol=1e-16, rtol=1e-15)
 print(f"{1e3 * exact:.9f} mm; without the growth of the force {1e3 * P * a / (2 * T):.1f} mm")
 
 # %% [markdown]
-# The rope in jaxcable, under a load in `n` increments, compiled as one program. `tol=inf` lets the
-# incremental schemes finish however large their error is.
+# The rope in jaxcable, under a load in `n` increments, compiled as one program. With `tol=inf` the
+# incremental schemes finish whatever their error is.
 
 # %%
 nodes = np.array([[-a, 0.0, 0.0], [0.0, 0.0, 0.0], [a, 0.0, 0.0]])
@@ -85,7 +85,7 @@ rope = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
 
 
 def program(structure, increments):
-    """Deflections after each increment and the status, as a function of the load and the method."""
+    """Return a function of load and method: deflections after each increment, and the status."""
 
     @jax.jit
     def run(load, method):
@@ -108,9 +108,9 @@ schemes = {
 # %% [markdown]
 # ## Increments
 #
-# One program of 64 increments serves all counts: under the load $64 P / n$ its $n$-th row is the
-# rope under $P$ in $n$ increments. An increment costs the same anywhere, so that the time of $n$
-# can be told from that of 64.
+# One program of 64 increments is enough for all numbers of increments: under the load $64 P / n$
+# its row $n$ is the rope under $P$ in $n$ increments. All increments take the same time, so that
+# the time for $n$ follows from that for 64.
 
 # %%
 most = 64
@@ -138,14 +138,14 @@ jc.plots.convergence(
 
 # %% [markdown]
 # The secant form, as in the paper of the two-phase method, is of first order: twice the increments,
-# half the error. The tangent form carries the unbalanced force on into the next increment: second
-# order. Each correction doubles the order: 4, 8.
+# half the error. The tangent form adds the unbalanced force to the next increment: second order.
+# Each correction doubles the order: 4, 8.
 #
 # ## Newton's method, and single precision
 #
-# Newton's method iterates to equilibrium: one increment is enough, and `tol` (of the unbalanced
-# force) says how far. In float32 a number has 7 digits, and the tolerance ends at 64 of its
-# roundings: smaller ones are raised to that.
+# Newton's method iterates to equilibrium: one increment is enough, and `tol` limits the relative
+# unbalanced force. In float32 a number has 7 digits, and the smallest tolerance is 64 times its
+# rounding error; smaller values of `tol` are raised to it.
 
 # %%
 tolerances = {
@@ -167,8 +167,8 @@ for name, structure in (("Newton", rope), ("Newton, float32", single)):
     errors[name], times[name] = np.array(own).T
 
 # %% [markdown]
-# With the tolerance 0.1 the unloaded rope passes: that call does nothing, and its time is the fixed
-# cost of a call. The incremental schemes have it too.
+# With the tolerance 0.1 the start already counts as converged: that call iterates nothing, and its
+# time is the fixed cost of a call. The incremental schemes have the same fixed cost.
 
 # %%
 fixed = times["Newton"][0]
@@ -180,12 +180,13 @@ jc.plots.work_precision(
 )
 
 # %% [markdown]
-# Lower left is best. Newton's method reaches all digits for little more than a call that does
-# nothing; the schemes need corrections to come near. Its tolerance hardly matters for the time,
-# because its last steps double the digits: leave it at its default. It is relative to the forces in
-# the cables, which are much larger than the load here: therefore 0.1 is no tolerance at all, and
-# therefore single precision ends at an error of 1e-4, whatever tolerance is asked for. That is good
-# enough for large batches on a graphics processor; small structures on a laptop gain nothing by it.
+# Lower left is best. Newton's method reaches all digits in little more than the time of a call that
+# does nothing; the incremental schemes need corrections to come near. The tolerance of Newton's
+# method hardly matters for the time, because its last steps double the number of correct digits:
+# leave it at its default. It is relative to the forces in the cables, which are much larger than
+# the load here: therefore a tolerance of 0.1 is far too large, and single precision has an error of
+# 1e-4 at any tolerance. That is good enough for large batches on a graphics processor; small
+# structures on a laptop gain nothing from it.
 #
 # ## Elements
 #
@@ -207,7 +208,7 @@ print(f"H = {horizontal:.6f} N")
 
 # %%
 def hanging(n):
-    """The cable as n straight elements, or as one catenary for n = 0."""
+    """Return the cable as n straight elements, or as one catenary for n = 0."""
     x = np.linspace(0.0, 1.0, max(n, 1) + 1)
     nodes = np.stack([span * x, 0 * x, -40 * x * (1 - x)], axis=1)  # a parabola to start from
     shared = {"axial_stiffness": stiffness, "weight": weight}
@@ -240,14 +241,15 @@ for n in (*sizes, 0):
 jc.plots.convergence(sizes, off[:3], counts=True, ylabel="relative error of H (-)")
 
 # %% [markdown]
-# A chord is shorter than the cable: straight elements are of second order, 16 of them still 0.2 %
-# off. One catenary is exact to rounding, with no unknown at all here, and faster. Straight elements
-# are right where the cable is: between the joints of a prestressed net.
+# Chords are shorter than the cable: straight elements have an error of second order, and with 16 of
+# them it is still 0.2 %. One catenary is exact to rounding, without any unknown here, and faster.
+# Straight elements are right where cables are straight: between the joints of a prestressed net.
 #
 # ## Checks
 #
-# The closed forms were the reference throughout; here the orders are checked against the theory
-# (10 %; 20 % for the highest, which is measured between two and four increments).
+# The closed forms were the reference for all errors; here the orders of convergence are compared
+# with the theory (within 10 %; 20 % for the highest, which is measured between two and four
+# increments).
 
 
 # %%

@@ -9,12 +9,13 @@
 # %% [markdown]
 # # Large nets and many cases: how large, how many, on what?
 #
-# One net with thousands of unknowns, its gradient by thousands of pretensions, a thousand load
-# cases of a small net, and the devices to share them out to: what to write, and what it costs. All
-# times are of this machine at this moment.
+# This notebook analyses a net with thousands of unknowns and differentiates it with respect to
+# thousands of pretensions. Then it analyses a thousand load cases of a small net, on one device and
+# on several. It shows what to write and how long it takes; times are those of this machine at this
+# moment.
 #
-# jax can treat one processor as several devices, if it is told so before it is imported. Never take
-# more devices than there are cores: they would wait for each other.
+# jax can treat one processor as several devices, if an environment variable says so before jax is
+# imported. Never take more devices than there are cores: they would wait for each other.
 
 # %%
 import os
@@ -45,8 +46,8 @@ print(f"{len(jax.devices())} device(s) of {os.cpu_count()} cores")
 # ## A large net
 #
 # A saddle of 40 x 40 free nodes, prestressed with 20 kN a cable, then loaded with 500 N a node.
-# `progress` is called after each increment; `progress=True` says every half second where long work
-# is. The first call includes compilation.
+# `progress` is called after each increment; `progress=True` prints every half second how far a long
+# analysis is. The first call includes compilation.
 
 # %%
 net, (prestress, load) = jc.scenes.saddle(40, 40, rise=0.1, increments=(1, 2))
@@ -60,18 +61,19 @@ jc.raise_if_failed(solution)
 jc.plots.net(solution, structure=net, loads=False, supports=False)
 
 # %% [markdown]
-# Nobody chose a solver here: matrices are dense up to 150 unknowns, banded up to some hundred, and
-# beyond that sparse on the host: PARDISO if `pip install jaxcable[pardiso]` was done, else SciPy's
-# SuperLU. `Newton(linear_solver="superlu")` names one. `report` says how good the result is.
+# The linear solver is chosen by size: matrices are dense up to 150 unknowns, banded up to some
+# hundred, and sparse beyond that. Sparse ones are solved by PARDISO if `pip install
+# jaxcable[pardiso]` was done, else by SciPy's SuperLU. `Newton(linear_solver="superlu")` names one.
+# `report` says how accurate the result is.
 
 # %%
 print("\n".join(jc.report(net, solution).summary))
 
 # %% [markdown]
-# ## Equilibrium, checked apart
+# ## Equilibrium, checked independently
 #
-# NumPy assembles the forces from nothing but end positions, unstressed lengths and $EA$: what is
-# left at the free nodes, beside the force in a cable?
+# NumPy assembles the forces from end positions, unstressed lengths and $EA$ alone: how large are
+# the unbalanced forces at the free nodes, compared with the force in a cable?
 
 # %%
 links = np.asarray(net.elements.links)
@@ -89,9 +91,9 @@ print(f"{residual:.1e} N at the worst free node; cables carry up to {tension.max
 # %% [markdown]
 # ## What does a gradient cost?
 #
-# The gradient of the mean deflection by the pretension of each cable is one more solve with a
-# matrix that is factorised already, however many parameters there are. Medians of seven calls,
-# waiting for the result.
+# The gradient of the mean deflection with respect to the pretension of each cable (adjoint method)
+# is one more solve with a matrix that is factorised already, however many parameters there are.
+# Times are medians of seven calls, waiting for the result.
 
 
 # %%
@@ -102,7 +104,7 @@ def sag(pretension):
 
 
 def measure(function, *arguments, calls=7):
-    """Result, seconds of the first call, median of the seconds of later ones."""
+    """Return the result, the time of the first call, and the median time of later ones, s."""
     begin = time.perf_counter()
     result = jax.block_until_ready(function(*arguments))
     first, seconds = time.perf_counter() - begin, []
@@ -126,7 +128,7 @@ print(f"both over value {with_gradient / alone:.2f}, for {n_cable} derivatives")
 # ## A thousand load cases
 #
 # A net of 4 x 4 free nodes is prestressed once; then a thousand random winds act on that state.
-# `jc.batched` is `jax.vmap` in chunks that fit the cache. Look at the status of every case.
+# `jc.batched` is `jax.vmap` in chunks that fit the cache. Check the status of every case.
 
 # %%
 small, (pull, wind) = jc.scenes.saddle(4, 4)
@@ -149,7 +151,7 @@ print(f"{int((codes == 0).sum())} of {len(codes)} cases converged")
 print(f"one by one {1e6 * one:.0f} us a case, in chunks {1e3 * chunked:.0f} us a case")
 
 # %% [markdown]
-# The envelope: what each cable has to bear in its worst case, and how little is left in another.
+# The envelope shows the largest and the smallest force of each cable over all cases.
 
 # %%
 highest, lowest = 1e-3 * jnp.max(tensions, axis=0), 1e-3 * jnp.min(tensions, axis=0)
@@ -164,9 +166,9 @@ axes.grid(color="0.9")
 # %% [markdown]
 # ## Several devices
 #
-# With `devices` the cases are shared out: cores of one processor, or graphics processors, or with
-# `jax.distributed` several machines (`experiments/distributed.py` shows it). Devices made of one
-# processor share its cores; whether they gain anything must be measured.
+# With `devices` the cases are distributed over cores of one processor, over graphics processors, or
+# with `jax.distributed` over several machines (`experiments/distributed.py` shows it). Devices that
+# are parts of one processor share its cores; whether they save time must be measured.
 
 # %%
 spread = jc.batched(case, chunk=128, devices=jax.devices())
@@ -175,11 +177,11 @@ print(f"{len(jax.devices())} device(s): {1e3 * shared:.0f} us a case, one: {1e3 
 print(f"largest difference {jnp.abs(again - tensions).max():.1e} N")
 
 # %% [markdown]
-# ## Out of the notebook
+# ## Files for other programs
 #
-# A scene goes into a JSON file and comes back; a result goes to ParaView as a VTK file.
-# `jc.keep_programs()` keeps compiled programs on disk for the next process (not here: first calls
-# are what this notebook shows).
+# A scene is saved as a JSON file and loaded again; a result is written as a VTK file for ParaView.
+# `jc.keep_programs()` keeps compiled programs on disk for the next process (not used here, since
+# this notebook shows the times of first calls).
 
 # %%
 with tempfile.TemporaryDirectory() as folder:
@@ -194,9 +196,9 @@ print("\n".join(head))
 # %% [markdown]
 # ## Checks
 #
-# Equilibrium by NumPy, to the tolerance of Newton's method (1e-10 of the forces at a node, four
-# cables); cases of the batch against single analyses; the gradient against a difference, in a
-# random direction.
+# Equilibrium is checked by NumPy, to the tolerance of Newton's method (1e-10 of the forces at a
+# node, where four cables meet). Cases of the batch are compared with single analyses, and the
+# gradient with a difference quotient in a random direction.
 
 # %%
 assert residual < 1e-10 * 4 * tension.max()

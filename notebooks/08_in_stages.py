@@ -7,12 +7,13 @@
 # ---
 
 # %% [markdown]
-# # In stages: what does the way of building leave in a structure?
+# # In stages: how does the erection sequence affect the finished structure?
 #
-# A structure is not there at once. Members come, rest on others that have already moved, are
-# stressed, and aids go away again. A phase can add and remove elements; what comes is unstressed
-# where it finds its ends, and what goes has its forces ramped out. Everything else of an analysis,
-# gradients too, is as before.
+# Structures are built in stages. Elements are added to others that have already moved, they are
+# stressed, and temporary elements are removed again. A phase can add and remove elements (element
+# birth and death). An added element is unstressed between the positions that its ends have then;
+# the forces of a removed element are ramped down to zero. Everything else in an analysis, gradients
+# included, is as before.
 
 # %%
 import jax
@@ -29,9 +30,10 @@ jc.keep_programs()  # on disk: the next run of this notebook compiles little
 # %% [markdown]
 # ## Two spans, one after the other
 #
-# A beam over two spans has a moment of q L² / 8 over its middle support. If the first span stands
-# under its weight before the second one is joined to it, rigidly and as it finds the end, the
-# weight of the first makes no moment there: half of it is missing for ever.
+# A beam over two spans has a moment of q L² / 8 over its middle support. Here the first span
+# already carries its own weight when the second one is joined rigidly to its deflected end. The
+# weight of the first span then causes no moment over the support, and half of q L² / 8 is missing
+# for good.
 
 # %%
 span, weight = 10.0, 8.0  # m, kN/m: moments come in kN m
@@ -58,9 +60,10 @@ for name, solution in (("at once", at_once), ("one by one", one_by_one)):
 # %% [markdown]
 # ## A suspension footbridge
 #
-# Its cables hang free first. Then the deck is hung on, from the middle outward, and the cables have
-# another shape at every stage: the hump at the quarter points is the reason why joints stay open.
-# Last, the girder is joined, unstressed where it is then, and the planks are laid.
+# First the cables hang freely. Then segments of the deck are hung from the middle outward, and the
+# cables change their shape at every stage. Because of the hump at the quarter points, the joints
+# between segments stay open. Last, the girder is joined, unstressed in the shape that it has then,
+# and the planks are laid.
 
 # %%
 bridge, phases = jc.scenes.suspension_footbridge(8)
@@ -70,10 +73,10 @@ jc.raise_if_failed(erected)
 jc.plots.sequence(erected, structure=bridge, names=names)
 
 # %% [markdown]
-# What if the girder were joined first, and the deck hung on it? The phases are in another order,
-# which is data: no other program. The girder then bends with the cables while they have another
-# shape. The last state is the same, because all laws are elastic and the girder is straight and
-# unstressed where it is joined in both; it is the way that asks more of it.
+# What if the girder were joined first, and the deck hung on it? The phases have another order,
+# which is data: nothing is compiled again. The girder then bends while the cables change their
+# shape. The final state is the same, because all laws are elastic and the girder is straight and
+# unstressed when it is joined in both sequences. But moments during erection are larger.
 
 # %%
 first, *hung, girder, planks = phases
@@ -100,7 +103,7 @@ apart = np.abs(np.asarray(erected.positions) - np.asarray(early.positions)).max(
 print(f"last states are {apart:.1e} m apart")
 
 # %% [markdown]
-# The moments of the second way, all in one scale, on the side that is in tension:
+# The moments in the second sequence, all in one scale, drawn on the side that is in tension:
 
 # %%
 jc.plots.sequence(
@@ -110,8 +113,9 @@ jc.plots.sequence(
 # %% [markdown]
 # ## A roof that is lifted
 #
-# A ring in tension hangs 12 m below its place, and jacks pull it up by shortening the upper spokes.
-# Then the lower spokes are joined, and pulled down to their lengths: this stresses the wheel.
+# A tension ring hangs 12 m below its final position, and jacks lift it by shortening the upper
+# spokes. Then the lower spokes are added and shortened to their final lengths: this stresses the
+# wheel.
 
 # %%
 roof, lifting = jc.scenes.roof_ring(24)
@@ -126,11 +130,12 @@ for name, phase in zip(names, lifted.phases, strict=True):
     print(f"{name:13s} hub at {hub:7.3f} m, spokes {upper / 1e3:7.1f} and {lower / 1e3:6.1f} kN")
 
 # %% [markdown]
-# ## The lengths that get there
+# ## Lengths that meet targets
 #
-# Under its load the hub has come down. Which lengths of the spokes bring it to its level under the
-# load, with 800 kN in the lower spokes? `design.tune` takes statements of any phases as unknowns,
-# one number each here, and results of any phases as targets; derivatives go through all stages.
+# Under its load the hub has moved down. Which lengths of the spokes bring it back to its level
+# under the load, with 800 kN in the lower spokes? `design.tune` takes prestress inputs of any
+# phases as unknowns, here one number each, and results of any phases as targets; derivatives go
+# through all stages.
 
 # %%
 nothing = dict.fromkeys(roof.elements)
@@ -152,15 +157,15 @@ print(np.asarray(tuned.influence) * [[1.0], [1e-6]])
 # %% [markdown]
 # ## A thousand roofs
 #
-# Spokes are cut with errors. A batch of thousand erections is one program: what do errors of up to
-# 10 mm in every spoke leave in the wheel?
+# Spokes are cut with errors. A batch of a thousand erections is one program: how do errors of up to
+# 10 mm in the length of every spoke change forces and levels?
 
 # %%
 errors = np.random.default_rng(1).uniform(-10e-3, 10e-3, (1000, 2, 24))
 
 
 def built(error):
-    """The roof whose spokes are too long by so much."""
+    """Analyse the roof with spokes that are too long by `error`, [2, 24], m."""
     late = jc.Phase(shortening={**nothing, "upper": -error[0], "lower": -error[1]})
     solution = jc.solve(roof, [*tuned.phases[:-1], late, tuned.phases[-1]])
     return solution.tension["lower"], solution.positions[-24:, 2], solution.status
@@ -179,7 +184,8 @@ figure.tight_layout()
 plt.show()
 
 # %% [markdown]
-# The checks: the locked-in moment by hand, the lengths that were tuned, and every roof erected.
+# Checks: the locked-in moment is compared with a hand calculation; the tuned lengths meet their
+# targets; every one of the thousand analyses has converged.
 
 # %%
 by_hand = weight * span**2 / 16

@@ -1,1 +1,1 @@
-"""What `benchmark.py` runs: a benchmark a module, from the cases in `cases` and by `measure`."""
+"""Benchmarks that `benchmark.py` runs, one a module: cases from `cases`, times by `measure`."""

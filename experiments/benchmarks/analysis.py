@@ -1,7 +1,7 @@
-"""One analysis, or one batch of load cases, measured in this process.
+"""Measure one analysis, or one batch of load cases, in this process.
 
-Reads a case, a line of JSON on stdin, and answers with another one. Keys of a case, all but the
-first optional:
+Reads a case as a line of JSON from stdin, and answers with a line of JSON. Keys of a case, all but
+the first optional:
 
     scene         name of a ready scene, "saddle 20" (20 x 20 free nodes), "phases 8" (the flat net
                   in 8 phases) or "bare"; with " fused" after it, `jaxcable.fuse_loops` comes first
@@ -43,7 +43,7 @@ DEFAULTS |= {"platform": None, "dtype": "float64"}
 
 
 def started(case):
-    """jax as the case wants it."""
+    """Import jax with the platform, devices and precision of the case."""
     if case["devices"] > 1:  # see distributed.py
         flag = f"--xla_force_host_platform_device_count={case['devices']}"
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}"

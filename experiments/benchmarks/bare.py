@@ -1,7 +1,8 @@
-"""The bare analysis whose first call is the unit of first calls.
+"""A bare analysis whose first call is the unit in which first calls are measured.
 
-A net of 48 unknowns: elastic links that pull only, Newton steps by a dense Cholesky, two phases in
-one `lax.scan`. It has no other use: no statuses, no searches, one kind of element.
+A net of 48 unknowns: tension-only elastic links, Newton steps by a dense Cholesky factorisation,
+two phases in one `lax.scan`. It serves no other purpose: no statuses, no line search, one kind of
+element.
 """
 
 import jax
@@ -13,7 +14,7 @@ import jaxcable as jc
 
 
 def bare():
-    """The bare analysis: a function of prestress and load, and these."""
+    """Return the bare analysis, a function of prestress and load, and values of both."""
 
     structure, _ = jc.scenes.saddle(4, 4)
     nodes, links = np.asarray(structure.nodes), structure.elements.links.array

@@ -1,4 +1,4 @@
-"""What the benchmarks measure: nets, scenes, solvers, counts; a small choice for `--quick`."""
+"""The cases of all benchmarks: nets, scenes, solvers, counts; a smaller choice for `--quick`."""
 
 from typing import NamedTuple
 

@@ -1,9 +1,9 @@
-"""How long do whole commands take, and does any program wait for ever?
+"""How long do whole commands take, and does any program hang?
 
 Question   first_screen: seconds from a fresh checkout to the picture of the demo, with and without
-           what is installed first; from a command to a page that turns. waiting: how many of 50
-           calls of each of eleven programs (batches, threads, gradients, on two cores) do not end,
-           fused loops or not.
+           the installation; from a command to an interactive 3-D page. waiting: how many of 50
+           calls of each of eleven programs (batches, threads, gradients, on two cores) hang, with
+           and without fused loops.
 Reference  first_screen: none, times of whole commands, as a newcomer has them. waiting: the
            control, 500 batched calls of LAPACK as jax makes them, which on jaxlib 0.10 wait for
            each other; the same programs of any other version of the package by PYTHONPATH.
@@ -11,12 +11,12 @@ Error      waiting: calls that have not ended within 240 s, for 50 of them.
 Results    first_screen.txt; waiting.txt (10 minutes for each interpreter that is named, this one by
            default; most of it compilation)
 
-first_screen: the time to install is taken apart, `make demo` does it itself. The last commit is
-cloned into an empty folder. Nothing that was downloaded or compiled before is used: pip's cache is
-off, and the folder of kept programs is empty. Downloads are part of the time.
+first_screen: `make demo` installs the package; the time for that is measured separately. The last
+commit is cloned into an empty folder. Nothing that was downloaded or compiled before is used: pip's
+cache is off, and the folder of kept programs is empty. Downloads are part of the time.
 
-waiting: each program (`tests/banks/waiting_programs.py`) is a process of its own; every call has
-other numbers.
+waiting: each program (`tests/banks/waiting_programs.py`) runs in a separate process; every call has
+different numbers.
 """
 
 import os
@@ -66,7 +66,7 @@ def first_screen(cases, _):
 
 
 def ended(python, name, fused, calls, limit):
-    """Whether all calls of a program end, and seconds; what it says if it fails."""
+    """Return whether all calls of a program end, the seconds, and the message of a failure."""
     environment = {k: v for k, v in os.environ.items() if k != "XLA_FLAGS"}
     options = ["--calls", str(calls), *(["--fused"] if fused else [])]
     begin = time.perf_counter()

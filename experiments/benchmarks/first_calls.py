@@ -1,4 +1,4 @@
-"""How long does the first call of an analysis take, once and in the next process; what is kept?
+"""How long does the first call of an analysis take, without and with programs kept on disk?
 
 Question   first_call: seconds to trace, to lower and to compile, and lines of StableHLO, of the
            analysis of ready scenes, by itself and as value with gradient, and with the number of
@@ -13,8 +13,8 @@ Error      None: the results are those of the tests; those from disk are equal t
            (`tests/common/test_keeping.py`). Lines do not depend on the machine.
 Results    first_call.txt and .json; kept_programs_first.txt; kept_programs_many.txt
 
-Every first call is one in a process of its own, without the import; the unit is measured before and
-after each scene, and its mean taken, since the machine is not as fast every minute. "plain" is a
+Every first call runs in a separate process, and the import does not count. The unit is the mean of
+measurements before and after each scene, since the speed of the machine varies. "plain" is a
 call of `solve` as it is, with all its results; "jitted" the sum of the squares of the displacements
 inside `jax.jit`, as a function of the nodes; "gradient" its value and gradient. Run: median of 15
 further calls, other nodes in each. "fused": after `jaxcable.fuse_loops`.

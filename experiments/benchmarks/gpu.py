@@ -1,11 +1,11 @@
-"""What is a GPU worth: batches, small dense nets, and single large nets, in float64 and float32?
+"""Where is a GPU faster: batches, small dense nets, or single large nets, in float64 or float32?
 
 Question   Time of a two-phase analysis on an accelerator beside the CPU of the same machine: a case
            of a batch of 48 unknowns, nets solved densely, single nets of 30 000 and 120 000
            unknowns (there the matrix is factorised on the host, and only the rest is computed on
            the device).
 Reference  The same analysis in float64 on the CPU.
-Error      Of the deflection of the middle, over itself; of batches, cases that failed.
+Error      Relative error of the deflection of the middle; for batches, number of failed cases.
 Results    gpu.txt; on a machine with a GPU and jax's build for it (`pip install "jax[cuda13]"`),
            some ten minutes. Without a GPU it says so and times the CPU alone.
 """

@@ -1,8 +1,8 @@
-"""What does the gradient of a two-phase analysis cost, and how exact is it?
+"""How long does the gradient of a two-phase analysis take, and how accurate is it?
 
-Question   Value and derivative of one deflection with respect to all pretensions, beside the value
-           alone and beside finite differences; and whether the derivative of the final state goes
-           through the increments again or keeps anything of them.
+Question   Time of value and derivative of one deflection with respect to all pretensions, beside
+           the value alone and beside finite differences; and whether the derivative of the final
+           state repeats increments or needs memory for them.
 Reference  The gradient of the same net at tolerance 1e-13 with dense matrices; checked in turn by
            central differences with Richardson extrapolation, at tolerance 1e-13, for 12 pretensions
            (all of the flat net).
@@ -11,11 +11,12 @@ Error      Largest difference over the largest entry of the reference, -. Of fin
 Results    gradient_cost.txt and .png; a minute or two
 
 Nets: `jaxcable.scenes.flat_net`, and `saddle` of 10 x 10 and 20 x 20 free nodes with 5 kN / (n + 1)
-on each, no cable slack; two phases of one increment, which is where the analysis is cheapest and a
-gradient dearest by comparison. Default tolerance (1e-10). Times are wall milliseconds of jitted
-functions, value and value-and-gradient by turns in one process, in either order, each call blocked
-on completion and with new pretensions (factors of matrices are kept by value). Ratios are medians
-of the ratios of neighbouring calls, with their quartiles. Compile: the first call less the median.
+on each, no cable slack; two phases of one increment, where the analysis takes least time and the
+gradient takes most in comparison. Default tolerance (1e-10). Times are wall milliseconds of jitted
+functions, value and value-and-gradient alternating in one process, in both orders, each call
+blocked on completion and with new pretensions (factors of matrices are cached by value). Ratios are
+medians of the ratios of consecutive calls, with their quartiles. Compile: the first call minus the
+median.
 """
 
 import jax

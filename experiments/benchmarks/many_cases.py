@@ -1,18 +1,17 @@
-"""Does a study of many cases survive its processes, and what does a case cost?
+"""Does a study of many cases survive the loss of a process, and how long does a case take?
 
 Question   100 000 load cases of a net of 300 unknowns, results in files (`jc.streamed`), by two
-           processes of one machine: cases per second beside one process; and with one of the two
-           killed in the middle and started again, whether every case is there once, and what was
-           computed twice.
+           processes of one machine: cases per second beside one process. If one of the two is
+           killed and started again: is every case there once, and how many were computed twice?
 Reference  The same study by one process without disturbance.
 Error      Number of cases that are missing or whose displacements differ in any bit.
 Results    many_cases.txt; three minutes
 
-By hand, on any machines with a common folder, with whatever starts processes there (an array job of
-a queue, GNU parallel, Dask, Ray): `python experiments/benchmarks/many_cases.py FOLDER CASES CHUNK
-RANK PROCESSES`, and the same again for what was killed.
+By hand, on any machines with a common folder, with any tool that starts processes there (an array
+job of a queue, GNU parallel, Dask, Ray): `python experiments/benchmarks/many_cases.py FOLDER CASES
+CHUNK RANK PROCESSES`, and the same command again for a process that was killed.
 
-Processes keep one core each. The displacements of the loaded nodes are kept, 2.4 kB a case.
+Each process uses one core. The displacements of the loaded nodes are saved, 2.4 kB a case.
 """
 
 import os

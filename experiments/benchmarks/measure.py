@@ -1,4 +1,4 @@
-"""Measures: calls by turns, processes of their own, medians with their spread, tables of them."""
+"""Measure times: alternating calls, separate processes, medians with quartiles, tables."""
 
 import json
 import os
@@ -31,10 +31,10 @@ def timed(function, *arguments, calls=5):
 
 
 def by_turns(functions, count, new):
-    """Milliseconds of functions, called one after the other and back again, [count, n_function].
+    """Measure functions in alternating order, forth and back; milliseconds, [count, n_function].
 
-    Each call has an argument of its own, `new(number of the call)`, from 1 on: factors of matrices
-    are kept by value.
+    Each call gets a new argument, `new(number of the call)`, from 1 on, because factors of matrices
+    are cached by value.
     """
     import jax
 
@@ -48,15 +48,15 @@ def by_turns(functions, count, new):
 
 
 def apart(script, case, *words, interpreter=sys.executable, flags=None, limit=900):
-    """The answer of a script to a case, in a process of its own; failing is an answer, too.
+    """Run a script for a case in a separate process; return its answer, also if it failed.
 
     Args:
         script: reads a line of JSON on stdin, and answers with another one.
-        case: what JSON can hold.
-        words: on its command line.
-        interpreter: of Python.
-        flags: changes of the environment; None removes a name.
-        limit: s.
+        case: anything that JSON can hold.
+        words: arguments of its command line.
+        interpreter: Python interpreter.
+        flags: changes of the environment; None removes a variable.
+        limit: longest time, s.
     """
     environment = {**os.environ, **CALM, **(flags or {})}
     try:
@@ -94,9 +94,9 @@ class Peer:
     """A script of `peers` in a process of its own, that answers one line of JSON with another.
 
     Args:
-        interpreter: name of a variable of the environment that names it, else this one.
-        script, arguments: what it runs.
-        environment: changes of it.
+        interpreter: environment variable that names the interpreter; else this one is taken.
+        script, arguments: script that it runs, and its arguments.
+        environment: changes of the environment.
     """
 
     def __init__(self, interpreter, script, *arguments, **environment):

@@ -3,18 +3,18 @@
 Question   Time, memory and gradient of a two-phase analysis against the number of unknowns; cost of
            a load case in a batch; a net with slack cables.
 Reference  OpenSees (corotTruss, InitStressMaterial, the fastest of its systems and algorithms);
-           the bare solver, one factorisation and solve of the same matrix; and for the answers
-           each other: deflections of the middle differ by less than 1e-9 m.
+           the bare solver, one factorisation and solve of the same matrix. Deflections of the
+           middle by both programs differ by less than 1e-9 m.
 Error      Relative residual at most 1e-8 in both programs, measured in both as the largest
            unbalanced force over the largest sum of forces at a node.
 Results    scaling.json, and scaling.txt and scaling.png made of it
 
 The nets: `jaxcable.scenes.saddle`, n x n free nodes, spacing 1 m, EA 16 MN, pretension 20 kN, load
 5 kN / (n + 1) on each free node, so that no cable goes slack; 2 phases of one increment, which is
-the fastest in both programs. Every case has a process of its own. Times are medians of warm calls
-with new numbers; the first call (analysis of the pattern, compilation, run) stands apart. OpenSees
-cannot change numbers without building the model again; its table gives both, the ratio is to its
-analysis alone. Both programs may use all cores.
+the fastest in both programs. Every case runs in a separate process. Times are medians of warm calls
+with new numbers; the first call (analysis of the pattern, compilation, run) is listed separately.
+OpenSees cannot change numbers without building the model again; its table has times with and
+without building, the ratio refers to its analysis alone. Both programs may use all cores.
 """
 
 import json
@@ -31,7 +31,7 @@ PARTS = "nets", "hard", "batches"
 
 
 def of_jaxcable(n, load, solver, repeats, fused=False):
-    """A saddle by jaxcable, as the figures are kept."""
+    """Measure a saddle by jaxcable; returns the figures that are saved."""
     case = {"scene": f"saddle {n}" + " fused" * fused, "load": load, "solver": solver, "tol": 1e-8}
     case |= {"of": "pretension", "kinds": ["jitted", "gradient"], "repeats": repeats}
     found = analysis({**case, "pieces": solver is not None})
@@ -98,12 +98,12 @@ def batches(cases):
 
 
 def machine():
-    """What the figures belong to."""
+    """Describe the machine that the figures belong to."""
     return f"{time.strftime('%Y-%m-%d')}, {record.machine()}"
 
 
 def run(cases, parts):
-    """Measure the parts that are named, all by default; "draw" makes the tables anew, no more."""
+    """Measure the named parts, by default all; "draw" only writes tables and picture again."""
     store = record.RESULTS / "scaling.json"
     kept = json.loads(store.read_text()) if store.exists() else {}
     for name in parts or PARTS:
@@ -140,14 +140,14 @@ def over(value, by):
 
 
 def best(rows):
-    """Name and answer of the fastest of OpenSees' choices that ended well, or None and {}."""
+    """Return name and answer of the fastest successful setting of OpenSees, or None and {}."""
     good = {name: row for name, row in rows.items() if row.get("ok")}
     name = min(good, key=lambda k: good[k]["analyze_s"], default=None)
     return name, good.get(name, {})
 
 
 def milliseconds(peer):
-    """Of OpenSees: the analysis alone, and with building the model; None twice without."""
+    """Return times of OpenSees, ms: analysis alone, and with building the model; or None, None."""
     if not peer:
         return None, None
     return 1e3 * peer["analyze_s"], 1e3 * (peer["analyze_s"] + peer["build_s"])

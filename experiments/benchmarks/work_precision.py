@@ -1,19 +1,20 @@
-"""What does a result cost to a given error, setting by setting?
+"""How long does a result of a given error take, for every method and setting?
 
 Question   Time against error of: increments and corrections (tangent form, the paper's secant
            form), full Newton by tolerance, solvers of linear systems, float32, OpenSees; straight
            elements against catenaries; number of fibres.
 Reference  Net: a saddle of 10 x 10 free nodes, prestressed and loaded, solved here by NumPy with
-           residuals in extended precision, apart from the package. Isolated cable: catenaries in
-           40 digits (`isolated_cable.py`). Fibres: the section's closed form in four fibres.
-Error      Of displacements, largest over the nodes, over the largest displacement of the loading
-           phase; OpenSees: of the middle node's z, likewise.
-Results    work_precision.txt and .png; five minutes. Without OpenSees its rows are left out, and
-           that is said.
+           residuals in extended precision, independently of the package. Isolated cable:
+           catenaries in 40 digits (`isolated_cable.py`). Fibres: the closed form of the section,
+           with four fibres.
+Error      Largest error of a displacement over all nodes, over the largest displacement of the
+           loading phase; for OpenSees only of the z displacement of the middle node.
+Results    work_precision.txt and .png; five minutes. Without OpenSees a line says that its rows
+           are left out.
 
-Loops are fused (`jaxcable.fuse_loops`). Times are wall milliseconds of both phases, medians of
-calls by turns in one process, each with new numbers and blocked on completion; of OpenSees
-`analyze` alone, medians in a process of its own.
+Loops are fused (`jaxcable.fuse_loops`). Times are wall milliseconds of both phases: medians of
+alternating calls in one process, each with new numbers and blocked on completion; for OpenSees of
+`analyze` alone, in a separate process.
 """
 
 import isolated_cable
@@ -25,7 +26,7 @@ from record import Record
 from scenes.frames import solid
 
 import jaxcable as jc
-from jaxcable.scenes.parts import chain
+from jaxcable.scenes.building_blocks import chain_links
 
 from .measure import by_turns, clock
 from .scaling import of_opensees
@@ -181,7 +182,7 @@ def fibres(say, cases):
     tips, rows = {}, []
     say("Cantilever of 2 m, 8 beams, round section of 100 mm, deflected by a quarter of its length")
     for k, section in sections.items():
-        beams = jc.Beams(chain(range(n + 1)), section=section, torsional_stiffness=1e5)
+        beams = jc.Beams(chain_links(range(n + 1)), section=section, torsional_stiffness=1e5)
         structure = jc.Structure(nodes, beams, supports=jc.clamped([0]))
 
         @jax.jit

@@ -92,7 +92,7 @@ def section(ops, case):
 
 
 def advance(ops, case, steps, factor):
-    """Go on by `steps` to a load `factor` higher; success, tip's path and iterations."""
+    """Increase the load by `factor` in `steps`; return success, path of the tip and iterations."""
     ops.integrator("LoadControl", factor / steps)
     if factor == 1:
         ops.analysis("Static")

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 import jaxcable as jc
-from jaxcable.scenes.parts import STEEL, STEEL_WEIGHT, Scene, chain, downward, two_phases
+from jaxcable.scenes.building_blocks import (
+    STEEL,
+    STEEL_WEIGHT,
+    Scene,
+    chain_links,
+    downward_loads,
+    two_phase_scene,
+)
 
 
 def strung_arch(
@@ -57,9 +64,11 @@ def strung_arch(
     tube = jc.Section.ring(0.1683, 0.008, jc.Elastic(STEEL), (2, 24))
     area = np.pi * 0.008 * (0.1683 - 0.008)
     elements = {
-        "arch": jc.Beams(chain(range(n + 1)), section=tube, weight=STEEL_WEIGHT * area),
+        "arch": jc.Beams(chain_links(range(n + 1)), section=tube, weight=STEEL_WEIGHT * area),
         "net": jc.Cables(cables, axial_stiffness=165e9 * 100e-6, weight=STEEL_WEIGHT * 100e-6),
     }
     structure = jc.Structure(nodes, elements, supports=jc.clamped([0, n]))
-    loaded = downward(np.arange(1, n // 2 if one_sided else n), load)
-    return two_phases(structure, increments, loaded, pretension=pretension, loads=jc.SelfWeight())
+    loaded = downward_loads(np.arange(1, n // 2 if one_sided else n), load)
+    return two_phase_scene(
+        structure, increments, loaded, pretension=pretension, loads=jc.SelfWeight()
+    )

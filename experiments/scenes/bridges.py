@@ -1,19 +1,19 @@
-"""Bridges that hang on stays: erected by free cantilevering, segment by segment."""
+"""Cable-stayed bridges, erected by free cantilevering, segment by segment."""
 
 from __future__ import annotations
 
 import numpy as np
 
 import jaxcable as jc
-from jaxcable.scenes.parts import (
+from jaxcable.scenes.building_blocks import (
     STEEL_WEIGHT,
     STRAND,
-    STRESS,
+    STRAND_STRESS,
     Scene,
-    chain,
-    downward,
-    hollow,
-    two_phases,
+    chain_links,
+    downward_loads,
+    hollow_steel_section,
+    two_phase_scene,
 )
 
 _ANGLES = "fan", "harp"
@@ -29,7 +29,7 @@ def cable_stayed_bridge(
     weight: float = 30e3,
     paving: float = 4e3,
 ) -> Scene:
-    """Cable-stayed bridge in one plane: a pylon, and a deck on both sides that hangs on stays.
+    """Return a cable-stayed bridge in one plane: a pylon, and a deck on both sides with stays.
 
     The deck (a steel box of 2.0 x 1.0 m, 20 mm) is joined rigidly to the pylon (2.0 x 2.0 m, 40
     mm), which is clamped 20 m below. Stays are of strands of 195 kN/mm2, sized for 500 N/mm2 under
@@ -50,7 +50,7 @@ def cable_stayed_bridge(
         segment: length of a segment, m.
         height: of the pylon above the deck, m.
         stays: "fan", all from the upper third of the pylon, or "harp", all parallel.
-        weight: of the deck with its slab, which does not carry, N/m.
+        weight: weight of the deck with its slab, which has no stiffness here, N/m.
         paving: its weight, N/m.
 
     Returns:
@@ -85,13 +85,13 @@ def cable_stayed_bridge(
     ends = len(pylon) + np.arange(2 * n).reshape(n, 2)  # of the segments, left and right
     before = np.concatenate([np.full((1, 2), 2), ends[:-1]])
     heads = np.repeat(3 + np.arange(m)[:, None], 2, axis=1)
-    box, tower = hollow(2.0, 1.0, 0.02), hollow(2.0, 2.0, 0.04)
+    box, tower = hollow_steel_section(2.0, 1.0, 0.02), hollow_steel_section(2.0, 2.0, 0.04)
     length = np.hypot(reach[:m], top)
     force = segment * weight * length / top  # its vertical part is the weight of a segment
-    area = (force + segment * paving * length / top) / STRESS
+    area = (force + segment * paving * length / top) / STRAND_STRESS
     elements = {
         "pylon": jc.Beams(
-            chain(range(m + 3)),
+            chain_links(range(m + 3)),
             up=(1.0, 0.0, 0.0),
             weight=STEEL_WEIGHT * float(tower["section"].total_area),
             **tower,
@@ -104,13 +104,13 @@ def cable_stayed_bridge(
         ),
     }
     structure = jc.Structure(nodes, elements, supports=jc.clamped([0]))
-    laid = downward(ends[:m].ravel(), paving * segment)
+    laid = downward_loads(ends[:m].ravel(), paving * segment)
     bearings = jc.clamped([0]) + jc.restrained(ends[-1], "yz")
     nothing = {"pylon": None, "deck": None}
     if not stages:
         forces = {**nothing, "stays": np.repeat(force, 2)}
         finished = jc.replace(structure, supports=bearings)
-        return two_phases(finished, (1, 1), laid, pretension=forces, loads=jc.SelfWeight())
+        return two_phase_scene(finished, (1, 1), laid, pretension=forces, loads=jc.SelfWeight())
     phases = []
     for k in range(m):
         pair = [2 * k, 2 * k + 1]

@@ -8,7 +8,7 @@ import numpy as np
 
 import jaxcable as jc
 from jaxcable.forms.hanging import hanging_chain
-from jaxcable.scenes.parts import Scene, chain, downward, two_phases
+from jaxcable.scenes.building_blocks import Scene, chain_links, downward_loads, two_phase_scene
 
 FOOT, POUND, INCH = 0.3048, 4.4482216152605, 0.0254
 
@@ -54,9 +54,11 @@ def isolated_cable(
         parameter = np.arange(2 * n + 1) / n
         nodes = np.column_stack([np.interp(parameter, [0, 1, 2], x) for x in corners.T])
         rest_length = np.repeat(lengths / n, n)
-        group = jc.Cables(chain(range(2 * n + 1)), rest_length=rest_length, **shared)
+        group = jc.Cables(chain_links(range(2 * n + 1)), rest_length=rest_length, **shared)
     structure = jc.Structure(nodes, group, jc.pinned([0, len(nodes) - 1]))
-    return two_phases(structure, increments, downward([max(n, 1)], load), loads=jc.SelfWeight())
+    return two_phase_scene(
+        structure, increments, downward_loads([max(n, 1)], load), loads=jc.SelfWeight()
+    )
 
 
 def suspended_cable(
@@ -101,6 +103,6 @@ def suspended_cable(
         first["sag"] = sag
     else:
         nodes, rest_length = hanging_chain(ends[0], ends[1], n, sag, weight, axial_stiffness)
-        group = jc.Cables(chain(range(n + 1)), rest_length=rest_length, **shared)
+        group = jc.Cables(chain_links(range(n + 1)), rest_length=rest_length, **shared)
     structure = jc.Structure(nodes, group, jc.pinned([0, len(nodes) - 1]))
-    return two_phases(structure, increments, jc.LineLoads((0, 0, -ice)), **first)
+    return two_phase_scene(structure, increments, jc.LineLoads((0, 0, -ice)), **first)

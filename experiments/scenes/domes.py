@@ -7,7 +7,14 @@ import numpy as np
 import jaxcable as jc
 from jaxcable.common import checks
 from jaxcable.common.types import ArrayLike, Float
-from jaxcable.scenes.parts import Scene, around, chain, downward, require_positive, two_phases
+from jaxcable.scenes.building_blocks import (
+    Scene,
+    chain_links,
+    downward_loads,
+    points_on_circle,
+    require_positive,
+    two_phase_scene,
+)
 
 
 def geiger_dome(
@@ -85,8 +92,8 @@ def geiger_dome(
     structure = jc.Structure(nodes, elements, supports=jc.pinned(anchors))
     outermost = int(groups["hoops"].max())
     prestress = jc.forms.feasible_prestress(structure, groups, group=outermost, tension=pretension)
-    roof = downward(tops, load * areas)
-    return two_phases(structure, increments, roof, pretension=prestress.tension)
+    roof = downward_loads(tops, load * areas)
+    return two_phase_scene(structure, increments, roof, pretension=prestress.tension)
 
 
 def levy_dome(span: float = 60.0, rise: float = 4.5, **options) -> Scene:
@@ -148,7 +155,7 @@ def _dome(span, rise, sectors, rings, struts, staggered):
     for ring in range(1, rings + 2):
         angle = 2 * np.pi * (np.arange(n) + (0.5 * (ring % 2) if staggered else 0.0)) / n
         heights = top[ring], *bottom[ring : ring + 1]  # anchors have no bottom
-        nodes += [around(radius[ring], angle, z) for z in heights]
+        nodes += [points_on_circle(radius[ring], angle, z) for z in heights]
     nodes = np.concatenate(nodes)
 
     def at(ring, foot):
@@ -170,7 +177,7 @@ def _dome(span, rise, sectors, rings, struts, staggered):
     kinds = {
         "ridges": outward(0),
         "diagonals": outward(1),
-        "hoops": [chain(at(r, 1), closed=True) for r in range(1, rings + 1)],
+        "hoops": [chain_links(at(r, 1), closed=True) for r in range(1, rings + 1)],
         "struts": [np.array([[0, 1]])]
         + [np.column_stack([at(r, 0), at(r, 1)]) for r in range(1, rings + 1)],
     }

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 import jaxcable as jc
-from jaxcable.scenes.parts import Scene, chain, downward
+from jaxcable.scenes.building_blocks import Scene, chain_links, downward_loads
 
 
 def toggle_frame(n: int = 8, load: float = 80.0) -> Scene:
@@ -35,9 +35,9 @@ def toggle_frame(n: int = 8, load: float = 80.0) -> Scene:
     x = np.linspace(-half_span, half_span, 2 * n + 1)
     nodes = np.column_stack([x, 0 * x, rise * (1 - np.abs(x) / half_span)])
     section = solid(width * height, width * height**3 / 12, 1.03e7)
-    beams = jc.Beams(chain(range(2 * n + 1)), section=section, torsional_stiffness=1.0)
+    beams = jc.Beams(chain_links(range(2 * n + 1)), section=section, torsional_stiffness=1.0)
     structure = jc.Structure(nodes, beams, supports=in_plane(2 * n + 1, clamped=[0, 2 * n]))
-    return Scene(structure, [jc.Phase(loads=downward([n], load))])
+    return Scene(structure, [jc.Phase(loads=downward_loads([n], load))])
 
 
 def lee_frame(n: int = 5, load: float = 30.0) -> Scene:
@@ -66,10 +66,10 @@ def lee_frame(n: int = 5, load: float = 30.0) -> Scene:
     column = np.column_stack([0 * along, 0 * along, along])
     beam = np.column_stack([along, 0 * along, 0 * along + 120.0])[1:]
     nodes = np.concatenate([column, beam])
-    section, links = solid(6.0, 2.0, 720.0), chain(range(10 * n + 1))
+    section, links = solid(6.0, 2.0, 720.0), chain_links(range(10 * n + 1))
     beams = jc.Beams(links, section=section, torsional_stiffness=1.0, up=(0.0, 1.0, 0.0))
     structure = jc.Structure(nodes, beams, supports=in_plane(10 * n + 1, pinned=[0, 10 * n]))
-    return Scene(structure, [jc.Phase(loads=downward([6 * n], load))])
+    return Scene(structure, [jc.Phase(loads=downward_loads([6 * n], load))])
 
 
 def solid(area: float, inertia: float, modulus: float) -> jc.Section:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import jaxcable as jc
-from jaxcable.scenes.parts import Scene, chain, two_phases
+from jaxcable.scenes.building_blocks import Scene, chain_links, two_phase_scene
 
 
 def tent_edge(
@@ -84,7 +84,7 @@ def tent_edge(
     guys = [(0, n + 3), (0, n + 4), (n, n + 5), (n, n + 6)]
     pylons = [(0, n + 1), (n, n + 2)]
     elements = {
-        "edge": jc.Cables(chain(range(n + 1)), axial_stiffness=edge_stiffness),
+        "edge": jc.Cables(chain_links(range(n + 1)), axial_stiffness=edge_stiffness),
         "guys": jc.Cables(guys, axial_stiffness=guy_stiffness),
         "pylons": jc.Bars(pylons, axial_stiffness=pylon_stiffness),
     }
@@ -109,4 +109,6 @@ def tent_edge(
         jc.LineLoads((0, 0, uplift), on="edge", per="initial"),
     ]
     forces = {"edge": tension, "guys": guy_tension, "pylons": pylon_force}
-    return two_phases(structure, increments, gusts, pretension=forces, loads=membrane(pressure))
+    return two_phase_scene(
+        structure, increments, gusts, pretension=forces, loads=membrane(pressure)
+    )

@@ -6,7 +6,13 @@ import numpy as np
 
 import jaxcable as jc
 from jaxcable.common import checks
-from jaxcable.scenes.parts import Scene, chain, downward, require_positive, two_phases
+from jaxcable.scenes.building_blocks import (
+    Scene,
+    chain_links,
+    downward_loads,
+    require_positive,
+    two_phase_scene,
+)
 
 FORMS = ("biconcave", "biconvex")
 LOADED = ("full", "half")
@@ -98,7 +104,7 @@ def cable_truss(
         for z in (side * gap / 2 + sags[0] * shape, -side * gap / 2 - sags[1] * shape)
     ]
     nodes = np.concatenate(parabolas)
-    cable = chain(range(panels + 1))
+    cable = chain_links(range(panels + 1))
     inner = np.arange(1, panels)
     ties = np.column_stack([inner, inner + panels + 1])
     held = np.zeros((len(nodes), 3), bool)
@@ -123,5 +129,5 @@ def cable_truss(
     if loaded == "half":
         share = np.where(2 * inner < panels, 1.0, np.where(2 * inner == panels, 0.5, 0.0))
     upper = inner if concave else inner + panels + 1
-    roof = downward(upper, load * panel * share)
-    return two_phases(structure, increments, roof, force_density=density)
+    roof = downward_loads(upper, load * panel * share)
+    return two_phase_scene(structure, increments, roof, force_density=density)

@@ -22,7 +22,7 @@ _PACKAGE = str(Path(__file__).parent.parent)
 
 
 class InputWarning(UserWarning):
-    """Input that is legal but most likely not intended; the results are computed all the same.
+    """Warn of input that is legal but most likely not intended; results are computed all the same.
 
     ``warnings.simplefilter("ignore", jc.InputWarning)`` silences it, "error" makes it an exception.
 
@@ -37,7 +37,7 @@ class InputWarning(UserWarning):
 
 
 class UnstableWarning(UserWarning):
-    """An analysis ended in an unstable equilibrium; its results are those of this state.
+    """Warn that an analysis ended in an unstable equilibrium, whose results are returned.
 
     It is silenced, or made an exception, in the same way as `InputWarning`.
 
@@ -59,7 +59,7 @@ class UnstableWarning(UserWarning):
 
 
 def suspect(text: str, kind: type[Warning] = InputWarning) -> None:
-    """Issue a warning that points at the line of the caller outside of this package."""
+    """Issue a warning that points at the user's line, the first one outside of this package."""
     if not _SUSPECTS.get():
         return
     frame: FrameType | None = sys._getframe(1)
@@ -74,7 +74,7 @@ _SUSPECTS: ContextVar[bool] = ContextVar("suspects", default=True)
 
 @contextlib.contextmanager
 def without_warnings() -> Iterator[None]:
-    """Issue no warnings of this package in this thread: they have been issued, or will be.
+    """Silence the warnings of this package in this thread, because they are issued elsewhere.
 
     Filters of `warnings` belong to all threads: two that change and restore them at once leave the
     filters of one of them behind.
@@ -87,12 +87,16 @@ def without_warnings() -> Iterator[None]:
 
 
 def concrete(x: ArrayLike | None) -> np.ndarray | None:
-    """Return `x` as a NumPy array; None if it is None, or while it is being traced."""
+    """Return `x` as a NumPy array, or None if it is None or a traced array."""
     return None if x is None or isinstance(x, jax.core.Tracer) else np.asarray(x)
 
 
 def floats(value: Float[ArrayLike, " ..."], name: str) -> Float[ArrayLike, " ..."]:
-    """Return `value` as an array of floats; integers become the default float type."""
+    """Return `value` as an array of floats; integers become the default float type.
+
+    Lists and numbers become NumPy arrays, arrays of jax stay theirs. ValueError names the argument
+    `name` if the value is no rectangular array of real numbers.
+    """
     if isinstance(value, jax.Array):
         array: ArrayLike = value
     elif any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(value)):
@@ -103,7 +107,7 @@ def floats(value: Float[ArrayLike, " ..."], name: str) -> Float[ArrayLike, " ...
         except ValueError as error:
             raise ValueError(f"{name}: not a rectangular array of numbers") from error
     if not (np.issubdtype(array.dtype, np.number) or jnp.issubdtype(array.dtype, jnp.floating)):
-        raise ValueError(f"{name}: expected numbers, got {_contents(array, value)}")
+        raise ValueError(f"{name}: expected numbers, got {_describe_content(array, value)}")
     if jnp.issubdtype(array.dtype, jnp.complexfloating):
         raise ValueError(f"{name}: expected real numbers, got {array.dtype}")
     if array.dtype == np.longdouble and array.dtype != np.float64:
@@ -113,15 +117,15 @@ def floats(value: Float[ArrayLike, " ..."], name: str) -> Float[ArrayLike, " ...
     return array
 
 
-def _contents(array, value):
-    """What an array made of `value` holds, for messages."""
+def _describe_content(array, value):
+    """Say for an error message what `array`, made of `value`, contains instead of numbers."""
     if array.dtype.kind in "US":
         return "text"
     return type(value).__name__ if array.dtype == object else array.dtype
 
 
 def scalar(value: Float[ArrayLike, ""], name: str) -> Float[ArrayLike, ""]:
-    """Return `value` as a float; ValueError for an array with axes."""
+    """Return `value` as a float; raise ValueError if it is an array with axes."""
     number = floats(value, name)
     if number.ndim:
         raise ValueError(f"{name}: expected a scalar, got shape {number.shape}")
@@ -131,7 +135,7 @@ def scalar(value: Float[ArrayLike, ""], name: str) -> Float[ArrayLike, ""]:
 def shaped(
     value: Float[ArrayLike, " ..."], name: str, *shapes: tuple[int, ...], hint: str = ""
 ) -> Float[ArrayLike, " ..."]:
-    """Return `value` as floats; ValueError unless it has one of the shapes, () for a scalar."""
+    """Return `value` as floats; raise ValueError unless its shape is one of `shapes`."""
     array = floats(value, name)
     if array.shape not in shapes:
         words = ["a scalar"] * (() in shapes)
@@ -141,7 +145,7 @@ def shaped(
 
 
 def one_of(value: str, name: str, known: Sequence[str]) -> None:
-    """Raise ValueError unless `value` is one of the known words."""
+    """Raise ValueError unless `value` is one of the words in `known`."""
     if value not in known:
         raise ValueError(f"{name} = {value!r}: expected one of {', '.join(known)}")
 
@@ -149,7 +153,7 @@ def one_of(value: str, name: str, known: Sequence[str]) -> None:
 def per_element(
     value: Float[ArrayLike, " n_elem"] | None, n_elem: int, name: str
 ) -> Float[ArrayLike, " n_elem"] | None:
-    """Return `value` (scalar or [n_elem]) as floats [n_elem]; None stays None."""
+    """Return `value`, a scalar or [n_elem], as floats [n_elem]; None stays None."""
     if value is None:
         return None
     array = floats(value, name)
@@ -166,7 +170,7 @@ def per_element(
 
 
 def mask(value: ArrayLike) -> Bool[np.ndarray, " ..."] | None:
-    """Return `value` as a NumPy array if it is one of booleans or a list of booleans; else None."""
+    """Return `value` as a NumPy array if it holds booleans only; None if it holds anything else."""
     try:
         array = np.asarray(value)
     except ValueError:
@@ -177,7 +181,7 @@ def mask(value: ArrayLike) -> Bool[np.ndarray, " ..."] | None:
 def integers(
     value: Int[ArrayLike, " ..."], name: str, width: int | None = None, things: str = "node"
 ) -> Int[np.ndarray, " ..."]:
-    """Return `value`, numbers of `things`, as a NumPy array of int32, [n] or [n, width]."""
+    """Return indices of `things` as a NumPy array of int32, [n] or [n, width]; refuse all else."""
     if isinstance(value, jax.core.Tracer):
         raise ValueError(f"{name}: indices are topology and cannot be traced; pass NumPy integers")
     try:
@@ -189,8 +193,8 @@ def integers(
     if array.size == 0:
         array = array.astype(np.int32).reshape((0,) if width is None else (0, width))
     if not np.issubdtype(array.dtype, np.integer):
-        hint = "; numpy.flatnonzero makes them of booleans" if array.dtype == bool else ""
-        raise ValueError(f"{name}: expected integers, got {_contents(array, value)}{hint}")
+        hint = "; numpy.flatnonzero(mask) gives the indices" if array.dtype == bool else ""
+        raise ValueError(f"{name}: expected integers, got {_describe_content(array, value)}{hint}")
     if width is None:
         array = np.atleast_1d(array)
     if array.ndim != (1 if width is None else 2) or (width and array.shape[1] != width):
@@ -198,7 +202,7 @@ def integers(
         raise ValueError(f"{name}: expected shape {shape}, got {array.shape}")
     for wrong, text in (
         (array < 0, f"{things} numbers start at 0"),
-        (array > np.iinfo(np.int32).max, "a number of 32 bits is expected"),
+        (array > np.iinfo(np.int32).max, "too large for an index of 32 bits"),
     ):
         if wrong.any():
             index = int(np.argwhere(wrong)[0][0])
@@ -213,14 +217,20 @@ def whole(value: Any, name: str, least: int = 1) -> None:
 
 
 def holds_boolean(value: Any) -> bool:
-    """Whether a list, at any depth, contains a boolean, which NumPy would take as 0 or 1."""
+    """Tell whether a list, at any depth, has a boolean, which NumPy would take as 0 or 1."""
     if isinstance(value, list | tuple):
         return any(holds_boolean(v) for v in value)
     return isinstance(value, bool | np.bool_)
 
 
 def known(numbers: Int[np.ndarray, " ..."], n_node: int, name: str) -> None:
-    """Raise ValueError naming the first of `numbers`, [n] or [n, n_end], that is not a node."""
+    """Raise ValueError for the first of `numbers` that is no node of the structure.
+
+    Args:
+        numbers: indices of nodes, [n] or [n, n_end].
+        n_node: number of nodes of the structure.
+        name: of the argument, for the message.
+    """
     unknown = (numbers >= n_node).reshape(len(numbers), -1 if numbers.size else 0).any(axis=1)
     if unknown.any():
         k = int(unknown.argmax())
@@ -233,14 +243,14 @@ def known(numbers: Int[np.ndarray, " ..."], n_node: int, name: str) -> None:
 
 
 def kind(thing: object, example: str) -> str:
-    """The kind of `thing` for an error message; for a class, with the advice to call it."""
+    """Name the type of `thing` for an error message; of a class say that it should be called."""
     if isinstance(thing, type):
         return f"the class {thing.__name__} itself; call it, as in {example}"
     return type(thing).__name__
 
 
 def meant(name: object, names: Iterable[object]) -> str:
-    """The end of a message on an unknown name: the known names, and the one most like it."""
+    """Return the end of a message on an unknown name: the known names and the most similar one."""
     known = list(names)
     near = difflib.get_close_matches(str(name), [str(one) for one in known], n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""

@@ -14,22 +14,24 @@ from typing import Any
 import jax
 
 from .jax_internals import is_tracing, quick_options
-from .keeping import kept, kind_of
+from .keeping import argument_signature, load_or_compile
 from .progress import compiling
 
-_SMALL = 400  # unknowns up to which a program is compiled quickly
+# Unknowns up to which a program is compiled with `quick_options`: it is as fast for some hundred,
+# and up to half as slow again for thousands.
+_QUICK_UNKNOWNS = 400
 MOST = 32
-"""Programs of a function that are known at the same time."""
+"""Programs of a function that are known at the same time, so that a process does not grow."""
 _SETTINGS = (
     *("jax_enable_x64", "jax_default_device", "jax_default_matmul_precision"),
     *("jax_numpy_rank_promotion", "jax_numpy_dtype_promotion"),
 )
-_CHECKS = "jax_disable_jit", "jax_debug_nans", "jax_debug_infs"
+_DEBUG_SETTINGS = "jax_disable_jit", "jax_debug_nans", "jax_debug_infs"
 """Settings by which jax runs every operation by itself, or checks it."""
 
 
 def program(function, static=()):
-    """`jax.jit` of a function, with one more argument, ``size``: the number of unknowns.
+    """Compile a function as `jax.jit` does; it takes one more argument, ``size``: its unknowns.
 
     A program with few unknowns is compiled quickly. Called by itself, the function is compiled here
     and not by `jax.jit`: the last `MOST` programs are known, and no more; they may come from disk
@@ -50,15 +52,21 @@ def program(function, static=()):
         alone = by_itself(leaves)
         if "alone" in static:
             options["alone"] = alone
-        if not alone or any(getattr(jax.config, name, False) for name in _CHECKS):
+        if not alone or any(getattr(jax.config, name, False) for name in _DEBUG_SETTINGS):
             with without_collection():
                 return plain(*arguments, **options)
-        small = size <= _SMALL
-        key = tree, tuple(map(kind_of, leaves)), tuple(options.items()), small, settings()
+        small = size <= _QUICK_UNKNOWNS
+        key = (
+            tree,
+            tuple(map(argument_signature, leaves)),
+            tuple(options.items()),
+            small,
+            program_settings(),
+        )
         with lock:
             compiled = known.pop(key, None)
         if compiled is None:
-            compiled = _compiled(function, arguments, leaves, options, small)
+            compiled = _compile_or_load(function, arguments, leaves, options, small)
         with lock:
             known[key] = compiled  # as the last one
             while len(known) > MOST:
@@ -70,10 +78,10 @@ def program(function, static=()):
     return run
 
 
-def _compiled(function, arguments, leaves, options, small):
-    """The program of a function for arguments like these: from disk, or compiled now.
+def _compile_or_load(function, arguments, leaves, options, small):
+    """Load the program of a function for such arguments from disk, or compile it now.
 
-    It takes the leaves of the arguments, so that a call does not look for them once more.
+    The program takes the leaves of the arguments, so that a call does not flatten them once more.
     """
     words, tree = (function.__module__, function.__qualname__, small), jax.tree.structure(arguments)
 
@@ -86,7 +94,7 @@ def _compiled(function, arguments, leaves, options, small):
             return jax.jit(own, compiler_options=quick).trace(*leaves).lower().compile()
 
     with without_collection():
-        return kept(compiled, words, arguments, options)
+        return load_or_compile(compiled, words, arguments, options)
 
 
 def forget_programs() -> None:
@@ -118,20 +126,20 @@ _PROGRAMS: list[Any] = []
 _FORGET: list[Callable[[], object]] = []
 
 
-def forgets(function: Callable[[], object]) -> Callable[[], object]:
-    """Have `forget_programs` call a function."""
+def on_forget_programs(function: Callable[[], object]) -> Callable[[], object]:
+    """Register a function that `forget_programs` calls; for use as a decorator."""
     _FORGET.append(function)
     return function
 
 
-def settings() -> tuple[Any, ...]:
-    """What a program depends on of jax's settings."""
+def program_settings() -> tuple[Any, ...]:
+    """Return the values of those settings of jax that a program depends on."""
     return tuple(getattr(jax.config, name, None) for name in _SETTINGS)
 
 
 @contextlib.contextmanager
 def without_collection() -> Iterator[None]:
-    """Python's collector of cyclic garbage does not run meanwhile.
+    """Pause Python's garbage collector of cyclic references during a block.
 
     To trace a program makes a million objects, hardly any of them garbage; the collector would take
     up to a third of that time to find this out.
@@ -155,7 +163,7 @@ _enabled: list[bool] = []  # whether the collector ran when each of the threads 
 
 
 def by_itself(leaves: Sequence[Any]) -> bool:
-    """Whether a program of these arrays is compiled by itself, not as part of another program."""
+    """Tell whether a call with these arrays is a program of its own, not a part of another one."""
     if any(isinstance(x, jax.core.Tracer) for x in leaves):
         return False
     return not is_tracing()

@@ -18,17 +18,23 @@ from typing import Any
 import jax
 import numpy as np
 
-from .jax_internals import is_literal, is_program
-from .python_objects import PLAIN, constants, hashed, is_described, parts
+from .jax_internals import is_jaxpr, is_jaxpr_literal
+from .python_objects import (
+    PLAIN_TYPES,
+    definition_parts,
+    digest_of_bytes,
+    is_program_module,
+    sorted_plain_values,
+)
 
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 _COLLECTIONS = {tuple, list, dict, set, frozenset, range, slice}
 
 
 def of_function(function: Callable[..., Any], *arguments: Any) -> str:
-    """Digest of what a function computes for arguments of these shapes: a text of 32 characters.
+    """Return a digest of what a function computes for such arguments, a text of 32 characters.
 
-    It is that of the function's jaxpr with all of its constants. Functions that a program calls on
+    It covers the function's jaxpr with all of its constants. Functions that the program calls on
     the host count as in `of_host_function`.
 
     Args:
@@ -37,18 +43,18 @@ def of_function(function: Callable[..., Any], *arguments: Any) -> str:
     """
     traced, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
     names = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(shapes)]
-    return _hash(_Reader().of([traced, names]))
+    return _digest_of_words(_ObjectDescriber().describe([traced, names]))
 
 
 def of_host_function(function: Callable[..., Any]) -> str:
-    """Digest of a function of NumPy arrays, which cannot be traced: a text of 32 characters.
+    """Return a digest of a NumPy function, which jax cannot trace, a text of 32 characters.
 
-    It is that of the function's code and of all values that the code can reach: globals, functions
-    and classes that it uses, defaults, what it closes over. Those of libraries and of this package
-    count by their names and versions.
+    It covers the function's code and all values that the code can reach: globals, functions and
+    classes that it uses, defaults, captured variables. Those of libraries and of this package count
+    by their names and versions.
     """
     try:
-        return _hash(_Reader(_Read.USER).of(function))
+        return _digest_of_words(_ObjectDescriber(_CodeOwner.USER).describe(function))
     except RecursionError:
         raise ValueError(
             "the function uses objects that are nested too deeply for a digest of all that decides "
@@ -57,129 +63,143 @@ def of_host_function(function: Callable[..., Any]) -> str:
 
 
 def of_arrays(tree: Any) -> str:
-    """Digest of a pytree of arrays: names, shapes, dtypes and values; a text of 32 characters."""
+    """Return a digest of a pytree of arrays: names, shapes, dtypes and values."""
     leaves = jax.tree_util.tree_leaves_with_path(tree)
-    return _hash(_Reader().of([(jax.tree_util.keystr(path), leaf) for path, leaf in leaves]))
+    return _digest_of_words(
+        _ObjectDescriber().describe([(jax.tree_util.keystr(path), leaf) for path, leaf in leaves])
+    )
 
 
 def of_package() -> str:
-    """Digest of all functions, classes and constants that modules of the package name.
+    """Return a digest of all functions, classes and constants in the loaded modules of the package.
 
-    It is that of the code in memory, for programs that are kept on disk. Contents of lists, and of
-    dictionaries that hold objects, are left out: they are registries, and caches. What
-    `import jaxcable` does not import (the command line) cannot be part of a program.
+    It describes the code in memory, for programs that are kept on disk. Contents of lists, and of
+    dictionaries that hold objects, are left out: they are registries and caches. What `import
+    jaxcable` does not import (the command line) cannot be part of a program.
 
     Raises:
         ForeignError: a function or class in the package is replaced by one defined elsewhere.
     """
-    reader, words = _Reader(_Read.PACKAGE), []
-    for module in filter(is_described, sorted(sys.modules)):
+    reader, words = _ObjectDescriber(_CodeOwner.PACKAGE), []
+    for module in filter(is_program_module, sorted(sys.modules)):
         names = dict(vars(sys.modules[module]))  # another thread may import meanwhile
         words += [  # names with underscores at both ends are Python's
-            (name, reader.of(names[name])) for name in sorted(names) if name[:2] != "__"
+            (name, reader.describe(names[name])) for name in sorted(names) if name[:2] != "__"
         ]
-    return _hash(words)
+    return _digest_of_words(words)
 
 
-def _hash(words):
-    """The digest of words, nested lists and tuples."""
-    return hashed(repr(words).encode())
+def _digest_of_words(words):
+    """Return the digest of words: nested lists and tuples of texts and numbers."""
+    return digest_of_bytes(repr(words).encode())
 
 
-class _Read(enum.Enum):
-    """Whose functions are read, and not known by their names."""
+class _CodeOwner(enum.Enum):
+    """Whose functions are described by their code; all others count by name and version."""
 
     USER = 1
     PACKAGE = 2
 
 
-class _Reader:
-    """Words for what can stand in a jaxpr or be reached by code; objects are read once."""
+class _ObjectDescriber:
+    """Describe values that stand in a jaxpr, or that code can reach, by words for a digest.
+
+    Objects are described once. `read` says whose functions are described by their code; None: of
+    nobody.
+    """
 
     def __init__(self, read=None):
         self.known = {}  # by the address of an object: the object, so that it stays, and its digest
         self.read = read
 
-    def of(self, value: Any) -> Any:
-        """The words for any object; for unknown ones their text without addresses."""
+    def describe(self, value: Any) -> Any:
+        """Return the words for any object; of an unknown one its text without addresses."""
         kind = type(value)
-        if kind in PLAIN:
+        if kind in PLAIN_TYPES:
             return repr(value)  # tells 1, 1.0 and True apart
         if isinstance(value, jax.Array | np.ndarray):
             if self.read and isinstance(value, np.memmap):
-                return self._once(value, self._parts)
-            return self.of(value.tolist()) if value.dtype == object else self._once(value, _array)
+                return self._describe_once(value, self._describe_parts)
+            return (
+                self.describe(value.tolist())
+                if value.dtype == object
+                else self._describe_once(value, _digest_of_array)
+            )
         if isinstance(value, np.generic):
-            return _array(value)
-        if is_program(value):
-            return self._once(value, self._jaxpr)
+            return _digest_of_array(value)
+        if is_jaxpr(value):
+            return self._describe_once(value, self._describe_jaxpr)
         if self.read and kind not in _COLLECTIONS:
-            return self._once(value, self._parts)
+            return self._describe_once(value, self._describe_parts)
         if isinstance(value, tuple):
-            return kind.__name__, [self.of(part) for part in value]
+            return kind.__name__, [self.describe(part) for part in value]
         if isinstance(value, list | dict | set | frozenset):
-            return self._once(value, self._collection)
+            return self._describe_once(value, self._describe_collection)
         if callable(value) and not isinstance(value, type):  # not called on the host: by its name
             names = getattr(value, "__module__", ""), getattr(value, "__qualname__", "")
             return kind.__name__, *names
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
-            return kind.__qualname__, self._once(value, lambda _: self._collection(fields))
+            return kind.__qualname__, self._describe_once(
+                value, lambda _: self._describe_collection(fields)
+            )
         return kind.__name__, _ADDRESS.sub("", repr(value))
 
-    def _once(self, value, read):
-        """The digest of ``read(value)``, computed once for an object."""
+    def _describe_once(self, value, read):
+        """Return the digest of ``read(value)``, computed once for every object."""
         if id(value) not in self.known:
             self.known[id(value)] = value, "again"  # for one that is in itself
-            self.known[id(value)] = value, _hash(read(value))
+            self.known[id(value)] = value, _digest_of_words(read(value))
         return self.known[id(value)][1]
 
-    def _parts(self, value):
-        """The words for anything that is read."""
-        return [self.of(part) for part in parts(value, self.read is _Read.PACKAGE)]
+    def _describe_parts(self, value):
+        """Return the words for an object that `python_objects` takes apart."""
+        return [
+            self.describe(part) for part in definition_parts(value, self.read is _CodeOwner.PACKAGE)
+        ]
 
-    def _collection(self, value):
-        """The words for a list, a dictionary or a set."""
-        if self.read is _Read.PACKAGE:
-            return type(value).__name__, constants(value)
+    def _describe_collection(self, value):
+        """Return the words for a list, a dictionary or a set."""
+        if self.read is _CodeOwner.PACKAGE:
+            return type(value).__name__, sorted_plain_values(value)
         if isinstance(value, list):
-            return type(value).__name__, [self.of(part) for part in value]
+            return type(value).__name__, [self.describe(part) for part in value]
         if isinstance(value, dict):
-            pairs = ((self.of(key), self.of(item)) for key, item in value.items())
+            pairs = ((self.describe(key), self.describe(item)) for key, item in value.items())
             return "dict", sorted(map(repr, pairs))
-        return "set", sorted(repr(self.of(part)) for part in value)
+        return "set", sorted(repr(self.describe(part)) for part in value)
 
-    def _jaxpr(self, jaxpr):
-        """The words for a jaxpr: its equations, with variables by the order in which they occur."""
+    def _describe_jaxpr(self, jaxpr):
+        """Return the words for a jaxpr: its equations, with variables numbered as they occur."""
         consts = getattr(jaxpr, "consts", ())
         jaxpr = getattr(jaxpr, "jaxpr", jaxpr)  # of one with constants; later in jax, itself
         numbers: dict[Any, int] = {}
 
         def atom(x):
-            if is_literal(x):
-                return self.of(x.val), repr(x.aval)
+            if is_jaxpr_literal(x):
+                return self.describe(x.val), repr(x.aval)
             return numbers.setdefault(x, len(numbers))
 
         def new(x):
             return atom(x), repr(x.aval)
 
-        words = [*map(self.of, consts), *map(new, jaxpr.constvars), *map(new, jaxpr.invars)]
+        words = [*map(self.describe, consts), *map(new, jaxpr.constvars), *map(new, jaxpr.invars)]
         for equation in jaxpr.eqns:
             words += equation.primitive.name, *map(atom, equation.invars)
             read, self.read = self.read, None
             if "callback" in equation.primitive.name:
-                self.read = _Read.USER
+                self.read = _CodeOwner.USER
             for name, value in sorted(equation.params.items()):
                 if name != "name":  # of a function
-                    words += name, self.of(value)
+                    words += name, self.describe(value)
             self.read = read
             words += map(new, equation.outvars)
         return [*words, *map(atom, jaxpr.outvars)]
 
 
-def _array(value):
-    """The digest of an array: dtype, shape and bytes."""
+def _digest_of_array(value):
+    """Return the digest of an array: of its dtype, shape and bytes."""
     told = repr((str(value.dtype), value.shape)).encode()
     if jax.dtypes.issubdtype(value.dtype, jax.dtypes.prng_key):
         value = jax.random.key_data(value)
-    return hashed(told, np.ascontiguousarray(value).tobytes())
+    return digest_of_bytes(told, np.ascontiguousarray(value).tobytes())

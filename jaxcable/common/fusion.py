@@ -15,13 +15,13 @@ import warnings
 import jax
 import jaxlib
 
-from .jax_internals import TESTED, flags_in_effect, fusion_flag, has_started, missing
+from .jax_internals import TESTED, fusion_flag, has_xla_started, missing, xla_flags_in_effect
 
-_BYTES = 1_000_000_000
+_BYTES = 1_000_000_000  # more than a loop over any net touches: no limit in effect
 
 
 def fuse_loops() -> None:
-    """Have XLA compile every loop that it can to one function, and call it at once, on CPUs.
+    """Have XLA compile each loop to a single function where it can, and call it at once, on CPUs.
 
     Analyses of cable nets with up to some hundred unknowns are then two to five times faster, and
     so are batches of them; others are as they were. It sets an option in the environment variable
@@ -40,52 +40,52 @@ def fuse_loops() -> None:
         >>> import jaxcable as jc
         >>> jc.fuse_loops()
     """
-    refused = _refusal()
+    refused = _reason_against_fusion()
     if refused:
         warnings.warn(f"fuse_loops: {refused}", RuntimeWarning, stacklevel=2)
-    elif ask() and has_started() is None:
+    elif ask() and has_xla_started() is None:
         missing("started")
 
 
 def ask() -> bool:
-    """Ask XLA for fused loops; False if that cannot be, or is too late."""
-    if _refusal():
+    """Set the flags by which XLA fuses loops; return False if that is impossible or too late."""
+    if _reason_against_fusion():
         return False
-    if not has_started():
+    if not has_xla_started():
         with contextlib.suppress(AttributeError):  # it is not in every version of jax
             jax.config.update("jax_cpu_enable_async_dispatch", False)
         flag = fusion_flag(_BYTES)
         if flag is not None and not fuses():
-            os.environ["XLA_FLAGS"] = _with_option(os.environ.get("XLA_FLAGS", ""), *flag)
+            os.environ["XLA_FLAGS"] = _add_flag_option(os.environ.get("XLA_FLAGS", ""), *flag)
     return True
 
 
 def fuses() -> bool:
-    """Whether XLA's flags ask for fused loops of any size."""
+    """Tell whether XLA's flags ask for fused loops of any size."""
     flag = fusion_flag(_BYTES)
-    return flag is not None and flag[1] in flags_in_effect()
+    return flag is not None and flag[1] in xla_flags_in_effect()
 
 
-def _refusal():
-    """Why loops are not fused if they are asked for now; None if they are."""
+def _reason_against_fusion():
+    """Say why loops could not be fused if that were requested now; None if they could."""
     if fusion_flag(_BYTES) is None:
         first, end = (".".join(map(str, version)) for version in TESTED)
         return (
-            f"the option of XLA is known to be there in jaxlib {first} up to {end}, and an unknown "
-            f"one would end this process; this is {jaxlib.__version__}, and nothing is changed"
+            f"XLA's option is known for jaxlib {first} up to {end} only, and an unknown option "
+            f"would end this process; this is jaxlib {jaxlib.__version__}, and nothing is changed"
         )
     if fuses():
         return None
-    if has_started():
-        return "jax has computed already and keeps its flags; call it before"
+    if has_xla_started():
+        return "jax has already computed something and reads no more flags; call it earlier"
     flags = os.environ.get("XLA_FLAGS", "").strip()
     if flags and not flags.startswith("-"):
-        return "XLA_FLAGS names a file of flags, which is left as it is; add the option there"
+        return "XLA_FLAGS names a file of flags, which is not changed; add the option to that file"
     return None
 
 
-def _with_option(flags, flag, option):
-    """Flags of XLA with one more option of a flag that takes a list, and whose last one counts."""
+def _add_flag_option(flags, flag, option):
+    """Add an option to XLA's flags: to the last occurrence of `flag`, which alone counts."""
     flags = flags.split()
     own = [k for k, word in enumerate(flags) if word.startswith(flag + "=")]
     if own:

@@ -15,13 +15,13 @@ INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it."""
 
 
-AT_EXIT: list[str] = []
+UNFINISHED_FILES: list[str] = []
 """Names of files that are being written: an interrupted process removes them."""
 
 
 def leave(*_: Any) -> NoReturn:
-    """End the process with one line; files that are being written are removed."""
-    for name in AT_EXIT:
+    """End the process with a one-line message, and remove files that are not written completely."""
+    for name in UNFINISHED_FILES:
         with contextlib.suppress(OSError):
             os.unlink(name)
     os.write(2, b"jaxcable: interrupted\n")
@@ -29,7 +29,7 @@ def leave(*_: Any) -> NoReturn:
 
 
 def is_command_line() -> bool:
-    """Whether this process is ``python -m jaxcable`` or the script ``jaxcable``."""
+    """Tell whether this process is ``python -m jaxcable`` or the script ``jaxcable``."""
     words = sys.orig_argv
     return words[1:3] == ["-m", "jaxcable"] or any(
         os.path.basename(word) == "jaxcable" for word in words[:2]

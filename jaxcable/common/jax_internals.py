@@ -5,15 +5,16 @@ options of XLA. A name that is missing costs speed, never a result: `missing` sa
 lost. The names were there in jax 0.10 to 0.12 (`TESTED`), if nothing else is said. When jax 0.10 is
 no longer supported, some of it is needless, with its guards:
 
-- `primitive` for roots: since jax 0.12 `lax.custom_root` has its second derivatives in the reverse
-  mode of a `lax.scan`, too. It stays for functions as a whole (`custom_vmap` has no reverse mode,
-  jax-ml/jax#9073) and for linear maps (`linear_call` has no `jax.vmap`, jax-ml/jax#13283).
+- `primitive` for roots: since jax 0.12 `lax.custom_root` has its second derivatives in the
+  reverse mode of a `lax.scan`, too. It stays for functions as a whole (`custom_vmap` has no
+  reverse mode, jax-ml/jax#9073) and for linear maps (`linear_call` has no `jax.vmap`,
+  jax-ml/jax#13283).
 - `register_host_function`: jax keeps programs with callbacks since jax-ml/jax#38405; but a callback
   makes arrays of jax, for which a busy program can wait for ever.
 - `quick_options`: XLA has no older emitters since jax 0.12.
 
-`serializer`, `settings`, `reset_cache`, `not_kept_by_jax` are needless once jax keeps programs by
-a key that is known before they are traced.
+`program_serializer`, `jax_settings`, `reset_jax_cache` and `without_jax_cache` are needless once
+jax keeps programs by a key that is known before they are traced.
 """
 
 from __future__ import annotations
@@ -38,30 +39,31 @@ import numpy as np
 TESTED = (0, 10), (0, 13)
 """The first version of jax that is tested, and the first one that is not; as in pyproject.toml."""
 
-_LOST = {
+_LOSSES = {
     "primitives": "jax.extend.core.Primitive and jax.interpreters: derivatives are traced with "
-    "every analysis, which takes longer to compile, and no analysis is compiled to one function",
-    "settings": "jax.config.values: programs are not kept, as their settings are not known",
-    "executables": "jax.experimental.serialize_executable: analyses are traced anew in every "
-    "process, and jax keeps what it compiles",
+    "every analysis, which takes longer to compile, and no analysis is compiled to a single "
+    "function",
+    "settings": "jax.config.values: programs are not kept, because the settings are unknown",
+    "executables": "jax.experimental.serialize_executable: analyses are traced in every "
+    "process; only jax's own cache keeps what it compiles",
     "cache": "jax.experimental.compilation_cache: jax does not keep programs if it has compiled "
     "one before",
-    "started": "jax._src.xla_bridge.backends_are_initialized: loops stay apart if jax has computed "
-    "before",
+    "started": "jax._src.xla_bridge.backends_are_initialized: loops are not fused if jax has "
+    "computed something before",
 }
-_said: set[str] = set()
+_warned_features: set[str] = set()
 
 
 def missing(feature: str) -> None:
-    """Warn, once in a process, of what is lost because jax lacks a feature, a key of `_LOST`."""
-    if feature not in _said:
-        _said.add(feature)
-        text = f"jax {jax.__version__} lacks {_LOST[feature]}"
+    """Warn, once in a process, what is lost because jax lacks a feature, a key of `_LOSSES`."""
+    if feature not in _warned_features:
+        _warned_features.add(feature)
+        text = f"jax {jax.__version__} lacks {_LOSSES[feature]}"
         warnings.warn(text, RuntimeWarning, stacklevel=3)
 
 
-def _names(module: str, *names: str) -> Any:
-    """Return names of a module; None if any of them is missing."""
+def _import_names(module: str, *names: str) -> Any:
+    """Import a module and return its named members; None if anything is missing."""
     try:
         found = importlib.import_module(module)
         return [getattr(found, name) for name in names]
@@ -71,8 +73,8 @@ def _names(module: str, *names: str) -> Any:
 
 # --- primitives
 
-_parts = _names("jax.extend.core", "Primitive", "ClosedJaxpr", "jaxpr_as_fun")
-_rules = _names("jax.interpreters", "ad", "batching", "mlir")
+_jaxpr_tools = _import_names("jax.extend.core", "Primitive", "ClosedJaxpr", "jaxpr_as_fun")
+_rule_modules = _import_names("jax.interpreters", "ad", "batching", "mlir")
 
 
 def primitive(
@@ -85,22 +87,22 @@ def primitive(
     lowered: Callable[..., Any] | None = None,
     several: bool = False,
 ) -> Any:
-    """Return a primitive of jax with its rules; None if jax has no primitives to define.
+    """Define a primitive of jax with its rules and return it; None if jax has no way to do so.
 
     Args:
         name: of the primitive.
-        evaluated: its results.
-        shape: their shapes, from those of the arguments.
-        derivative: rule of the forward derivative.
+        evaluated: computes its results.
+        shape: returns their shapes, from those of the arguments.
+        derivative: rule of the forward derivative (JVP).
         mapped: rule for `jax.vmap`.
-        transposed: rule for the transpose, of what is linear.
-        lowered: what is compiled; default `evaluated`.
-        several: whether there is a list of results.
+        transposed: rule for the transpose, if the primitive is linear.
+        lowered: the function that is compiled; default `evaluated`.
+        several: whether it returns a list of results.
     """
-    if _parts is None or _rules is None:
+    if _jaxpr_tools is None or _rule_modules is None:
         return None
-    ad, batching, mlir = _rules
-    made = _parts[0](name)
+    ad, batching, mlir = _rule_modules
+    made = _jaxpr_tools[0](name)
     made.multiple_results = several
     try:
         made.def_impl(evaluated)
@@ -118,33 +120,33 @@ def primitive(
 
 
 def is_zero(tangent: Any) -> bool:
-    """Whether a tangent or cotangent in a rule is zero, without being an array."""
-    return isinstance(tangent, _rules[0].Zero)
+    """Tell, within a rule, whether a tangent or cotangent is jax's symbolic zero, no array."""
+    return isinstance(tangent, _rule_modules[0].Zero)
 
 
 def zero_tangent(x: Any) -> Any:
-    """Return the zero tangent of an array, in a rule."""
-    return _rules[0].Zero(jax.typeof(x).to_tangent_aval())
+    """Return, within a rule, the symbolic zero tangent of an array."""
+    return _rule_modules[0].Zero(jax.typeof(x).to_tangent_aval())
 
 
 def as_array(tangent: Any) -> Any:
-    """Return a tangent as an array, in a rule."""
-    return _rules[0].instantiate_zeros(tangent)
+    """Return, within a rule, a tangent as an array, also if it is a symbolic zero."""
+    return _rule_modules[0].instantiate_zeros(tangent)
 
 
 def is_sought(argument: Any) -> bool:
-    """Whether a transpose is asked for in an argument, in a rule."""
-    return _rules[0].is_undefined_primal(argument)
+    """Tell, within a rule of the transpose, whether the cotangent of this argument is asked for."""
+    return _rule_modules[0].is_undefined_primal(argument)
 
 
-def shape_of(x: Any) -> Any:
-    """Return shape and dtype of an array, in the rule of shapes."""
+def abstract_array(x: Any) -> Any:
+    """Return shape and dtype of an array in the form that the rule of shapes returns."""
     return jax.core.ShapedArray(x.shape, x.dtype)
 
 
 def opened(function: Callable[[Any], Any], x: Any) -> tuple[Callable[[Any, Any], Any], Any]:
-    """Return the function of x and the traced values taken from outside, and these values."""
-    if _parts is None:
+    """Convert a closure: return a function of x and of the captured values, and these values."""
+    if _jaxpr_tools is None:
         converted, values = jax.closure_convert(function, x)
         return lambda x, values: converted(x, *values), values
     program = jax.make_jaxpr(function)(x)
@@ -152,44 +154,45 @@ def opened(function: Callable[[Any], Any], x: Any) -> tuple[Callable[[Any, Any],
 
 
 def closed(jaxpr: Any, constants: Sequence[Any]) -> Callable[..., Any]:
-    """Return the function of a program of jax with other constants."""
-    _, make, function = _parts
+    """Return the function that a jaxpr computes with the given constants."""
+    _, make, function = _jaxpr_tools
     return function(make(jaxpr, constants))
 
 
 def function_of(program: Any) -> Callable[..., Any]:
-    """Return the function of a program of `jax.make_jaxpr`."""
-    return _parts[2](program)
+    """Return the function that a jaxpr of `jax.make_jaxpr` computes."""
+    return _jaxpr_tools[2](program)
 
 
-def is_program(value: Any) -> bool:
-    """Whether a value is a program of jax (a jaxpr), with its constants or without."""
+def is_jaxpr(value: Any) -> bool:
+    """Tell whether a value is a jaxpr, with its constants or without."""
     return hasattr(value, "eqns") and (hasattr(value, "consts") or hasattr(value, "constvars"))
 
 
-def is_literal(value: Any) -> bool:
-    """Whether an operand in a program of jax is a number that stands in it, not a variable."""
+def is_jaxpr_literal(value: Any) -> bool:
+    """Tell whether an operand in a jaxpr is a number that stands in it, not a variable."""
     return hasattr(value, "val") and hasattr(value, "aval")
 
 
 # --- where the program is
 
-_state = _names("jax.extend.core", "get_opaque_trace_state")
-_UNTRACED = _state[0]() if _state else None  # as long as nothing is being traced
+_trace_state = _import_names("jax.extend.core", "get_opaque_trace_state")
+_UNTRACED = _trace_state[0]() if _trace_state else None  # as long as nothing is being traced
 
 
 def is_tracing() -> bool:
-    """Whether jax is tracing a program now, of whatever arguments.
+    """Tell whether jax is tracing a program now, of whatever arguments.
 
-    Without its name jax is asked by a new array, which takes a hundred times as long (30 us).
+    Where jax lacks the name, a new array is made to find out, which takes a hundred times as long
+    (30 us).
     """
-    if _state is None:
+    if _trace_state is None:
         return isinstance(jnp.zeros(()), jax.core.Tracer)
-    return _state[0]() != _UNTRACED
+    return _trace_state[0]() != _UNTRACED
 
 
-def has_started() -> bool | None:
-    """Whether jax has started XLA, which then has read its flags; None if that is not known."""
+def has_xla_started() -> bool | None:
+    """Tell whether XLA has started and read its flags; None if that is not known."""
     bridge = getattr(getattr(jax, "_src", None), "xla_bridge", None)
     started = getattr(bridge, "backends_are_initialized", None)
     return None if started is None else bool(started())
@@ -200,7 +203,7 @@ def has_started() -> bool | None:
 
 @functools.cache
 def quick_options() -> dict[str, Any] | None:
-    """Options with which XLA compiles small programs in half the time, or None.
+    """Return options with which XLA compiles small programs in half the time, or None.
 
     XLA's older emitters of CPU code are as fast for some hundred unknowns, and take up to half as
     long again for thousands. jax 0.10 has them; 0.12 has none. An unknown option is an error here.
@@ -216,7 +219,7 @@ def quick_options() -> dict[str, Any] | None:
 
 
 def fusion_flag(size: int) -> tuple[str, str] | None:
-    """The flag of XLA, and its option, that fuses loops of up to `size` bytes.
+    """Return the flag of XLA, and its option, that fuse loops over up to `size` bytes.
 
     None for a version that is not tested: an unknown flag ends the process, and XLA has no way to
     ask for it but to start. (The file of the library has the names of options that are gone, too,
@@ -230,38 +233,38 @@ def fusion_flag(size: int) -> tuple[str, str] | None:
 _flags: list[str] = []  # of XLA, once it has started
 
 
-def flags_in_effect() -> str:
-    """Return the flags that XLA has read when it started, or will read: XLA_FLAGS."""
+def xla_flags_in_effect() -> str:
+    """Return the flags that XLA has read when it started, or will read, from XLA_FLAGS."""
     if _flags:
         return _flags[0]
     flags = os.environ.get("XLA_FLAGS", "")
-    if has_started():
+    if has_xla_started():
         _flags.append(flags)
     return flags
 
 
-flags_in_effect()  # it may have started before this package
+xla_flags_in_effect()  # it may have started before this package
 
 
 # --- programs on disk
 
 
-def settings() -> dict[str, Any] | None:
+def jax_settings() -> dict[str, Any] | None:
     """Return all settings of jax in this thread by name; None if they are not known."""
     values = getattr(jax.config, "values", None)
     return dict(values) if values else None
 
 
-def serializer() -> tuple[Callable[..., Any], Callable[..., Any]] | None:
-    """Return functions that serialize a compiled program, and load it; None without them."""
+def program_serializer() -> tuple[Callable[..., Any], Callable[..., Any]] | None:
+    """Return two functions, to serialize a compiled program and to load it; None without them."""
     module = "jax.experimental.serialize_executable"
-    found = _names(module, "serialize", "deserialize_and_load")
+    found = _import_names(module, "serialize", "deserialize_and_load")
     return None if found is None else (found[0], found[1])
 
 
-def reset_cache() -> bool:
-    """Have jax look again at where it keeps programs; False if it cannot."""
-    found = _names("jax.experimental.compilation_cache.compilation_cache", "reset_cache")
+def reset_jax_cache() -> bool:
+    """Have jax read its cache folder's setting again; return False if it cannot."""
+    found = _import_names("jax.experimental.compilation_cache.compilation_cache", "reset_cache")
     if found is None:
         return False
     found[0]()
@@ -269,12 +272,12 @@ def reset_cache() -> bool:
 
 
 @contextlib.contextmanager
-def not_kept_by_jax() -> Iterator[None]:
-    """What this thread compiles meanwhile is not put into jax's own cache.
+def without_jax_cache() -> Iterator[None]:
+    """Keep what this thread compiles during a block out of jax's own cache.
 
-    Without jax's setting for a thread, both have it: it is on disk twice.
+    Where jax has no setting for a thread, the program is on disk twice: in its cache and in ours.
     """
-    found = _names("jax._src.config", "persistent_cache_min_compile_time_secs")
+    found = _import_names("jax._src.config", "persistent_cache_min_compile_time_secs")
     if found is None or not callable(found[0]):
         yield
         return
@@ -284,11 +287,11 @@ def not_kept_by_jax() -> Iterator[None]:
 
 @functools.cache
 def prepare_lapack() -> None:
-    """Have jaxlib look LAPACK up, which it does where a program with it is lowered.
+    """Have jaxlib load LAPACK, which it does otherwise only when a program with it is lowered.
 
-    Without the name a small one is lowered, which takes 0.2 s.
+    Where jax lacks the name, a small program is lowered, which takes 0.2 s.
     """
-    found = _names("jaxlib.lapack", "prepare_lapack_call")
+    found = _import_names("jaxlib.lapack", "prepare_lapack_call")
     if found is None:
         jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((2, 2), jnp.float32))
     else:
@@ -312,24 +315,24 @@ _Address, _Int, _Long = ctypes.c_void_p, ctypes.c_int, ctypes.c_int64
 _to = ctypes.POINTER
 
 
-def _structure(name, **fields):
-    """A structure of C, which begins with its size."""
+def _c_struct(name, **fields):
+    """Define a structure of C whose first field is its size."""
     fields = {"struct_size": ctypes.c_size_t, **fields}
     return type(name, (ctypes.Structure,), {"_fields_": list(fields.items())})
 
 
 _HEAD = {"extension": _Address}
-_Version: Any = _structure("_Version", **_HEAD, major=_Int, minor=_Int)
-_Metadata: Any = _structure("_Metadata", version=_Version)
-_Extension: Any = _structure("_Extension", kind=_Int, next=_Address, metadata=_to(_Metadata))
-_Failure: Any = _structure("_Failure", **_HEAD, message=ctypes.c_char_p, code=_Int)
+_Version: Any = _c_struct("_Version", **_HEAD, major=_Int, minor=_Int)
+_Metadata: Any = _c_struct("_Metadata", version=_Version)
+_Extension: Any = _c_struct("_Extension", kind=_Int, next=_Address, metadata=_to(_Metadata))
+_Failure: Any = _c_struct("_Failure", **_HEAD, message=ctypes.c_char_p, code=_Int)
 _Fail = ctypes.CFUNCTYPE(_Address, _to(_Failure))
-_Interface: Any = _structure("_Interface", **_HEAD, version=_Version, internal=_Address, fail=_Fail)
-_Buffer: Any = _structure(
+_Interface: Any = _c_struct("_Interface", **_HEAD, version=_Version, internal=_Address, fail=_Fail)
+_Buffer: Any = _c_struct(
     "_Buffer", **_HEAD, dtype=_Int, data=_Address, rank=_Long, shape=_to(_Long)
 )
-_Buffers: Any = _structure("_Buffers", **_HEAD, count=_Long, kinds=_Address, each=_to(_to(_Buffer)))
-_Frame: Any = _structure(
+_Buffers: Any = _c_struct("_Buffers", **_HEAD, count=_Long, kinds=_Address, each=_to(_to(_Buffer)))
+_Frame: Any = _c_struct(
     "_Frame",
     extension=_to(_Extension),
     interface=_to(_Interface),
@@ -343,8 +346,8 @@ _ALIVE: list[Any] = []  # handlers, which XLA calls as long as the process lives
 
 
 def register_host_function(name: str, function: Callable[..., Sequence[np.ndarray]]) -> bool:
-    """Have compiled programs call a NumPy function by a name; False if XLA has no such way."""
-    handler = _Handler(functools.partial(_handle, function))
+    """Register a NumPy function that compiled programs call by name; return False if XLA cannot."""
+    handler = _Handler(functools.partial(_answer_xla_call, function))
     try:
         capsule = jax.ffi.pycapsule(ctypes.cast(handler, ctypes.c_void_p).value)
         _ALIVE.append(handler)
@@ -354,31 +357,32 @@ def register_host_function(name: str, function: Callable[..., Sequence[np.ndarra
     return True
 
 
-def _handle(function, frame):
-    """Answer a call of XLA: compute the results in place. Returns an error of XLA, or None."""
+def _answer_xla_call(function, frame):
+    """Answer a call of XLA: compute the results in place; return an error of XLA, or None."""
     frame = frame.contents
     if frame.extension and frame.extension.contents.kind == _METADATA:
         version = frame.extension.contents.metadata.contents.version
         version.major, version.minor = _VERSION
         return None
     try:
-        results = function(*_arrays(frame.arguments))
-        for place, result in zip(_arrays(frame.results), results, strict=True):
+        results = function(*_views_of_buffers(frame.arguments))
+        for place, result in zip(_views_of_buffers(frame.results), results, strict=True):
             place[...] = result
     except KeyboardInterrupt:
         interrupt_main()
-        return _failure(frame, "interrupted")
+        return _xla_error(frame, "interrupted")
     except BaseException:  # nothing may be raised through C
-        return _failure(frame, traceback.format_exc())
+        return _xla_error(frame, traceback.format_exc())
     return None
 
 
-def _arrays(buffers):
-    """The arrays of the program, as NumPy sees them."""
-    return [_array(buffers.each[k].contents) for k in range(buffers.count)]
+def _views_of_buffers(buffers):
+    """Return the buffers of a program as NumPy arrays on the same memory."""
+    return [_view_of_buffer(buffers.each[k].contents) for k in range(buffers.count)]
 
 
-def _array(buffer):
+def _view_of_buffer(buffer):
+    """Return a buffer as a NumPy array on the same memory."""
     shape, dtype = tuple(buffer.shape[: buffer.rank]), _DTYPES[buffer.dtype]
     size = dtype.itemsize * math.prod(shape)
     if size == 0:
@@ -386,7 +390,7 @@ def _array(buffer):
     return np.ndarray(shape, dtype, (ctypes.c_char * size).from_address(buffer.data))
 
 
-def _failure(frame, text):
-    """An error of XLA, which it frees."""
+def _xla_error(frame, text):
+    """Return an error of XLA with a text; XLA frees it."""
     given = _Failure(ctypes.sizeof(_Failure), None, text.encode(), _FAILED)
     return frame.interface.contents.fail(given)

@@ -29,23 +29,24 @@ import numpy as np
 import optax
 import scipy
 
-from . import digest, foreign
+from . import digest, host_calls
 from . import jax_internals as internals
 from .checks import whole
-from .program_folder import DamagedError, Place, UnsafeError, opened
-from .python_objects import ForeignError, is_described
+from .program_folder import DamagedError, ProgramFolder, UnsafeError, open_folder
+from .python_objects import ForeignError, is_program_module
 
 _VARIABLE = "JAXCABLE_PROGRAMS"
 LIMIT = 1 << 30
 """Bytes that kept programs take at most, if nothing else is said."""
 
-_OURS = "jaxcable", "jax", "jaxlib", "numpy", "builtins", "collections", "copyreg"
-_SHORT = 0.05  # seconds: jax does not keep what compiles faster
-_LEAST = "jax_persistent_cache_min_compile_time_secs"
+_KNOWN_PACKAGES = "jaxcable", "jax", "jaxlib", "numpy", "builtins", "collections", "copyreg"
+_SHORTEST_COMPILATION = 0.05  # seconds: jax does not keep what compiles faster
+_SHORTEST_SETTING = "jax_persistent_cache_min_compile_time_secs"
 
-_place: list[Place] = []  # one, or none
-_before: list[float] = []  # jax's own setting of what compiles too fast to be kept, if ours is set
-_hits: list[str] = []  # programs that jax has found in its own cache
+_open_place: list[ProgramFolder] = []  # one, or none
+# what jax's setting of the shortest compilation to keep was before ours; empty if ours is not set
+_jax_settings_before: list[float] = []
+_jax_cache_hits: list[str] = []  # programs that jax has found in its own cache
 
 
 def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIMIT) -> Path:
@@ -93,88 +94,90 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
     """
     whole(limit, "limit", least=0)
     named = folder is not None
-    path = _path(os.environ.get(_VARIABLE, _usual()) if folder is None else folder)
+    path = _parse_folder(os.environ.get(_VARIABLE, _default_folder()) if folder is None else folder)
     if path is None and named:
         raise ValueError(f"folder = {folder!r}: expected the path of a folder")
     if path is None or limit == 0:
-        _stop()
+        _stop_keeping()
         return path or Path()
     try:
-        place = opened(path, int(limit))
+        place = open_folder(path, int(limit))
     except UnsafeError as error:
         if named:
             raise ValueError(f"folder: {error}") from None
-        _stop()
+        _stop_keeping()
         warnings.warn(f"{error}; no programs are kept", RuntimeWarning, stacklevel=2)
         return path
     for feature, is_there in (
-        ("executables", internals.serializer),
-        ("settings", internals.settings),
+        ("executables", internals.program_serializer),
+        ("settings", internals.jax_settings),
     ):
         if is_there() is None:
             internals.missing(feature)
-    if _jax_is_free():
-        _jax_keeps(str(place.compiled))
-    _listens()
-    _place[:] = [place]
-    place.make_room()
+    if _may_set_jax_cache():
+        _set_jax_cache(str(place.jax_cache))
+    _count_jax_cache_hits()
+    _open_place[:] = [place]
+    place.remove_oldest()
     return path
 
 
-def _path(folder):
-    """A path as stated; None if it is empty, or none."""
+def _parse_folder(folder):
+    """Return the path that a user has given; None if it is empty or no path."""
     try:
         return Path(folder).expanduser() if os.fspath(folder) else None
     except TypeError:
         return None
 
 
-def _jax_is_free():
-    """Whether jax keeps programs nowhere, or where it was told to by us."""
+def _may_set_jax_cache():
+    """Tell whether jax has no cache folder, or one that was set here."""
     folder = jax.config.jax_compilation_cache_dir
-    return folder is None or folder in [str(place.compiled) for place in _place]
+    return folder is None or folder in [str(place.jax_cache) for place in _open_place]
 
 
-def _stop():
-    """Neither keep programs nor look for them, and have jax do as before."""
-    if _jax_is_free():
-        _jax_keeps(None)
-    _place.clear()
+def _stop_keeping():
+    """Neither keep programs nor look for them from now on, and restore jax's own settings."""
+    if _may_set_jax_cache():
+        _set_jax_cache(None)
+    _open_place.clear()
 
 
-def _jax_keeps(folder):
-    """Have jax keep programs in a folder, or in none."""
-    if folder is None and _before:
-        jax.config.update(_LEAST, _before.pop())
-    if folder is not None and not _before:
-        _before.append(jax.config.jax_persistent_cache_min_compile_time_secs)
-        jax.config.update(_LEAST, _SHORT)
+def _set_jax_cache(folder):
+    """Set the folder in which jax keeps programs; None for none."""
+    if folder is None and _jax_settings_before:
+        jax.config.update(_SHORTEST_SETTING, _jax_settings_before.pop())
+    if folder is not None and not _jax_settings_before:
+        _jax_settings_before.append(jax.config.jax_persistent_cache_min_compile_time_secs)
+        jax.config.update(_SHORTEST_SETTING, _SHORTEST_COMPILATION)
         # a file that another process is just writing, or a damaged one
         for verb in ("reading", "writing"):
             warnings.filterwarnings("ignore", f"Error {verb} persistent compilation cache entry")
     jax.config.update("jax_compilation_cache_dir", folder)
-    if not internals.reset_cache() and folder is not None:
+    if not internals.reset_jax_cache() and folder is not None:
         internals.missing("cache")
 
 
 @contextlib.contextmanager
 def restored() -> Iterator[None]:
-    """At the end of a block keep programs where they were kept before it, and so does jax."""
-    place, before = list(_place), list(_before)
-    jaxs = {name: getattr(jax.config, name) for name in ("jax_compilation_cache_dir", _LEAST)}
+    """Restore, at the end of a block, where programs are kept, by us and by jax."""
+    place, before = list(_open_place), list(_jax_settings_before)
+    jaxs = {
+        name: getattr(jax.config, name) for name in ("jax_compilation_cache_dir", _SHORTEST_SETTING)
+    }
     try:
         yield
     finally:
-        _place[:], _before[:] = place, before
+        _open_place[:], _jax_settings_before[:] = place, before
         changed = [name for name, value in jaxs.items() if getattr(jax.config, name) != value]
         for name in changed:
             jax.config.update(name, jaxs[name])
         if changed:
-            internals.reset_cache()
+            internals.reset_jax_cache()
 
 
-def _usual():
-    """The folder of programs in the user's folder for caches."""
+def _default_folder():
+    """Return the folder of programs in the user's folder for caches."""
     home = Path.home()
     if sys.platform == "win32":
         base = os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local"
@@ -185,13 +188,13 @@ def _usual():
     return Path(base) / "jaxcable"
 
 
-def kept(
+def load_or_compile(
     compiled: Callable[[], jax.stages.Compiled],
     words: tuple[Any, ...],
     arguments: Any,
     options: dict[str, Any],
 ) -> jax.stages.Compiled:
-    """Return a program from disk; if it is not there, compile it and keep it.
+    """Load a program from disk; if it is not there, compile it and keep it.
 
     Args:
         compiled: compiles the program.
@@ -200,59 +203,59 @@ def kept(
         options: static arguments.
     """
     described = words, arguments, options
-    place = _place[0] if _place else None  # another thread may stop keeping meanwhile
-    key = None if place is None else _key_or_none(*described)
+    place = _open_place[0] if _open_place else None  # another thread may stop keeping meanwhile
+    key = None if place is None else _program_key_or_none(*described)
     if place is None or key is None:
         return compiled()
-    found = _load(place, key, jax.tree.leaves(arguments))
+    found = _load_program(place, key, jax.tree.leaves(arguments))
     if found is not None:
         return found
-    hits = len(_hits)
-    with internals.not_kept_by_jax():
+    hits = len(_jax_cache_hits)
+    with internals.without_jax_cache():
         program = compiled()
     # a program that jax has loaded from its own cache cannot be written once more (jax 0.10); one
     # that was traced while the code or a setting has changed is of neither
-    if len(_hits) == hits and _key_or_none(*described) == key:
-        _store(place, key, program)
-        place.make_room()
+    if len(_jax_cache_hits) == hits and _program_key_or_none(*described) == key:
+        _store_program(place, key, program)
+        place.remove_oldest()
     return program
 
 
-def _key_or_none(*described):
-    """The `_key` of a program, or None."""
+def _program_key_or_none(*described):
+    """Return the `_program_key` of a program; None if it depends on code outside of the package."""
     try:
-        return _key(*described)
+        return _program_key(*described)
     except ForeignError:
         return None
 
 
 @functools.cache
-def _listens():
-    """Listen to what jax does with its cache."""
+def _count_jax_cache_hits():
+    """Listen to jax, once in a process, to note programs that it finds in its own cache."""
 
     def heard(event, **_):
         if event == "/jax/compilation_cache/cache_hits":
-            _hits.append(event)
+            _jax_cache_hits.append(event)
 
     jax.monitoring.register_event_listener(heard)
 
 
-def _load(place, key, leaves):
-    """The program of a key; None if there is none, or it is damaged, which is said."""
+def _load_program(place, key, leaves):
+    """Load the program of a key; return None if there is none, or warn if its file is damaged."""
     try:
         text = place.read(key)
         if text is None:
             return None
-        targets, executable, tree = _unpack_program(text, place.file_of(key))
+        targets, executable, tree = _unpack_program(text, place.program_path(key))
     except (DamagedError, UnsafeError) as error:
-        why = f"{error}: is damaged" if isinstance(error, DamagedError) else str(error)
-        text = f"keep_programs: {why}; the program is compiled anew"
+        why = f"{error}: the file is damaged" if isinstance(error, DamagedError) else str(error)
+        text = f"keep_programs: {why}; the program is compiled again"
         warnings.warn(text, RuntimeWarning, stacklevel=2)
         return None
-    functions = internals.serializer()
+    functions = internals.program_serializer()
     try:
         for name in targets:
-            foreign.is_known(name)
+            host_calls.register_call(name)
         internals.prepare_lapack()
         return functions[1](executable, jax.tree.structure((tuple(leaves), {})), tree)
     except Exception:  # a solver that is not there, another machine, another jax: not damaged
@@ -260,7 +263,7 @@ def _load(place, key, leaves):
 
 
 def _unpack_program(text, path):
-    """Return names of host functions, the executable, and the tree of the results."""
+    """Return the names of host functions, the executable, and the tree of the results."""
     try:
         targets, executable, results = pickle.loads(zlib.decompress(text))
     except Exception as error:  # whatever pickle makes of it
@@ -268,73 +271,79 @@ def _unpack_program(text, path):
     return targets, executable, jax.tree.structure(results)
 
 
-def _store(place, key, program):
-    """Write a program, if jax can describe it."""
+def _store_program(place, key, program):
+    """Write a program to disk if jax can serialize it."""
     targets = set(re.findall('custom_call_target="([^"]*)"', program.as_text()))
     if any("callback" in name for name in targets):  # by its address: a listener of the user
         return
-    targets = {name for name in targets if name.startswith(foreign.PREFIX)}
+    targets = {name for name in targets if name.startswith(host_calls.PREFIX)}
     try:
-        executable, _, tree = internals.serializer()[0](program)
+        executable, _, tree = internals.program_serializer()[0](program)
         results = tree.unflatten([0] * tree.num_leaves)
         text = zlib.compress(pickle.dumps((sorted(targets), executable, results)), 1)
     except Exception as error:  # of jax, which may have no way to describe this program
-        text = f"keep_programs: a program cannot be kept: {type(error).__name__}: {error}"
+        text = f"keep_programs: a program could not be saved: {type(error).__name__}: {error}"
         warnings.warn(text, RuntimeWarning, stacklevel=2)
         return
     place.write(key, text)
 
 
-class _Pickler(pickle.Pickler):
-    """Describes objects of this package and of those that it uses, and no others."""
+class _PackagePickler(pickle.Pickler):
+    """Pickle objects of this package and of the libraries that it uses; refuse all others."""
 
     def reducer_override(self, obj):
+        """Raise `ForeignError` for an object, or its class, of any other package."""
         found = obj if isinstance(obj, type) or callable(obj) else type(obj)
-        if (found.__module__ or "").partition(".")[0] not in _OURS:
+        if (found.__module__ or "").partition(".")[0] not in _KNOWN_PACKAGES:
             raise ForeignError(found)
         return NotImplemented
 
 
-def _key(words, arguments, options):
-    """Digest of all that a program depends on; `ForeignError` if that is not known.
+def _program_key(words, arguments, options):
+    """Return a digest of all that a program depends on; raise `ForeignError` if that is not known.
 
     The function itself is known by its name, and so must be one of the package, and closed.
     """
     module, name, *_ = words
-    if not is_described(module) or "<" in name or internals.serializer() is None:
+    if not is_program_module(module) or "<" in name or internals.program_serializer() is None:
         raise ForeignError(f"{module}.{name}")
     leaves, tree = jax.tree.flatten(arguments)
     described = io.BytesIO()
-    pickler = _Pickler(described)
+    pickler = _PackagePickler(described)
     pickler.fast = True  # equal objects are described alike, whether they are one object or two
     try:
         pickler.dump((tree.unflatten(range(len(leaves))), options))
     except (pickle.PicklingError, AttributeError, TypeError, ValueError, RecursionError) as error:
         raise ForeignError(str(error)) from error
-    text = repr((words, list(map(kind_of, leaves)), _surroundings())).encode()
+    text = repr((words, list(map(argument_signature, leaves)), _describe_process())).encode()
     return hashlib.blake2b(described.getvalue() + text, digest_size=16).hexdigest()
 
 
-def kind_of(x: Any) -> Any:
-    """What a program depends on of an argument: shape and dtype, and where it is; hashable."""
+def argument_signature(x: Any) -> Any:
+    """Return what a program depends on of an argument: shape, dtype and device; hashable."""
     if isinstance(x, jax.Array):
         return x.shape, x.dtype, x.weak_type, x.sharding
     return (x.shape, x.dtype) if isinstance(x, np.ndarray | np.generic) else type(x)
 
 
-def _surroundings():
-    """What all programs of a process depend on, in words."""
-    values = internals.settings()
+def _describe_process():
+    """Return what all programs of a process depend on: machine, versions, settings, package."""
+    values = internals.jax_settings()
     if values is None:
         raise ForeignError("jax.config")
     about = "cache", "log", "dump", "traceback"  # settings that do not matter to a program
     settings = {n: str(v) for n, v in values.items() if not any(word in n for word in about)}
-    return (*_machine(), internals.flags_in_effect(), sorted(settings.items()), digest.of_package())
+    return (
+        *_describe_machine(),
+        internals.xla_flags_in_effect(),
+        sorted(settings.items()),
+        digest.of_package(),
+    )
 
 
 @functools.cache
-def _machine():
-    """Versions and the machine."""
+def _describe_machine():
+    """Return the versions of libraries, and a description of the devices and the processor."""
     devices = [(device.platform, device.device_kind) for device in jax.devices()]
     processor = platform.processor() or platform.machine()
     with contextlib.suppress(OSError), open("/proc/cpuinfo") as file:

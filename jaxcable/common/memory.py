@@ -7,11 +7,11 @@ from pathlib import Path
 
 import jax
 
-_GROUP = Path("/sys/fs/cgroup")  # limits of a container (control groups, version 2)
+_CONTROL_GROUP = Path("/sys/fs/cgroup")  # limits of a container (control groups, version 2)
 
 
 def available() -> int | None:
-    """Bytes of memory that are left for arrays on the default device; None if that is unknown.
+    """Return the bytes of memory left for arrays on the default device; None if that is unknown.
 
     On the host those of the machine and, in a container, those below its limit.
     """
@@ -19,11 +19,11 @@ def available() -> int | None:
     stats = device.memory_stats() if isinstance(device, jax.Device) else None
     if stats and "bytes_limit" in stats:
         return stats["bytes_limit"] - stats.get("bytes_in_use", 0)
-    left = [_machine(), _container()]
+    left = [_machine_bytes(), _container_bytes()]
     return min((amount for amount in left if amount is not None), default=None)
 
 
-_SMALL = 1 << 26  # bytes that are never refused: less than jax itself takes
+_NEVER_REFUSED = 1 << 26  # bytes that are never refused: less than jax itself takes
 
 
 def require(n_bytes: float, what: str, way_out: str) -> None:
@@ -34,18 +34,18 @@ def require(n_bytes: float, what: str, way_out: str) -> None:
         what: needs it, in words; begins the message.
         way_out: what to do instead, in words.
     """
-    if n_bytes < _SMALL:
+    if n_bytes < _NEVER_REFUSED:
         return
     left = available()
     if left is not None and n_bytes > left:
         raise ValueError(
-            f"{what}: needs about {_words(n_bytes)} of memory, and {_words(left)} are left; "
-            f"{way_out}"
+            f"{what}: needs about {_format_bytes(n_bytes)} of memory, and "
+            f"{_format_bytes(left)} are left; {way_out}"
         )
 
 
-def _machine():
-    """Bytes that the machine can give without swapping."""
+def _machine_bytes():
+    """Return the bytes that the machine can give without swapping; None if that is unknown."""
     try:
         for line in Path("/proc/meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):
@@ -58,21 +58,23 @@ def _machine():
         return None
 
 
-def _container():
-    """Bytes below the limit of the container; None if there is none.
+def _container_bytes():
+    """Return the bytes left below the limit of the container; None if it has no limit.
 
-    What the system keeps of files counts as used there, and is given back when it is needed.
+    Files that the system caches count as used there, but are given back when memory is needed.
     """
     try:
-        limit = int((_GROUP / "memory.max").read_text())
-        used = int((_GROUP / "memory.current").read_text())
-        stat = dict(line.split() for line in (_GROUP / "memory.stat").read_text().splitlines())
+        limit = int((_CONTROL_GROUP / "memory.max").read_text())
+        used = int((_CONTROL_GROUP / "memory.current").read_text())
+        stat = dict(
+            line.split() for line in (_CONTROL_GROUP / "memory.stat").read_text().splitlines()
+        )
         files = int(stat.get("inactive_file", 0)) + int(stat.get("active_file", 0))
         return limit - max(used - files, 0)
     except (OSError, ValueError):  # no such file, or "max"
         return None
 
 
-def _words(n_bytes):
-    """An amount of memory in words."""
+def _format_bytes(n_bytes):
+    """Write an amount of memory in MiB or GiB."""
     return f"{n_bytes / 2**30:.3g} GiB" if n_bytes >= 2**30 else f"{n_bytes / 2**20:.3g} MiB"

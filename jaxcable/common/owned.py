@@ -26,7 +26,7 @@ def owned(value: Any, is_owner: type | tuple[type, ...] = ()) -> Any:
     """
     kind = type(value)
     if kind is np.ndarray:
-        return value if _is_frozen(value) else _frozen_copy(value)
+        return value if _is_read_only(value) else _read_only_copy(value)
     if isinstance(value, _IMMUTABLE) or hasattr(kind, "_all_fields") or isinstance(value, is_owner):
         return value
     if kind is dict:
@@ -34,15 +34,15 @@ def owned(value: Any, is_owner: type | tuple[type, ...] = ()) -> Any:
     if kind is list or kind is tuple:
         return kind([owned(item, is_owner) for item in value])
     if isinstance(value, np.ndarray):  # a subclass, such as a file in memory
-        return _frozen_copy(value)
+        return _read_only_copy(value)
     leaves, tree = jax.tree.flatten(value, is_leaf=lambda x: x is not value)
     if len(leaves) == 1 and leaves[0] is value:
         return value
     return jax.tree.unflatten(tree, [owned(leaf, is_owner) for leaf in leaves])
 
 
-def _is_frozen(array):
-    """Whether an array, and every array that it is a view of, is read-only."""
+def _is_read_only(array):
+    """Tell whether an array, and every array that it is a view of, is read-only."""
     while type(array) is np.ndarray and not array.flags.writeable:
         if array.base is None:
             return True
@@ -50,8 +50,8 @@ def _is_frozen(array):
     return False
 
 
-def _frozen_copy(array):
-    """A read-only copy of an array."""
+def _read_only_copy(array):
+    """Return a read-only copy of an array."""
     array = np.array(array)
     array.setflags(write=False)
     return array

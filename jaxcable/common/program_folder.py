@@ -32,27 +32,27 @@ _MARK = """Signature: 8a477f597d28d172789f06886806bc55
 # For backup programs, see https://bford.info/cachedir/
 """
 _KEY, _DIGEST = 32, 32  # hexadecimal digits of a key, bytes of a digest
-_OURS = {
+_OWN_NAMES = {
     PROGRAMS: re.compile(rf"[0-9a-f]{{{_KEY}}}\.(program|\w+\.new)"),
     COMPILED: re.compile(r"[\w<>.-]+-[0-9a-f]{64}-(cache|atime)"),  # as jax 0.10 to 0.12 names them
 }
-_LINKS = 40  # symbolic links in a path, as Linux allows
-_FULL = 0.8  # of the limit: what is left when old programs are removed
-_OTHERS = stat.S_IWGRP | stat.S_IWOTH
-_CAREFULLY = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
+_MOST_LINKS = 40  # symbolic links in a path, as Linux allows
+_KEPT_SHARE = 0.8  # of the limit stays when old programs are removed, so that it is done rarely
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+_SAFE_FLAGS = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
 
 
 class UnsafeError(ValueError):
-    """A folder that shall not be used, or a file; the text says why, and what to do."""
+    """Say why a folder or file may not be used, and what to do."""
 
 
 class DamagedError(Exception):
-    """A file that is not what was written."""
+    """Say that a file does not contain what was written."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Place:
-    """Where programs are kept.
+class ProgramFolder:
+    """A folder in which compiled programs are kept.
 
     Attributes:
         folder: real path of the folder given to `keep_programs`.
@@ -64,44 +64,44 @@ class Place:
 
     @property
     def programs(self) -> Path:
-        """Folder of whole programs."""
+        """Folder of the programs that this package writes."""
         return self.folder / PROGRAMS
 
     @property
-    def compiled(self) -> Path:
-        """Folder for jax's own cache."""
+    def jax_cache(self) -> Path:
+        """Folder of jax's own cache."""
         return self.folder / COMPILED
 
-    def file_of(self, key: str) -> Path:
+    def program_path(self, key: str) -> Path:
         """Return the path of the program with a key."""
         return self.programs / f"{key}.program"
 
     def read(self, key: str) -> bytes | None:
-        """Return what was written under a key; None if there is nothing.
+        """Return the content written under a key; None if there is none.
 
         Raises:
             UnsafeError: another user has written it, or could have done so.
             DamagedError: it is not what was written, or not under this key.
         """
-        path = self.file_of(key)
+        path = self.program_path(key)
         try:
-            with open(os.open(path, os.O_RDONLY | _CAREFULLY), "rb") as file:
+            with open(os.open(path, os.O_RDONLY | _SAFE_FLAGS), "rb") as file:
                 about = os.fstat(file.fileno())
                 if not stat.S_ISREG(about.st_mode):
-                    raise UnsafeError(f"{path}: is no regular file")
-                _refuse_others(path, about)
+                    raise UnsafeError(f"{path}: is not a regular file")
+                _refuse_unsafe_owner(path, about)
                 text = file.read()
         except OSError:  # a symbolic link, too
             return None
         digest, text = text[:_DIGEST], text[_DIGEST:]
-        if _digest(key, text) != digest:
+        if _checksum(key, text) != digest:
             raise DamagedError(str(path))
         with contextlib.suppress(OSError):
             os.utime(path)  # used now
         return text
 
     def write(self, key: str, text: bytes) -> None:
-        """Write a file, as a whole or not at all: the folder may be full, or read-only.
+        """Write a file completely or not at all: the folder may be full, or read-only.
 
         Not by `writing.written`: only the user may read it, and a file that is lost when the power
         fails is compiled anew, so that nothing waits for the disk.
@@ -114,17 +114,17 @@ class Place:
                 dir=self.programs, prefix=f"{key}.", suffix=".new", delete=False
             ) as file:
                 name = file.name
-                file.write(_digest(key, text) + text)
-            os.replace(name, self.file_of(key))
+                file.write(_checksum(key, text) + text)
+            os.replace(name, self.program_path(key))
         except OSError:
             if name is not None:
                 with contextlib.suppress(OSError):
                     os.unlink(name)
 
-    def make_room(self) -> None:
-        """Remove our files that were not used for longest, if there are too many bytes."""
+    def remove_oldest(self) -> None:
+        """Remove the files that were not used for longest, if all together exceed the limit."""
         with contextlib.suppress(OSError):
-            files = [*_own_files(self.programs), *_own_files(self.compiled)]
+            files = [*_list_own_files(self.programs), *_list_own_files(self.jax_cache)]
             total = sum(size for _, size, _ in files)
             if total <= self.limit:
                 return
@@ -132,12 +132,12 @@ class Place:
                 with contextlib.suppress(OSError):
                     os.unlink(file)
                     total -= size
-                if total <= _FULL * self.limit:
+                if total <= _KEPT_SHARE * self.limit:
                     return
 
 
-def opened(folder: Path, limit: int) -> Place:
-    """Make the folders in which programs are kept, or find them, and mark them.
+def open_folder(folder: Path, limit: int) -> ProgramFolder:
+    """Make the folders in which programs are kept, or find them, and mark them as ours.
 
     A folder that cannot be made (a read-only disk) is no error: nothing is found there, and nothing
     kept.
@@ -146,50 +146,50 @@ def opened(folder: Path, limit: int) -> Place:
         UnsafeError: others can write to a folder or to one on the way there, or it belongs to
             another user, or it is a file, or a folder with one of our names has other things in it.
     """
-    place = Place(Path(os.path.realpath(folder)), limit)
-    require_own_way(folder)
+    place = ProgramFolder(Path(os.path.realpath(folder)), limit)
+    require_safe_path(folder)
     with contextlib.suppress(OSError):
         place.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        require_own_way(folder)  # what has been made
-    for path in (place.folder, place.programs, place.compiled):
+        require_safe_path(folder)  # what has been made
+    for path in (place.folder, place.programs, place.jax_cache):
         with contextlib.suppress(OSError):
             if path != place.folder:
-                _make(path)
+                _make_marked_folder(path)
             if path.is_dir():
-                _refuse_others(path, os.lstat(path))
+                _refuse_unsafe_owner(path, os.lstat(path))
     return place
 
 
-def require_own_way(folder: str | os.PathLike[str]) -> None:
-    """Raise UnsafeError if a path leads through a file, or a folder where others can change it.
+def require_safe_path(folder: str | os.PathLike[str]) -> None:
+    """Raise UnsafeError if a path leads through a file, or through a folder that others can change.
 
     Others can put another folder in the place of one if they can write to the folder in which it
     is, unless that is one such as ``/tmp``, in which everybody changes only what he owns.
     """
     path = Path(folder)
-    *above, last = _way(path if path.is_absolute() else Path(os.path.join(os.getcwd(), path)))
+    *above, last = _walk_path(path if path.is_absolute() else Path(os.path.join(os.getcwd(), path)))
     for path, about in (*above, last):
         if not stat.S_ISDIR(about.st_mode):
-            raise UnsafeError(f"{path}: is a file, and no folder; name another folder")
+            raise UnsafeError(f"{path}: is a file, not a folder; name another folder")
     if not hasattr(os, "geteuid"):
         return
     for path, about in above if last[0] == Path(os.path.realpath(folder)) else (*above, last):
         if about.st_uid not in (0, os.geteuid()):
             raise UnsafeError(
-                f"{path}: belongs to another user, who could put other programs in the place of "
-                f"those in {folder}; name a folder of your own"
+                f"{path}: belongs to another user, who could replace the programs in {folder}; "
+                "name a folder of your own"
             )
         if _others_can_write(about) and not about.st_mode & stat.S_ISVTX:
             raise UnsafeError(
-                f"{path}: other users can write there, and so could put other programs in the "
-                f"place of those in {folder}; `chmod go-w {path}`, or name another folder"
+                f"{path}: other users can write to it and could replace the programs in {folder}; "
+                f"run `chmod go-w {path}`, or name another folder"
             )
 
 
-def _way(path) -> Iterator[tuple[Path, os.stat_result]]:
-    """Folders through which an absolute path leads, and what is at its end, as far as it is there.
+def _walk_path(path) -> Iterator[tuple[Path, os.stat_result]]:
+    """Yield the folders through which an absolute path leads, and its end, as far as they exist.
 
-    Symbolic links are followed, so that the folders in which they are come, too.
+    Symbolic links are followed; the folders in which they lie are yielded, too.
     """
     here, names, links = Path(path.anchor), list(reversed(path.parts[1:])), 0
     yield here, os.lstat(here)
@@ -204,22 +204,22 @@ def _way(path) -> Iterator[tuple[Path, os.stat_result]]:
             yield here, os.lstat(here)
             continue
         links += 1
-        if links > _LINKS:
-            raise UnsafeError(f"{path}: leads through more than {_LINKS} symbolic links")
+        if links > _MOST_LINKS:
+            raise UnsafeError(f"{path}: leads through more than {_MOST_LINKS} symbolic links")
         target = Path(os.readlink(here / name))
         here = Path(target.anchor) if target.is_absolute() else here
         names += reversed(target.parts[1:] if target.is_absolute() else target.parts)
 
 
 def _others_can_write(about):
-    """Whether a folder is open to others: not to a group in which there is nobody but the user."""
+    """Tell whether others can write to a folder; a group of nobody but the user does not count."""
     if about.st_mode & stat.S_IWOTH:
         return True
     return bool(about.st_mode & stat.S_IWGRP) and not _is_own_group(about.st_gid)
 
 
 def _is_own_group(number):
-    """Whether a group is the private one of the user: called as the user, and without members."""
+    """Tell whether a group is the user's private one: of the user's name, without other members."""
     try:
         known, user = grp.getgrgid(number), pwd.getpwuid(os.geteuid())
     except KeyError:
@@ -228,27 +228,27 @@ def _is_own_group(number):
     return own and set(known.gr_mem) <= {user.pw_name}
 
 
-def _make(path):
-    """Make a folder of our own, and mark it, unless it is one already."""
+def _make_marked_folder(path):
+    """Make a folder of our own and mark it, unless that was done before."""
     if path.is_symlink():
         raise UnsafeError(f"{path}: is a symbolic link; remove it, or name another folder")
     path.mkdir(mode=0o700, exist_ok=True)
-    said = _tag_of(path)
+    said = _read_tag(path)
     if said == _MARK:
         return
     incomplete = said is not None and _MARK.startswith(said)  # or not there
     if any(entry.name != _TAG for entry in path.iterdir()) or not incomplete:
         raise UnsafeError(
-            f"{path}: holds files that jaxcable has not written (it has no {_TAG} of jaxcable); "
+            f"{path}: contains files that jaxcable has not written (it has no {_TAG} of jaxcable); "
             "name another folder"
         )
     (path / _TAG).write_text(_MARK, encoding="utf-8")
 
 
-def _tag_of(path):
-    """The beginning of the tag in a folder, "" without one; None if it is a link, or no text."""
+def _read_tag(path):
+    """Return the beginning of a folder's tag, "" without one; None if it is a link or no text."""
     try:
-        with open(os.open(path / _TAG, os.O_RDONLY | _CAREFULLY), encoding="utf-8") as file:
+        with open(os.open(path / _TAG, os.O_RDONLY | _SAFE_FLAGS), encoding="utf-8") as file:
             return file.read(len(_MARK))
     except FileNotFoundError:
         return ""
@@ -257,36 +257,37 @@ def _tag_of(path):
 
 
 def _is_marked(path):
-    """Whether a folder is one of our own; links are not followed."""
-    return not path.is_symlink() and _tag_of(path) == _MARK
+    """Tell whether a folder is marked as ours; links are not followed."""
+    return not path.is_symlink() and _read_tag(path) == _MARK
 
 
-def _own_files(path) -> Iterator[tuple[float, int, str]]:
-    """Time of use, bytes and path of our files in a folder of our own."""
+def _list_own_files(path) -> Iterator[tuple[float, int, str]]:
+    """Yield time of use, bytes and path of our files in a folder of our own."""
     if not _is_marked(path):
         return
     with os.scandir(path) as entries:
         for entry in entries:
-            if _OURS[path.name].fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
+            if _OWN_NAMES[path.name].fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
                 about = entry.stat(follow_symlinks=False)
                 yield about.st_mtime, about.st_size, entry.path
 
 
-def _refuse_others(path, about):
-    """Raise UnsafeError if a file or folder is another user's, or one that others may write."""
+def _refuse_unsafe_owner(path, about):
+    """Raise UnsafeError if a file or folder is another user's, or others may write to it."""
     if not hasattr(os, "geteuid"):
         return
     if about.st_uid != os.geteuid():
         raise UnsafeError(
-            f"{path}: belongs to another user, who could have put programs there that are run; "
+            f"{path}: belongs to another user, and programs in it would be run; "
             "name a folder of your own"
         )
-    if about.st_mode & _OTHERS:
+    if about.st_mode & _OTHERS_WRITE:
         raise UnsafeError(
-            f"{path}: other users can write there, and so could put programs there that are run; "
-            f"`chmod go-w {path}`, or name another folder"
+            f"{path}: other users can write to it, and programs in it would be run; "
+            f"run `chmod go-w {path}`, or name another folder"
         )
 
 
-def _digest(key, text):
+def _checksum(key, text):
+    """Return the checksum of a program and its key."""
     return hashlib.blake2b(key.encode() + text, digest_size=_DIGEST).digest()

@@ -16,17 +16,19 @@ from typing import IO, Any, NamedTuple
 import jax
 import numpy as np
 
-from . import foreign, status
+from . import host_calls, status
 from .types import Array, Float
 
 __all__ = ["Increment", "Printer", "Step", "Trial"]
 
 _PAUSE = 0.5  # seconds between two printed lines, and before the first line
-_HEARS: ContextVar[Callable[[Any], object] | None] = ContextVar("_HEARS", default=None)
+_COMPILE_LISTENER: ContextVar[Callable[[Any], object] | None] = ContextVar(
+    "_COMPILE_LISTENER", default=None
+)
 
 
 class Increment(NamedTuple):
-    """An increment of `solve` that has just ended.
+    """Report of an increment of `solve` that has just ended.
 
     Attributes:
         phase, phases: number of its phase, from 1, and number of phases.
@@ -61,7 +63,7 @@ class Increment(NamedTuple):
         return (
             f"phase {self.phase} of {self.phases}, increment {self.number} of {self.count}: "
             f"{self.iterations} iterations, residual {self.residual:.1e} N "
-            f"({self.relative_residual:.1e}){_failed(self.status)}"
+            f"({self.relative_residual:.1e}){_failure_text(self.status)}"
         )
 
     @property
@@ -71,7 +73,7 @@ class Increment(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A step of `minimize` that has just been accepted.
+    """Report of a step of `minimize` that has just been accepted.
 
     Attributes:
         number, count: number of the step, 0 at the start, and number of steps allowed.
@@ -106,7 +108,7 @@ class Step(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """A trial point of `fit` or `tune` that has just been evaluated.
+    """Report of a trial point of `fit` or `tune` that has just been evaluated.
 
     Attributes:
         number, count: number of the point, 0 at the start, and number of points allowed.
@@ -132,7 +134,7 @@ class Trial(NamedTuple):
         taken = "" if self.accepted else ", not accepted"
         return (
             f"trial {self.number} of {self.count}: misfit {self.misfit:.6g}{taken}"
-            f"{_failed(self.status)}"
+            f"{_failure_text(self.status)}"
         )
 
     @property
@@ -141,13 +143,13 @@ class Trial(NamedTuple):
         return self.number == 0
 
 
-def _failed(code: int) -> str:
-    """The text of a failure, to be appended to a line; empty if there is none."""
+def _failure_text(code: int) -> str:
+    """Return the text of a failure status, to be appended to a line; "" if nothing has failed."""
     return f", {status.describe(code)}" if code != status.OK else ""
 
 
 class Printer:
-    """Prints the progress of long work on stderr (also in notebooks), a line every half second.
+    """Print the progress of long work on stderr (also in notebooks), a line every half second.
 
     Nothing is printed for work that ends before the first half second.
 
@@ -175,7 +177,7 @@ class Printer:
             self.last = now
         if now - self.last >= self.pause:
             self.last = now
-            self.say(news)
+            self.print_line(news)
 
     def __reduce__(self) -> str:
         """The printer of ``progress=True`` is known by its name, for programs kept on disk."""
@@ -183,8 +185,8 @@ class Printer:
             return "SHOW"
         raise TypeError("a Printer cannot be pickled")
 
-    def say(self, text: object) -> None:
-        """Print a line."""
+    def print_line(self, text: object) -> None:
+        """Print a line at once."""
         print(text, file=self.stream or sys.stderr, flush=True)
 
 
@@ -193,7 +195,7 @@ SHOW = Printer()
 
 
 def listener(progress: bool | Callable[[Any], object] | None) -> Callable[[Any], object] | None:
-    """The function to call with reports of progress, or None if there is none to call.
+    """Return the function to call with reports of progress, or None if there is none to call.
 
     Args:
         progress: None or False for no function, True for `SHOW`, or a function.
@@ -207,25 +209,28 @@ def listener(progress: bool | Callable[[Any], object] | None) -> Callable[[Any],
         return SHOW
     if not callable(progress):
         raise ValueError(
-            f"progress = {progress!r}: expected True, or a function of what has just been done"
+            f"progress = {progress!r}: expected True, or a function to call with every report"
         )
     return progress
 
 
 @contextlib.contextmanager
 def hearing(listen: Callable[[Any], object] | None) -> Iterator[None]:
-    """Whatever is compiled meanwhile is said to a listener, too, by `compiling`."""
-    token = _HEARS.set(listen)
+    """Set, for a block, the listener of `compiling` where that is given none."""
+    token = _COMPILE_LISTENER.set(listen)
     try:
         yield
     finally:
-        _HEARS.reset(token)
+        _COMPILE_LISTENER.reset(token)
 
 
 @contextlib.contextmanager
 def compiling(listen: Callable[[Any], object] | None) -> Iterator[None]:
-    """Where progress is printed, say "compiling" if that takes long: until a report, or the end."""
-    listen = _HEARS.get() if listen is None else listen
+    """Print "compiling" if the block takes long and nothing has been reported meanwhile.
+
+    Nothing is printed unless `listen`, or else the listener set by `hearing`, is a `Printer`.
+    """
+    listen = _COMPILE_LISTENER.get() if listen is None else listen
     if not isinstance(listen, Printer):
         yield
         return
@@ -233,7 +238,7 @@ def compiling(listen: Callable[[Any], object] | None) -> Iterator[None]:
 
     def still():
         if listen.count == count:
-            listen.say("compiling")
+            listen.print_line("compiling")
 
     timer = threading.Timer(listen.pause, still)
     timer.daemon = True
@@ -250,7 +255,7 @@ def tell(
     known: Mapping[str, Any],
     traced: Mapping[str, Float[Array, ""]],
 ) -> None:
-    """Call `listen` with a report of a `kind` from inside of a compiled program.
+    """Report progress to `listen` from inside of a compiled program.
 
     Args:
         listen: the function to call.
@@ -261,13 +266,15 @@ def tell(
     """
     if listen is SHOW:  # by name, so that the program can be kept on disk
         ((field, number),) = known.items()
-        foreign.tell([show, kind.__name__, field, str(number), *traced], *traced.values())
+        host_calls.call_without_results(
+            [make_printing_reporter, kind.__name__, field, str(number), *traced], *traced.values()
+        )
         return
-    jax.debug.callback(_teller(listen, kind, known, tuple(traced)), *traced.values())
+    jax.debug.callback(_make_reporter(listen, kind, known, tuple(traced)), *traced.values())
 
 
-def _teller(listen, kind, known, names):
-    """A function of the values of `names` that calls `listen`."""
+def _make_reporter(listen, kind, known, names):
+    """Return a function that calls `listen` with a report, a `kind`, of the values it is given."""
 
     def function(*values):
         computed = {
@@ -279,8 +286,8 @@ def _teller(listen, kind, known, names):
     return function
 
 
-@foreign.family
-def show(kind, field, number, *names):
-    """The function that prints news, see `tell`."""
+@host_calls.host_function_family
+def make_printing_reporter(kind, field, number, *names):
+    """Return the NumPy function that prints a report with `SHOW`; called by `tell`."""
     kinds = {cls.__name__: cls for cls in (Increment, Step, Trial)}
-    return _teller(SHOW, kinds[kind], {field: int(number)}, names)
+    return _make_reporter(SHOW, kinds[kind], {field: int(number)}, names)

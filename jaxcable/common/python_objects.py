@@ -1,8 +1,9 @@
 """What decides how functions, classes and objects of Python compute: their code, and its values.
 
 A function is more than its text: globals, functions that it calls, attributes of modules and of
-objects, defaults, and values that it closes over decide what it returns. `parts` takes any of these
-apart, one level deep. Functions and classes of libraries are known by name and version.
+objects, defaults, and values that it closes over decide what it returns. `definition_parts` takes
+any of these apart, one level deep. Functions and classes of libraries are known by name and
+version.
 
 Functions are described by their bytecode and constants, as they are bound to names at this moment:
 files say what the next process will import, not what this one has.
@@ -26,56 +27,58 @@ import numpy as np
 
 PACKAGE = "jaxcable"
 # rooms above all programs: none of these is ever called by one
-_APART = {"__main__", "cli", "files", "plots", "reporting", "scenes"}
+_ROOMS_APART = {"__main__", "cli", "files", "plots", "reporting", "scenes"}
 _RELIED_ON = {"jax", "jaxlib", "jaxtyping", "numpy", "optax", "scipy"}
 _RELIED_ON |= (sys.stdlib_module_names | {"builtins"}) - {"unittest", "__main__"}
 _GENERATED = "_cython", "namedtuple_"  # modules that are none
-_READS = "LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS"
+_GLOBAL_READS = "LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS"
 _METHODS = types.FunctionType, staticmethod, classmethod, property, functools.cached_property
-_known: dict[int, tuple[types.CodeType, str]] = {}  # by address, which the code keeps occupied
+_known_digests: dict[
+    int, tuple[types.CodeType, str]
+] = {}  # by address, which the code keeps occupied
 
-PLAIN = {bool, int, float, complex, str, bytes, type(None), type(...)}
+PLAIN_TYPES = {bool, int, float, complex, str, bytes, type(None), type(...)}
 """Types of values whose text is all that they are."""
 
 
 class ForeignError(Exception):
-    """Something of a program is defined outside of the package, where its source is not known."""
+    """Say that a program depends on code outside of the package, whose source is not known."""
 
 
-def is_described(module: str) -> bool:
-    """Whether programs can depend on a module of the package, given by its name."""
+def is_program_module(module: str) -> bool:
+    """Tell whether compiled programs can depend on a module, given by its name."""
     package, *rooms = module.split(".")
-    return package == PACKAGE and bool(rooms) and rooms[0] not in _APART
+    return package == PACKAGE and bool(rooms) and rooms[0] not in _ROOMS_APART
 
 
-def hashed(*parts: bytes) -> str:
-    """Digest of some bytes, a text of 32 characters."""
+def digest_of_bytes(*parts: bytes) -> str:
+    """Return a digest of some bytes, a text of 32 characters."""
     return hashlib.blake2b(b"|".join(parts), digest_size=16).hexdigest()
 
 
-def parts(value: Any, of_package: bool = False) -> Iterator[Any]:
-    """What decides how a function, class or other object computes, one level deep.
+def definition_parts(value: Any, of_package: bool = False) -> Iterator[Any]:
+    """Yield the parts that decide what a function, class or object computes, one level deep.
 
     Args:
         value: the object.
-        of_package: whether it is read as part of this package, which describes all of its modules:
-            globals are left out, and so is what caches and registries hold, which change while the
-            package works. Else it is the user's, and this package is a library.
+        of_package: True for code of this package, all of whose modules are described: globals are
+            left out, and contents of caches and registries, which change while the package works.
+            False for code of the user, to whom this package is a library.
 
     Raises:
         ForeignError: in the package, a function or class that is defined elsewhere.
     """
     yield type(value).__name__
     if isinstance(value, types.ModuleType):
-        yield from (value.__name__, _version(value.__name__))
+        yield from (value.__name__, _package_version(value.__name__))
     elif isinstance(value, np.memmap):
-        yield from _mapped(value)
-    elif isinstance(value, types.FunctionType | type) and _is_named(value, of_package):
-        yield from (value.__module__, value.__qualname__, _version(value.__module__))
+        yield from _parts_of_memmap(value)
+    elif isinstance(value, types.FunctionType | type) and _is_known_by_name(value, of_package):
+        yield from (value.__module__, value.__qualname__, _package_version(value.__module__))
     elif isinstance(value, types.FunctionType):
-        yield from _of_function(value, of_package)
+        yield from _parts_of_function(value, of_package)
     elif isinstance(value, type):
-        yield from _of_class(value)
+        yield from _parts_of_class(value)
     elif isinstance(value, staticmethod | classmethod | types.MethodType):
         yield from (value.__func__, getattr(value, "__self__", None))
     elif isinstance(value, property):
@@ -91,46 +94,46 @@ def parts(value: Any, of_package: bool = False) -> Iterator[Any]:
         yield value.__qualname__
         yield owner if not isinstance(owner, types.ModuleType) else owner.__name__
     elif hasattr(value, "__wrapped__") or of_package:  # `jax.jit`, `functools.lru_cache`
-        yield from _held(value)
+        yield from _parts_of_package_object(value)
     else:
-        yield from _of_object(value)
+        yield from _parts_of_object(value)
 
 
-def _is_named(value, of_package):
-    """Whether a function or class is one of a library, and known by its name."""
+def _is_known_by_name(value, of_package):
+    """Tell whether a function or class belongs to a library, and counts by name and version."""
     package = (value.__module__ or "builtins").partition(".")[0]
     if of_package:
         relied_on = package in _RELIED_ON or package.startswith(_GENERATED)
         if package != PACKAGE and not relied_on:
             raise ForeignError(f"{value.__module__}.{value.__qualname__}")
         return package != PACKAGE
-    return _is_library(package)
+    return _is_library_package(package)
 
 
-def _is_library(package):
-    """Whether a package, given by its name, is of Python, this one, or another library."""
+def _is_library_package(package):
+    """Tell whether a package, given by its name, is Python's, this one, or an installed library."""
     if package == PACKAGE or package in _RELIED_ON:
         return True
     file = getattr(sys.modules.get(package), "__file__", None)
-    return file is not None and os.path.realpath(file).startswith(_libraries())
+    return file is not None and os.path.realpath(file).startswith(_library_folders())
 
 
 @functools.cache
-def _libraries():
-    """Folders of installed libraries, each with a separator at its end."""
+def _library_folders():
+    """Return the folders of installed libraries, each with a separator at its end."""
     names = "purelib", "platlib"
     return tuple(os.path.join(os.path.realpath(sysconfig.get_path(name)), "") for name in names)
 
 
-def _version(module):
-    """The version of the package of a module, given by its name; empty if it has none."""
+def _package_version(module):
+    """Return the version of the package that a module belongs to; empty if it has none."""
     package = sys.modules.get((module or "builtins").partition(".")[0])
     return str(getattr(package, "__version__", ""))
 
 
-def _of_function(function, of_package):
-    """A function: code, defaults, values from around it; of the user, globals that it names."""
-    yield of_code(function.__code__)
+def _parts_of_function(function, of_package):
+    """Yield code, defaults and captured values of a function; of a user's one also globals."""
+    yield digest_of_code(function.__code__)
     yield from (function.__defaults__, tuple((function.__kwdefaults__ or {}).items()))
     for cell in function.__closure__ or ():
         with contextlib.suppress(ValueError):  # a variable that has no value yet
@@ -138,26 +141,28 @@ def _of_function(function, of_package):
     if of_package:
         return
     yield vars(function)
-    names, space = _Names(set(), set(), set()), function.__globals__
+    names, space = _CodeNames(set(), set(), set()), function.__globals__
     _collect_names(function.__code__, names)
     found = {name: space[name] for name in names.read & space.keys()}
     found |= {name: sys.modules[name] for name in names.imported & sys.modules.keys()}
-    yield from _with_modules(found, names.any, set())
+    yield from _module_attributes_read(found, names.any, set())
 
 
-def _with_modules(found, names, seen):
-    """Names and values in their order, and what code with these `names` can read in modules."""
+def _module_attributes_read(found, names, seen):
+    """Yield names and values in order, and those attributes of modules that `names` can mean."""
     for name, value in sorted(found.items()):
         yield from (name, value)
         if not isinstance(value, types.ModuleType) or value.__name__ in seen:
             continue
-        if not _is_library(value.__name__.partition(".")[0]):
+        if not _is_library_package(value.__name__.partition(".")[0]):
             own, inside = vars(value), {*seen, value.__name__}
-            yield from _with_modules({n: own[n] for n in names & own.keys()}, names, inside)
+            yield from _module_attributes_read(
+                {n: own[n] for n in names & own.keys()}, names, inside
+            )
 
 
-class _Names(NamedTuple):
-    """Names in code: those that it reads as globals, modules that it imports, and all of them."""
+class _CodeNames(NamedTuple):
+    """Names in code: globals that it reads, modules that it imports, and all of them."""
 
     read: set[str]
     imported: set[str]
@@ -165,10 +170,10 @@ class _Names(NamedTuple):
 
 
 def _collect_names(code, names):
-    """Add the names in code, and in the code of functions in it, to `names`."""
+    """Add the names in code, and in the functions defined in it, to `names`."""
     names.any.update(code.co_names)
     for operation in dis.get_instructions(code):
-        if operation.opname in _READS:
+        if operation.opname in _GLOBAL_READS:
             names.read.add(operation.argval)
         elif operation.opname == "IMPORT_NAME":
             names.imported.add(operation.argval)
@@ -177,31 +182,31 @@ def _collect_names(code, names):
             _collect_names(constant, names)
 
 
-def of_code(code: types.CodeType) -> str:
-    """Digest of bytecode, with that of the functions in it; lines and comments do not count."""
-    if id(code) not in _known:
-        constants = [_of_constant(constant) for constant in code.co_consts]
+def digest_of_code(code: types.CodeType) -> str:
+    """Return a digest of bytecode and of the functions in it; lines and comments do not count."""
+    if id(code) not in _known_digests:
+        constants = [_describe_constant(constant) for constant in code.co_consts]
         words = (
             *(code.co_name, code.co_argcount, code.co_kwonlyargcount, code.co_flags, constants),
             *(code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars),
         )
-        found = hashed(code.co_code, code.co_exceptiontable, repr(words).encode())
-        _known[id(code)] = code, found
-    return _known[id(code)][1]
+        found = digest_of_bytes(code.co_code, code.co_exceptiontable, repr(words).encode())
+        _known_digests[id(code)] = code, found
+    return _known_digests[id(code)][1]
 
 
-def _of_constant(constant):
-    """A constant of bytecode; the elements of a set have another order in every process."""
+def _describe_constant(constant):
+    """Describe a constant of bytecode; sets are sorted, as processes order them differently."""
     if isinstance(constant, types.CodeType):
-        return of_code(constant)
+        return digest_of_code(constant)
     if isinstance(constant, frozenset | tuple):
-        words = [_of_constant(part) for part in constant]
+        words = [_describe_constant(part) for part in constant]
         return words if isinstance(constant, tuple) else {"set": sorted(map(repr, words))}
     return repr(constant)
 
 
-def _of_class(cls):
-    """A class: bases, methods, and attributes that are no names of Python's own."""
+def _parts_of_class(cls):
+    """Yield name, bases, methods and attributes of a class, except Python's own attributes."""
     yield cls.__qualname__
     yield cls.__bases__
     for name, value in sorted(vars(cls).items()):
@@ -209,14 +214,14 @@ def _of_class(cls):
             yield from (name, value)
 
 
-def _held(value):
-    """An object that is known by its type, by what it wraps, and by functions that it holds."""
+def _parts_of_package_object(value):
+    """Yield the type of an object, what it wraps, plain contents, and functions in it."""
     kind = type(value)
     yield from (kind.__module__, kind.__qualname__)
     if isinstance(value, tuple):
         yield from value
     elif isinstance(value, dict | set | frozenset):
-        yield constants(value)
+        yield sorted_plain_values(value)
     elif isinstance(value, np.dtype):
         yield str(value)
     held = dict(getattr(value, "__dict__", {}))
@@ -226,18 +231,20 @@ def _held(value):
     yield from (part for name in sorted(held) for part in (name, held[name]))
 
 
-def constants(values: Any) -> list[str] | None:
-    """Sorted contents of a set or dictionary of plain values; None for any other collection."""
+def sorted_plain_values(values: Any) -> list[str] | None:
+    """Return the sorted texts of a set or dictionary of plain values; None for all else."""
     if not isinstance(values, dict | set | frozenset):
         return None
     inner = [*values, *values.values()] if isinstance(values, dict) else values
-    if not all(type(part) in PLAIN or isinstance(part, np.generic | np.dtype) for part in inner):
+    if not all(
+        type(part) in PLAIN_TYPES or isinstance(part, np.generic | np.dtype) for part in inner
+    ):
         return None
     return sorted(map(repr, values.items() if isinstance(values, dict) else values)) or None
 
 
-def _of_object(value):
-    """An object: its class, and what it holds; of one that Python cannot take apart its text."""
+def _parts_of_object(value):
+    """Yield the class of an object and what pickling would write of it, or its text."""
     yield type(value)
     try:
         found = value.__reduce_ex__(4)  # what `pickle` would write
@@ -248,8 +255,11 @@ def _of_object(value):
         yield list(part) if isinstance(part, Iterator) else part
 
 
-def _mapped(array):
-    """An array in a file, perhaps larger than memory: the file, and when it was last written."""
+def _parts_of_memmap(array):
+    """Yield what identifies an array in a file: path, size, and when it was last written.
+
+    Its values are not read: it may be larger than memory.
+    """
     yield from (str(array.dtype), array.shape, array.offset, array.filename)
     if array.filename is not None:
         with contextlib.suppress(OSError):

@@ -22,7 +22,7 @@ from .types import Array, ArrayLike, Bool, Float, PyTree
 
 
 class Rule(NamedTuple):
-    """One rule of one argument.
+    """A rule that the numbers of one argument keep.
 
     Attributes:
         name: of the argument.
@@ -44,19 +44,19 @@ class Rule(NamedTuple):
 def positive(
     name: str, values: Float[ArrayLike, " ..."] | None, text: str = "must be positive"
 ) -> Rule:
-    """The rule that numbers are above zero."""
+    """Return the rule that numbers are above zero."""
     return Rule(name, values, lambda v: v <= 0, text)
 
 
 def not_negative(
     name: str, values: Float[ArrayLike, " ..."] | None, text: str = "must not be negative"
 ) -> Rule:
-    """The rule that numbers are zero or above."""
+    """Return the rule that numbers are zero or above."""
     return Rule(name, values, lambda v: v < 0, text)
 
 
 def whole(name: str, values: ArrayLike | None, text: str = "expected a whole number") -> Rule:
-    """The rule that numbers have no fraction."""
+    """Return the rule that numbers have no fraction."""
 
     def broken(v):
         # the remainder of an integer, which is zero, makes a long program
@@ -66,12 +66,12 @@ def whole(name: str, values: ArrayLike | None, text: str = "expected a whole num
 
 
 def refuse(rules: Sequence[Rule]) -> None:
-    """Raise ValueError for the first rule that known numbers break, naming the argument and index.
+    """Raise ValueError for the first rule that known numbers break, naming argument and index.
 
     Traced numbers and NaN pass.
     """
     for rule in rules:
-        values: list[Any] = [concrete(v) for v in _all(rule.values)]
+        values: list[Any] = [concrete(v) for v in _values_as_tuple(rule.values)]
         if any(value is None for value in values):
             continue
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -87,7 +87,7 @@ def refuse(rules: Sequence[Rule]) -> None:
 
 
 def kept(rules: Sequence[Rule], among: Bool[ArrayLike, " ..."] | None = None) -> Bool[Array, ""]:
-    """Whether numbers keep the rules, scalar bool, traced.
+    """Return whether traced numbers keep all rules, a scalar bool.
 
     Args:
         rules: list of `Rule`.
@@ -97,24 +97,24 @@ def kept(rules: Sequence[Rule], among: Bool[ArrayLike, " ..."] | None = None) ->
     for rule in rules:
         if rule.values is None:
             continue
-        broken = rule.broken(*map(jnp.asarray, _all(rule.values)))
+        broken = rule.broken(*map(jnp.asarray, _values_as_tuple(rule.values)))
         sound = sound & ~jnp.any(broken if among is None else broken & among)
     return sound
 
 
 def or_nan(rule: Rule) -> Float[ArrayLike, " ..."]:
-    """The values of a rule: refused if known values break it, NaN where traced values break it."""
+    """Return the values of a rule; refuse known ones that break it, replace traced ones by NaN."""
     refuse([rule])
-    values = _all(rule.values)
+    values = _values_as_tuple(rule.values)
     if all(concrete(v) is not None for v in values):
         return values[0]
     return jnp.where(rule.broken(*values), jnp.nan, values[0])
 
 
 def rules_of(tree: PyTree[Any]) -> list[Rule]:
-    """List of the rules of all objects in a tree of pytree objects, lists, tuples and dicts."""
+    """Collect the rules of all objects in a tree of pytree objects, lists, tuples and dicts."""
     if isinstance(tree, Each):
-        return [_of_each(tree)]
+        return [_rule_of_each_element(tree)]
     rules = tree.rules() if hasattr(tree, "rules") else []
     if dataclasses.is_dataclass(tree):
         parts: Iterable[Any] = [getattr(tree, field.name) for field in dataclasses.fields(tree)]
@@ -127,17 +127,17 @@ def rules_of(tree: PyTree[Any]) -> list[Rule]:
     return [*rules, *(rule for part in parts for rule in rules_of(part))]
 
 
-def _of_each(tree):
-    """A single rule for `Each`, broken for an element if its object breaks any of its rules."""
+def _rule_of_each_element(tree):
+    """Return a rule for `Each`: an element breaks it if its object breaks any of its own."""
     leaves, shape = jax.tree.flatten(tree.every)
 
     def broken(*leaves):
         return jax.vmap(lambda *one: ~kept(rules_of(jax.tree.unflatten(shape, one))))(*leaves)
 
-    return Rule("every", tuple(leaves), broken, "breaks a rule of its kind")
+    return Rule("every", tuple(leaves), broken, "breaks a rule of its class")
 
 
-def _all(values):
-    """The values of a rule as a tuple of arrays, or None; a list of numbers becomes one array."""
+def _values_as_tuple(values):
+    """Return the values of a rule as a tuple of arrays; None stays None."""
     values = values if isinstance(values, tuple) else (values,)
     return tuple(v if v is None or isinstance(v, jax.Array) else np.asarray(v) for v in values)

@@ -13,20 +13,20 @@ from .tree import Indices, put, pytree
 from .types import Array, ArrayLike, Bool, Float, Int
 
 
-class _Elements:
-    """What `Selection` and `Only` have in common: some elements of one group."""
+class _ElementSubset:
+    """Indices of some elements of one group: what `Selection` and `Only` have in common."""
 
     elements: Int[ArrayLike, " n"] | Bool[ArrayLike, " n_elem"]
     count: int | None
 
-    def _number(self):
-        """Set `elements` to numbers; if they were booleans, set `count` as well."""
+    def _set_element_indices(self):
+        """Replace `elements` by checked indices; set `count` if they were booleans."""
         elements = self.elements
         if isinstance(elements, Indices):
             return
         if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(elements)):
             raise ValueError(
-                "elements: which elements are meant is topology and cannot be traced; pass NumPy "
+                "elements: a selection of elements is topology and cannot be traced; pass NumPy "
                 "integers or booleans, or trace the values: jnp.where(mask, values, others)"
             )
         mask = checks.mask(elements)
@@ -42,10 +42,10 @@ class _Elements:
         put(self, elements=Indices(elements))
 
     def chosen(self, n_elem: int, name: str) -> Bool[np.ndarray, " n_elem"]:
-        """Mask of the elements, [n_elem] bool, NumPy; ValueError if the group lacks one of them."""
+        """Return a mask [n_elem], NumPy, of the elements; ValueError if the group lacks one."""
         if self.count not in (None, n_elem):
             raise ValueError(
-                f"{name}: {self.count} booleans say which elements, the group has {n_elem}"
+                f"{name}: expected a boolean for each of {n_elem} elements, got {self.count}"
             )
         unknown = self.elements.array >= n_elem
         if unknown.any():
@@ -60,7 +60,7 @@ class _Elements:
 
 
 @pytree(static=("count",), indices=("elements",))
-class Selection(_Elements):
+class Selection(_ElementSubset):
     """Some elements of one group.
 
     `only` without values makes one.
@@ -77,11 +77,11 @@ class Selection(_Elements):
     count: int | None = None
 
     def __post_init__(self):
-        self._number()
+        self._set_element_indices()
 
 
 @pytree(static=("count",), indices=("elements",))
-class Only(_Elements):
+class Only(_ElementSubset):
     """Values for some elements of one group.
 
     `only` makes them.
@@ -101,7 +101,7 @@ class Only(_Elements):
     count: int | None = None
 
     def __post_init__(self):
-        self._number()
+        self._set_element_indices()
         values, count = checks.floats(self.values, "values"), len(self.elements)
         if values.ndim < 2 or len(values) != count:  # components are checked by the group
             checks.per_element(values, count, "values")
@@ -109,7 +109,7 @@ class Only(_Elements):
         put(self, values=values)
 
     def spread(self, others: Float[ArrayLike, " n_elem"]) -> Float[Array, " n_elem"]:
-        """Array [n_elem] of the values at their elements, and of `others` elsewhere."""
+        """Return an array [n_elem] with the values at their elements, and `others` elsewhere."""
         values = jnp.asarray(self.values)
         return jnp.asarray(others, values.dtype).at[self.elements.array].set(values)
 
@@ -138,7 +138,7 @@ def only(
     elements: Int[ArrayLike, " n"] | Bool[ArrayLike, " n_elem"],
     values: Float[ArrayLike, ""] | Float[ArrayLike, " n"] | None = None,
 ) -> Selection | Only:
-    """Some elements of a group, and values for them: ``Phase(pretension=only([0, 3], 200.0))``.
+    """Choose some elements of a group, with values for them: ``pretension=only([0, 3], 200.0)``.
 
     Args:
         elements: numbers of the elements in their group, [n], or booleans [n_elem]. They are

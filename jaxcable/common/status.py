@@ -49,7 +49,7 @@ _TEXTS = {
     AT_ROUNDING: (
         "the residual falls no more: it is as small as rounding leaves it. EA is too large for "
         "these forces: use float64, begin nearer to the equilibrium (nodes, start), make the "
-        "stiffest members softer, or allow more by tol; or the load is so small beside the forces "
+        "stiffest elements softer, or allow more by tol; or the load is so small beside the forces "
         "that its effect cannot be told from their rounding: apply a larger one"
     ),
     COLLAPSED: (
@@ -86,7 +86,7 @@ _TEXTS = {
         "learning rate, or go on from the parameters reached"
     ),
     STALLED: (
-        "no step, however short, brings the optimization on: the loss has reached its rounding "
+        "no step, however short, improves the result: the loss has reached its rounding "
         "level (then raise tol, or lower that of the analysis), has a kink here (a cable at the "
         "point of slackening), no parameter has an influence, or the analysis fails in this "
         "direction (look at failures)"
@@ -149,14 +149,14 @@ _TEXTS = {
     ),
     INVALID_INPUT: (
         "a number is not allowed, such as a negative stiffness, the compression of a cable or a "
-        "tol of 1 or more: it was traced, so that nothing could be refused before; give the same "
-        "numbers outside of jit, vmap and grad, and a ValueError names the argument"
+        "tol of 1 or more: jax traced it, so that it could not be refused earlier; call with the "
+        "same numbers outside of jit, vmap and grad, and a ValueError names the argument"
     ),
 }
 
 
 class AnalysisError(RuntimeError):
-    """An analysis did not end in equilibrium; raised by `raise_if_failed`.
+    """Raised by `raise_if_failed`: an analysis did not end in equilibrium.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -170,7 +170,7 @@ class AnalysisError(RuntimeError):
 
 
 def describe(code: Int[ArrayLike, ""]) -> str:
-    """The text for a status code: what happened and what to do next.
+    """Return the text for a status code: what happened and what to do next.
 
     Args:
         code: status, one integer.
@@ -199,7 +199,7 @@ def describe(code: Int[ArrayLike, ""]) -> str:
 
 
 def first_failure(earlier: Int[ArrayLike, ""], later: Int[ArrayLike, ""]) -> Int[Array, ""]:
-    """The first failure of two codes: `earlier` if it is a failure, else `later`.
+    """Return the first failure of two codes: `earlier` if it is a failure, else `later`.
 
     Example:
         >>> int(jc.status.first_failure(jc.status.OK, jc.status.MECHANISM)) == jc.status.MECHANISM
@@ -234,8 +234,8 @@ def raise_if_failed(solution: Any) -> None:
     """
     if not hasattr(solution, "status"):
         raise ValueError(
-            f"raise_if_failed: expected a solution, got {type(solution).__name__}; a code alone "
-            "is said by describe(code)"
+            f"raise_if_failed: expected a solution, got {type(solution).__name__}; "
+            "describe(code) gives the text of a code"
         )
     if isinstance(solution.status, jax.core.Tracer):
         raise ValueError("raise_if_failed: the solution is being traced; call it outside of jit")
@@ -257,7 +257,7 @@ def raise_if_failed(solution: Any) -> None:
                 f"{factor:.6g}), residual {residual:.3g} N: {describe(code)}"
             )
     before = (
-        "the analysis that this one starts from failed: " if hasattr(solution, "phases") else ""
+        "the analysis that this one starts from has failed: " if hasattr(solution, "phases") else ""
     )
     met = getattr(solution, "nearest", None) if code == COLLAPSED else None
     which = "" if met is None else " (here nodes {} and {})".format(*np.asarray(met)[case].tolist())

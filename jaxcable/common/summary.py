@@ -17,13 +17,12 @@ import numpy as np
 
 from . import status
 
-_LINES = 5
-_WIDTH = 96
-_DEEP = 3  # levels of containers that are opened
-_LARGE = 10_000_000  # numbers of an array whose range is found in some milliseconds
+_LINES, _WIDTH = 5, 96  # of a text, at most
+_DEEPEST_LEVEL = 3  # levels of containers that are opened
+_MOST_NUMBERS = 10_000_000  # numbers of an array whose range is found in some milliseconds
 
 
-def summary(obj: Any) -> str:
+def summarize(obj: Any) -> str:
     """Describe a `pytree` object in five lines at most.
 
     A class may say in ``_shown`` which fields with which units are shown, ``"loss, tension N"``;
@@ -32,26 +31,26 @@ def summary(obj: Any) -> str:
     name = type(obj).__name__
     try:
         parts = []
-        for key, unit in _shown(obj).items():
-            text = _text(obj.__dict__.get(key))
+        for key, unit in _fields_to_show(obj).items():
+            text = _describe_safely(obj.__dict__.get(key))
             if text and key != "status":
                 parts.append(f"{key} {text} {unit}".strip())
-        head = _outcome(obj.__dict__["status"]) if "status" in obj.__dict__ else ""
-        return _folded(f"{name}: {head}" if head else name, parts)
+        head = _describe_status(obj.__dict__["status"]) if "status" in obj.__dict__ else ""
+        return _fold_lines(f"{name}: {head}" if head else name, parts)
     except Exception:  # a text of an object must not add an error to another one
         return f"{name}(...)"
 
 
-def _shown(obj):
-    """The fields to show and their units, a dict."""
+def _fields_to_show(obj):
+    """Return the fields of an object that are shown, with their units, a dict."""
     chosen = getattr(type(obj), "_shown", None)
     if chosen is None:
         return dict.fromkeys(type(obj)._all_fields, "")
     return {name: unit for name, _, unit in (part.partition(" ") for part in chosen.split(", "))}
 
 
-def _folded(head, parts):
-    """The first line and the parts, in one line if that is possible, else in five at most."""
+def _fold_lines(head, parts):
+    """Join head and parts to one line if they fit, else to five lines at most."""
     together = f"{head}({', '.join(parts)})"
     if ":" not in head and len(together) <= _WIDTH:
         return together
@@ -68,38 +67,38 @@ def _folded(head, parts):
     return "\n".join(lines)
 
 
-def _outcome(code):
-    """A status, or those of a batch, in words."""
+def _describe_status(code):
+    """Describe a status code, or those of a batch, in words."""
     if isinstance(code, jax.core.Tracer):
         return "traced"
     codes = np.asarray(code)
     if codes.dtype.kind not in "iu":
         return "status unknown"
     failed = codes[codes != status.OK]
-    first = _said(int(failed[0])) if failed.size else ""
+    first = _code_text(int(failed[0])) if failed.size else ""
     if codes.ndim == 0:
         return first or status.describe(status.OK)
     return f"{codes.size - failed.size} of {codes.size} converged" + (first and f"; one: {first}")
 
 
-def _said(code):
-    """A code and its text."""
+def _code_text(code):
+    """Return a status code with its text; the code alone if it is unknown."""
     try:
         return f"status {code}, {status.describe(code)}"
     except ValueError:
         return f"status {code}"
 
 
-def _text(value, depth=0):
-    """A value in a few words; empty for None."""
+def _describe_safely(value, depth=0):
+    """Describe a value in a few words, "" for None; if that fails, by its type."""
     try:
-        return _known_text(value, depth)
+        return _describe_value(value, depth)
     except Exception:  # such as an array that has been deleted
         return type(value).__name__
 
 
-def _known_text(value, depth):
-    """See `_text`."""
+def _describe_value(value, depth):
+    """Describe a value in a few words, "" for None; may raise, such as for a deleted array."""
     if value is None:
         return ""
     if isinstance(value, jax.core.Tracer):
@@ -108,23 +107,25 @@ def _known_text(value, depth):
         return _array_text(value)
     if isinstance(value, str | bool | int | float | complex):
         return repr(value)
-    if hasattr(value, "_all_fields") or depth == _DEEP:
+    if hasattr(value, "_all_fields") or depth == _DEEPEST_LEVEL:
         return _object_text(value)
     if isinstance(value, dict):
-        items = (f"{key!r}: {_text(item, depth + 1) or None}" for key, item in value.items())
+        items = (
+            f"{key!r}: {_describe_safely(item, depth + 1) or None}" for key, item in value.items()
+        )
         return "{" + ", ".join(items) + "}"
     if isinstance(value, list | tuple):
         kinds = {type(item).__name__ for item in value}
         if len(value) > 3 or (len(kinds) == 1 and all(hasattr(v, "_all_fields") for v in value)):
             return f"{len(value)} of {', '.join(sorted(kinds))}"
-        return "[" + ", ".join(_text(item, depth + 1) or "None" for item in value) + "]"
+        return "[" + ", ".join(_describe_safely(item, depth + 1) or "None" for item in value) + "]"
     if hasattr(value, "shape"):
         return f"{list(value.shape)}"
     return _object_text(value)
 
 
 def _object_text(value):
-    """The kind of an object and, if it has one, its length."""
+    """Return the type of an object and its length: for groups of elements, their number."""
     links = value.__dict__.get("links") if hasattr(value, "__dict__") else None
     sized = links if isinstance(links, Sized) else value
     count = f"[{len(sized)}]" if isinstance(sized, Sized) else ""
@@ -132,10 +133,10 @@ def _object_text(value):
 
 
 def _array_text(value):
-    """The shape of an array and the range of its numbers."""
+    """Return the shape of an array and the range of its numbers."""
     shape = list(value.shape)
     numeric = jnp.issubdtype(value.dtype, jnp.number) or value.dtype == bool
-    if not numeric or not 0 < value.size <= _LARGE:
+    if not numeric or not 0 < value.size <= _MOST_NUMBERS:
         return f"{value.dtype}{shape}"
     array = np.asarray(value)
     if array.ndim == 0:

@@ -21,7 +21,7 @@ import numpy as np
 from jax import lax
 
 from .owned import owned
-from .summary import summary
+from .summary import summarize
 from .types import Array, ArrayLike, Bool, Float, Int, PyTree
 
 _T = TypeVar("_T")
@@ -68,13 +68,13 @@ class Indices:
 
 
 _NO_INDICES = "_no_indices"
-_PLAIN = {np.ndarray, type(None), float, int, bool}
+_LEAF_TYPES = {np.ndarray, type(None), float, int, bool}
 """Common types of leaves."""
 
 
 @dataclasses.dataclass(frozen=True)
-class _Slot:
-    """Takes the place of the index array of this number in a thawed object."""
+class _IndexSlot:
+    """Stands in a tree without indices for the index array of this number."""
 
     number: int
 
@@ -87,7 +87,7 @@ def pytree(
     indices: Sequence[str] = (),
     kw_only: bool = False,
 ) -> Any:
-    """Make `cls` a frozen dataclass and a pytree; fields that the options do not name are leaves.
+    """Make `cls` a frozen dataclass and a pytree, whose leaves are all fields but those named here.
 
     Constructors keep read-only copies of NumPy arrays, lists and dicts (`owned`). Unlike with
     `jax.tree_util.register_dataclass`, unflattening does not run `__post_init__`: constructors may
@@ -102,7 +102,7 @@ def pytree(
         return lambda c: pytree(c, static=static, indices=indices, kw_only=kw_only)
     cls = dataclasses.dataclass(frozen=True, eq=False, repr=False, kw_only=kw_only)(cls)
     if cls.__repr__ is object.__repr__:
-        cls.__repr__ = summary
+        cls.__repr__ = summarize
     meta = tuple(static) + tuple(indices)
     data = tuple(f.name for f in dataclasses.fields(cls) if f.name not in meta)
     cls._index_fields = tuple(indices)
@@ -138,7 +138,7 @@ def pytree(
 
 
 def once(function: Callable[[Any], _T]) -> Callable[[Any], _T]:
-    """A function of one immutable object, computed once and kept in the object."""
+    """Decorate a function of one immutable object, so that its result is stored in the object."""
     name = f"_{function.__name__}_once"
 
     @functools.wraps(function)
@@ -166,7 +166,7 @@ def copy(obj: _T, **changes: Any) -> _T:
 
 @pytree
 class Each:
-    """An object for every element, such as a law or a section; leaves have an axis [n_elem].
+    """One object for every element, such as a law or a section; its leaves have an axis [n_elem].
 
     An element group has it in the place of a single object that all its elements share.
 
@@ -178,17 +178,17 @@ class Each:
 
 
 def kind(obj: Any) -> Any:
-    """The object from which static members are read: `obj`, or that of all elements (`Each`)."""
+    """Return the object with the static members: `obj`, or all objects of `Each` as one."""
     return obj.every if isinstance(obj, Each) else obj
 
 
 def changed(function: Callable[[Any], Any], obj: Any) -> Any:
-    """``function(obj)``; for `Each`, the function of the object of every element."""
+    """Return ``function(obj)``; for `Each` apply the function to the object of every element."""
     return Each(jax.vmap(function)(obj.every)) if isinstance(obj, Each) else function(obj)
 
 
 def replace(obj: _T, **changes: Any) -> _T:
-    """A copy of a structure, group, phase or load with some fields changed; its checks run again.
+    """Copy a structure, group, phase or load with some fields changed; its checks run again.
 
     Args:
         obj: the object to copy.
@@ -215,18 +215,18 @@ def replace(obj: _T, **changes: Any) -> _T:
     return dataclasses.replace(obj, **changes)  # type: ignore[type-var]  # as in `copy`
 
 
-def _holds_indices(obj):
-    """Whether the class of an object has fields with `Indices`."""
+def _has_index_fields(obj):
+    """Tell whether the class of an object has fields with `Indices`."""
     return bool(getattr(type(obj), "_index_fields", ()))
 
 
 def plain(indices: Indices | Int[ArrayLike, " ..."]) -> Int[ArrayLike, " ..."]:
-    """The index array: that of `Indices`, or the one that replaces them in a compiled program."""
+    """Return the index array: that of `Indices`, or the array that replaces them in a program."""
     return indices.array if isinstance(indices, Indices) else indices
 
 
 def places(array: Int[ArrayLike, " ..."]) -> Int[np.ndarray, " ..."]:
-    """An index array as unsigned integers, so that programs need no code for negative indices.
+    """Return indices as unsigned integers, so that programs need no code for negative ones.
 
     Arrays with negative entries, and arrays that are not signed integers, are returned unchanged.
     """
@@ -237,7 +237,7 @@ def places(array: Int[ArrayLike, " ..."]) -> Int[np.ndarray, " ..."]:
 
 
 def thaw(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
-    """Split `tree` into (the same tree with slots for its indices, list of index arrays).
+    """Split `tree` into a tree with slots in the place of `Indices`, and the list of index arrays.
 
     In a tree that `fill` has made, index arrays take the place of `Indices`.
     """
@@ -245,20 +245,20 @@ def thaw(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
 
     def slot(value):
         arrays.append(places(value.array) if isinstance(value, Indices) else value)
-        return _Slot(len(arrays) - 1)
+        return _IndexSlot(len(arrays) - 1)
 
     def visit(obj):
         kind = type(obj)
-        if kind in _PLAIN or isinstance(obj, jax.Array):
+        if kind in _LEAF_TYPES or isinstance(obj, jax.Array):
             return obj
         if kind is list or kind is tuple:
             return kind(map(visit, obj))
         if not hasattr(kind, "_all_fields"):
             return jax.tree.map(
-                lambda x: visit(x) if _holds_indices(x) else x, obj, is_leaf=_holds_indices
+                lambda x: visit(x) if _has_index_fields(x) else x, obj, is_leaf=_has_index_fields
             )
         values = vars(obj)
-        if _holds_indices(obj):
+        if _has_index_fields(obj):
             names = (name for name in obj._index_fields if values[name] is not None)
             return copy(obj, **{name: slot(values[name]) for name in names})
         if _NO_INDICES in values:
@@ -274,7 +274,7 @@ def thaw(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
 
 
 def cast(tree: _T, dtype: Any) -> _T:
-    """A tree as arrays, with all floats converted to `dtype`."""
+    """Return a tree of jax arrays, with all floats converted to `dtype`."""
 
     def cast_leaf(x):
         x = jnp.asarray(x)
@@ -287,16 +287,18 @@ def fill(tree: _T, arrays: Sequence[Int[ArrayLike, " ..."]]) -> _T:
     """Undo `thaw`: put index arrays, which may be traced, into the slots of a tree."""
 
     def visit(obj):
-        if not _holds_indices(obj):
+        if not _has_index_fields(obj):
             return obj
         values = {n: getattr(obj, n) for n in obj._index_fields}
-        return copy(obj, **{n: arrays[v.number] for n, v in values.items() if isinstance(v, _Slot)})
+        return copy(
+            obj, **{n: arrays[v.number] for n, v in values.items() if isinstance(v, _IndexSlot)}
+        )
 
-    return jax.tree.map(visit, tree, is_leaf=_holds_indices)
+    return jax.tree.map(visit, tree, is_leaf=_has_index_fields)
 
 
 def stacked(trees: Sequence[_T]) -> _T:
-    """Trees of equal structure as one tree with stacked leaves: by NumPy unless traced."""
+    """Stack the leaves of trees of equal structure, by NumPy unless one is traced."""
 
     def stack(*leaves):
         traced = any(isinstance(x, jax.core.Tracer) for x in leaves)
@@ -308,7 +310,7 @@ def stacked(trees: Sequence[_T]) -> _T:
 
 
 def where(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
-    """The pytree `new` where the condition holds, else `old`."""
+    """Return the pytree `new` where the condition holds, else `old`."""
 
     def one(a, b):
         a, b = jnp.asarray(a), jnp.asarray(b)
@@ -320,27 +322,27 @@ def where(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
 
 
 def joined(arrays: Sequence[ArrayLike]) -> ArrayLike:
-    """Concatenated arrays: by NumPy unless one is traced or on another device."""
-    if all(isinstance(x, np.ndarray) or _at_hand(x) for x in arrays):
+    """Concatenate arrays, by NumPy unless one is traced or on another device."""
+    if all(isinstance(x, np.ndarray) or _is_on_host(x) for x in arrays):
         return np.concatenate([np.asarray(x) for x in arrays])
     return jnp.concatenate([jnp.asarray(x) for x in arrays])
 
 
-def _at_hand(x):
-    """Whether `x` is a `jax.Array` that is not traced and is in the memory of the host."""
+def _is_on_host(x):
+    """Tell whether `x` is a `jax.Array` that is not traced and is in the memory of the host."""
     if not isinstance(x, jax.Array) or isinstance(x, jax.core.Tracer):
         return False
     return len(x.devices()) == 1 and next(iter(x.devices())).platform == "cpu"
 
 
 def computed(function: Callable[[Any, Any], Any], x: ArrayLike) -> ArrayLike:
-    """``function(numpy, x)`` for a known array on the host, else ``function(jax.numpy, x)``.
+    """Return ``function(numpy, x)`` for a known array on the host, else ``function(jax.numpy, x)``.
 
     If `x` is a JAX array, so is the result, on the same device. NumPy is preferred because JAX
     would compile a program for every small operation.
     """
     if not isinstance(x, jax.Array):
         return function(np, np.asarray(x))
-    if _at_hand(x):
+    if _is_on_host(x):
         return jax.device_put(function(np, np.asarray(x)), x.sharding)
     return function(jnp, x)

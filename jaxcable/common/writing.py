@@ -19,12 +19,12 @@ from typing import IO, Any
 
 import numpy as np
 
-from .interrupt import AT_EXIT
+from .interrupt import UNFINISHED_FILES
 
 
 @contextlib.contextmanager
 def written(path: str | PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
-    """Open a stream for a file that appears at `path` when the block ends; not if it fails.
+    """Open a file for writing that appears at `path` when the block ends, and not if it fails.
 
     Args:
         path: path of the file.
@@ -58,12 +58,12 @@ def written_together() -> Iterator[Callable[..., IO[Any]]]:
 
     def begin(path, mode="w"):
         finish()
-        target = replaceable(path)
-        handle, name = stack.enter_context(_beside(target, path))
+        target = resolve_write_target(path)
+        handle, name = stack.enter_context(_temporary_file(target, path))
         staged.append((name, target))
         text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
         streams.append(open(handle, mode, **text))
-        stack.callback(_close, streams[0])
+        stack.callback(_close_quietly, streams[0])
         return streams[0]
 
     with contextlib.ExitStack() as stack:
@@ -71,18 +71,18 @@ def written_together() -> Iterator[Callable[..., IO[Any]]]:
         finish()
         for name, target in staged:
             if target.exists():
-                os.chmod(name, _permissions(target))
+                os.chmod(name, _file_permissions(target))
             os.replace(name, target)
 
 
-def _close(stream):
+def _close_quietly(stream):
     """Close a stream that may be closed already, or whose disk may be full."""
     with contextlib.suppress(OSError):
         stream.close()
 
 
-def replaceable(path: str | PathLike[str]) -> Path:
-    """The file that is written for `path`: that at the end of a link, not the link.
+def resolve_write_target(path: str | PathLike[str]) -> Path:
+    """Return the file to write for `path`: the target of a symbolic link, not the link.
 
     Raises:
         OSError: something else than a file is there, or a file that may not be changed (also where
@@ -93,24 +93,24 @@ def replaceable(path: str | PathLike[str]) -> Path:
         raise IsADirectoryError(errno.EISDIR, "Is a folder, not a file", str(path))
     if target.exists() and not target.is_file():
         raise OSError(errno.EINVAL, "Is not a regular file", str(path))
-    if target.exists() and not (os.access(target, os.W_OK) and _permissions(target) & 0o222):
+    if target.exists() and not (os.access(target, os.W_OK) and _file_permissions(target) & 0o222):
         raise PermissionError(errno.EACCES, "Permission denied", str(path))
     return target
 
 
 def require_writable(path: str | PathLike[str]) -> None:
-    """Raise OSError if `written` could not write this file; nothing is left behind."""
-    with _beside(replaceable(path), path) as (handle, _):
+    """Raise OSError if `written` could not write this file; leave nothing behind."""
+    with _temporary_file(resolve_write_target(path), path) as (handle, _):
         os.close(handle)
 
 
 def create(path: str | PathLike[str], content: bytes) -> bool:
-    """Write a file unless there is one, which stays as it is; returns whether it was written.
+    """Write a file unless it exists already; return whether it was written.
 
     Of several processes that create the same file, one does.
     """
     target = Path(path)
-    with _beside(target, path) as (handle, name):
+    with _temporary_file(target, path) as (handle, name):
         with open(handle, "wb") as stream:
             stream.write(content)
             stream.flush()
@@ -132,7 +132,7 @@ def put_arrays(
     compressed: bool = False,
     comment: bytes = b"",
 ) -> None:
-    """Write arrays to a stream as ``.npz``; other than for `np.savez` every name will do.
+    """Write arrays to a stream as ``.npz``; unlike `np.savez`, with any names.
 
     The archive has a comment, which `np.load` does not look at.
     """
@@ -145,8 +145,8 @@ def put_arrays(
 
 
 @contextlib.contextmanager
-def _beside(target, path):
-    """Make a new file in the folder of `target`, which is removed at the end if it is still there.
+def _temporary_file(target, path):
+    """Create a temporary file in the folder of `target`, and remove it at the end of the block.
 
     The block gets its descriptor and its name; errors name `path`. It has the permissions of any
     new file. (Those of `tempfile` allow the user alone to read it, and to ask for the usual ones
@@ -158,15 +158,15 @@ def _beside(target, path):
         handle = os.open(name, os.O_RDWR | os.O_CREAT | os.O_EXCL | binary, 0o666)
     except OSError as error:
         raise type(error)(error.errno, error.strerror, str(path)) from None
-    AT_EXIT.append(name)
+    UNFINISHED_FILES.append(name)
     try:
         yield handle, name
     finally:
         with contextlib.suppress(OSError):
             os.unlink(name)
-        AT_EXIT.remove(name)
+        UNFINISHED_FILES.remove(name)
 
 
-def _permissions(target):
-    """Permissions of a file that is there."""
+def _file_permissions(target):
+    """Return the permissions of an existing file."""
     return stat.S_IMODE(target.stat().st_mode)

@@ -101,8 +101,9 @@ def mixed(start: Array, end: Array, factor: Float[ArrayLike, ""]) -> Array:
 class Uniaxial(Element):
     """Elements with one strain along their axis, from which their force follows.
 
-    `forms.statements` and `design.slack_distance` need them, and form finding those that are
-    `straight.Straight`. On paths they stay slack, or taut, where rounding hides their strain.
+    `forms.equivalent_prestress` and `design.slack_distance` ask for them, and form finding for
+    those that are `straight.Straight`. On paths they stay slack, or taut, where rounding hides
+    their strain.
     """
 
     @abc.abstractmethod

@@ -1,1 +1,1 @@
-"""From a system to its equilibrium: Newton's method and what steers it, the incremental scheme."""
+"""From a system to its equilibrium: Newton's method, its globalization, the incremental scheme."""

@@ -30,14 +30,15 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..mechanics.ramp import Ramp
 from ..numerics import implicit
-from .newton import Newton, Outcome, equilibrate
+from .increment_outcome import Outcome
+from .newton import Newton, equilibrate
 
 
 @pytree(static=("corrections", "stiffness", "linear_solver"))
 class Incremental:
     """A fixed number of linear solves per increment, as in the paper.
 
-    Where the stiffness at the start of a phase is singular (a slack chord, a mechanism before its
+    Where the stiffness at the start of a phase is singular (a slack cable, a mechanism before its
     prestress) the first increment is solved to equilibrium instead; `path.equilibrated` shows it.
     Derivatives are those of the algorithm itself, also along the path.
 
@@ -45,8 +46,9 @@ class Incremental:
         corrections: equilibrium iterations after each increment's first solve.
         stiffness: "tangent" or "secant".
         tol: largest unbalanced force at the end of an increment over the load (Euclidean norms over
-            the free freedoms; without load, over the largest sum of absolute end forces at a node);
-            above it the status is DRIFTED. The paper uses 0.05; `numpy.inf` allows everything.
+            the free degrees of freedom; without load, over the largest sum of absolute end forces
+            at a node); above it the status is DRIFTED. The paper uses 0.05; `numpy.inf` allows
+            everything.
         linear_solver: as for `Newton`.
 
     Raises:
@@ -76,17 +78,17 @@ class Incremental:
 
     def __post_init__(self):
         if not isinstance(self.corrections, int | np.integer) or self.corrections < 0:
-            raise ValueError(f"corrections = {self.corrections!r}: expected an integer >= 0")
+            raise ValueError(f"corrections = {self.corrections!r}: expected a whole number >= 0")
         if self.stiffness not in ("tangent", "secant"):
             raise ValueError(f'stiffness = {self.stiffness!r}: expected "tangent" or "secant"')
         tol = checks.floats(self.tol, "tol")
         if tol.shape != ():
-            raise ValueError(f"tol: expected a scalar, got shape {tol.shape}")
+            raise ValueError(f"tol: expected one number, got an array of shape {tol.shape}")
         refuse(self.rules())
         linear.check(self.linear_solver)
 
     def rules(self) -> list[Rule]:
-        """The rule of `tol`, see `common.rules`; a NaN breaks it: no residual would exceed it."""
+        """Return the rule of `tol`, see `common.rules`; a NaN breaks it."""
         return [Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive")]
 
 
@@ -96,63 +98,63 @@ def march(
     increments: tuple[Float[Array, " n"], Bool[Array, " n"]],
     method: Incremental,
     code: Int[Array, ""],
-    tell: Callable[[Float[Array, ""], Outcome], None] | None = None,
+    report: Callable[[Float[Array, ""], Outcome], None] | None = None,
 ) -> tuple[Float[Array, "n n_row n_motion"], Float[Array, "n n_log"]]:
-    """Take a phase through its load factors: points and log of all increments.
+    """Solve all increments of a phase, and return their points and their log.
 
-    Arguments and these results are those of `newton.march`. Differentiable; increments are
+    Arguments and results are those of `newton.march`. Differentiable; increments are
     checkpointed, so that the backward pass stores one point of each and no stiffness matrix.
     """
 
     @jax.checkpoint
-    def step(carry, increment):
+    def solve_if_live(carry, increment):
         factor, live, first = increment
         x, code, memory = carry
 
-        def go(x, code, memory):
-            outcome, memory = _increment(ramp, factor, x, method, code, memory, first)
-            if tell is not None:
-                tell(factor, outcome)
+        def solve(x, code, memory):
+            outcome, memory = _solve_increment(ramp, factor, x, method, code, memory, first)
+            if report is not None:
+                report(factor, outcome)
             return outcome, memory
 
-        def pass_by(x, code, memory):
+        def skip(x, code, memory):
             zero, none = jnp.zeros((), x.dtype), jnp.int32(0)
             no = jnp.zeros((), bool)
             return Outcome(x, code, none, none, zero, zero, zero, no, no), memory
 
-        outcome, memory = lax.cond(live, go, pass_by, x, code, memory)
-        return (outcome.x, outcome.code, memory), (outcome.x, outcome.log)
+        outcome, memory = lax.cond(live, solve, skip, x, code, memory)
+        return (outcome.x, outcome.code, memory), (outcome.x, outcome.log_row)
 
     first = jnp.arange(len(increments[0])) == 0
-    return lax.scan(step, (x, code, ramp.memory), (*increments, first))[1]
+    return lax.scan(solve_if_live, (x, code, ramp.memory), (*increments, first))[1]
 
 
-def _increment(ramp, factor, x, method, code, memory, first):
-    """`Outcome` of one increment of the scheme, and the memory of laws after it.
+def _solve_increment(ramp, factor, x, method, code, memory, first):
+    """Return the `Outcome` of one increment, and the history variables after it.
 
     The `first` increment of a phase is solved to equilibrium if its stiffness is singular.
     """
     active, system, begin = code == status.OK, ramp.at(factor, memory), x
     frozen = lax.stop_gradient(system)
-    x, regular = _step(system, x, ramp, method)
+    x, regular = _solve_linear_step(system, x, ramp, method)
 
-    def first_increment(x):
+    def iterate_to_equilibrium(x):
         point, newton = lax.stop_gradient(begin), Newton(linear_solver=method.linear_solver)
         found, _ = equilibrate(frozen, point, newton, active & ~regular)
-        settled = found.equilibrated
-        x = jnp.where(settled, implicit.attach(system, found.x, settled), x)
-        return x, settled, jnp.where(settled, found.steps, 1)
+        iterated = found.equilibrated
+        x = jnp.where(iterated, implicit.attach(system, found.x, iterated), x)
+        return x, iterated, jnp.where(iterated, found.steps, 1)
 
     def keep(x):
         return x, jnp.zeros((), bool), jnp.int32(1)
 
-    x, settled, steps = lax.cond(first, first_increment, keep, x)
-    regular = regular | settled
+    x, iterated, steps = lax.cond(first, iterate_to_equilibrium, keep, x)
+    regular = regular | iterated
     for _ in range(method.corrections):
-        corrected, ok = _step(system, x, ramp, method)
-        x = jnp.where(settled, x, corrected)
-        steps = steps + jnp.where(settled, 0, 1)
-        regular = regular & (ok | settled)
+        corrected, ok = _solve_linear_step(system, x, ramp, method)
+        x = jnp.where(iterated, x, corrected)
+        steps = steps + jnp.where(iterated, 0, 1)
+        regular = regular & (ok | iterated)
     reached = lax.stop_gradient(x)
     residual, scale = frozen.residual_and_scale(reached)
     load, unbalanced = frozen.load_norm(reached), jnp.linalg.norm(residual)
@@ -169,22 +171,22 @@ def _increment(ramp, factor, x, method, code, memory, first):
     good = code == status.OK
     x = jnp.where(good, x, begin)
     steps = jnp.where(active, steps, 0)
-    # where the energy is not convex, `one_phase` judges stability at the end of the phase
-    # no increment is judged by it; but what of the residual is rounding no correction takes away
+    # nothing is judged by it; it tells which part of the residual no correction can remove
     rounding = jnp.max(frozen.rounding(reached), initial=0.0)
-    whether = settled, good & system.convex
-    outcome = Outcome(x, code, steps, steps, largest, scale, rounding, *whether)
+    # where the energy is not convex, `one_phase` judges stability at the end of the phase
+    stable = good & system.convex
+    outcome = Outcome(x, code, steps, steps, largest, scale, rounding, iterated, stable)
     if memory is not None:
         memory = ramp.settle(system, x, None, good, memory)
     return outcome, memory
 
 
-def _step(system, x, ramp, method):
-    """One linear solve: the next point, and whether the stiffness was regular."""
+def _solve_linear_step(system, x, ramp, method):
+    """Return the next point by one linear solve, and whether the stiffness was regular."""
     if method.stiffness == "tangent":
         function, numbers, back = system.chart(x)
         residual, linearized = jax.linearize(function, numbers)
-        # with the supports where this increment has them, as for the residual
+        # supports are where this increment has them, as in the residual
         tangent = lax.stop_gradient(system).tangent(lax.stop_gradient(system.place(x)))
         factor = linear.factorize(tangent)
         rhs = implicit.gate(factor.regular, residual)

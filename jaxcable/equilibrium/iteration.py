@@ -1,4 +1,4 @@
-"""An iteration of Newton's method: evaluate, decide, aim; `newton` has the method as a whole."""
+"""One iteration of Newton's method: evaluate, decide, compute a step; `newton` has the whole."""
 
 from __future__ import annotations
 
@@ -8,124 +8,83 @@ from jax import lax
 
 from .. import linear
 from ..common import status
-from ..common.tree import copy, pytree, where
-from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..common.tree import copy, where
+from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..linear.sparse import Factored
 from ..mechanics.assembly import System
 from ..mechanics.chords import Chords, have_chords, relative
 from ..mechanics.pulls import Pulls, loaded
 from ..numerics.search import Search
-from .balance import Balance, Method, in_vain, limit
-from .globalisation import ASTRAY, Shift, Sprint
-from .newton_step import direction, largest, no_stiffness
-from .predicted import Predicted, in_turn, part_of_turn
-from .tensions import Tensions
+from .balance import ConvergenceCriterion, IterationSettings, is_stagnant, limit
+from .globalization import ASTRAY, FullStepPhase, LevenbergShift
+from .newton_state import NewtonState
+from .newton_step import largest, newton_direction, zero_eigenvalue_bound
+from .predicted_forces import PredictedForces, is_prediction_step, step_fraction_within_length
+from .tension_unknowns import TensionUnknowns
 
-_RELEASED = 2.0  # residual allowed without load, in roundings (eps) of the forces at the start
-_FINE = 0.05  # rounding of plain displacements over the tolerance, from which they are fine
-_KNOWN = 1e-2  # rounding over the force that residuals are judged by, up to which that is known
+# Residual allowed without load, in roundings (eps) of the forces at the start.
+_RELEASED_ROUNDINGS = 2.0
+# Rounding of plain displacements over the tolerance, from which displacements get a fine part: well
+# below 1, because the next point may need it more than this one.
+_FINE_PART_FROM = 0.05
+# Rounding of a residual over the forces up to which it excuses the residual: above it, the forces
+# would not be known to two digits.
+_MAX_ROUNDING = 1e-2
 _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
-_ADRIFT = 1e4  # the same for nets, whose mixed steps end at a part of it
+_NET_RUNAWAY = 1e4  # the same for nets, whose mixed steps end at a part of it
 
 
-@pytree
-class Iterate:
-    """Where the iteration stands.
-
-    Attributes:
-        x, residual, scale: last accepted point, R(x), and the force that R is judged by, N.
-        rounding: error that rounding leaves in the residual, N; None if no element states any.
-        elements: what elements give together with their forces at x: `Pulls` of a net, else
-            tangents (`System.linearized`) and `Chords`.
-        step, search: the step from x, and which part of it is tried next (`search.Search`).
-        arrival: whether the next evaluation is at x itself: at the start, when the iteration
-            begins again, and when no usable step was found.
-        stepless: whether the reason for `arrival` is that no usable step was found.
-        shift, sprint: policies of `globalisation`; None where one does not apply.
-        tensions: policy of nets of cables, `tensions.Tensions`; None for other structures.
-        predicted: policy of others, `predicted.Predicted`; None where all only pull.
-        begun: largest residual at the start of the increment, N.
-        vain: steps within the tolerance of forces that have not halved the residual (`balance`).
-        steps: number of Newton steps so far.
-        code: status so far; negative before the first evaluation.
-        factored: the last matrix that a sparse solve has factorised, see `linear.solve_next`.
-        released, came_from: residuals that rounding at the first point allows, N: a structure that
-            is released ends with the rounding of the forces that it began with. One for all
-            unknowns of a net, or one for each (`System.rounding`) of others; else None.
-        stable: whether the tangent at the end is definite.
-        done: whether the iteration has ended.
-    """
-
-    x: Float[Array, "n_row n_motion"]
-    residual: Float[Array, " n_free"]
-    scale: Float[Array, ""]
-    rounding: Float[Array, " n_free"] | None
-    elements: PyTree[Float[Array, "n_elem ..."]]
-    step: Float[Array, " n_free"]
-    search: Search
-    arrival: Bool[Array, ""]
-    stepless: Bool[Array, ""]
-    shift: Shift
-    sprint: Sprint | None
-    tensions: Tensions | None
-    predicted: Predicted | None
-    begun: Float[Array, ""]
-    vain: Int[Array, ""]
-    steps: Int[Array, ""]
-    code: Int[Array, ""]
-    factored: Factored | None
-    released: Float[Array, ""] | None
-    came_from: Float[Array, " n_free"] | None
-    stable: Bool[Array, ""]
-    done: Bool[Array, ""]
-
-
-class Task:
-    """A search for equilibrium: its constants, its first `Iterate`, and one iteration.
+class EquilibriumSearch:
+    """An iteration to the equilibrium of a system: its constants, its start, and one step of it.
 
     Args:
         system: `System` of one load factor.
         x: motion to start from.
-        method: `Method`.
-        judge: whether to find out if the equilibrium is stable.
-        balance: `Balance` of the increment; None: only forces judge the residual, as in float32.
-        only: whether to evaluate the start only.
+        method: `IterationSettings`.
+        judges_stability: whether to find out if the equilibrium is stable.
+        criterion: `ConvergenceCriterion` of the increment; None: only forces judge the residual, as
+            in float32.
+        only_evaluates: whether to evaluate the start only.
     """
 
     def __init__(
         self,
         system: System,
         x: Float[Array, "n_row n_motion"],
-        method: Method,
-        judge: Bool[ArrayLike, ""],
-        balance: Balance | None = None,
-        only: Bool[ArrayLike, ""] = False,
+        method: IterationSettings,
+        judges_stability: Bool[ArrayLike, ""],
+        criterion: ConvergenceCriterion | None = None,
+        only_evaluates: Bool[ArrayLike, ""] = False,
     ):
-        self.system, self.method, self.judge, self.only = system, method, judge, only
-        self.balance = balance if jnp.finfo(x.dtype).eps < 1e-12 else None
+        self.system, self.method = system, method
+        self.judges_stability, self.only_evaluates = judges_stability, only_evaluates
+        self.criterion = criterion if jnp.finfo(x.dtype).eps < 1e-12 else None
         self.begin = system.place(system.refined(x))
         self.tol = limit(method, x.dtype)
         self.length, self.extent = system.length_scale(), system.extent()
-        self.net = system.is_net
-        self.judges = not system.always_convex
-        self.loaded = loaded(system, self.begin) if self.net else None
+        self.is_net = system.is_net
+        self.may_be_unstable = not system.always_convex
+        self.is_loaded = loaded(system, self.begin) if self.is_net else None
         # a net beyond the peak of a law finds where its curve ends by the true forces
-        falls = not self.net and system.risen().is_net
-        self.predicts = not self.net and not falls and have_chords(system.groups)
+        softens = not self.is_net and system.risen().is_net
+        self.predicts = not self.is_net and not softens and have_chords(system.groups)
         self.convex = system.convex
-        tension_only = system.may_be_convex and not self.net
-        self.sprints = tension_only or system.may_be_unsymmetric
+        tension_only = system.may_be_convex and not self.is_net
+        self.has_full_steps = tension_only or system.may_be_unsymmetric
 
-    def start(self, factored: Factored | None) -> Iterate:
-        """The `Iterate` before the first evaluation, which is at the start itself."""
+    def initial_state(self, factored: Factored | None) -> NewtonState:
+        """Return the state before the first evaluation, which is at the start itself."""
         zero = jnp.zeros((), self.begin.dtype)
         still = jnp.zeros(self.system.freedoms.free.shape[0], zero.dtype)
         no = jnp.zeros((), bool)
         *_, rounding, elements = jax.tree.map(
             lambda a: jnp.zeros(a.shape, a.dtype),
-            jax.eval_shape(lambda x: self._evaluated(x, jnp.int32(0)), self.begin),
+            jax.eval_shape(lambda x: self._evaluate_forces(x, jnp.int32(0)), self.begin),
         )
-        return Iterate(
+        full_steps = None
+        if self.has_full_steps:
+            full_steps = FullStepPhase.initial(self.system.may_be_unsymmetric)
+        return NewtonState(
             x=self.begin,
             residual=still,
             scale=zero,
@@ -133,68 +92,73 @@ class Task:
             elements=elements,
             step=still,
             search=Search.init(zero),
-            arrival=~no,
-            stepless=no,
-            shift=Shift.init(zero.dtype),
-            sprint=Sprint.init(self.system.may_be_unsymmetric) if self.sprints else None,
-            tensions=Tensions.init(self.system, self.begin) if self.net else None,
-            predicted=Predicted.init(self.system, zero.dtype) if self.predicts else None,
-            begun=zero,
-            vain=jnp.int32(0),
+            stays_at_x=~no,
+            has_no_step=no,
+            shift=LevenbergShift.initial(zero.dtype),
+            full_steps=full_steps,
+            tension_unknowns=TensionUnknowns.initial(self.system, self.begin)
+            if self.is_net
+            else None,
+            predicted=PredictedForces.initial(self.system, zero.dtype) if self.predicts else None,
+            start_residual=zero,
+            stagnant_steps=jnp.int32(0),
             steps=jnp.int32(0),
             code=jnp.int32(-1),  # nothing evaluated yet
             factored=factored,
-            released=zero if self.net else None,
-            came_from=None if self.net else rounding,
+            released=zero if self.is_net else None,
+            start_rounding=None if self.is_net else rounding,
             stable=self.convex,
             done=no,
         )
 
-    def iterate(self, it: Iterate) -> Iterate:
-        """Evaluate the point that is tried, decide whether to accept it, and make the next step."""
-        exact, before = self._to_be_exact(it), largest(it.residual)
-        it, taken, found, over = self._tried(it, exact)
-        it, converged = self._known(it, over, before)
-        if self.net:  # a long step may lead to where the fine part matters after all
-            converged = converged & (exact | ~self._to_be_exact(it))
-        it, reevaluate = self._steered(it, taken, found, over, converged)
-        return self._aimed(it, over & ~it.done & ~reevaluate, converged)
+    def iterate(self, state: NewtonState) -> NewtonState:
+        """Evaluate a trial point, decide whether to accept it, and compute the next step."""
+        exact, residual_before = self._needs_fine_part(state), largest(state.residual)
+        state, fraction, accepted, search_over = self._evaluate_trial(state, exact)
+        state, converged = self._check_convergence(state, search_over, residual_before)
+        if self.is_net:  # a long step may lead to where the fine part matters after all
+            converged = converged & (exact | ~self._needs_fine_part(state))
+        given = fraction, accepted, search_over, converged
+        state, reevaluate = self._update_strategies(state, *given)
+        return self._compute_step(state, search_over & ~state.done & ~reevaluate, converged)
 
-    def _tried(self, it, exact):
-        """The evaluation of an iteration, at `search.length` of the step.
+    def _evaluate_trial(self, state, exact):
+        """Evaluate forces at `search.length` of the step, and decide whether to accept this point.
 
         Returns:
-            it: with the point if it is accepted, and the next length of the search.
-            taken: the part of the step that was tried.
-            found: whether a step was taken.
-            over: whether the search along the step has ended.
+            state: with the point if it is accepted, and the next length of the search.
+            fraction: the fraction of the step that was tried.
+            accepted: whether a step was taken.
+            search_over: whether the search along the step has ended.
         """
-        x = where(it.arrival, it.x, self.system.move(it.x, it.search.length * it.step))
-        residual, scale, rounding, elements = self._evaluated(x, it.steps, exact)
+        x = where(
+            state.stays_at_x, state.x, self.system.move(state.x, state.search.length * state.step)
+        )
+        residual, scale, rounding, elements = self._evaluate_forces(x, state.steps, exact)
         finite = jnp.isfinite(scale)
-        slope = self._slope(it, x, residual, elements)
-        search, fine, again = it.search.update(jnp.where(finite, slope, jnp.inf))
-        if self.sprints:
-            fine, again = it.sprint.accept((fine, again), finite, (it.residual, residual))
-        if self.net:
-            searching = it.tensions.searching
+        slope = self._energy_slope(state, x, residual, elements)
+        search, fine, again = state.search.update(jnp.where(finite, slope, jnp.inf))
+        if self.has_full_steps:
+            fine, again = state.full_steps.accept((fine, again), finite, (state.residual, residual))
+        if self.is_net:
+            searching = state.tension_unknowns.uses_line_search
             fine, again = jnp.where(searching, fine, finite), again & searching
-        fine, again = fine | it.arrival, again & ~it.arrival
+        fine, again = fine | state.stays_at_x, again & ~state.stays_at_x
 
         new = copy(
-            it,
-            x=where(fine, x, it.x),
-            residual=where(fine, residual, it.residual),
-            scale=where(fine, scale, it.scale),
-            rounding=where(fine, rounding, it.rounding),
-            elements=where(fine, elements, it.elements),
+            state,
+            x=where(fine, x, state.x),
+            residual=where(fine, residual, state.residual),
+            scale=where(fine, scale, state.scale),
+            rounding=where(fine, rounding, state.rounding),
+            elements=where(fine, elements, state.elements),
             search=search,
         )
-        return new, it.search.length, fine & ~it.stepless, ~again
+        return new, state.search.length, fine & ~state.has_no_step, ~again
 
-    def _evaluated(self, x, steps, exact=True):
-        """Residual less the carried one, scale, rounding, and `Iterate.elements`."""
-        if self.net:
+    def _evaluate_forces(self, x, steps, exact=True):
+        """Return residual less the carried one, scale, rounding, `NewtonState.elements` at x."""
+        if self.is_net:
             elements = Pulls.of(self.system, x, exact)
             residual, scale, rounding = elements.judged(self.system, x)
         else:
@@ -203,198 +167,226 @@ class Task:
             chords = Chords.of(self.system, x, end_forces) if self.predicts else None
             residual, scale = self.system.residual_and_scale(x, end_forces)
             elements = tangents, chords
-        return residual - self.carried(scale, steps), scale, rounding, elements
+        return residual - self.carried_residual(scale, steps), scale, rounding, elements
 
-    def carried(
+    def carried_residual(
         self, scale: Float[Array, ""], steps: Int[Array, ""]
     ) -> Float[ArrayLike, " n_free"]:
-        """The residual that is carried along after so many steps, see `balance`, [n_free], N."""
-        return 0.0 if self.balance is None else self.balance.carried(scale, self.tol, steps)
+        """Return the earlier residual that counts as a load, see `balance`, [n_free], N."""
+        if self.criterion is None:
+            return 0.0
+        return self.criterion.carried_residual(scale, self.tol, steps)
 
-    def _slope(self, it, x, residual, elements):
-        """Derivative of the energy along the step at x, under forces as the search sees them."""
-        slope = residual @ it.step
-        if it.predicted is None:
+    def _energy_slope(self, state, x, residual, elements):
+        """Return the derivative of the energy along the step at x, J.
+
+        Axial forces count up to the cut-off of `PredictedForces` only.
+        """
+        slope = residual @ state.step
+        if state.predicted is None:
             return slope
-        chords, spread = elements[1], self.system.space.spread(x, it.step)
+        chords, spread = elements[1], self.system.space.spread(x, state.step)
         longer = chords.elongation(relative(self.system, spread))
-        return slope - it.predicted.beyond_limit(chords.force) @ longer
+        return slope - state.predicted.excess_force(chords.force) @ longer
 
-    def _to_be_exact(self, it):
-        """Whether the fine part of the next point will matter, judged by the present one."""
-        if not self.net:
+    def _needs_fine_part(self, state):
+        """Return whether the fine part of the next point will matter, judged by the present one."""
+        if not self.is_net:
             return False
         # rounding is that of a fine part, of eps times the displacement and not eps^2
-        eps, least = jnp.finfo(it.scale.dtype).eps, it.scale
-        if self.balance is not None:
-            least = jnp.minimum(least, self.balance.load)
-        return (it.code < 0) | (largest(it.rounding) > _FINE * eps * self.tol * least)
+        eps, least = jnp.finfo(state.scale.dtype).eps, state.scale
+        if self.criterion is not None:
+            least = jnp.minimum(least, self.criterion.added_load)
+        return (state.code < 0) | (
+            largest(state.rounding) > _FINE_PART_FROM * eps * self.tol * least
+        )
 
-    def _known(self, it, over, before):
-        """Note what the evaluation says, and find out whether x is an equilibrium.
+    def _check_convergence(self, state, search_over, residual_before):
+        """Judge the residual: return the state with its status, and whether x is an equilibrium.
 
-        `before` is the largest residual at the point before, N.
+        `residual_before` is the largest residual at the point before, N.
         """
-        first = it.code < 0
-        finite = jnp.all(jnp.isfinite(it.residual)) & jnp.isfinite(it.scale)
-        code = jnp.where(first, jnp.where(finite, status.OK, status.NONFINITE), it.code)
-        begun = jnp.where(first, largest(it.residual), it.begun)
-        it = copy(it, code=code.astype(jnp.int32), begun=begun)
-        if self.net:
+        first = state.code < 0
+        finite = jnp.all(jnp.isfinite(state.residual)) & jnp.isfinite(state.scale)
+        code = jnp.where(first, jnp.where(finite, status.OK, status.NONFINITE), state.code)
+        start_residual = jnp.where(first, largest(state.residual), state.start_residual)
+        state = copy(state, code=code.astype(jnp.int32), start_residual=start_residual)
+        if self.is_net:
             # forces that rounding hides are not found; without any load they may all be lost
-            known = jnp.where(self.loaded, _KNOWN * it.scale, jnp.inf)
+            known = jnp.where(self.is_loaded, _MAX_ROUNDING * state.scale, jnp.inf)
             # a net that is under load has others to be judged by
-            released = _RELEASED * jnp.finfo(it.scale.dtype).eps * it.scale
-            it = copy(it, released=jnp.where(first & ~self.loaded, released, it.released))
-            granted = jnp.maximum(jnp.minimum(it.rounding, known), it.released)
-        elif it.rounding is not None:
-            it = copy(it, came_from=jnp.where(first, it.rounding, it.came_from))
-            granted = jnp.maximum(it.rounding, it.came_from)
+            released = _RELEASED_ROUNDINGS * jnp.finfo(state.scale.dtype).eps * state.scale
+            released = jnp.where(first & ~self.is_loaded, released, state.released)
+            state = copy(state, released=released)
+            granted = jnp.maximum(jnp.minimum(state.rounding, known), state.released)
+        elif state.rounding is not None:
+            rounding = jnp.where(first, state.rounding, state.start_rounding)
+            state = copy(state, start_rounding=rounding)
+            granted = jnp.maximum(state.rounding, state.start_rounding)
         else:
-            granted = jnp.zeros_like(it.residual)
-        balanced = it.residual + self.carried(it.scale, it.steps)
-        converged = jnp.all(jnp.abs(balanced) <= jnp.maximum(self.tol * it.scale, granted))
-        if self.balance is None:
-            return it, converged
-        halved = largest(it.residual) < 0.5 * before
-        vain = it.vain + (converged & over & ~halved)
-        met, lost = self.balance.judged(it.residual, granted, it.scale, it.begun, self.tol)
-        ends = converged & (met | in_vain(vain) | (it.steps >= self.method.max_steps))
-        code = jnp.where(ends & lost, status.AT_ROUNDING, it.code)
-        return copy(it, vain=vain, code=code.astype(jnp.int32)), ends
+            granted = jnp.zeros_like(state.residual)
+        balanced = state.residual + self.carried_residual(state.scale, state.steps)
+        converged = jnp.all(jnp.abs(balanced) <= jnp.maximum(self.tol * state.scale, granted))
+        if self.criterion is None:
+            return state, converged
+        halved = largest(state.residual) < 0.5 * residual_before
+        stagnant = state.stagnant_steps + (converged & search_over & ~halved)
+        given = state.residual, granted, state.scale, state.start_residual, self.tol
+        met, lost = self.criterion.compare_with_load(*given)
+        ends = converged & (met | is_stagnant(stagnant) | (state.steps >= self.method.max_steps))
+        code = jnp.where(ends & lost, status.AT_ROUNDING, state.code)
+        return copy(state, stagnant_steps=stagnant, code=code.astype(jnp.int32)), ends
 
-    def _steered(self, it, taken, found, over, converged):
-        """Update the policies and the status after an evaluation.
+    def _update_strategies(self, state, fraction, accepted, search_over, converged):
+        """Update shift, full steps, mode and status after an evaluation.
+
+        Arguments as `_evaluate_trial` and `_check_convergence` return them.
 
         Returns:
-            The `Iterate`, and whether a policy asks for an evaluation before the next step: because
-            the iteration begins again, or the softness has changed.
+            The `NewtonState`, and whether forces are to be evaluated before the next step, because
+            the iteration goes on from another point.
         """
-        moved = over & (~it.arrival | it.stepless)
-        spent = over & ~converged & (it.steps >= self.method.max_steps)
+        moved = search_over & (~state.stays_at_x | state.has_no_step)
+        spent = search_over & ~converged & (state.steps >= self.method.max_steps)
         again = jnp.zeros((), bool)
-        shift = where(moved, it.shift.update(found, taken), it.shift)
-        x, sprint = it.x, it.sprint
+        shift = where(moved, state.shift.update(accepted, fraction), state.shift)
+        x, full_steps = state.x, state.full_steps
         reach = self.system.reach(x)
-        if self.sprints:
-            new, again = sprint.update(found, reach, it.steps, self.extent, converged)
-            sprint, again = where(moved, new, sprint), moved & again
-            x, shift = where(again, (self.begin, Shift.init(x.dtype)), (x, shift))
-        tensions = it.tensions
-        if self.net:
-            shift = where(tensions.searching, shift, Shift.init(x.dtype))
+        if self.has_full_steps:
+            given = accepted, reach, state.steps, self.extent, converged
+            new, again = full_steps.update(*given)
+            full_steps, again = where(moved, new, full_steps), moved & again
+            x, shift = where(again, (self.begin, LevenbergShift.initial(x.dtype)), (x, shift))
+        unknowns = state.tension_unknowns
+        if self.is_net:
+            shift = where(unknowns.uses_line_search, shift, LevenbergShift.initial(x.dtype))
             astray = reach > ASTRAY * self.extent
-            size = largest(it.residual), it.scale
-            new, point, elsewhere = tensions.steered(
-                x, self.begin, found, *size, astray, self.length
-            )
-            steered = moved & ~converged & ~it.tensions.searching
-            tensions, again = where(steered, new, tensions), steered & elsewhere
-            x = where(steered, point, x)
-        runaway = over & (reach > (_ADRIFT if self.net else _RUNAWAY) * self.extent) & ~again
-        code = jnp.where((it.code == status.OK) & runaway, status.MECHANISM, it.code)
-        stop = over & ((code != status.OK) | spent)
+            size = largest(state.residual), state.scale
+            given = x, self.begin, accepted, *size, astray, self.length
+            new, point, elsewhere = unknowns.switch_mode(*given)
+            may_switch = moved & ~converged & ~state.tension_unknowns.uses_line_search
+            unknowns, again = where(may_switch, new, unknowns), may_switch & elsewhere
+            x = where(may_switch, point, x)
+        farthest = _NET_RUNAWAY if self.is_net else _RUNAWAY
+        runaway = search_over & (reach > farthest * self.extent) & ~again
+        code = jnp.where((state.code == status.OK) & runaway, status.MECHANISM, state.code)
+        stop = search_over & ((code != status.OK) | spent)
         reevaluate = again & ~stop
         stuck = stop & (code == status.OK)
-        judging = converged & self.judge & ~self.convex
+        judging = converged & self.judges_stability & ~self.convex
         after = copy(
-            it,
+            state,
             x=x,
-            arrival=reevaluate,
-            stepless=jnp.zeros((), bool),
+            stays_at_x=reevaluate,
+            has_no_step=jnp.zeros((), bool),
             shift=shift,
-            sprint=sprint,
-            tensions=tensions,
+            full_steps=full_steps,
+            tension_unknowns=unknowns,
             code=jnp.where(stuck, status.NOT_CONVERGED, code).astype(jnp.int32),
-            done=stop | self.only | (over & converged & ~judging & ~reevaluate),
+            done=stop | self.only_evaluates | (search_over & converged & ~judging & ~reevaluate),
         )
         return after, reevaluate
 
-    def _aimed(self, it, wanted, converged):
-        """The next step, if `wanted`; at an equilibrium only judge the tangent there."""
+    def _compute_step(self, state, wanted, converged):
+        """Compute the next step if `wanted`; at an equilibrium only judge whether it is stable."""
 
-        def aim(it):
-            tensions, predicted, part = it.tensions, it.predicted, 1.0
-            if self.net:
-                known, size = (it.elements, it.residual, self.length), largest(it.residual)
-                equations = tensions.equations(self.system, it.x, *known)
-                it = copy(it, tensions=equations.policy)
-                rhs, sprinting = equations.rhs, ~tensions.searching
-                matrix = equations.matrix(self.system, it.x, size)
-                shift = jnp.where(sprinting, 0.0, it.shift.on(size, self.length))
+        def compute(state):
+            unknowns, predicted, fraction = state.tension_unknowns, state.predicted, 1.0
+            if self.is_net:
+                known, size = (state.elements, state.residual, self.length), largest(state.residual)
+                equations = unknowns.step_equations(self.system, state.x, *known)
+                state = copy(state, tension_unknowns=equations.unknowns)
+                rhs, is_full = equations.rhs, ~unknowns.uses_line_search
+                matrix = equations.matrix(self.system, state.x, size)
+                shift = jnp.where(is_full, 0.0, state.shift.value(size, self.length))
             else:
-                rhs, sprinting = -it.residual, jnp.zeros((), bool)
-                if self.sprints:
-                    sprinting = it.sprint.on & ~converged
-                matrix, shift, on, slopes = self._equations(it, sprinting, converged)
+                rhs, is_full = -state.residual, jnp.zeros((), bool)
+                if self.has_full_steps:
+                    is_full = state.full_steps.is_on & ~converged
+                matrix, shift, predicting, slopes = self._step_matrix(state, is_full, converged)
             matrix = linear.plus_diagonal(matrix, shift)
-            step, definite, factored = direction(self.system, matrix, it, rhs, self.tol, wanted)
+            given = self.system, matrix, state, rhs, self.tol, wanted
+            step, definite, factored = newton_direction(*given)
             again, stays = jnp.zeros((), bool), converged
-            if self.net:
-                taken, part, halfway = equations.taken(self.system, it.x, step, definite)
-                if factored is not None:  # the second half of a step has the factor of the first
-                    count = where(it.tensions.halfway, it.factored.count, factored.count)
+            if self.is_net:
+                given = self.system, state.x, step, definite
+                after, fraction, predictor = equations.take_step(*given)
+                if factored is not None:  # a corrector has the factor of its predictor
+                    count = where(
+                        state.tension_unknowns.awaits_corrector,
+                        state.factored.count,
+                        factored.count,
+                    )
                     factored = copy(factored, count=count)
-                stays = converged | halfway
-                tensions, again = it.tensions.repeated_if_indefinite(taken, definite)
-                again = again | halfway
-            slope = it.residual @ step
+                stays = converged | predictor
+                unknowns, again = state.tension_unknowns.repeat_if_indefinite(after, definite)
+                again = again | predictor
+            slope = state.residual @ step
             if self.predicts:
-                predicted, part, cut = self._predict(it, step, slopes, on)
+                predicted, fraction, cut = self._predict_forces(state, step, slopes, predicting)
                 slope = slope - cut
-            step, slope = part * step, part * slope
-            usable, sprint = definite & ((slope < 0) | sprinting), it.sprint
+            step, slope = fraction * step, fraction * slope
+            usable, full_steps = definite & ((slope < 0) | is_full), state.full_steps
             if self.system.may_be_unsymmetric:
                 unsure = self.system.unsymmetric() & ~definite
-                usable, sprint = usable | unsure, copy(sprint, unproven=unsure & ~sprinting)
+                usable = usable | unsure
+                full_steps = copy(full_steps, may_go_uphill=unsure & ~is_full)
             usable = usable & jnp.isfinite(slope) & ~stays
             return copy(
-                it,
+                state,
                 step=jnp.where(usable, step, 0.0),
                 search=Search.init(slope),
-                arrival=~usable,
-                stepless=~usable & ~again,
-                sprint=sprint,
-                tensions=tensions,
-                predicted=where(usable, predicted, it.predicted),
-                steps=it.steps + ~stays,
+                stays_at_x=~usable,
+                has_no_step=~usable & ~again,
+                full_steps=full_steps,
+                tension_unknowns=unknowns,
+                predicted=where(usable, predicted, state.predicted),
+                steps=state.steps + ~stays,
                 factored=factored,
-                stable=it.stable | (converged & definite),
+                stable=state.stable | (converged & definite),
                 done=converged,
             )
 
-        return lax.cond(wanted, aim, lambda it: it, it)
+        return lax.cond(wanted, compute, lambda state: state, state)
 
-    def _equations(self, it, sprinting, converged):
-        """The linear equations of a step of a structure that is no net of cables.
+    def _step_matrix(self, state, is_full, converged):
+        """Return the matrix of a step of a structure that is no net of cables.
+
+        Args:
+            state: `NewtonState`.
+            is_full: whether the step is a full one, without line search.
+            converged: whether its point is an equilibrium.
 
         Returns:
             Matrix, shift on its diagonal, whether it has predicted forces, and the derivatives of
-            axial forces by lengths; the last two None where none are predicted.
+            axial forces by lengths, [n], N/m; the last two None where no element has a chord.
         """
-        tangents, chords = it.elements
-        size, on, slopes = largest(it.residual), None, None
+        tangents, chords = state.elements
+        size, predicting, slopes = largest(state.residual), None, None
         if self.predicts:
-            on = in_turn(it.steps) & ~sprinting & ~converged
-            forces = it.predicted.forces_at(chords, on)
-            tangents = self.system.tangents(it.x, tangents)
+            predicting = is_prediction_step(state.steps) & ~is_full & ~converged
+            forces = state.predicted.geometric_forces(chords, predicting)
+            tangents = self.system.tangents(state.x, tangents)
             slopes = chords.slopes(self.system, tangents)
             tangents = chords.stiffened(self.system, tangents, forces)
             # after a step sideways R is that of EA, and so would be the shift
-            size = jnp.minimum(size, jnp.max(jnp.abs(forces)) + it.begun)
-        shift = it.shift.on(size, self.length)
-        matrix = self.system.tangent(it.x, tangents)
+            size = jnp.minimum(size, jnp.max(jnp.abs(forces)) + state.start_residual)
+        shift = state.shift.value(size, self.length)
+        matrix = self.system.tangent(state.x, tangents)
         if self.system.space.rotates:
-            shift = jnp.where(sprinting, 0.0, shift)
-        if self.judges:
-            shift = jnp.where(converged, no_stiffness(matrix), shift)
-        return matrix, shift, on, slopes
+            shift = jnp.where(is_full, 0.0, shift)
+        if self.may_be_unstable:
+            shift = jnp.where(converged, zero_eigenvalue_bound(matrix), shift)
+        return matrix, shift, predicting, slopes
 
-    def _predict(self, it, step, slopes, on):
-        """`Predicted` for a step, the part that is taken, and the work of cut forces on it, J."""
-        chords, system = it.elements[1], self.system
-        apart = relative(system, system.space.spread(it.x, step))
+    def _predict_forces(self, state, step, slopes, predicting):
+        """Return `PredictedForces` for a step, the fraction to take, and the work of cut forces.
+
+        `slopes` are derivatives of axial forces by lengths, [n], N/m; the work is in J.
+        """
+        chords, system = state.elements[1], self.system
+        apart = relative(system, system.space.spread(state.x, step))
         longer = chords.elongation(apart)
-        predicted = it.predicted.stepped(system, chords.force + slopes * longer, on)
-        part = jnp.where(on, part_of_turn(chords.turn(apart)), 1.0)
-        return predicted, part, predicted.beyond_limit(chords.force) @ longer
+        predicted = state.predicted.for_step(system, chords.force + slopes * longer, predicting)
+        fraction = jnp.where(predicting, step_fraction_within_length(chords.turn(apart)), 1.0)
+        return predicted, fraction, predicted.excess_force(chords.force) @ longer

@@ -1,4 +1,4 @@
-"""The direction of a step of Newton's method."""
+"""The direction of a step of Newton's method, from its linear equations."""
 
 from __future__ import annotations
 
@@ -14,43 +14,52 @@ from ..linear import Matrix
 from ..linear.sparse import Factored
 from ..mechanics.assembly import System
 
-WORTH = 12  # conjugate gradient steps that cost as much as a factorisation
-_ZERO = 64  # eigenvalues below so many roundings (eps) of the largest stiffness count as zero
-_INEXACT = 1e-2  # largest relative residual that conjugate gradients may leave
+CG_LIMIT = 12  # conjugate gradient steps that cost as much as a factorisation
+# Eigenvalues below so many roundings (eps) of the largest stiffness count as zero, because
+# assembling and factorising a matrix rounds more than once.
+_ZERO_ROUNDINGS = 64
+# Largest relative residual that conjugate gradients may leave: a larger one would save some of
+# their steps and cost Newton steps.
+_MAX_FORCING = 1e-2
 
 
-def direction(
+def newton_direction(
     system: System,
     matrix: Matrix,
-    it: Any,  # an `iteration.Iterate`; that module imports this one
+    state: Any,  # a `newton_state.NewtonState`; that module imports this one
     rhs: Float[Array, " n_free"],
     tol: Float[Array, ""],
     wanted: Bool[Array, ""],
 ) -> tuple[Float[Array, " n_free"], Bool[Array, ""], Factored | None]:
-    """The step of Newton's method.
+    """Solve the linear equations of a Newton step.
 
     Args:
         system: `System`.
         matrix: its tangent with the Levenberg shift.
-        it: `iteration.Iterate`.
+        state: `newton_state.NewtonState`, the point and the last factor.
         rhs: right side of the equations, the negative residual or a similar one, [n_free], N.
         tol: relative residual that counts as converged.
         wanted: False if the result does not matter (a finished case of a batch).
 
     Returns:
-        step, NaN if an unsymmetric matrix is singular; whether the symmetric part of the matrix is
-        positive definite; what was factored.
+        Step [n_free], NaN if an unsymmetric matrix is singular; whether the symmetric part of the
+        matrix is positive definite; what sparse solves have factorised.
     """
     # Conjugate gradients cannot see that a matrix is indefinite, so they are used only where the
     # energy is convex. Their tolerance is about the residual that the next Newton step leaves
     # anyway. It steers the effort only: convergence is judged by the residual of the system.
-    relative = largest(it.residual) / it.scale
-    forcing = jnp.clip(relative, 0.1 * tol / relative, _INEXACT)
-    similar, least = system.convex, 0
-    if it.tensions is not None:  # matrices of interior steps differ too much from each other
-        similar, least = similar & ~it.tensions.bounded, it.tensions.inner.least
-    limit = jnp.where(similar, WORTH, least)
-    step, definite, factored = linear.solve_next(matrix, rhs, it.factored, forcing, limit, wanted)
+    relative = largest(state.residual) / state.scale
+    forcing = jnp.clip(relative, 0.1 * tol / relative, _MAX_FORCING)
+    similar, min_limit = system.convex, 0
+    if (
+        state.tension_unknowns is not None
+    ):  # matrices of interior steps differ too much from each other
+        similar = similar & ~state.tension_unknowns.has_interior_matrix
+        min_limit = state.tension_unknowns.interior_point.min_cg_limit
+    limit = jnp.where(similar, CG_LIMIT, min_limit)
+    step, definite, factored = linear.solve_next(
+        matrix, rhs, state.factored, forcing, limit, wanted
+    )
     if system.may_be_unsymmetric:
         # Moments, following loads and elements that say so have no potential. Where the symmetric
         # part is definite, the step by the whole tangent leads downhill, too: R.p = -p.(sym K)p.
@@ -71,11 +80,11 @@ def direction(
 
 @jax.jit  # one function in a program
 def largest(residual: Float[Array, " n_free"]) -> Float[Array, ""]:
-    """Largest entry by size; 0 without unknowns."""
+    """Return the largest absolute value of an array; 0 without unknowns."""
     return jnp.max(jnp.abs(residual), initial=0.0)
 
 
-def no_stiffness(matrix: Matrix) -> Float[Array, ""]:
-    """Bound of the eigenvalues that rounding makes of a zero one in a tangent, N/m; positive."""
+def zero_eigenvalue_bound(matrix: Matrix) -> Float[Array, ""]:
+    """Return a bound of what rounding makes of a zero eigenvalue of a tangent, N/m; positive."""
     size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
-    return _ZERO * jnp.finfo(size.dtype).eps * size + jnp.finfo(size.dtype).tiny
+    return _ZERO_ROUNDINGS * jnp.finfo(size.dtype).eps * size + jnp.finfo(size.dtype).tiny

@@ -1,6 +1,6 @@
-"""Arrays over all straight members of a structure, and their equilibrium matrix.
+"""The equilibrium matrix of a structure of straight elements, and arrays over all of its elements.
 
-"All members" below are the members of all groups, group after group in pytree order, [n_elem].
+Such arrays have the elements of all groups, group after group in pytree order, [n_elem].
 """
 
 from __future__ import annotations
@@ -14,32 +14,41 @@ import numpy as np
 from ..common import checks, memory
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..model.structure import Structure
-from .members import check_members
+from .members import require_straight_elements
 
 Nodes = TypeVar("Nodes", jax.Array, np.ndarray)
 """Type of positions: results are NumPy arrays for NumPy arrays, and jax arrays for jax arrays."""
 
-_DENSE = 4  # dense matrices at once: equilibrium, both singular vectors, work
+_N_DENSE = 4  # dense matrices in memory at once: equilibrium, both singular vectors, workspace
 
 
-def members(
+def links_and_tension_only(
     structure: Structure,
 ) -> tuple[Int[np.ndarray, "n_elem 2"], Bool[np.ndarray, " n_elem"]]:
-    """Node numbers of all members [n_elem, 2], and whether a member carries tension only [n_elem].
+    """Return the node numbers of all elements, [n_elem, 2], and whether each is a cable, [n_elem].
 
     Raises:
-        ValueError: a group that is not of straight bars or cables.
+        ValueError: a group whose elements are not straight bars or cables.
     """
-    check_members(structure)
+    require_straight_elements(structure)
     links = np.concatenate([group.links.array for group in structure.groups])
     cable = [np.full(len(group.links), bool(group.tension_only)) for group in structure.groups]
     return links, np.concatenate(cable)
 
 
-def of_all_members(
+def values_of_all_elements(
     structure: Structure, value: PyTree[Float[ArrayLike, " ..."]], name: str
 ) -> Float[Array | np.ndarray, " n_elem"]:
-    """Values of all members, [n_elem], from such an array, a scalar, or the elements' shape."""
+    """Concatenate values of all elements to [n_elem].
+
+    Args:
+        structure: `Structure`.
+        value: a scalar, an array [n_elem] of all groups, or a pytree in the shape of the elements.
+        name: argument that an error message names.
+
+    Raises:
+        ValueError: `value` has none of these shapes.
+    """
     sizes = [len(group.links) for group in structure.groups]
     if isinstance(value, list | tuple) and all(np.ndim(v) == 0 for v in value):
         value = np.asarray(value)
@@ -62,20 +71,31 @@ def of_all_members(
     return (jnp if any(isinstance(p, jax.Array) for p in parts) else np).concatenate(parts)
 
 
-def arranged(
+def arrange_as_elements(
     structure: Structure, values: Float[Array | np.ndarray, "... n_all"]
 ) -> PyTree[Float[Array | np.ndarray, "... n_elem"]]:
-    """Values of all members, [..., n_elem], brought into the shape of the elements."""
+    """Split values of all elements, [..., n_elem], into the pytree shape of the elements."""
     ends = np.cumsum([len(group.links) for group in structure.groups])[:-1]
     parts = np.split(np.arange(values.shape[-1]), ends)
     return structure.arrange([values[..., part] for part in parts])
 
 
-def host_nodes(structure: Structure, what: str) -> Float[np.ndarray, "n_node 3"]:
-    """Positions as a NumPy array in double precision; ValueError if traced or not finite."""
+def nodes_as_numpy(structure: Structure, what: str) -> Float[np.ndarray, "n_node 3"]:
+    """Return the nodes as a NumPy array in double precision, [n_node, 3], m.
+
+    Args:
+        structure: `Structure`.
+        what: name of the calling function, for the error message.
+
+    Raises:
+        ValueError: the nodes are traced by jax, or not finite.
+    """
     nodes = checks.concrete(structure.nodes)
     if nodes is None:
-        raise ValueError(f"{what}: ranks are decided on the host; nodes cannot be traced here")
+        raise ValueError(
+            f"{what}: the nodes are traced by jax, but ranks of matrices need known numbers; call "
+            "it outside of jit, grad and vmap"
+        )
     finite = np.isfinite(nodes)
     if not finite.all():
         k = int(np.argwhere(~finite)[0][0])
@@ -84,40 +104,40 @@ def host_nodes(structure: Structure, what: str) -> Float[np.ndarray, "n_node 3"]
 
 
 def rank_tolerance(structure: Structure, tol: float | None) -> float:
-    """`tol`, or its default, by which singular values count as zero beside the largest."""
+    """Return `tol`, or its default: singular values up to `tol` times the largest count as zero."""
     if tol is not None:
         return tol
     return 1e-5 if np.dtype(structure.nodes.dtype) == np.float32 else 1e-10
 
 
-def incidence(
+def incidence_matrix(
     links: Int[np.ndarray, "n_elem 2"], n_node: int
 ) -> Float[np.ndarray, "n_elem n_node"]:
-    """-1 at the first node of a member and 1 at its second, [n_elem, n_node], NumPy."""
+    """Return the branch-node matrix, [n_elem, n_node]: -1 at the first node, 1 at the second."""
     matrix = np.zeros((len(links), n_node))
     every = np.arange(len(links))
     matrix[every, links[:, 0]], matrix[every, links[:, 1]] = -1.0, 1.0
     return matrix
 
 
-def balance(
+def equilibrium_matrix(
     nodes: Float[Nodes, "n_node 3"], links: Int[np.ndarray, "n_elem 2"]
 ) -> tuple[Float[Nodes, "3*n_node n_elem"], Float[Nodes, " n_elem"]]:
-    """Equilibrium matrix of all nodes, [3 n_node, n_elem], and lengths, [n_elem], m.
+    """Return the equilibrium matrix of all nodes, [3 n_node, n_elem], and the lengths, [n_elem], m.
 
-    Matrix times tensions is the load that they balance: x, y, z of one node after the other. It is
-    differentiable in the nodes if they are a jax array.
+    The matrix times the tensions is the load that they balance: x, y, z of one node after the
+    other. It is differentiable in the nodes if they are a jax array.
 
     Raises:
-        ValueError: its singular vectors do not fit into memory.
+        ValueError: the matrix and its singular vectors do not fit into memory.
     """
     memory.require(
-        _DENSE * nodes.dtype.itemsize * max(nodes.size, len(links)) ** 2,
+        _N_DENSE * nodes.dtype.itemsize * max(nodes.size, len(links)) ** 2,
         f"equilibrium matrix: dense, of {len(nodes)} nodes and {len(links)} elements",
-        "take a part of the structure, or a coarser one",
+        "analyse a part of the structure, or a coarser one",
     )
     xp = jnp if isinstance(nodes, jax.Array) else np
-    joins = incidence(links, len(nodes)).astype(nodes.dtype)
+    joins = incidence_matrix(links, len(nodes)).astype(nodes.dtype)
     vector = joins @ nodes
     length = xp.sqrt(xp.sum(vector**2, axis=1))
     unit = vector / length[:, None]

@@ -1,9 +1,9 @@
-"""Loads that depend on the form that is sought: self-weight, line and area loads.
+"""Loads that depend on the form that is sought: self-weight, line loads and area loads.
 
 They are the loads of an analysis that begins with the form found. There the unstressed length is
-``l / (1 + e)``, with the strain e that belongs to the force by the group's law, and initial or
-projected lengths and areas are those of the form. While the form is sought the loads follow the
-nodes, with exact derivatives.
+``l / (1 + e)``, where the strain e follows from the force by the group's law; initial or projected
+lengths and areas are those of the form. During form finding the loads follow the nodes, with exact
+derivatives.
 """
 
 from __future__ import annotations
@@ -24,28 +24,29 @@ from ..loads import AreaLoads, LineLoads, Load, NodalLoads, SelfWeight, as_list
 from ..model.structure import Structure
 
 
-def split(
-    structure: Structure, loads: Load | Sequence[Load] | None, takes_more: bool = True
+def split_loads(
+    structure: Structure, loads: Load | Sequence[Load] | None, nodal_only: bool = False
 ) -> tuple[list[NodalLoads], list[SelfWeight | LineLoads | AreaLoads]]:
-    """Loads as two checked lists: `NodalLoads`, and loads that depend on the form.
+    """Check loads, and split them into `NodalLoads` and loads that depend on the form.
 
     Raises:
-        ValueError: a load of another kind; with `takes_more` false any load but `NodalLoads`.
+        ValueError: a load of another kind; with `nodal_only` any load but `NodalLoads`.
     """
     given: list[Any] = as_list(loads)  # their kinds are checked below
     nodal, others = [], []
     for k, load in enumerate(given):
-        more = takes_more and isinstance(load, SelfWeight | LineLoads | AreaLoads)
-        if not more and not isinstance(load, NodalLoads):
+        depends = not nodal_only and isinstance(load, SelfWeight | LineLoads | AreaLoads)
+        if not depends and not isinstance(load, NodalLoads):
             kinds = (
-                "NodalLoads, SelfWeight, LineLoads and AreaLoads" if takes_more else "NodalLoads"
+                "NodalLoads" if nodal_only else "NodalLoads, SelfWeight, LineLoads and AreaLoads"
             )
             raise ValueError(
                 f"loads[{k}]: {type(load).__name__} is not known before the form is: it depends on "
-                f"unstressed lengths, follows, varies or moves supports; this takes {kinds}"
+                "unstressed lengths, follows the nodes, varies, or moves supports; this function "
+                f"takes {kinds}"
             )
         load.check(structure)
-        if not more:
+        if not depends:
             nodal.append(load)
             continue
         if load.asks_begun:  # the phase begins in the form: its geometry is the input geometry
@@ -54,57 +55,68 @@ def split(
     return nodal, others
 
 
-def touched(
+def nodes_coupled_by_loads(
     structure: Structure, others: Sequence[Load]
 ) -> tuple[tuple[Indices, int, tuple[()]], ...]:
-    """Triples (nodes that a load couples, 3, ()) for `number_freedoms`, ordered as in `OnForm`."""
+    """Return the nodes that each load couples, in the order of `FormDependentLoads`.
+
+    Returns:
+        Triples (nodes [n, k], 3, ()) as `number_freedoms` takes them: the derivative of the load on
+        a node by the other nodes of its element or face needs places in a sparse matrix.
+    """
     nodes = []
     for load in others:
         if isinstance(load, AreaLoads):
             nodes.append(load.faces)
         else:
-            nodes += [group.links for _, group in _loaded(load, structure.groups)]
+            nodes += [group.links for _, group in _loaded_groups(load, structure.groups)]
     return tuple((ends if isinstance(ends, Indices) else Indices(ends), 3, ()) for ends in nodes)
 
 
-def _loaded(load, groups):
-    """Pairs (number, group) of the groups that a load along elements acts on."""
-    for number, group in enumerate(groups):
+def _loaded_groups(load, groups):
+    """Generate (index, group) of the element groups that a load along elements acts on."""
+    for index, group in enumerate(groups):
         weightless = isinstance(load, SelfWeight) and group.weight is None
-        if not weightless and number in load.on:
-            yield number, group
+        if not weightless and index in load.on:
+            yield index, group
 
 
 @pytree
-class OnForm:
-    """Loads that depend on the form, on members with given forces, as a following load.
+class FormDependentLoads:
+    """Loads that depend on the form, as one follower load for the system of equations.
 
     Attributes:
-        groups: element groups of the structure, with links as arrays.
-        loads: `SelfWeight`, `LineLoads` and `AreaLoads`, as `split` returns them.
+        groups: element groups of the structure, with links as arrays; their laws give the
+            unstressed lengths.
+        loads: `SelfWeight`, `LineLoads` and `AreaLoads`, as `split_loads` returns them.
     """
 
     groups: list[Element]
     loads: list[SelfWeight | LineLoads | AreaLoads]
 
-    def _parts(self, states, moved):
-        """Generate (function, its arguments of every element or face, their nodes [n, k]).
+    def _force_functions(self, states, moved):
+        """Generate, for each load and group, the force function of one element or face.
 
-        States are those of `strings.Strings`.
+        Args:
+            states: per group the `strings.ForceElementState`.
+            moved: positions of all nodes, [n_node, 3], m.
+
+        Yields:
+            The function, its arguments for all elements or faces, and their nodes [n, k].
         """
         for load in self.loads:
             if isinstance(load, AreaLoads):
                 forces = jnp.broadcast_to(load.forces, (len(load.faces), 3))
-                yield _on_face(load), (forces,), load.faces
+                yield _face_force_function(load), (forces,), load.faces
                 continue
-            for number, group in _loaded(load, self.groups):
-                part = None if load.part is None else load.part[number]
-                arguments = group.properties(), group.initial_memory(), states[number], part
-                yield _on_element(load, number, group), arguments, group.links
+            for index, group in _loaded_groups(load, self.groups):
+                part = None if load.part is None else load.part[index]
+                arguments = group.properties(), group.initial_memory(), states[index], part
+                yield _element_force_function(load, index, group), arguments, group.links
 
     @property
     def acts(self) -> Bool[Array, ""]:
-        """Whether the load acts: always."""
+        """Whether the load acts: always True."""
         return jnp.ones((), bool)
 
     def following_forces(
@@ -114,9 +126,9 @@ class OnForm:
         nodes: Float[Array, "n_node 3"] | None,
         moved: Float[Array, "n_node 3"],
     ) -> Float[Array, "n_node 3"]:
-        """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
+        """Return the force on every node, [n_node, 3], N, at the positions `moved`, [n_node, 3]."""
         total = jnp.zeros_like(moved)
-        for function, arguments, links in self._parts(states, moved):
+        for function, arguments, links in self._force_functions(states, moved):
             total = total.at[links].add(jax.vmap(function)(moved[links], *arguments))
         return total
 
@@ -127,15 +139,19 @@ class OnForm:
         nodes: Float[Array, "n_node 3"] | None,
         moved: Float[Array, "n_node 3"],
     ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]:
-        """Derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
+        """Return the derivative of the forces by the positions, for the tangent stiffness.
+
+        Returns:
+            A list of (blocks [n, k, 3, k, 3], N/m, nodes [n, k]).
+        """
         return [
             (jax.vmap(jax.jacfwd(function))(moved[links], *arguments), links)
-            for function, arguments, links in self._parts(states, moved)
+            for function, arguments, links in self._force_functions(states, moved)
         ]
 
 
-def _on_face(load):
-    """The function from corners of a face and force per area to forces on the corners, [k, 3]."""
+def _face_force_function(load):
+    """Return the function from a face's corners [k, 3] and load [3], N/m2, to corner forces, N."""
 
     def force(corners, forces):
         alone = copy(load, faces=jnp.arange(len(corners))[None], forces=forces)
@@ -144,14 +160,14 @@ def _on_face(load):
     return force
 
 
-def _on_element(load, number, group):
-    """The function from ends and properties of an element to the force on both ends, [2, 3]."""
+def _element_force_function(load, index, group):
+    """Return the function from an element's ends [2, 3] and properties to its loads there, N."""
 
-    def force(ends, properties, memory, string, part):
+    def force(ends, properties, memory, given, part):
         vector = ends[1] - ends[0]
         length = jnp.sqrt(vector @ vector)
-        # prescribed force, or force density times length (a spring of length 0)
-        axial = string.force + string.stiffness * length
+        # a prescribed force, or a force density times the length: then a spring of length zero
+        axial = given.force + given.stiffness * length
         strain = element(group, properties).strain_at(axial, memory)
         # a force beyond the law ends in a status of the form; until then avoid NaN
         strain = jnp.where(jnp.isfinite(strain) & (strain > -1), strain, 0.0)
@@ -160,17 +176,17 @@ def _on_element(load, number, group):
             group, links=jnp.arange(2)[None], **{k: v[None] for k, v in properties.items()}
         )
         state = AxialState(rest_length, length[None] - rest_length)
-        acting = load if part is None else copy(load, part={number: part[None]})
-        whole = rest_length * acting.per_length(number, alone, state, ends)[0]
+        acting = load if part is None else copy(load, part={index: part[None]})
+        whole = rest_length * acting.per_length(index, alone, state, ends)[0]
         return jnp.stack([0.5 * whole, 0.5 * whole])
 
     return force
 
 
-def carries(
+def laws_can_carry(
     groups: Sequence[Straight], tensions: Sequence[Float[Array, " n_elem"]]
 ) -> Bool[Array, ""]:
-    """Whether the law of every element has an unstressed length for its force, bool."""
+    """Return whether the law of every element can carry its force: a strain exists, bool."""
     carried = jnp.ones((), bool)
     for group, tension in zip(groups, tensions, strict=True):
         low, high = group.capacity()

@@ -1,10 +1,10 @@
 """Prestress that a structure can carry in its geometry, equal within groups of elements.
 
-Let ``G`` [n_elem, n_group] be one where an element belongs to a group, else zero. Tensions ``G t``
-are in equilibrium if ``A G t = 0``: the null space of ``A G`` is spanned by the integral prestress
-modes. Most structures with the symmetry of their groups have one mode. If the tension of one group
-is given, the others are the least squares solution of a system of full rank, which is
-differentiable.
+Let ``A`` be the equilibrium matrix, and ``G`` [n_elem, n_group] one where an element belongs to a
+group, else zero. Tensions ``G t`` are in equilibrium if ``A G t = 0``: the integral prestress modes
+span the null space of ``A G``. Most structures with the symmetry of their groups have one mode. If
+the tension of one group is given, the others are the least squares solution of a system of full
+rank, which is differentiable.
 
 Source: Yuan and Dong (2002, 2003), integral feasible prestress of cable domes.
 """
@@ -20,7 +20,14 @@ from ..common.rules import Rule, or_nan
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..model.structure import Structure
-from ._balance import arranged, balance, host_nodes, members, of_all_members, rank_tolerance
+from ._balance import (
+    arrange_as_elements,
+    equilibrium_matrix,
+    links_and_tension_only,
+    nodes_as_numpy,
+    rank_tolerance,
+    values_of_all_elements,
+)
 
 
 @pytree
@@ -31,8 +38,8 @@ class Prestress:
         tension: tensions in the shape of the elements, each [n_elem], N, for
             `Phase(pretension=...)`.
         group_tension: tension of every group, [n_group], N.
-        unbalanced: largest unbalanced force at a free freedom over the largest tension; of the
-            order of rounding if the geometry has the symmetry of the groups.
+        unbalanced: largest unbalanced force at a free degree of freedom, relative to the largest
+            tension; of the order of rounding if the geometry has the symmetry of the groups.
         modes: integral prestress modes, an orthonormal basis, [n_mode, n_group]; None if the nodes
             were traced.
 
@@ -64,33 +71,34 @@ def feasible_prestress(
     tension: Float[ArrayLike, ""] = 1.0,
     tol: float | None = None,
 ) -> Prestress:
-    """Self-equilibrated tensions, equal within groups, with every cable taut.
+    """Find tensions in self-equilibrium, equal within groups of elements, with every cable taut.
 
     If there are several modes, a linear program combines them so that the smallest cable tension is
     as large as possible relative to the largest force.
 
-    The result is differentiable in the nodes and in `tension`. Where the nodes are traced, `group`
-    must be given, and neither the number of modes nor the signs are checked: check them once
-    outside. There must be one mode (with several the result is NaN). Derivatives are those of the
-    least squares solution, exact if nodes change without losing the symmetry of the groups.
+    The result is differentiable with respect to the nodes and `tension`. Where the nodes are
+    traced, give `group`. The number of modes and the signs are not checked there; check them once
+    outside. There must be one mode; with several the result is NaN. Derivatives are those of the
+    least squares solution. They are exact if the nodes keep the symmetry of the groups.
 
     Args:
         structure: `Structure` of `Bars` and `Cables`; its supports count.
         groups: group numbers from 0, [n_elem] of all elements group after group, or in the shape of
             the elements; elements with the same number have equal tensions. Default: every element
             is a group of its own. `symmetric_groups` finds them.
-        group: number of the group whose tension is given, or None to give the largest force.
+        group: number of the group whose tension is given; None: the largest force is given.
 
     Options:
-        tension: tension of that group, N, negative for struts; or the largest absolute force, N.
+        tension: tension of that group, N, negative for struts; without `group` the largest absolute
+            force, N.
         tol: singular values up to `tol` times the largest count as zero, as in `self_stress`.
 
     Returns:
         `Prestress`.
 
     Raises:
-        ValueError: no state of self-stress is equal within the groups, or none has all cables taut
-            (the message names the group); wrong group numbers.
+        ValueError: no state of self-stress has equal tensions within the groups, or none has all
+            cables taut (the message names the group); wrong group numbers.
 
     Source: Yuan and Dong (2002, 2003).
 
@@ -104,60 +112,67 @@ def feasible_prestress(
         >>> print({kind: round(float(force[0]), 1) for kind, force in found.tension.items()})  # N
         {'struts': -1541.4, 'triangles': 630.2, 'verticals': 1000.0}
     """
-    links, cable = members(structure)
-    number = _numbers(structure, groups, len(links))
-    n_group = number.max() + 1
+    links, cable = links_and_tension_only(structure)
+    group_number = _group_numbers(structure, groups, len(links))
+    n_group = group_number.max() + 1
     if group is not None and not 0 <= group < n_group:
         raise ValueError(f"group = {group}: there are groups 0 to {n_group - 1}")
     free = ~structure.held().ravel()
-    spread = np.zeros((len(links), n_group))
-    spread[np.arange(len(links)), number] = 1.0
-    pulled = (spread * cable[:, None]).any(axis=0)
+    membership = np.zeros((len(links), n_group))
+    membership[np.arange(len(links)), group_number] = 1.0
+    pulled = (membership * cable[:, None]).any(axis=0)
     modes, tol = None, rank_tolerance(structure, tol)
     if checks.concrete(structure.nodes) is None:
         if group is None:
-            raise ValueError("group: must be given where nodes are traced")
+            raise ValueError(
+                "group: the nodes are traced by jax, so that signs cannot be checked; give the "
+                "group whose tension is known"
+            )
     else:
-        nodes = host_nodes(structure, "feasible_prestress")
-        sums = balance(nodes, links)[0][free] @ spread
-        modes = _null(sums / np.sqrt(spread.sum(0)), tol) / np.sqrt(spread.sum(0))
-        taut = _taut(modes, pulled)
+        nodes = nodes_as_numpy(structure, "feasible_prestress")
+        sums = equilibrium_matrix(nodes, links)[0][free] @ membership
+        modes = _null_space(sums / np.sqrt(membership.sum(0)), tol) / np.sqrt(membership.sum(0))
+        taut = _combine_to_taut_state(modes, pulled)
         if group is None:
             group = int(np.abs(taut).argmax())
             tension = np.sign(taut[group]) * tension
         elif abs(taut[group]) <= 1e-9:
-            raise ValueError(f"group = {group}: has no force in the prestress; give another group")
+            raise ValueError(
+                f"group = {group}: has no force in any feasible prestress; give another group"
+            )
         else:
-            text = f"with group {group} so, cables would be in compression"
+            text = f"with this tension in group {group}, cables would be in compression"
             forces = tension, taut[group]
             tension = or_nan(Rule("tension", forces, lambda force, taut: force * taut <= 0, text))
         modes = np.linalg.qr(modes.T)[0].T
         if len(modes) > 1:
-            return _result(structure, free, links, number, taut / taut[group] * tension, modes)
-    solved = _others(structure, free, links, spread, group, tension, tol)
+            return _make_prestress(
+                structure, free, links, group_number, taut / taut[group] * tension, modes
+            )
+    solved = _solve_other_groups(structure, free, links, membership, group, tension, tol)
     if isinstance(solved, jax.Array) and pulled.any():  # not checked above where nodes are traced
         solved = jnp.where(jnp.any(pulled & (solved <= 0)), jnp.nan, solved)
-    return _result(structure, free, links, number, solved, modes)
+    return _make_prestress(structure, free, links, group_number, solved, modes)
 
 
-def _numbers(structure, groups, n_elem):
-    """Group number of every element, [n_elem], checked."""
+def _group_numbers(structure, groups, n_elem):
+    """Check `groups`, and return the group number of every element, [n_elem]."""
     if groups is None:
         return np.arange(n_elem)
-    number = np.asarray(of_all_members(structure, groups, "groups"))
-    if not np.issubdtype(number.dtype, np.integer):
-        raise ValueError(f"groups: expected integers, got {number.dtype}")
-    if number.min() < 0:
-        k = int(number.argmin())
-        raise ValueError(f"groups[{k}] = {number[k]}: group numbers start at 0")
-    empty = np.bincount(number) == 0
+    group_number = np.asarray(values_of_all_elements(structure, groups, "groups"))
+    if not np.issubdtype(group_number.dtype, np.integer):
+        raise ValueError(f"groups: expected integers, got {group_number.dtype}")
+    if group_number.min() < 0:
+        k = int(group_number.argmin())
+        raise ValueError(f"groups[{k}] = {group_number[k]}: group numbers start at 0")
+    empty = np.bincount(group_number) == 0
     if empty.any():
         raise ValueError(f"groups: no element is in group {int(empty.argmax())}")
-    return number
+    return group_number
 
 
-def _null(matrix, tol):
-    """Orthonormal basis of the null space, [n_mode, n_group]; ValueError if it is empty."""
+def _null_space(matrix, tol):
+    """Return an orthonormal basis of the null space, [n_mode, n_group]; refuse an empty one."""
     _, values, right = np.linalg.svd(matrix)
     rank = int((values > tol * values[0]).sum())
     if rank == matrix.shape[1]:
@@ -169,10 +184,19 @@ def _null(matrix, tol):
     return right[rank:]
 
 
-def _taut(modes, cable):
-    """Combination of the modes with all cables taut, largest force 1, [n_group].
+def _combine_to_taut_state(modes, cable):
+    """Combine prestress modes to a state with all cables taut.
 
-    Without cables it is the first mode.
+    Args:
+        modes: [n_mode, n_group].
+        cable: whether a group has cables, [n_group].
+
+    Returns:
+        Tensions of the groups, [n_group], scaled to a largest force of 1; the first mode if there
+        are no cables.
+
+    Raises:
+        ValueError: no combination has all cables taut.
     """
     if len(modes) == 1 or not cable.any():
         state = modes[0] / np.abs(modes[0]).max()
@@ -195,35 +219,36 @@ def _taut(modes, cable):
             bounds=[(None, None)] * n_mode + [(None, 1.0)],
         )
         if not found.success:
-            raise ValueError(f"groups: no prestress was found: {found.message}")
+            raise ValueError(f"groups: the linear program found no prestress: {found.message}")
         state = found.x[:-1] @ modes
         if np.abs(state).max() < 1e-9:
             raise ValueError(
-                f"groups: none of the {n_mode} states of self-stress and their combinations has "
-                "all cables in tension"
+                f"groups: no combination of the {n_mode} states of self-stress has all cables in "
+                "tension"
             )
         state = state / np.abs(state).max()
     loose = cable & (state <= 1e-9)
     if loose.any():
         k = int(np.flatnonzero(loose)[0])
         raise ValueError(
-            f"groups: the cables of group {k} are not in tension in any prestress "
-            f"({state[k]:.3g} of the largest force)"
+            f"groups: the cables of group {k} are not in tension in the only state of self-stress "
+            f"(their force is {state[k]:.3g} times the largest)"
             if len(modes) == 1
-            else f"groups: no combination of {len(modes)} states has group {k} in tension"
+            else f"groups: no combination of the {len(modes)} states of self-stress has the cables "
+            f"of group {k} in tension"
         )
     return state
 
 
-def _others(structure, free, links, spread, group, tension, tol):
-    """Tensions of all groups, [n_group], N, from that of one group: least squares by QR.
+def _solve_other_groups(structure, free, links, membership, group, tension, tol):
+    """Return the tensions of all groups, [n_group], N, from that of one group: least squares by QR.
 
-    The other tensions are NaN, with NaN derivatives, if these groups alone have a state of
-    self-stress.
+    The other tensions are NaN, with NaN derivatives, if the other groups alone have a state of
+    self-stress: then they are not unique.
     """
-    nodes, xp = _numbers_of(structure.nodes, tension)
-    sums = balance(nodes, links)[0][free] @ spread.astype(nodes.dtype)
-    rest = np.delete(np.arange(spread.shape[1]), group)
+    nodes, xp = _nodes_and_array_module(structure.nodes, tension)
+    sums = equilibrium_matrix(nodes, links)[0][free] @ membership.astype(nodes.dtype)
+    rest = np.delete(np.arange(membership.shape[1]), group)
     given = xp.reshape(xp.asarray(tension, nodes.dtype), (1,))
     if not len(rest):
         return given
@@ -234,20 +259,20 @@ def _others(structure, free, links, spread, group, tension, tol):
     return xp.concatenate([given, others * unique])[np.argsort(np.append(group, rest))]
 
 
-def _numbers_of(nodes, tension):
-    """Nodes, and the module for them: jax.numpy if nodes or tension are a jax array, else NumPy."""
+def _nodes_and_array_module(nodes, tension):
+    """Return the nodes, and jax.numpy if nodes or tension are jax arrays, else numpy."""
     if isinstance(nodes, jax.Array) or isinstance(tension, jax.Array):
         return jnp.asarray(nodes), jnp
     return nodes, np
 
 
-def _result(structure, free, links, number, group_tension, modes):
-    """The `Prestress` of tensions of all groups."""
-    nodes, xp = _numbers_of(structure.nodes, group_tension)
-    tension = xp.asarray(group_tension, nodes.dtype)[number]
-    unbalanced = balance(nodes, links)[0][free] @ tension
+def _make_prestress(structure, free, links, group_number, group_tension, modes):
+    """Make the `Prestress` from the tensions of all groups."""
+    nodes, xp = _nodes_and_array_module(structure.nodes, group_tension)
+    tension = xp.asarray(group_tension, nodes.dtype)[group_number]
+    unbalanced = equilibrium_matrix(nodes, links)[0][free] @ tension
     return Prestress(
-        tension=arranged(structure, tension),
+        tension=arrange_as_elements(structure, tension),
         group_tension=group_tension,
         unbalanced=xp.max(xp.abs(unbalanced)) / xp.max(xp.abs(tension)),
         modes=modes,

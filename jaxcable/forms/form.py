@@ -14,32 +14,33 @@ from ..common.types import Array, Float, Int, PyTree
 from ..elements.bar import Straight
 from ..model.structure import Structure
 from ..numerics import implicit, scaled
-from .along import carries
+from .along import laws_can_carry
 
 
 @pytree
 class Form:
-    """A shape, its forces, and the unstressed lengths to cut.
+    """The result of form finding: a shape in equilibrium, its forces, and the lengths to cut.
 
-    The structure ``jc.replace(structure, nodes=form.positions)`` is in equilibrium at once in an
-    analysis with ``jc.Phase(pretension=form.tension, loads=loads)``, or with
-    ``rest_length=form.rest_length``. Unless the status is OK everything but the status, the
-    residuals and the iterations is NaN, with NaN derivatives.
+    An analysis of ``jc.replace(structure, nodes=form.positions)`` begins in equilibrium with
+    ``jc.Phase(pretension=form.tension, loads=loads)``, and so it does with
+    ``rest_length=form.rest_length``. Unless the status is OK, all fields but the status, the
+    residuals, the iterations and `nearest` are NaN, with NaN derivatives.
 
     Attributes:
         positions: positions of all nodes, [n_node, 3], m.
         tension: axial force per element in the shape of `elements`, each [n_elem], N.
         length: distance of an element's ends, likewise, m.
-        rest_length: unstressed length, likewise, m: `length` over one plus the strain that belongs
-            to the tension by the group's law.
+        rest_length: unstressed length, likewise, m: `length` over one plus the strain that the
+            group's law gives for the tension.
         force_density: tension over length, likewise, N/m.
         status: status code; `describe` has the texts.
-        residual: largest unbalanced force at a free freedom, N.
-        relative_residual: `residual` over its scale: the largest, over nodes, of the sum of the
-            absolute end forces plus the load.
-        iterations: number of linear solves, or of time steps of a relaxation.
-        nearest: node numbers of the element that has shortened most in the search, by its ratio,
-            [2]; the nodes that have met, if the status says so. Known of failed forms, too.
+        residual: largest unbalanced force at a free degree of freedom, N.
+        relative_residual: `residual` over a scale: the sum of absolute end forces plus the load at
+            a node, its largest value over all nodes.
+        iterations: number of linear solves, or of time steps of a dynamic relaxation.
+        nearest: both node numbers of the element whose length has fallen to the smallest fraction
+            of its start, [2]. If the status says that nodes have met, these have. Known of failed
+            forms, too.
 
     Example:
         A saddle of four cables with 500 N each, whose middle ends halfway, from any start:
@@ -70,12 +71,12 @@ class Form:
     nearest: Int[Array, " 2"]
 
 
-def nearest(
+def most_shortened_element(
     groups: Sequence[Straight],
     start: Float[Array, "n_node 3"],
     positions: Float[Array, "n_node 3"],
 ) -> Int[Array, " 2"]:
-    """Node numbers of the element whose length is smallest over that at the start, [2]."""
+    """Return both nodes of the element with the smallest ratio of length to start length, [2]."""
     links = jnp.concatenate([jnp.asarray(group.links) for group in groups])
     before, after = (
         jnp.sum((x[links[:, 1]] - x[links[:, 0]]) ** 2, axis=1) for x in (start, positions)
@@ -96,9 +97,10 @@ def make_form(
     met: Int[Array, " 2"],
     rests: Sequence[Float[Array, " n_elem"]] | None = None,
 ) -> Form:
-    """The `Form` of a shape and its forces, with lists per group in place of the elements' shape.
+    """Make a `Form` from a shape and its forces, whose values per element are lists of groups.
 
-    The status is MATERIAL_FAILURE if a law cannot carry its force; see `arranged` for the shape.
+    The status is MATERIAL_FAILURE if a law cannot carry its force. `arrange_form` gives the lists
+    the shape of the elements.
 
     Args:
         groups: element groups, with links as arrays.
@@ -107,16 +109,15 @@ def make_form(
         code: status of the search.
         residual, scale: largest unbalanced force, and the force that it is compared with, N.
         iterations: number of linear solves or time steps.
-        parameters: everything that the form depends on.
-        met: node numbers of the element that has shortened most, see `nearest`.
-        rests: unstressed lengths per group, [n_elem], m, if they are known; else they follow from
-            the tensions.
+        parameters: everything that the form depends on; its derivatives are NaN if the form failed.
+        met: from `most_shortened_element`, [2].
+        rests: unstressed lengths per group, [n_elem], m; None: they follow from the tensions.
     """
-    carried = carries(*lax.stop_gradient((groups, tensions)))
+    carried = laws_can_carry(*lax.stop_gradient((groups, tensions)))
     law_code = jnp.where(carried, status.OK, status.MATERIAL_FAILURE)
     code = status.first_failure(code, law_code).astype(jnp.int32)
     ok = code == status.OK
-    # forces beyond the curve of a law, or NaN, must not pollute the other cases of a batch
+    # forces beyond the curve of a law, or NaN, must not make other cases of a batch NaN
     groups, positions, tensions = implicit.gate(ok, (groups, positions, tensions))
     lengths = [group.chord(positions[group.links]) for group in groups]
     pairs = list(zip(lengths, tensions, strict=True))
@@ -133,7 +134,7 @@ def make_form(
     return Form(*arrays, code, residual, relative, iterations, met)
 
 
-def arranged(form: Form, structure: Structure) -> Form:
-    """A `Form` with its lists per group brought into the shape of the structure's elements."""
+def arrange_form(form: Form, structure: Structure) -> Form:
+    """Bring the lists per group of a `Form` into the shape of the structure's elements."""
     names = ("tension", "length", "rest_length", "force_density")
     return copy(form, **{name: structure.arrange(getattr(form, name)) for name in names})

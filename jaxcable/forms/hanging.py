@@ -1,4 +1,4 @@
-"""Cables that hang by a stated sag: shapes of catenaries, and chains of straight elements."""
+"""Hanging cables: curves and end forces of catenaries, and chains of straight elements."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ..stiffness.tangent import merge_state, split_state
 def catenary_curves(
     structure: Structure, solution: Solution | State, n: int = 21
 ) -> PyTree[Float[Array, "n_elem n 3"] | None]:
-    """Positions along the catenaries of a solution, for pictures.
+    """Return positions along the catenaries of a solution, for pictures.
 
     Args:
         structure: the `Structure` that was analysed.
@@ -40,7 +40,7 @@ def catenary_curves(
         ValueError: the structure has no catenaries.
 
     Example:
-        Half of a catenary (see `Catenaries`), ``H/w (cosh(w x/H) - 1)`` deep but for its strain:
+        Half of a catenary (see `Catenaries`). Without strain it is ``H/w (cosh(w x/H) - 1)`` deep:
 
         >>> s, H, w, EA = 60.0, 6000.0, 30.0, 60e6  # m, N, N/m, N
         >>> x = H / w * np.arcsinh(w * s / H) + H * s / EA  # half of the span, m
@@ -53,13 +53,15 @@ def catenary_curves(
         >>> print(solution.status, f"{depth:.3f} m, {H / w * (np.cosh(w * x / H) - 1):.3f} m")
         0 8.807 m, 8.808 m
     """
-    return _of_catenaries(structure, solution, "curve", np.nan, jnp.linspace(0.0, 1.0, n))
+    return _evaluate_catenaries(structure, solution, "curve", np.nan, jnp.linspace(0.0, 1.0, n))
 
 
 def end_tensions(
     structure: Structure, solution: Solution | State
 ) -> PyTree[Float[Array, "n_elem 2"] | None]:
-    """Tensions at both ends of the catenaries of a solution (its `tension` is their mean).
+    """Return the tensions at both ends of the catenaries of a solution.
+
+    The `tension` of a solution is their mean.
 
     Args:
         structure: the `Structure` that was analysed.
@@ -84,24 +86,32 @@ def end_tensions(
         >>> print(solution.status, jnp.round(jc.forms.end_tensions(structure, solution)[0], 1))
         0 [6264.2 6000. ]
     """
-    return _of_catenaries(structure, solution, "end_tensions", 0.0)
+    return _evaluate_catenaries(structure, solution, "end_tensions", 0.0)
 
 
-def _of_catenaries(structure, solution, method, absent, *arguments):
-    """Results of a method of the catenaries, in the shape of `elements`; None for other groups.
+def _evaluate_catenaries(structure, solution, method, absent, *arguments):
+    """Evaluate a method of the catenaries, in the shape of `elements`; None for other groups.
 
     Args:
+        structure: `Structure`.
+        solution: `Solution` or `State`.
+        method: name of a method of `Catenaries`, called for one element.
         absent: value for elements that are not there.
+        arguments: further arguments of the method.
     """
     if not any(isinstance(group, Sagging) for group in structure.groups):
-        raise ValueError("structure: has no catenaries")
+        raise ValueError(
+            "structure: has no catenaries; this function is for elements of the kind Catenaries"
+        )
     thawed, arrays, _ = split_state(structure, solution)
-    return structure.arrange(_of_groups(thawed, arrays, *arguments, method=method, absent=absent))
+    return structure.arrange(
+        _evaluate_catenary_groups(thawed, arrays, *arguments, method=method, absent=absent)
+    )
 
 
 @functools.partial(jax.jit, static_argnames=("method", "absent"))
-def _of_groups(thawed, arrays, *arguments, method, absent):
-    """The compiled core: results of a method for every group, or None."""
+def _evaluate_catenary_groups(thawed, arrays, *arguments, method, absent):
+    """Evaluate a method for all elements of every catenary group, None for others; compiled."""
     nodes, groups, carry = merge_state(thawed, arrays)
     states = make_system(nodes, groups, carry, None, None, carry.nodal_load).states
 
@@ -109,8 +119,8 @@ def _of_groups(thawed, arrays, *arguments, method, absent):
         if not isinstance(group, Sagging):
             return None
 
-        def value(member, *at):
-            return getattr(member, method)(*at, *arguments)
+        def value(element, *at):
+            return getattr(element, method)(*at, *arguments)
 
         found = over(value, group, state, nodes, carry.motion, absent=True)
         if state.present is None:
@@ -129,23 +139,23 @@ def hanging_chain(
     weight: Float[ArrayLike, ""],
     axial_stiffness: Float[ArrayLike, ""],
 ) -> tuple[Float[Array, "n+1 3"], Float[Array, " n"]]:
-    """A cable as a chain of `n` equal straight elements that hangs by a stated sag.
+    """Find the shape of a cable of given sag that consists of `n` equal straight elements.
 
-    The chain is returned in equilibrium under its weight along -z, of which each element puts half
-    on each of its ends. As n grows it becomes the catenary with that sag.
+    The chain is in equilibrium under its weight along -z; half of an element's weight acts at each
+    of its ends. As n grows, the chain approaches the catenary with that sag.
 
     Args:
         first, second: positions of the ends, [3], m; they must not lie above each other.
         n: number of elements, at least 2.
         sag: vertical distance of the chain from its chord at midspan (half of the horizontal
-            distance of the ends), m, positive. Where a node is exactly there, derivatives by the
-            ends are those on one side.
+            distance of the ends), m, positive. If a node is exactly there, derivatives with respect
+            to the ends are one-sided.
         weight: weight per unstressed length, N/m.
         axial_stiffness: EA, N.
 
     Returns:
         Positions of the nodes, [n + 1, 3], m, and the unstressed length of every element, [n], m.
-        NaN if there is no such chain; differentiable in all arguments but `n`.
+        NaN if there is no such chain; differentiable with respect to all arguments but `n`.
 
     Raises:
         ValueError: wrong shapes, values that are not positive, or ends above each other.
@@ -175,17 +185,17 @@ def hanging_chain(
     text = "first, second: the ends lie above each other; the chain has no midspan"
     refuse([Rule("second", chord[:2], lambda v: (v == 0).all(), lambda *_: text)])
     sag, weight, stiffness = (jnp.asarray(v, dtype) for v in numbers.values())
-    relative, rest_length = _chain(chord, sag, weight, stiffness, n=n)
+    relative, rest_length = _solve_chain(chord, sag, weight, stiffness, n=n)
     return jnp.asarray(first)[None] + relative, jnp.full(n, rest_length / n)
 
 
 @functools.partial(jax.jit, static_argnames=("n",))
-def _chain(chord, sag, weight, stiffness, n):
-    """Positions relative to the first node, [n + 1, 3], and the unstressed length of the chain.
+def _solve_chain(chord, sag, weight, stiffness, n):
+    """Solve for the positions relative to the first node, [n + 1, 3], and the unstressed length.
 
-    The unknowns are the horizontal and vertical force in the middle, and the unstressed length L;
-    an element is the vector ``(L/n) (F/|F| + F/EA)``. Newton's method starts from the catenary with
-    the same sag.
+    The unknowns are the horizontal and vertical force in the middle, and the unstressed length L of
+    the chain. Under its force F an element is the vector ``(L/n) (F/|F| + F/EA)``. Newton's method
+    starts from the catenary with the same sag.
     """
     level = jnp.sqrt(chord[0] ** 2 + chord[1] ** 2)
     offset = jnp.arange(n, dtype=chord.dtype) - (n - 1) / 2
@@ -213,6 +223,8 @@ def _chain(chord, sag, weight, stiffness, n):
     scale = lax.stop_gradient(jnp.stack([start[0], jnp.abs(start[2] * weight), start[2]]))
 
     def newton(f, u):
+        # unknowns are scaled to about 1. Convergence is quadratic near the root: below 1e-6 a
+        # change that is not half of the one before is rounding. Some ten steps are usual.
         def unfinished(s):
             _, moved, before, count = s
             rounding = (moved < 1e-6) & (moved > 0.5 * before)

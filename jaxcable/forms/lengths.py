@@ -1,9 +1,10 @@
 """Form finding with given lengths: the forces of these elements are unknown multipliers.
 
 The form is a stationary point of the Lagrangian ``sum T l + sum N (l - L) - p.x``, whose unknowns
-are the free displacements x and the forces N of the elements of given length L. It is a saddle: its
-Hessian, by autodiff, is symmetric and indefinite. Newton's method halves steps until the residual
-falls; it starts from a form in which stiff springs keep the lengths nearly (`prescribed`).
+are the free displacements x and the forces N of the elements of given length L. It is a saddle
+point: the Hessian, by autodiff, is symmetric and indefinite. Newton's method halves its step until
+the residual falls. It starts from a form in which stiff springs nearly keep the lengths
+(`prescribed`).
 """
 
 from __future__ import annotations
@@ -26,43 +27,49 @@ from ..mechanics.assembly import System
 from ..numerics import scaled
 from ..spaces.freedoms import number_freedoms
 
-_HALVINGS = 12  # how often a step is tried: whole, then halved
+# Trials of a step: whole, then halved. After 12 a step is 1/2048 of Newton's: with a tangent so
+# poor, further halving would only delay the failure status.
+_MAX_TRIALS = 12
 
 
 @pytree
-class Numbering:
-    """Unknowns of the saddle: free displacements first, then forces of elements of given length.
+class SaddleNumbering:
+    """Numbers of the unknowns: free displacements first, then forces of elements of given length.
 
     Attributes:
-        number: unknown of every freedom, [n_node, 3]; n_all if it is held.
-        elements: per group the numbers of its elements of given length, or None.
-        ends: per group the unknowns of both ends and of the force of these elements, [n_given, 7],
-            or None.
+        unknown_of_dof: number of the unknown of every degree of freedom, [n_node, 3]; n_all if a
+            support holds it.
+        given_elements: per group the numbers of its elements of given length, or None.
+        unknowns: per group the unknowns of both ends and of the force of these elements,
+            [n_given, 7], or None.
         pattern: `linear.Pattern` of the Hessian.
-        zero: n_all zeros; the shape is the number of unknowns.
+        zeros: n_all zeros; their shape tells the number of unknowns where the rest is traced.
     """
 
-    number: Int[Array | np.ndarray, "n_node 3"]
-    elements: Sequence[Int[Array | np.ndarray, " n_given"] | None]
-    ends: Sequence[Int[Array | np.ndarray, "n_given 7"] | None]
+    unknown_of_dof: Int[Array | np.ndarray, "n_node 3"]
+    given_elements: Sequence[Int[Array | np.ndarray, " n_given"] | None]
+    unknowns: Sequence[Int[Array | np.ndarray, "n_given 7"] | None]
     pattern: linear.Pattern
-    zero: Float[Array | np.ndarray, " n_all"]
+    zeros: Float[Array | np.ndarray, " n_all"]
 
 
 @functools.lru_cache(maxsize=16)
-def number(
+def number_saddle_unknowns(
     fixed: Indices, links: tuple[Indices, ...], sought: tuple[Indices, ...], solver: str | None
-) -> Numbering:
-    """The `Numbering`; cached.
+) -> SaddleNumbering:
+    """Number the unknowns of a form with given lengths; cached.
 
     Args:
         fixed: True where a coordinate is held, `Indices` [n_node, 3].
         links: links of every group, a tuple of `Indices`.
-        sought: whether the length of an element is given, a tuple of `Indices`, [n_elem] bool.
+        sought: where the length is given and the force sought, a tuple of `Indices`, [n_elem] bool.
         solver: name of a linear solver, or None.
 
+    Returns:
+        `SaddleNumbering`.
+
     Raises:
-        ValueError: the named solver does not exchange distant rows of the matrix, as zeros on the
+        ValueError: the named solver does not exchange distant rows (pivoting), which zeros on the
             diagonal need.
     """
     linear.check(solver, exchanges_rows=True)
@@ -81,146 +88,160 @@ def number(
     numbers = [of_freedom[group_links.array].reshape(-1, 6) for group_links in links]
     numbers += [unknowns for unknowns in ends if unknowns is not None]
     pattern = linear.make_pattern(numbers, n_all, True, solver, exchanges_rows=True)
-    return Numbering(of_freedom, elements, ends, pattern, np.zeros(n_all))
+    return SaddleNumbering(of_freedom, elements, ends, pattern, np.zeros(n_all))
 
 
 @pytree
-class Saddle:
-    """Equilibrium with given lengths.
+class SaddleSystem:
+    """Equations of equilibrium and of given lengths: the gradient of the Lagrangian is zero.
+
+    Its unknowns z [n_all] are the free displacements, m, then forces over `unit`.
 
     Attributes:
-        system: `System` of members that keep their forces; zero where the length is given.
-        given: per group the lengths L of all elements, with any value where none is given, m; None
+        system: `System` of elements that keep their forces; zero where the length is given.
+        given: per group the lengths L of all elements, m, with any value where none is given; None
             for a group without given lengths.
-        unit: force for an unknown of 1, N; it gives displacements and forces matrix entries of like
-            size.
-        numbering: `Numbering`.
+        unit: force that one unit of an unknown stands for, N; it makes the matrix entries of
+            displacements and of forces about equally large.
+        numbering: `SaddleNumbering`.
     """
 
     system: System
     given: list[Float[Array, " n_elem"] | None]
     unit: Float[Array, ""]
-    numbering: Numbering
+    numbering: SaddleNumbering
 
-    def split(
+    def split_unknowns(
         self, z: Float[Array, " n_all"]
     ) -> tuple[Float[Array, " n_free"], list[Float[Array, " n_given"]]]:
-        """Displacements [n_free] and, per group, forces of the elements of given length, N."""
+        """Split z into free displacements [n_free] and forces of given-length elements, N."""
         n_free = self.system.freedoms.free.shape[0]
         parts, at = [], n_free
-        for chosen in self.numbering.elements:
+        for chosen in self.numbering.given_elements:
             size = 0 if chosen is None else chosen.shape[0]
             parts.append(self.unit * z[at : at + size])
             at += size
         return z[:n_free], parts
 
-    def motion(self, z: Float[Array, " n_all"]) -> Float[Array, "n_node 3"]:
-        """Displacements of all nodes, [n_node, 3], m."""
+    def nodal_motion(self, z: Float[Array, " n_all"]) -> Float[Array, "n_node 3"]:
+        """Return the displacements of all nodes, [n_node, 3], m."""
         prescribed: Any = self.system.space.prescribed  # never None here
-        return self.system.move(prescribed, self.split(z)[0])
+        return self.system.move(prescribed, self.split_unknowns(z)[0])
 
-    def join(
+    def join_unknowns(
         self, motion: Float[Array, "n_node 3"], forces: Sequence[Float[Array, " n_elem"]]
     ) -> Float[Array, " n_all"]:
-        """The unknowns [n_all] from displacements [n_node, 3] and all forces per group, N."""
+        """Join displacements [n_node, 3] and the forces of all elements, per group, N, to z."""
         x = motion.reshape(-1)[self.system.freedoms.free]
-        pairs = zip(forces, self.numbering.elements, strict=True)
+        pairs = zip(forces, self.numbering.given_elements, strict=True)
         given = [force[chosen] / self.unit for force, chosen in pairs if chosen is not None]
         return jnp.concatenate([x, *given])
 
-    def forces(self, z: Float[Array, " n_all"]) -> list[Float[Array, " n_elem"]]:
-        """Axial forces, per group [n_elem], N."""
-        states: Sequence[Any] = self.system.states  # of `strings.StringState`
-        pairs = zip(states, self.numbering.elements, self.split(z)[1], strict=True)
+    def axial_forces(self, z: Float[Array, " n_all"]) -> list[Float[Array, " n_elem"]]:
+        """Return the axial forces of all elements, per group [n_elem], N."""
+        states: Sequence[Any] = self.system.states  # of `strings.ForceElementState`
+        pairs = zip(states, self.numbering.given_elements, self.split_unknowns(z)[1], strict=True)
         return [
             state.force if chosen is None else state.force.at[chosen].set(given)
             for state, chosen, given in pairs
         ]
 
-    def filled(self, z: Float[Array, " n_all"]) -> tuple[System, Float[Array, "n_node 3"]]:
-        """The system with all forces in its states, and the displacements of its nodes."""
-        pairs = zip(self.system.states, self.forces(z), strict=True)
+    def system_with_forces(
+        self, z: Float[Array, " n_all"]
+    ) -> tuple[System, Float[Array, "n_node 3"]]:
+        """Return the system with all forces in its states, and the displacements, [n_node, 3]."""
+        pairs = zip(self.system.states, self.axial_forces(z), strict=True)
         system = copy(self.system, states=[copy(state, force=force) for state, force in pairs])
-        return system, self.motion(z)
+        return system, self.nodal_motion(z)
 
-    def _given(self, motion):
-        """Generate (initial ends, motion of the ends, L, unknowns) of groups with given lengths."""
+    def _given_length_groups(self, motion):
+        """Generate (initial ends, displacements, L, unknowns) of each group with given lengths."""
         n = self.numbering
         for group, chosen, unknowns, lengths in zip(
-            self.system.groups, n.elements, n.ends, self.given, strict=True
+            self.system.groups, n.given_elements, n.unknowns, self.given, strict=True
         ):
             if chosen is not None:
                 links = group.links[chosen]
                 yield self.system.nodes[links], motion[links], lengths[chosen], unknowns
 
     def residual(self, z: Float[Array, " n_all"]) -> Float[Array, " n_all"]:
-        """Gradient of the Lagrangian, [n_all]: unbalanced forces, then gaps times the unit."""
-        system, motion = self.filled(z)
-        gaps = [self.unit * jax.vmap(_gap)(*data) for *data, _ in self._given(motion)]
-        return jnp.concatenate([system.residual(motion), *gaps])
+        """Return the gradient of the Lagrangian, [n_all]: unbalanced forces, length errors."""
+        system, motion = self.system_with_forces(z)
+        errors = [
+            self.unit * jax.vmap(_length_error)(*data)
+            for *data, _ in self._given_length_groups(motion)
+        ]
+        return jnp.concatenate([system.residual(motion), *errors])
 
-    def judged(
+    def convergence_measures(
         self, z: Float[Array, " n_all"]
     ) -> tuple[Float[Array, " n_free"], Float[Array, ""], Float[Array, " n_given"]]:
-        """Unbalanced forces [n_free], their scale, and gaps over lengths, [n_given]."""
-        system, motion = self.filled(z)
-        gaps = [jax.vmap(_gap)(*data) / data[2] for *data, _ in self._given(motion)]
-        return *system.residual_and_scale(motion), jnp.concatenate(gaps)
+        """Return unbalanced forces [n_free], their scale, and relative length errors [n_given]."""
+        system, motion = self.system_with_forces(z)
+        errors = [
+            jax.vmap(_length_error)(*data) / data[2]
+            for *data, _ in self._given_length_groups(motion)
+        ]
+        return *system.residual_and_scale(motion), jnp.concatenate(errors)
 
     def tangent(self, z: Float[Array, " n_all"]) -> Float[Array, "n_all n_all"] | linear.Sparse:
-        """Hessian of the Lagrangian, a matrix of `linear`."""
-        system, motion = self.filled(z)
-        freedoms = copy(system.freedoms, number=self.numbering.number)
+        """Return the Hessian of the Lagrangian, a matrix of `linear`."""
+        system, motion = self.system_with_forces(z)
+        freedoms = copy(system.freedoms, number=self.numbering.unknown_of_dof)
         system = copy(system, space=copy(system.space, freedoms=freedoms))
         parts = system.parts(system.tangents(motion), motion)
-        return self._assemble(parts, motion)
+        return self._assemble_hessian(parts, motion)
 
-    def _assemble(self, parts, motion):
-        """Matrix of blocks of the displacements, and their couplings with the forces."""
-        couple = jax.vmap(functools.partial(_coupling, self.unit))
-        parts = parts + [(couple(*data), unknowns) for *data, unknowns in self._given(motion)]
-        return linear.assemble(parts, len(self.numbering.zero), self.numbering.pattern)
+    def _assemble_hessian(self, parts, motion):
+        """Assemble blocks of the displacements, and the couplings of displacements and forces."""
+        couple = jax.vmap(functools.partial(_constraint_hessian, self.unit))
+        parts = parts + [
+            (couple(*data), unknowns) for *data, unknowns in self._given_length_groups(motion)
+        ]
+        return linear.assemble(parts, len(self.numbering.zeros), self.numbering.pattern)
 
-    def balanced(self, motion: Float[Array, "n_node 3"]) -> Float[Array, " n_all"]:
-        """Unknowns with displacements [n_node, 3] and the forces of least unbalanced forces.
+    def unknowns_of_least_residual(
+        self, motion: Float[Array, "n_node 3"]
+    ) -> Float[Array, " n_all"]:
+        """Return z with given displacements [n_node, 3] and the forces of the smallest residual.
 
-        Weighted least squares, by the matrix of the saddle with identity blocks in place of the
-        stiffness of elements.
+        These are weighted least squares, solved with the Hessian whose element stiffnesses are
+        replaced by identity blocks.
         """
         states: Sequence[Any] = self.system.states
         none = [jnp.zeros_like(state.force) for state in states]
-        z, n_free = self.join(motion, none), self.system.freedoms.free.shape[0]
+        z, n_free = self.join_unknowns(motion, none), self.system.freedoms.free.shape[0]
         blocks = []
         for group in self.system.groups:
-            unknowns = self.numbering.number[group.links].reshape(-1, 6)
+            unknowns = self.numbering.unknown_of_dof[group.links].reshape(-1, 6)
             ones = jnp.broadcast_to(jnp.eye(6, dtype=z.dtype), (len(unknowns), 6, 6))
             blocks.append((ones, unknowns))
-        matrix = self._assemble(blocks, motion)
+        matrix = self._assemble_hessian(blocks, motion)
         rhs = -self.residual(z).at[n_free:].set(0.0)
         found, regular = linear.solve_general(matrix, rhs)
         return z.at[n_free:].set(jnp.where(regular, found[n_free:], 0.0))
 
 
-def _gap(ends, moved, length):
-    """``l - L``, without a difference of nearly equal lengths if L is the initial length."""
+def _length_error(ends, moved, length):
+    """Return ``l - L``, without cancellation if L is the initial length."""
     _, _, change, start = stretch(ends, moved)
     return (start - length) + change
 
 
-def _coupling(unit, ends, moved, length):
-    """Hessian of ``N (l - L)`` at N = 0 by both ends and N over the unit, [7, 7].
+def _constraint_hessian(unit, ends, moved, length):
+    """Return the Hessian of ``N (l - L)`` at N = 0 by both ends and N over the unit, [7, 7].
 
-    The part that grows with N is in the tangent of the members, which keep this force.
+    The part that grows with N is in the tangent of the elements, which keep this force.
     """
 
     def lagrangian(u):
-        return unit * u[6] * _gap(ends, u[:6].reshape(2, 3), length)
+        return unit * u[6] * _length_error(ends, u[:6].reshape(2, 3), length)
 
     return jax.hessian(lagrangian)(jnp.append(moved.reshape(-1), 0.0))
 
 
-def settle(
-    saddle: Saddle,
+def solve_saddle(
+    saddle: SaddleSystem,
     z: Float[Array, " n_all"],
     tol: Float[Array, ""],
     limit: Int[Array, ""] | int,
@@ -232,40 +253,40 @@ def settle(
     Float[Array, " n_free"],
     Float[Array, ""],
 ]:
-    """Newton's method from `z`; not differentiable.
+    """Solve for a form with given lengths by Newton's method from `z`; not differentiable.
 
-    Steps are halved until the largest relative residual falls.
+    A line search halves steps until the largest relative residual falls.
 
     Args:
-        saddle: `Saddle`.
+        saddle: `SaddleSystem`.
         z: start, [n_all].
-        tol: relative residual of forces and of lengths at convergence.
+        tol: relative residual of forces and relative error of lengths at convergence.
         limit: largest number of steps.
         active: False to return at once.
 
     Returns:
-        The last point, its status, the number of steps, unbalanced forces and their scale.
+        The last point, its status, the number of steps, unbalanced forces [n_free], their scale.
     """
 
     def worst(z):
-        residual, scale, gaps = saddle.judged(z)
+        residual, scale, errors = saddle.convergence_measures(z)
         forces = scaled.relative(jnp.max(jnp.abs(residual), initial=0.0), scale)
-        return jnp.maximum(forces, jnp.max(jnp.abs(gaps), initial=0.0))
+        return jnp.maximum(forces, jnp.max(jnp.abs(errors), initial=0.0))
 
     def iterate(state):
         z, size, steps, _ = state
         step, _ = linear.solve_general(saddle.tangent(z), -saddle.residual(z))
 
-        def shorter(search):
+        def try_shorter(search):
             a, _, tried = search
             a = jnp.where(tried == 0, 1.0, 0.5 * a)
             return a, worst(z + a * step), tried + 1
 
-        def going(search):
+        def goes_on(search):
             _, new, tried = search
-            return ~(new < size) & (tried < _HALVINGS)
+            return ~(new < size) & (tried < _MAX_TRIALS)
 
-        a, new, _ = lax.while_loop(going, shorter, (jnp.ones_like(size), size, jnp.int32(0)))
+        a, new, _ = lax.while_loop(goes_on, try_shorter, (jnp.ones_like(size), size, jnp.int32(0)))
         better = new < size
         return (
             jnp.where(better, z + a * step, z),
@@ -282,14 +303,17 @@ def settle(
     z, size, steps, _ = lax.while_loop(unfinished, iterate, begin)
     code = jnp.where(jnp.isfinite(size), status.NOT_CONVERGED, status.NONFINITE)
     code = jnp.where(size <= tol, status.OK, code).astype(jnp.int32)
-    residual, scale, _ = saddle.judged(z)
+    residual, scale, _ = saddle.convergence_measures(z)
     return z, code, steps, residual, scale
 
 
-def attach(
-    saddle: Saddle, z: Float[Array, " n_all"], valid: Bool[Array, ""]
+def attach_saddle_derivative(
+    saddle: SaddleSystem, z: Float[Array, " n_all"], valid: Bool[Array, ""]
 ) -> Float[Array, " n_all"]:
-    """`z` with the derivative of the saddle, as by `implicit.attach`; expects a gated `saddle`."""
+    """Return the solution `z` with its implicit derivative, as `implicit.attach` does.
+
+    The derivatives of `saddle` must pass only where `valid` (`implicit.gate`).
+    """
     z = lax.stop_gradient(z)
     frozen = lax.stop_gradient(saddle)
     factor = linear.factorize(linear.or_identity(frozen.tangent(z), valid))

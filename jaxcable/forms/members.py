@@ -1,4 +1,4 @@
-"""Checks of the structures that form finding takes (straight members), of loads and statements."""
+"""Checks of the input of form finding: structures of straight elements, forces and lengths."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ from ..spaces import Translations
 from ..spaces.freedoms import Freedoms
 
 
-def check_members(structure: Structure) -> None:
-    """Raise ValueError unless `structure` is one of cables and bars only."""
+def require_straight_elements(structure: Structure) -> None:
+    """Raise ValueError unless `structure` consists of straight elements (cables, bars) only."""
     if not isinstance(structure, Structure):
         raise ValueError(f"structure: expected a Structure, got {type(structure).__name__}")
     for where, group in structure.named_groups():
         if not isinstance(group, Straight) or group.links.shape[1] != 2:
             raise ValueError(
-                f"elements{where} ({type(group).__name__}) is not made of straight members with "
-                "two ends; form finding takes Cables and Bars, and what derives from "
+                f"elements{where} ({type(group).__name__}) is not made of straight elements with "
+                "two ends; form finding takes Cables, Bars, and classes that derive from "
                 "`elements.straight.Straight`"
             )
 
 
-def verdict(
+def input_status(
     nodes: Float[Array, "n_node 3"], groups: Sequence[Element], *others: Any
 ) -> Int[Array, ""]:
-    """Status: INVALID_INPUT if numbers of a structure or of `others` break their rules, else OK.
+    """Return INVALID_INPUT if numbers of a structure or of `others` break their rules, else OK.
 
-    It can be traced.
+    The numbers can be traced.
     """
     rules = [*rules_of([groups, others]), *(r for g in groups for r in place_rules(nodes, g))]
     return jnp.where(kept(rules), status.OK, status.INVALID_INPUT).astype(jnp.int32)
 
 
-def total(
+def sum_nodal_loads(
     loads: Sequence[NodalLoads], shape: tuple[int, int], dtype: np.dtype
 ) -> Float[Array, "n_node 3"]:
-    """Sum of nodal loads, `shape` [n_node, 3], N."""
+    """Sum nodal loads at every node, `shape` [n_node, 3], N."""
     forces: Iterable[Any] = (load.nodal_forces(shape, dtype) for load in loads)
     return sum(forces, start=jnp.zeros(shape, dtype))
 
@@ -61,10 +61,16 @@ def stated(
     name: str,
     is_length: bool = False,
 ) -> tuple[list[Float[ArrayLike, " n_elem"] | None], list[Bool[np.ndarray, " n_elem"]]]:
-    """A scalar, [n_elem], `only(...)`, or a prefix pytree of the elements, spread over the groups.
+    """Check forces, force densities or lengths of elements, and return them group by group.
 
-    Forces (or what pulls as they do) of cables must not be negative, lengths must be positive:
-    known values are refused, traced ones become NaN.
+    Forces and force densities of cables must not be negative, lengths must be positive: known
+    values are refused, traced ones become NaN.
+
+    Args:
+        value: a scalar, [n_elem], `only(...)`, or a prefix pytree of the elements.
+        structure: `Structure`.
+        name: argument that an error message names.
+        is_length: whether the values are lengths.
 
     Returns:
         values: per group floats [n_elem], zero for elements without a value, or None if no element
@@ -86,36 +92,38 @@ def stated(
         if given is not None and (is_length or group.tension_only):
             # the argument and the group that it is for, as a user writes it
             key = f"[{int(label) if label.isdigit() else label!r}]" if label else ""
-            broken, text = _not_pulling, "a cable carries tension only; use Bars"
+            broken, text = _negative_forces, "a cable carries tension only; use Bars"
             if is_length:
-                broken, text = _not_long, "must be positive"
+                broken, text = _nonpositive_lengths, "must be positive"
             given = or_nan(Rule(f"{name}{key}", (given, meant), broken, text))
         values.append(given)
         chosen.append(meant)
     return values, chosen
 
 
-def _not_pulling(values, meant):
+def _negative_forces(values, meant):
+    """Return which of the elements that are `meant` have a negative force, [n_elem] bool."""
     return meant & (values < 0)
 
 
-def _not_long(values, meant):
+def _nonpositive_lengths(values, meant):
+    """Return which of the elements that are `meant` have no positive length, [n_elem] bool."""
     return meant & (values <= 0)
 
 
-def require_one(
+def require_single_input(
     structure: Structure,
     names: Sequence[str],
     chosen: Sequence[Sequence[Bool[np.ndarray, " n_elem"]]],
     missing: str | None = None,
 ) -> None:
-    """Raise ValueError for an element with several statements, or with none.
+    """Raise ValueError for an element that has several of the inputs, or none of them.
 
     Args:
         structure: `Structure`.
-        names: of the statements.
-        chosen: the elements that each of them concerns, from `stated`.
-        missing: the end of the message for an element without a statement; None if it needs none.
+        names: names of the inputs (tension, length ...).
+        chosen: which elements each of them concerns, from `stated`.
+        missing: end of the message for an element without input; None if elements may have none.
     """
     for k, masks in enumerate(zip(*chosen, strict=True)):
         count = np.sum(masks, axis=0)
@@ -131,7 +139,7 @@ def require_one(
         raise ValueError(f"{twice}: {where} has {several}; give one")
 
 
-def system_at_rest(
+def system_with_fixed_supports(
     nodes: Float[Array, "n_node 3"],
     groups: list[Element],
     states: list[ElementState],
@@ -139,6 +147,6 @@ def system_at_rest(
     freedoms: Freedoms,
     followers: list[Any] | None = None,
 ) -> System:
-    """The `System` of members between nodes, whose supports do not move."""
+    """Make the `System` of elements between nodes whose supports do not move."""
     space = Translations(freedoms, jnp.zeros_like(nodes))
     return System(nodes, groups, states, load, space, followers)

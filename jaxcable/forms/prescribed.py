@@ -2,11 +2,12 @@
 
 Forces ``T`` and loads ``p`` are given, positions are sought: ``sum_j T_ij (x_i - x_j)/l_ij = p_i``.
 They are a stationary point of ``sum T l - p.x``, which is convex where all forces are tensions
-(a sum of norms). With equal tensions the form is a minimal net. Elements whose length is given
-instead take part with their force as an unknown, the multiplier of that condition (`lengths`).
+(a sum of norms). With equal tensions the form is a minimal net. Where the length of an element is
+given instead, its force is an unknown: the Lagrange multiplier of that condition (`lengths`).
 
-The iteration is `newton.equilibrate`, with its tangent by autodiff and its line search, on members
-that keep their force whatever their length. The derivative is by the implicit function theorem.
+`newton.equilibrate` iterates, with a tangent by autodiff and a line search, on elements that keep
+their force whatever their length (`strings`). The derivative follows from the implicit
+function theorem.
 """
 
 from __future__ import annotations
@@ -32,14 +33,25 @@ from ..model.supports import Fixed
 from ..numerics import implicit
 from ..spaces.freedoms import number_freedoms
 from . import lengths
-from .along import OnForm, split, touched
-from .force_density import draped, number_axes
-from .form import Form, arranged, make_form, nearest
-from .members import check_members, require_one, stated, total, verdict
-from .strings import StringNet
+from .along import FormDependentLoads, nodes_coupled_by_loads, split_loads
+from .force_density import number_unknowns_by_axis, start_by_force_density
+from .form import Form, arrange_form, make_form, most_shortened_element
+from .members import (
+    input_status,
+    require_single_input,
+    require_straight_elements,
+    stated,
+    sum_nodal_loads,
+)
+from .strings import ForceElementNet
 
-_STIFF = 1e3  # stiffness times length of the springs that keep lengths, over the largest force
-_NEAR = 1e-4  # relative residual at which the iteration with springs ends
+# Stiffness times length of the springs that nearly keep lengths, over the largest force. Where a
+# third of the elements of a saddle net of 64 free nodes has given lengths, 43 steps lead to the
+# form. Half or twice the ratio takes 44 or 51, a tenth 86; a hundredth finds no form.
+_SPRING_FORCE_RATIO = 1e3
+# Relative residual at which the iteration with springs ends. The number of steps hardly depends on
+# it (42 at 1e-2, 43 at 1e-3): Newton's method converges quadratically here.
+_SPRING_TOLERANCE = 1e-4
 
 
 def find_form(
@@ -53,49 +65,50 @@ def find_form(
 ) -> Form:
     """Find the shape in which prescribed forces, and lengths of other elements, are in equilibrium.
 
-    Every element has one of `tension`, `stress` and `length`; each is a scalar, [n_elem],
-    `selection.only(elements, values)`, or a prefix pytree of the structure's elements with such
-    leaves and None. This is a pure function of pytrees: jit, vmap, grad, jvp, jacfwd and hessian
-    work on it, with respect to forces, lengths, supports and loads.
+    Every element has exactly one of `tension`, `stress` and `length`. Each of these is a scalar,
+    [n_elem], `selection.only(elements, values)`, or a prefix pytree of the structure's elements
+    with such leaves and None. This is a pure function of pytrees: jit, vmap, grad, jvp, jacfwd and
+    hessian work on it, with respect to forces, lengths, supports and loads.
 
     If every force is a tension and no length is given, the form minimises ``sum T l - p.x`` and is
-    found from any sensible start. It need not exist: forces that cannot balance each other draw
-    nodes together until an element has no length, or apart without limit; the status then is
-    NOT_CONVERGED, NONFINITE or MECHANISM. If it is not unique (a node whose elements all lie in one
-    line may slide) the form found depends on the start, and the derivatives of such a node are NaN.
-    With struts or lengths there can be several forms; the form found is near the start.
+    found from any sensible start. It need not exist: forces that are not in equilibrium in any
+    shape draw nodes together until an element has zero length, or drive them apart without limit.
+    The status then is NOT_CONVERGED, NONFINITE or MECHANISM. The form need not be unique: a node
+    whose elements all lie in one line may slide. Then the form found depends on the start, and the
+    derivatives of such a node are NaN. With struts or lengths there can be several forms; the one
+    near the start is found.
 
-    Equal tensions all along an edge cable are mostly not in balance with a net that pulls along it,
-    and nodes meet then. For nets with edge cables begin with `force_density`, edges at ten to
-    fifteen times the net, and give ``tension = q l`` of that shape, if at all; help(force_density)
-    has an example with masts and guys.
+    Equal tensions all along an edge cable are rarely in equilibrium with a net that pulls along it;
+    nodes meet then. For nets with edge cables begin with `force_density`, with force densities of
+    the edges ten to fifteen times those of the net. If prescribed tensions are needed at all, take
+    ``tension = q l`` of that shape. help(force_density) has an example with masts and guys.
 
     Args:
         structure: `Structure` of cables and bars; its nodes are the supports and the start.
         tension: axial force, N; negative in struts, which must be `Bars`.
         loads: `NodalLoads`, `SelfWeight`, `LineLoads` and `AreaLoads`, one or a list of them. Loads
-            along elements and on areas are per lengths and areas of the form found, and per
-            unstressed lengths that go with its forces, as in an analysis that begins with the form.
-            (They depend on the positions of nodes, and the problem is no longer quite convex.)
+            along elements and on areas refer to the lengths and areas of the form found, and to the
+            unstressed lengths that follow from its forces, as in an analysis that begins with the
+            form. (They depend on the positions of nodes; the problem is no longer strictly convex.)
 
     Options:
         length: distance of an element's ends in the form, under force, m.
         stress: tension over area, Pa, of groups with an area or a section.
-        method: `Newton`, as for `solve`, with the same meaning of `tol`. Lengths are met within
-            `tol` relative to them; given lengths exclude the solver PARDISO (default: SuperLU).
+        method: `Newton`, as for `solve`, with the same meaning of `tol`. Relative errors of lengths
+            are at most `tol`. Given lengths exclude the solver PARDISO (default: SuperLU).
 
     Returns:
         `Form`; check its `status`, or call `raise_if_failed`. The status is PUSHING_CABLE if a
-        cable of given length would have to push, and MATERIAL_FAILURE if a force is beyond the
+        cable of given length would be in compression, and MATERIAL_FAILURE if a force is beyond the
         curve of a law.
 
     Raises:
-        ValueError: elements that are not straight members, an element with two statements or none,
+        ValueError: elements that are not straight, an element with two of these inputs or none,
             other loads, lengths together with loads that depend on the form, a negative tension in
             a cable, a length that is not positive.
 
-    Source: Linkwitz and Schek (1971) for nets with prescribed forces and lengths; Weber's problem
-    for the convexity and for nodes that meet.
+    Source: Linkwitz and Schek (1971) for nets with prescribed forces and lengths. Convexity, and
+    nodes that meet, are known from Weber's problem.
 
     Example:
         600 N on two cables of 500 N: a 3-4-5 triangle, found from any start.
@@ -115,34 +128,40 @@ def find_form(
         >>> print(solution.status, f"{jnp.abs(solution.displacement).max():.6f} m")
         0 0.000000 m
     """
-    check_members(structure)
+    require_straight_elements(structure)
     plausibility.precision(structure.nodes)
     method = Newton() if method is None else method
     if not isinstance(method, Newton):
         raise ValueError(f"method: expected Newton, got {type(method).__name__}")
-    loads, others = split(structure, loads)
+    loads, others = split_loads(structure, loads)
     tensions, sought, given = statements(structure, tension, stress, length)
     mixed = any(mask.any() for mask in sought)
     if mixed and others:
         raise ValueError(
-            f"loads: {type(others[0]).__name__} depends on unstressed lengths and places of the "
-            "form, which are not known where `length` is given; give tensions, or NodalLoads"
+            f"loads: {type(others[0]).__name__} depends on the shape and the unstressed lengths of "
+            "the form, which cannot be combined with given lengths (`length`); give tensions "
+            "instead, or NodalLoads"
         )
     fixed = Fixed(structure.held())
     links = tuple(group.links for group in structure.groups)
     solver = method.linear_solver
-    coupled = (*((ends, 3, ()) for ends in links), *touched(structure, others))
+    coupled = (*((ends, 3, ()) for ends in links), *nodes_coupled_by_loads(structure, others))
     freedoms = number_freedoms(fixed, None, coupled, solver, not others)
-    extra = lengths.number(fixed, links, tuple(map(Indices, sought)), solver) if mixed else None
+    saddle_numbering = (
+        lengths.number_saddle_unknowns(fixed, links, tuple(map(Indices, sought)), solver)
+        if mixed
+        else None
+    )
     convex = not mixed and all(group.tension_only for group in structure.groups)
-    net = number_axes(fixed, links, solver) if convex else None
+    axis_numbering = number_unknowns_by_axis(fixed, links, solver) if convex else None
     problem = (structure.nodes, structure.groups, tensions, given, loads, others or None)
     thawed, arrays = thaw(problem)
-    return arranged(_find(thawed, arrays, freedoms, extra, net, method, convex), structure)
+    numberings = freedoms, saddle_numbering, axis_numbering
+    return arrange_form(_solve_form(thawed, arrays, *numberings, method, convex), structure)
 
 
 def statements(structure, tension, stress, length):
-    """The statements on all elements, checked: exactly one for every element.
+    """Check that every element has one of tension, stress and length; return forces and lengths.
 
     Returns:
         tensions: prescribed forces per group, [n_elem], zero where the length is given, N.
@@ -156,7 +175,7 @@ def statements(structure, tension, stress, length):
         stated(length, structure, "length", is_length=True),
     )
     names, chosen = ("tension", "stress", "length"), (pulled, stressed, sought)
-    require_one(structure, names, chosen, "has neither tension, stress nor length")
+    require_single_input(structure, names, chosen, "has neither tension, stress nor length")
     tensions, given = [], []
     for k, group in enumerate(structure.groups):
         forces = jnp.zeros(len(group.links))
@@ -176,45 +195,50 @@ def statements(structure, tension, stress, length):
 
 
 @functools.partial(jax.jit, static_argnames=("convex",))
-def _find(thawed, arrays, freedoms, extra, net, method, convex):
-    """The compiled core; results per element are lists with one item per group."""
+def _solve_form(thawed, arrays, freedoms, saddle_numbering, axis_numbering, method, convex):
+    """Find the form; compiled. Results per element are lists with one item per group."""
     parameters = fill(thawed, arrays)
     dtype = parameters[0].dtype
     nodes, groups, tensions, given, loads, others = cast(parameters, dtype)
-    strings = StringNet(
+    force_net = ForceElementNet(
         nodes,
         [group.links for group in groups],
         tensions,
         [None] * len(groups),
-        total(loads, nodes.shape, dtype),
-        None if others is None else OnForm(groups, others),
+        sum_nodal_loads(loads, nodes.shape, dtype),
+        None if others is None else FormDependentLoads(groups, others),
         convex,
     )
-    allowed = verdict(parameters[0], parameters[1], method, others)
-    frozen = lax.stop_gradient(strings)
+    allowed = input_status(parameters[0], parameters[1], method, others)
+    frozen = lax.stop_gradient(force_net)
     still = jnp.zeros_like(nodes)
 
     def begin(system):
-        if net is None:
+        if axis_numbering is None:
             return still
-        return draped(system, lambda x: _densities(frozen.forces, x[net[0]]), net)
+        links = axis_numbering[0]
 
-    if extra is None:
-        found, code, attached, motion = strings.equilibrated(begin, method, freedoms, allowed)
+        def densities(x):
+            return _force_densities(frozen.forces, x[links])
+
+        return start_by_force_density(system, densities, axis_numbering)
+
+    if saddle_numbering is None:
+        found, code, attached, motion = force_net.find_equilibrium(begin, method, freedoms, allowed)
         valid = code == status.OK
         steps, residual, scale = found.steps, found.residual, found.scale
         reached, forces = found.x, [state.force for state in attached.states]
     else:
         struts = not all(group.tension_only for group in groups)
-        z, code, steps, residual, scale = _with_lengths(
-            frozen, lax.stop_gradient(given), still, freedoms, extra, method, struts
+        z, code, steps, residual, scale = _solve_with_lengths(
+            frozen, lax.stop_gradient(given), still, freedoms, saddle_numbering, method, struts
         )
         code = status.first_failure(allowed, code)
         valid = code == status.OK
-        saddle = _saddle(*implicit.gate(valid, (strings, given)), freedoms, extra)
-        reached = saddle.motion(z)
-        z = lengths.attach(saddle, z, valid)
-        forces, motion = saddle.forces(z), saddle.motion(z)
+        saddle = _make_saddle(*implicit.gate(valid, (force_net, given)), freedoms, saddle_numbering)
+        reached = saddle.nodal_motion(z)
+        z = lengths.attach_saddle_derivative(saddle, z, valid)
+        forces, motion = saddle.axial_forces(z), saddle.nodal_motion(z)
         attached = saddle.system
     # without a form take the start, so that lengths and their derivatives stay finite
     positions = jnp.where(valid, attached.nodes + motion, nodes)
@@ -226,58 +250,76 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
     slack = jnp.any(jnp.stack([jnp.zeros((), bool), *pushing]))
     code = status.first_failure(code, jnp.where(slack, status.PUSHING_CABLE, status.OK))
     worst = jnp.max(jnp.abs(residual), initial=0.0)
-    met = nearest(groups, frozen.nodes, frozen.nodes + lax.stop_gradient(reached))
+    met = most_shortened_element(groups, frozen.nodes, frozen.nodes + lax.stop_gradient(reached))
     return make_form(groups, positions, forces, code, worst, scale, steps, parameters, met)
 
 
-def _densities(forces, ends):
-    """Force densities T/l of all elements, for `force_density.draped`.
+def _force_densities(forces, ends):
+    """Return the force densities T/l of all elements, for `force_density.start_by_force_density`.
 
-    Each form minimises a parabola above ``sum T l - p.x`` that touches it (Weiszfeld 1937), hence
-    leads downward from any shape; Newton's method is faster near the end.
+    The form of these force densities minimises a parabola that lies above ``sum T l - p.x`` and
+    touches it at the given ends (Weiszfeld 1937): it decreases the function from any shape.
+    Newton's method is faster near the minimum.
     """
     return jnp.concatenate(forces) / jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
 
 
-def _saddle(strings, given, freedoms, extra):
-    """The `lengths.Saddle`; its unit gives displacements and forces matrix entries of like size."""
-    made = strings.system(freedoms)
+def _make_saddle(force_net, given, freedoms, saddle_numbering):
+    """Make the `lengths.SaddleSystem`.
+
+    Its unit of force makes the matrix entries of displacements and of forces about equally large.
+    """
+    made = force_net.make_system(freedoms)
     given = [None if pair is None else pair[0] for pair in given]
-    unit = lax.stop_gradient(jnp.sqrt(_force(strings) / made.length_scale()))
-    return lengths.Saddle(made, given, unit, extra)
+    unit = lax.stop_gradient(jnp.sqrt(_force_scale(force_net) / made.length_scale()))
+    return lengths.SaddleSystem(made, given, unit, saddle_numbering)
 
 
-def _force(strings):
-    """The size of the prescribed forces and loads, N; 1 if there are none."""
-    force = jnp.max(jnp.abs(jnp.concatenate([*strings.forces, strings.load.reshape(-1)])))
+def _force_scale(force_net):
+    """Return the largest absolute prescribed force or load, N; 1 if there are none."""
+    force = jnp.max(jnp.abs(jnp.concatenate([*force_net.forces, force_net.load.reshape(-1)])))
     return jnp.where(force > 0, force, 1.0)
 
 
-def _with_lengths(strings, given, start, freedoms, extra, method, struts):
-    """Point of the `Saddle`, status, steps, unbalanced forces and their scale.
+def _solve_with_lengths(force_net, given, start, freedoms, saddle_numbering, method, struts):
+    """Find the form with given lengths: a point of the `lengths.SaddleSystem`.
 
     For cables alone, stiff springs come first, which lead close to the form from nearly any start;
     then Newton's method on the saddle meets the lengths. With bars, springs may lead away from the
     form sought (a tensegrity under constant forces): then the saddle comes first, from the forces
-    that balance best at the start, and springs only if that fails.
+    that leave the smallest residual at the start, and springs only if that fails.
+
+    Args:
+        force_net: `ForceElementNet` without springs.
+        given: per group lengths and where they are given, from `statements`.
+        start: displacements at the start, [n_node, 3], m.
+        freedoms: numbering of the free displacements.
+        saddle_numbering: `lengths.SaddleNumbering`.
+        method: `Newton`.
+        struts: whether there are bars.
+
+    Returns:
+        The unknowns [n_all], status, number of steps, unbalanced forces [n_free] and their scale.
     """
     tol = newton.limit(method, start.dtype)
-    saddle = _saddle(strings, given, freedoms, extra)
+    saddle = _make_saddle(force_net, given, freedoms, saddle_numbering)
     known = jnp.zeros((), bool)
     if struts:
-        first = lengths.settle(saddle, saddle.balanced(start), tol, method.max_steps, ~known)
+        first = lengths.solve_saddle(
+            saddle, saddle.unknowns_of_least_residual(start), tol, method.max_steps, ~known
+        )
         known = first[1] == status.OK
-    force = _STIFF * _force(strings)
+    force = _SPRING_FORCE_RATIO * _force_scale(force_net)
     springs = [
         pair and (jnp.where(pair[1], force / pair[0], 0.0), pair[0])  # None if no length is given
         for pair in given
     ]
-    sprung = copy(strings, springs=springs).system(freedoms)
-    near, _ = newton.equilibrate(sprung, start, copy(method, tol=_NEAR), ~known)
-    z = saddle.join(near.x, sprung.tensions(near.x))
+    sprung = copy(force_net, springs=springs).make_system(freedoms)
+    near, _ = newton.equilibrate(sprung, start, copy(method, tol=_SPRING_TOLERANCE), ~known)
+    z = saddle.join_unknowns(near.x, sprung.tensions(near.x))
     active = ~known & (near.code == status.OK)
     limit = method.max_steps - near.steps
-    z, code, steps, residual, scale = lengths.settle(saddle, z, tol, limit, active)
+    z, code, steps, residual, scale = lengths.solve_saddle(saddle, z, tol, limit, active)
     second = z, jnp.where(active, code, near.code), near.steps + steps, residual, scale
     if not struts:
         return second

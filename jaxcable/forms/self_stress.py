@@ -1,14 +1,14 @@
 """States of self-stress and mechanisms of a cable-strut structure in its geometry.
 
-The equilibrium matrix ``A`` gives the loads that tensions ``t`` balance, ``A t = f``, and its
-transpose the elongations of small displacements, ``A^T d = e``. If ``r`` is its rank, there are
-``s = n_elem - r`` states of self-stress (``A t = 0``) and ``m = n_free - r`` ways to move without
+The equilibrium matrix ``A`` gives the loads that tensions ``t`` balance, ``A t = f``. Its transpose
+gives the elongations of small displacements, ``A^T d = e``. If ``r`` is its rank, there are
+``s = n_elem - r`` states of self-stress (``A t = 0``) and ``m = n_free - r`` motions without
 elongation (``A^T d = 0``). A prestress ``t`` stiffens a mechanism ``d`` if
 
     sum over elements of  q |d_j - d_i|^2 > 0,    q = t / length,
 
 and stiffens all mechanisms if this quadratic form is positive definite on their space: they are
-then infinitesimal of first order, and the structure is stable for a prestress small beside EA.
+then infinitesimal of first order, and the structure is stable for a prestress much less than EA.
 
 Source: Pellegrino and Calladine (1986), Pellegrino (1993); the quadratic form is that of the
 product forces of Calladine and Pellegrino (1991), written with the force density matrix.
@@ -18,6 +18,8 @@ Ranks are discrete: everything here is NumPy on the host and has no derivatives.
 
 from __future__ import annotations
 
+import warnings
+
 import jax
 import numpy as np
 
@@ -25,13 +27,13 @@ from ..common.tree import pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..model.structure import Structure
 from ._balance import (
-    arranged,
-    balance,
-    host_nodes,
-    incidence,
-    members,
-    of_all_members,
+    arrange_as_elements,
+    equilibrium_matrix,
+    incidence_matrix,
+    links_and_tension_only,
+    nodes_as_numpy,
     rank_tolerance,
+    values_of_all_elements,
 )
 
 KINDS = {
@@ -40,7 +42,7 @@ KINDS = {
     (True, False): "III",
     (True, True): "IV",
 }
-"""Pellegrino and Calladine's kinds, by whether there are states of self-stress, and mechanisms."""
+"""Kinds of Pellegrino and Calladine, by (has states of self-stress, has mechanisms)."""
 
 _WORDS = {False: "determinate", True: "indeterminate"}
 
@@ -49,7 +51,7 @@ _WORDS = {False: "determinate", True: "indeterminate"}
 class SelfStress:
     """States of self-stress and mechanisms of a structure: the result of `self_stress`.
 
-    Values of elements are in the shape of the structure's elements, as in all results; only the
+    Values of elements have the shape of the structure's elements, as in all results. Only the
     columns of `matrix` are all elements, group after group.
 
     Attributes:
@@ -59,10 +61,10 @@ class SelfStress:
         mechanisms: displacements without elongation and without rigid motion, an orthonormal basis,
             [m, n_node, 3].
         rigid: rigid motions that the supports allow, an orthonormal basis, [n_rigid, n_node, 3].
-        singular_values: singular values of the equilibrium matrix, falling,
+        singular_values: singular values of the equilibrium matrix in descending order,
             [min(n_free, n_elem of all groups)].
         rank: number of singular values that do not count as zero.
-        matrix: equilibrium matrix of the free freedoms, [n_free, n_elem of all groups].
+        matrix: equilibrium matrix of the free degrees of freedom, [n_free, n_elem of all groups].
         length: lengths of the elements, in their shape, each [n_elem], m.
         tension_only: which elements are cables, likewise, each [n_elem] bool.
         links: node numbers, likewise, each [n_elem, 2].
@@ -97,30 +99,38 @@ class SelfStress:
 
     @property
     def m(self) -> int:
-        """Number of independent infinitesimal mechanisms, rigid motions apart."""
+        """Number of independent infinitesimal mechanisms, without rigid motions."""
         return len(self.mechanisms)
 
     @property
     def kind(self) -> str:
-        """Kind I to IV of Pellegrino and Calladine; rigid motions do not count."""
+        """Kind I to IV of Pellegrino and Calladine (`KINDS`); rigid motions do not count."""
         return KINDS[self.s > 0, self.m > 0]
 
     @property
-    def gap(self) -> tuple[float, float]:
-        """Smallest singular value that counts and largest that does not, over the largest of all.
+    def rank_gap(self) -> tuple[float, float]:
+        """The smallest nonzero singular value and the largest zero one, over the largest of all.
 
-        The rank is sure if they are far apart. The second is 0 if all singular values count.
+        The rank is certain if they are far apart. The second is 0 if no singular value counts as
+        zero.
         """
         values = self.singular_values
         below = float(values[self.rank]) if self.rank < len(values) else 0.0
         top = float(values[0])
         return float(values[self.rank - 1]) / top, below / top
 
+    @property
+    def gap(self) -> tuple[float, float]:
+        """Old name of `rank_gap`; it warns."""
+        text = "SelfStress.gap is now called SelfStress.rank_gap; the old name will be removed"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        return self.rank_gap
+
     def describe(self) -> str:
-        """The classification in words.
+        """Describe the kind of structure, s and m in words.
 
         Returns:
-            A text with the kind, s and m.
+            The text.
 
         Example:
             >>> print(jc.forms.self_stress(jc.scenes.simplex().structure).describe())
@@ -132,14 +142,15 @@ class SelfStress:
         )
 
     def unbalanced(self, tension: PyTree[Float[ArrayLike, " ..."]]) -> float:
-        """Largest unbalanced force of a prestress at a free freedom, over its largest tension.
+        """Return the largest unbalanced force of a prestress, over its largest tension.
 
         Args:
             tension: tensions, N, of all elements group after group [n_elem], or in the shape of the
                 elements.
 
         Returns:
-            A number; of the order of rounding for a state of self-stress.
+            A number; of the order of rounding for a state of self-stress. Only free degrees of
+            freedom count.
 
         Example:
             >>> structure, _ = jc.scenes.simplex()
@@ -147,14 +158,14 @@ class SelfStress:
             >>> found.unbalanced(jax.tree.map(lambda states: states[0], found.tensions)) < 1e-12
             True
         """
-        tension = self._tensions(tension)
+        tension = self._tensions_of_all(tension)
         largest = np.abs(tension).max()
         return float(np.abs(self.matrix @ tension).max(initial=0.0) / (largest or 1.0))
 
     def mechanism_stiffness(
         self, tension: PyTree[Float[ArrayLike, " ..."]]
     ) -> Float[np.ndarray, " m"]:
-        """Eigenvalues of the stiffness that a prestress gives the mechanisms.
+        """Return the eigenvalues of the geometric stiffness of a prestress in the mechanisms.
 
         The prestress stiffens every mechanism if all of them are positive.
 
@@ -163,7 +174,7 @@ class SelfStress:
                 elements.
 
         Returns:
-            Eigenvalues [m], rising, N/m.
+            Eigenvalues [m] in ascending order, N/m.
 
         Example:
             >>> structure, _ = jc.scenes.simplex()
@@ -173,22 +184,22 @@ class SelfStress:
             >>> (found.mechanism_stiffness(tension) > 0).tolist()
             [True]
         """
-        density = self._densities(tension)
-        links, _ = members(self.structure)
-        joins = incidence(links, self.mechanisms.shape[1])
+        density = self._force_densities_of_all(tension)
+        links, _ = links_and_tension_only(self.structure)
+        joins = incidence_matrix(links, self.mechanisms.shape[1])
         apart = np.einsum("en,mnk->mek", joins, self.mechanisms)
         return np.linalg.eigvalsh(np.einsum("mek,e,nek->mn", apart, density, apart))
 
     def stiffens(self, tension: PyTree[Float[ArrayLike, " ..."]], tol: float = 1e-9) -> bool:
-        """Whether a prestress stiffens every mechanism.
+        """Return whether a prestress stiffens every mechanism.
 
         Args:
             tension: tensions, N, of all elements group after group [n_elem], or in the shape of the
                 elements.
-            tol: eigenvalues up to this part of the largest force density count as zero.
+            tol: eigenvalues up to `tol` times the largest force density count as zero.
 
         Returns:
-            True if all eigenvalues of `mechanism_stiffness` are positive beyond `tol`.
+            True if all eigenvalues of `mechanism_stiffness` are above this limit.
 
         Example:
             >>> structure, _ = jc.scenes.simplex()
@@ -198,25 +209,25 @@ class SelfStress:
             >>> found.stiffens(tension), found.stiffens(jax.tree.map(np.negative, tension))
             (True, False)
         """
-        density = np.abs(self._densities(tension)).max()
+        density = np.abs(self._force_densities_of_all(tension)).max()
         return bool((self.mechanism_stiffness(tension) > tol * density).all())
 
-    def _densities(self, tension):
-        """Force densities of all elements, group after group, N/m."""
+    def _force_densities_of_all(self, tension):
+        """Return the force densities of all elements, group after group, [n_elem], N/m."""
         length = np.concatenate([np.asarray(leaf) for leaf in jax.tree.leaves(self.length)])
-        return self._tensions(tension) / length
+        return self._tensions_of_all(tension) / length
 
-    def _tensions(self, tension):
-        """Tensions of all elements, group after group, N."""
-        return np.asarray(of_all_members(self.structure, tension, "tension"), float)
+    def _tensions_of_all(self, tension):
+        """Return the tensions of all elements, group after group, [n_elem], N."""
+        return np.asarray(values_of_all_elements(self.structure, tension, "tension"), float)
 
 
 def self_stress(structure: Structure, tol: float | None = None) -> SelfStress:
-    """States of self-stress and mechanisms of pin-jointed bars and cables, all taken as taut.
+    """Find the states of self-stress and the mechanisms of pin-jointed bars and taut cables.
 
     Args:
         structure: `Structure` of `Bars` and `Cables`; its supports count. Support a free-standing
-            structure such as a tensegrity in a statically determinate way, or by fewer freedoms:
+            structure, such as a tensegrity, in a statically determinate way or with fewer supports:
             remaining rigid motions are separated from the mechanisms.
         tol: singular values up to `tol` times the largest count as zero; default 1e-10, or 1e-5 if
             the nodes are in single precision. Use a larger one if coordinates are rounded.
@@ -225,8 +236,8 @@ def self_stress(structure: Structure, tol: float | None = None) -> SelfStress:
         `SelfStress`.
 
     Raises:
-        ValueError: other elements, traced or infinite nodes, no free freedom; more nodes and
-            elements than dense matrices have memory for.
+        ValueError: other elements, traced or infinite nodes, no free degree of freedom; more nodes
+            and elements than dense matrices have memory for.
 
     Source: Pellegrino and Calladine (1986), Pellegrino (1993).
 
@@ -238,38 +249,40 @@ def self_stress(structure: Structure, tol: float | None = None) -> SelfStress:
         >>> found.s, found.m
         (1, 1)
     """
-    links, cable = members(structure)
-    nodes = host_nodes(structure, "self_stress")
+    links, cable = links_and_tension_only(structure)
+    nodes = nodes_as_numpy(structure, "self_stress")
     free = ~structure.held().ravel()
     if not free.any():
-        raise ValueError("supports: every freedom is fixed; there is nothing to balance")
+        raise ValueError(
+            "supports: they hold every degree of freedom; self-stress needs a free node"
+        )
     tol = rank_tolerance(structure, tol)
-    matrix, length = balance(nodes, links)
+    matrix, length = equilibrium_matrix(nodes, links)
     matrix = matrix[free]
     left_vectors, values, right_vectors = np.linalg.svd(matrix)
     rank = int((values > tol * values[0]).sum())
     states, mechanisms = right_vectors[rank:], left_vectors[:, rank:].T
 
-    rigid = _rigid(nodes, free, tol)
+    rigid = _allowed_rigid_motions(nodes, free, tol)
     if len(rigid):  # rigid motions have no elongation, either: take them out of the mechanisms
-        mechanisms = _complement(mechanisms, rigid)
+        mechanisms = _orthogonal_complement(mechanisms, rigid)
     return SelfStress(
-        tensions=arranged(structure, states),
-        force_densities=arranged(structure, states / length),
-        mechanisms=_full(mechanisms, free),
-        rigid=_full(rigid, free),
+        tensions=arrange_as_elements(structure, states),
+        force_densities=arrange_as_elements(structure, states / length),
+        mechanisms=_nodal_displacements(mechanisms, free),
+        rigid=_nodal_displacements(rigid, free),
         singular_values=values,
         rank=rank,
         matrix=matrix,
-        length=arranged(structure, length),
-        tension_only=arranged(structure, cable),
+        length=arrange_as_elements(structure, length),
+        tension_only=arrange_as_elements(structure, cable),
         links=structure.arrange([group.links.array for group in structure.groups]),
         structure=structure,
     )
 
 
 def rigid_motions(nodes: Float[np.ndarray, "n_node 3"]) -> Float[np.ndarray, "n_rigid 3*n_node"]:
-    """Rigid motions of nodes, an orthonormal basis, [6 (5 if collinear), 3 n_node], NumPy."""
+    """Return an orthonormal basis of the rigid motions of nodes, [6 (5 if collinear), 3 n_node]."""
     arms = nodes - nodes.mean(axis=0)
     arms = arms / max(np.abs(arms).max(), np.finfo(float).tiny)
     spins = [np.cross(axis, arms).ravel() for axis in np.eye(3)]
@@ -278,16 +291,16 @@ def rigid_motions(nodes: Float[np.ndarray, "n_node 3"]) -> Float[np.ndarray, "n_
     return basis[values > 1e-10 * values[0]]
 
 
-def _rigid(nodes, free, tol):
-    """Orthonormal rigid motions that vanish at fixed freedoms, [n_rigid, n_free]."""
+def _allowed_rigid_motions(nodes, free, tol):
+    """Return an orthonormal basis of the rigid motions that supports allow, [n_rigid, n_free]."""
     basis = rigid_motions(nodes)
     _, values, mixes = np.linalg.svd(basis[:, ~free].T, full_matrices=True)
     n_held = int((values > max(tol, 1e-10)).sum())
     return (mixes[n_held:] @ basis)[:, free]
 
 
-def _complement(space, part):
-    """Orthonormal basis of the complement of a subspace within a space.
+def _orthogonal_complement(space, part):
+    """Return an orthonormal basis of the complement of a subspace within a space.
 
     Args:
         space: orthonormal basis of the space, [n, n_free].
@@ -297,8 +310,8 @@ def _complement(space, part):
     return mixes[len(part) :] @ space
 
 
-def _full(motions, free):
-    """Motions of the free freedoms, [n, n_free], as displacements of nodes, [n, n_node, 3]."""
+def _nodal_displacements(motions, free):
+    """Expand motions of the free degrees of freedom, [n, n_free], to all nodes, [n, n_node, 3]."""
     full = np.zeros((len(motions), len(free)))
     full[:, free] = motions
     return full.reshape(len(motions), len(free) // 3, 3)

@@ -1,7 +1,7 @@
-"""Members without a material: a prescribed force, and a spring about a given length.
+"""Elements without a material: a prescribed force, and a spring about a given length.
 
-Form finding iterates with these members. Their force is ``N = T + k (l - L)``: with ``k = 0`` a
-member keeps its force whatever its length, as a string over a pulley with a weight does; with a
+Form finding iterates with these elements. Their force is ``N = T + k (l - L)``: with ``k = 0`` an
+element keeps its force whatever its length, as a string over a pulley with a weight does; with a
 large ``k`` it nearly keeps its length.
 """
 
@@ -25,18 +25,18 @@ from ..equilibrium.newton import Newton
 from ..mechanics.assembly import System
 from ..numerics import implicit
 from ..spaces.freedoms import Freedoms
-from .along import OnForm, carries
-from .members import system_at_rest
+from .along import FormDependentLoads, laws_can_carry
+from .members import system_with_fixed_supports
 
 
 @pytree
-class StringState(ElementState):
-    """Force and spring of the members of a group.
+class ForceElementState(ElementState):
+    """Prescribed forces and springs of the elements of a group: ``N = T + k (l - L)``.
 
     Attributes:
         force: T, [n_elem], N.
         stiffness: k, [n_elem], N/m.
-        excess: initial length less L, [n_elem], m.
+        excess: initial length minus L, [n_elem], m.
     """
 
     force: Float[Array, " n_elem"]
@@ -45,12 +45,12 @@ class StringState(ElementState):
 
 
 @pytree(static=("tension_only",), indices=("links",))
-class Strings(Axial):
-    """A group of members with prescribed forces and springs; see `elements` for the methods.
+class ForceElements(Axial):
+    """A group of elements with prescribed forces and springs; `Element` documents the methods.
 
     Attributes:
         links: node numbers, [n_elem, 2].
-        tension_only: whether all forces are known to be tensions, and no member has a spring.
+        tension_only: whether all forces are known to be tensions, and no element has a spring.
     """
 
     links: Indices
@@ -59,37 +59,38 @@ class Strings(Axial):
     rising = True
 
     def start(self, ends):
-        """A state without force and spring; form finding makes the states that it uses."""
+        """Return a state without forces and springs; form finding makes those that it uses."""
         nothing = jnp.zeros(len(ends), ends.dtype)
-        return StringState(nothing, nothing, nothing)
+        return ForceElementState(nothing, nothing, nothing)
 
     def tension(self, state, ends, motion):
-        """Axial force, N."""
+        """Return the axial force ``T + k (l - L)``, N."""
         return state.force + state.stiffness * (state.excess + stretch(ends, motion)[2])
 
     def energy(self, state, ends, motion):
-        """Work of the force and of the spring, J."""
+        """Return the work of the prescribed force plus the energy of the spring, J."""
         change = stretch(ends, motion)[2]
-        gap = state.excess + change
-        return state.force * change + 0.5 * state.stiffness * gap**2
+        elongation = state.excess + change
+        return state.force * change + 0.5 * state.stiffness * elongation**2
 
     def is_slack(self, state, ends, motion):
-        """Whether a member has neither force nor spring."""
+        """Return whether an element has neither force nor spring."""
         return (state.force == 0) & (state.stiffness == 0)
 
 
 @pytree(static=("tension_only",))
-class StringNet:
-    """Strings between nodes under loads: all numbers that a form depends on.
+class ForceElementNet:
+    """A net of `ForceElements` under loads, which form finding brings to equilibrium.
 
     Attributes:
         nodes: positions of the supports and of the start, [n_node, 3], m.
         links: node numbers of every group, a list of [n_elem, 2].
         forces: T of every group, a list of [n_elem], N.
-        springs: pairs (k, L) of every group, N/m and m, or None for a group without springs.
+        springs: pairs (k, L) of every group, each [n_elem], N/m and m; None for a group without
+            springs.
         load: nodal loads, [n_node, 3], N.
         others: loads that depend on the form, or None.
-        tension_only: as of `Strings`.
+        tension_only: as in `ForceElements`.
     """
 
     nodes: Float[Array, "n_node 3"]
@@ -97,12 +98,12 @@ class StringNet:
     forces: list[Float[Array, " n_elem"]]
     springs: list[tuple[Float[Array, " n_elem"], Float[Array, " n_elem"]] | None]
     load: Float[Array, "n_node 3"]
-    others: OnForm | None = None
+    others: FormDependentLoads | None = None
     tension_only: bool = False
 
-    def system(self, freedoms: Freedoms) -> System:
-        """The `System` of the strings, with this numbering of the unknowns."""
-        groups: list[Any] = [Strings(links, self.tension_only) for links in self.links]
+    def make_system(self, freedoms: Freedoms) -> System:
+        """Make the `System` of equations of the net, with this numbering of the unknowns."""
+        groups: list[Any] = [ForceElements(links, self.tension_only) for links in self.links]
         followers = None if self.others is None else [self.others]
         states: list[Any] = []
         for group, force, spring in zip(groups, self.forces, self.springs, strict=True):
@@ -110,10 +111,12 @@ class StringNet:
             if spring is not None:
                 stiffness, length = spring
                 excess = group.chord(self.nodes[group.links]) - length
-            states.append(StringState(force, stiffness, excess))
-        return system_at_rest(self.nodes, groups, states, self.load, freedoms, followers)
+            states.append(ForceElementState(force, stiffness, excess))
+        return system_with_fixed_supports(
+            self.nodes, groups, states, self.load, freedoms, followers
+        )
 
-    def equilibrated(
+    def find_equilibrium(
         self,
         begin: Callable[[System], Float[Array, "n_node 3"]],
         method: Newton,
@@ -121,29 +124,30 @@ class StringNet:
         allowed: Int[Array, ""],
         laws: Sequence[Straight] = (),
     ) -> tuple[newton.Outcome, Int[Array, ""], System, Float[Array, "n_node 3"]]:
-        """Bring the strings to equilibrium.
+        """Find the equilibrium of the net by Newton's method, with an implicit derivative.
 
         Args:
-            begin: the displacements to start from, [n_node, 3], m, of the system.
+            begin: function of the `System` that returns start displacements, [n_node, 3], m.
             method: `Newton`.
-            freedoms: the numbering of the unknowns.
-            allowed: status of the input.
-            laws: element groups that must be able to carry the forces, with links as arrays.
+            freedoms: numbering of the unknowns.
+            allowed: status of the input; unless it is OK there is no iteration.
+            laws: element groups whose laws must be able to carry the forces, with links as arrays.
 
         Returns:
-            What Newton's method ended with; the status; the system, whose derivatives pass only
-            where this is OK; and the displacements of its equilibrium, with their derivative.
+            The outcome of Newton's method; the status; the system, with derivatives only where the
+            status is OK; the displacements [n_node, 3], m, with their derivatives.
         """
         frozen = lax.stop_gradient(self)
-        sought = frozen.system(freedoms)
-        start = begin(sought)
-        found, factored = newton.equilibrate(sought, start, method, allowed == status.OK)
+        system = frozen.make_system(freedoms)
+        start = begin(system)
+        found, factored = newton.equilibrate(system, start, method, allowed == status.OK)
         code = status.first_failure(allowed, found.code)
         if laws:
-            borne = carries(laws, sought.tensions(found.x))
-            code = status.first_failure(code, jnp.where(borne, status.OK, status.MATERIAL_FAILURE))
+            carried = laws_can_carry(laws, system.tensions(found.x))
+            law_code = jnp.where(carried, status.OK, status.MATERIAL_FAILURE)
+            code = status.first_failure(code, law_code)
         valid = code == status.OK
-        system = implicit.gate(valid, self).system(freedoms)
+        system = implicit.gate(valid, self).make_system(freedoms)
         tol, worth = newton.adjoint_effort(method, system, start.dtype)
         motion, *_ = implicit.attach_apart(system, found.x, valid, factored, tol, worth)
         return found, code, system, motion

@@ -8,7 +8,7 @@ from ..common import checks
 from ..common.types import Int, PyTree
 from ..model.parts import group_path
 from ..model.structure import Structure
-from ._balance import arranged, host_nodes, members
+from ._balance import arrange_as_elements, links_and_tension_only, nodes_as_numpy
 
 
 def symmetric_groups(
@@ -19,20 +19,20 @@ def symmetric_groups(
     centre: tuple[float, float] = (0.0, 0.0),
     tol: float = 1e-6,
 ) -> PyTree[Int[np.ndarray, " n_elem"]]:
-    """Number the elements so that images of each other have the same number.
+    """Number the elements so that elements that are images of each other have the same number.
 
-    Only positions count: supports need not be symmetric, since a self-stress does not load those
-    of a free-standing structure. Elements of different groups never share a number.
+    Only positions count. Supports need not be symmetric, since a self-stress does not load those
+    of a free-standing structure. Elements of different element groups never share a number.
 
     Args:
         structure: `Structure` of `Bars` and `Cables`.
-        fold: rotation about a vertical axis by 2 pi / fold maps the structure on itself; 1 for no
+        fold: a rotation by 2 pi / fold about a vertical axis maps the structure on itself; 1 for no
             rotational symmetry.
         mirror: direction, rad from x, of a vertical plane of symmetry through the axis, or None.
 
     Options:
         centre: position of the axis, x and y, m.
-        tol: largest distance of an image from a node, relative to the size of the structure.
+        tol: allowed distance of an image from a node, relative to the size of the structure.
 
     Returns:
         Group numbers from 0 in the shape of the elements, each [n_elem], for `feasible_prestress`.
@@ -41,7 +41,8 @@ def symmetric_groups(
         ValueError: a node or an element has no image.
 
     Example:
-        A prism is symmetric under a third of a turn; its two triangles are not images:
+        A prism is symmetric under a rotation by 120 degrees, which does not map one of its two
+        triangles on the other:
 
         >>> structure, _ = jc.scenes.simplex()
         >>> groups = jc.forms.symmetric_groups(structure, fold=3)
@@ -53,8 +54,8 @@ def symmetric_groups(
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    links, _ = members(structure)
-    nodes = host_nodes(structure, "symmetric_groups")
+    links, _ = links_and_tension_only(structure)
+    nodes = nodes_as_numpy(structure, "symmetric_groups")
     nodes = nodes - np.array([*centre, 0.0])
     owner = np.repeat(np.arange(len(structure.groups)), [len(g.links) for g in structure.groups])
     ends = np.sort(links, axis=1)
@@ -78,7 +79,8 @@ def symmetric_groups(
         if distance.max() > tol * size:
             k = int(distance.argmax())
             raise ValueError(
-                f"nodes[{k}]: its image under the symmetry is {distance[k]:.3g} m from any node"
+                f"nodes[{k}]: its image under the symmetry is {distance[k]:.3g} m from any node; "
+                "check `fold`, `mirror` and `centre`, or raise `tol` if coordinates are rounded"
             )
         for k, (group, pair) in enumerate(zip(owner, np.sort(image[links], axis=1), strict=True)):
             other = number.get((group, *pair.tolist()))
@@ -90,4 +92,4 @@ def symmetric_groups(
             joined.append((k, other))
     first, second = np.array(joined).T
     graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(links),) * 2)
-    return arranged(structure, connected_components(graph, directed=False)[1])
+    return arrange_as_elements(structure, connected_components(graph, directed=False)[1])

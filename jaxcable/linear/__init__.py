@@ -10,10 +10,10 @@ import jax.numpy as jnp
 from ..common.tree import copy
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from . import choice, dense, sparse
+from .assembly_map import Gathering, gathering, with_zero
 from .bordered import solve_bordered
 from .dense import solve_definite
 from .direct import Direct
-from .gathering import Gathering, gathering, with_zero
 from .pattern import Matrix, Pattern, Sparse, assemble, make_pattern
 from .solver import Analysis, NumericFactor, Solver, check, choose, named, offered, register
 from .sparse import Factored, SparseFactor, forgotten, nothing_factored
@@ -60,45 +60,45 @@ __all__ = [
 
 
 def diagonal(matrix: Matrix) -> Float[Array, " n"]:
-    """Diagonal of a matrix, [n]."""
+    """Return the diagonal of a matrix, [n]."""
     return matrix.diagonal() if isinstance(matrix, Sparse) else dense.diagonal(matrix)
 
 
 def plus_diagonal(matrix: Matrix, shift: Float[ArrayLike, ""]) -> Matrix:
-    """The matrix with `shift`, a scalar, added to its diagonal."""
+    """Return the matrix with `shift`, a scalar, added to its diagonal."""
     if isinstance(matrix, Sparse):
-        return matrix.plus_diagonal(shift)
+        return matrix.add_to_diagonal(shift)
     return matrix + shift * jnp.eye(len(matrix), dtype=matrix.dtype)
 
 
 def plus_entry(matrix: Matrix, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]) -> Matrix:
-    """The matrix with `value` added to entry `place` of its diagonal, both scalars."""
+    """Return the matrix with `value` added to entry `place` of its diagonal, both scalars."""
     if isinstance(matrix, Sparse):
-        return matrix.plus_entry(place, value)
+        return matrix.add_to_diagonal_entry(place, value)
     return matrix.at[place, place].add(value)
 
 
 def held_at(matrix: Matrix, held: Bool[Array, " n"]) -> Matrix:
-    """The matrix with rows and columns of unknowns `held`, [n] bool, empty but for the diagonal.
+    """Return the matrix with the rows and columns of unknowns `held`, [n] bool, emptied.
 
-    Their diagonal is the largest of the matrix, so that its scale does not change.
+    Only their diagonal stays: the largest entry of the matrix's, so that its scale does not change.
     """
     stiffness = jnp.max(jnp.abs(diagonal(matrix)))
     if isinstance(matrix, Sparse):
-        return matrix.held_at(held, stiffness)
+        return matrix.hold_unknowns(held, stiffness)
     touched = held[:, None] | held[None, :]
     return jnp.where(touched, jnp.diag(jnp.where(held, stiffness, 0.0)), matrix)
 
 
 def or_identity(matrix: Matrix, valid: Bool[ArrayLike, ""]) -> Matrix:
-    """The matrix if `valid`, else the identity."""
+    """Return the matrix if `valid`, else the identity."""
     if isinstance(matrix, Sparse):
-        return matrix.or_identity(valid)
+        return matrix.identity_unless(valid)
     return jnp.where(valid, matrix, jnp.eye(len(matrix), dtype=matrix.dtype))
 
 
 def or_nan(matrix: Matrix, defined: Bool[ArrayLike, ""]) -> Matrix:
-    """The matrix if `defined`, else NaN, which counts as singular."""
+    """Return the matrix if `defined`, else one of NaN, which counts as singular."""
     factor = jnp.where(defined, 1.0, jnp.nan)
     if isinstance(matrix, Sparse):
         return copy(matrix, values=matrix.values * factor.astype(matrix.values.dtype))
@@ -127,8 +127,7 @@ def factorize(
             known to be positive semidefinite.
 
     Returns:
-        `Direct` or `SparseFactor`, with `regular`, `or_identity()`, `solve(rhs, matvec)`, and
-        `marked(rhs)` and `adjoint(rhs)` for the derivative of a root.
+        `Direct` or `SparseFactor`; `direct.MatrixFactor` says what they can do.
     """
     if isinstance(matrix, Sparse):
         return sparse.factorize(matrix, loose, factored, tol, limit)
@@ -138,13 +137,13 @@ def factorize(
 def solve_general(
     matrix: Matrix, rhs: Float[Array, " n"]
 ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-    """Solve with a general matrix: solution [n], and whether the matrix is regular."""
+    """Solve with a general matrix: return the solution [n], and whether the matrix is regular."""
     factor = factorize(matrix)
     return factor.solve(rhs, lambda v: matrix @ v), factor.regular
 
 
 def is_definite(matrix: Matrix) -> Bool[Array, ""]:
-    """Whether a matrix has no negative eigenvalue, to rounding; not differentiable.
+    """Return whether a matrix has no negative eigenvalue, to rounding; not differentiable.
 
     For an unsymmetric matrix: whether its symmetric part has none.
     """

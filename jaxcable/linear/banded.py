@@ -38,15 +38,19 @@ from jax.custom_batching import custom_vmap
 
 from ..common.types import Array, Bool, Float
 
-_ROW_BYTES = 256  # most bytes of one entry for all cases of a chunk
-_VECTOR = 4  # the number of cases in a chunk is a multiple of this
-_SEGMENTS, _SEGMENT = 6, 4  # most segments of a column, fewest rows of a segment
+# Bytes of one entry for all cases of a chunk at most: with 32 cases of float64 the window of the
+# factor stays in cache.
+_CHUNK_ROW_BYTES = 256
+_VECTOR_CASES = 4  # divides the cases of a chunk: float64 in a vector register (AVX2)
+# Segments of a column at most, rows of a segment at least: more segments skip more products that
+# are zero, but make a longer program.
+_SEGMENTS, _SEGMENT = 6, 4
 
 
 def solve_banded(
     band: Float[Array, "n b+1"], rhs: Float[Array, " n"]
 ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-    """Solve one system; map it with `jax.vmap` for many.
+    """Solve one banded, symmetric positive definite system; map with `jax.vmap` for many.
 
     Args:
         band: lower band of the matrix by columns, [n, b + 1] (see the module).
@@ -62,24 +66,24 @@ def solve_banded(
 
 @custom_vmap
 def _solve_cases(band, rhs):
-    """Solve a batch: band [B, n, b + 1], rhs [B, n, q] to x [B, n, q] and definite [B]."""
+    """Solve a batch: band [B, n, b + 1], rhs [B, n, q]; return x [B, n, q] and definite [B]."""
     cases, n, width = band.shape
     sides = rhs.shape[2]
-    most = _ROW_BYTES // band.dtype.itemsize
+    most = _CHUNK_ROW_BYTES // band.dtype.itemsize
     chunks = -(-cases // most)
-    size = min(cases, -(-cases // (chunks * _VECTOR)) * _VECTOR)
+    size = min(cases, -(-cases // (chunks * _VECTOR_CASES)) * _VECTOR_CASES)
     segment = min(width, max(_SEGMENT, -(-width // _SEGMENTS)))
 
     def step(chunk, carry):
         factor, x, definite = carry
         at = chunk * size  # slices past the end are moved back: the last chunk overlaps
-        band_part = _read(band, (at, 0, 0), (size, n, width))
-        rhs_part = _read(rhs, (at, 0, 0), (size, n, sides))
+        band_part = _read_slice(band, (at, 0, 0), (size, n, width))
+        rhs_part = _read_slice(rhs, (at, 0, 0), (size, n, sides))
         factor, x_part, definite_part = _solve_chunk(
             factor, jnp.transpose(band_part, (1, 2, 0)), jnp.transpose(rhs_part, (1, 2, 0))
         )
-        x = _write(x, jnp.transpose(x_part, (2, 0, 1)), (at, 0, 0))
-        return factor, x, _write(definite, definite_part, (at,))
+        x = _write_slice(x, jnp.transpose(x_part, (2, 0, 1)), (at, 0, 0))
+        return factor, x, _write_slice(definite, definite_part, (at,))
 
     # zero before the first column and below the band; no chunk writes there
     factor = jnp.zeros((width - 1 + n, width - 1 + segment, size), band.dtype)
@@ -88,8 +92,8 @@ def _solve_cases(band, rhs):
 
 
 @_solve_cases.def_vmap
-def _solve_mapped(axis_size, mapped, band, rhs):
-    """One more batch axis: more cases, or more right sides if the matrices do not have the axis."""
+def _solve_cases_batch_rule(axis_size, mapped, band, rhs):
+    """Add a batch axis: more cases, or more right sides if all share the matrices."""
     if not mapped[0]:
         cases, n, sides = rhs.shape[1:]
         rhs = jnp.moveaxis(rhs, 0, 2).reshape(cases, n, axis_size * sides)
@@ -101,16 +105,18 @@ def _solve_mapped(axis_size, mapped, band, rhs):
     return (x.reshape(rhs.shape), definite.reshape(rhs.shape[:2])), (True, True)
 
 
-def _read(array, start, shape):
+def _read_slice(array, start, shape):
+    """Return the slice of an array of this shape that begins at `start`."""
     return lax.dynamic_slice(array, [jnp.uint32(i) for i in start], shape)
 
 
-def _write(array, part, start):
+def _write_slice(array, part, start):
+    """Return an array with a part of it replaced, from `start` on."""
     return lax.dynamic_update_slice(array, part, [jnp.uint32(i) for i in start])
 
 
 def _solve_chunk(factor, band, rhs):
-    """Cholesky by columns, looking left, and both substitutions; the cases are the last axis.
+    """Factorise by Cholesky, column by column, and substitute; the cases are the last axis.
 
     A column is reduced in segments, each of which skips products that are known to be zero.
 
@@ -137,21 +143,21 @@ def _solve_chunk(factor, band, rhs):
     def reduce(factor, k, low):
         """A segment of column k, from row `low` on, minus products with the columns before it."""
         rows = min(segment, width - low)
-        column = _read(band, (k, low, 0), (1, rows, size))
+        column = _read_slice(band, (k, low, 0), (1, rows, size))
         for m in range(1, b + 1 - low):
-            before = _read(factor, (k + (b - m), m + low, 0), (1, rows, size))
-            column = column - before * _read(factor, (k + (b - m), m, 0), (1, 1, size))
+            before = _read_slice(factor, (k + (b - m), m + low, 0), (1, rows, size))
+            column = column - before * _read_slice(factor, (k + (b - m), m, 0), (1, 1, size))
         return column
 
     def forward(k, carry):
         factor, y, window = carry  # window: right sides k ... k + b, reduced so far
         column = lax.concatenate([reduce(factor, k, low) for low in range(0, width, segment)], 1)
         scale = lax.rsqrt(column[:, :1])
-        factor = _write(factor, column * scale, (k + b, 0, 0))
+        factor = _write_slice(factor, column * scale, (k + b, 0, 0))
         first = window[:1] * scale
-        y = _write(y, first, (k, 0, 0))
+        y = _write_slice(y, first, (k, 0, 0))
         rest = window[1:] - (column * scale)[0, 1:, None, :] * first
-        window = lax.concatenate([rest, _read(rhs, (k + width, 0, 0), (1, sides, size))], 0)
+        window = lax.concatenate([rest, _read_slice(rhs, (k + width, 0, 0), (1, sides, size))], 0)
         return factor, y, window
 
     y = jnp.zeros((n, sides, size), rhs.dtype)
@@ -162,11 +168,11 @@ def _solve_chunk(factor, band, rhs):
     def backward(count, carry):
         x, window = carry  # window: solution k + 1 ... k + b
         k = jnp.uint32(n - 1) - count
-        value = _read(y, (k, 0, 0), (1, sides, size))
+        value = _read_slice(y, (k, 0, 0), (1, sides, size))
         for i in range(1, width):
-            value = value - _read(factor, (k + b, i, 0), (1, 1, size)) * window[i - 1 : i]
-        value = value / _read(factor, (k + b, 0, 0), (1, 1, size))
-        return _write(x, value, (k, 0, 0)), lax.concatenate([value, window[:-1]], 0)[:b]
+            value = value - _read_slice(factor, (k + b, i, 0), (1, 1, size)) * window[i - 1 : i]
+        value = value / _read_slice(factor, (k + b, 0, 0), (1, 1, size))
+        return _write_slice(x, value, (k, 0, 0)), lax.concatenate([value, window[:-1]], 0)[:b]
 
     x = jnp.zeros((n, sides, size), rhs.dtype)
     window = jnp.zeros((b, sides, size), rhs.dtype)

@@ -21,16 +21,20 @@ import numpy as np
 import scipy.sparse as sp
 from jax import lax
 
-from ..common import foreign
+from ..common import host_calls
 from ..common.types import Array, ArrayLike, Bool, Float
 from . import host, sparse, unbatched
-from .direct import have_digits, scales
+from .direct import are_pivots_significant, diagonal_scale
 from .pattern import Matrix, Sparse
 from .solver import named
-from .superlu import decomposed
+from .superlu import decompose_lu
 
-_CLOSE = 64  # largest residual, in roundings (eps) of the sizes of its terms
-_IMPROVE = 4  # most improvements of a solution by blocks before the whole matrix is factorised
+# Largest residual of a solution, in roundings (eps) of the sizes of its terms: some roundings add
+# up in a row, while a solution that has lost digits at a nearly singular K leaves far more.
+_LARGEST_RESIDUAL = 64
+# Refinements of a solution by blocks before the whole matrix is factorised: each of them gains
+# digits, unless K is so nearly singular that no number of them helps.
+_MOST_REFINEMENTS = 4
 
 
 def solve_bordered(
@@ -57,18 +61,18 @@ def solve_bordered(
     """
     column, row, rhs = (jnp.where(loose, 0.0, v) for v in (column, row, rhs))
     if isinstance(matrix, Sparse) and not matrix.pattern.solver.on_device:
-        return _on_host(matrix, column, row, corner, rhs, last, loose)
+        return _solve_on_host(matrix, column, row, corner, rhs, last, loose)
     full = matrix.dense() if isinstance(matrix, Sparse) else matrix
-    return _whole(lax.stop_gradient(full), column, row, corner, rhs, last, loose)
+    return _solve_dense(lax.stop_gradient(full), column, row, corner, rhs, last, loose)
 
 
-def _whole(matrix, column, row, corner, rhs, last, loose):
-    """`solve_bordered` for a dense matrix: LU factors of the bordered matrix, scaled."""
+def _solve_dense(matrix, column, row, corner, rhs, last, loose):
+    """Solve with a dense matrix: LU factors of the scaled bordered matrix; see `solve_bordered`."""
     n = len(rhs)
     matrix = jnp.where(loose[:, None] | loose[None, :], jnp.eye(n, dtype=matrix.dtype), matrix)
-    size = scales(jnp.diagonal(matrix))
+    size = diagonal_scale(jnp.diagonal(matrix))
     # the unknown y and the last equation are scaled, too, so that pivots can be compared
-    width, height = _largest(column / size), jnp.maximum(_largest(row / size), 0.0)
+    width, height = _largest_or_one(column / size), jnp.maximum(_largest_or_one(row / size), 0.0)
     height = jnp.maximum(height, jnp.abs(corner) / width)
     bordered = jnp.block(
         [
@@ -77,59 +81,61 @@ def _whole(matrix, column, row, corner, rhs, last, loose):
         ]
     )
     lu, order = unbatched.lu_factor(bordered)
-    regular = have_digits(jnp.abs(jnp.diagonal(lu)))
+    regular = are_pivots_significant(jnp.abs(jnp.diagonal(lu)))
     solution = unbatched.lu_solve(lu, order, jnp.append(rhs / size, last / height), False)
     return solution[:-1] / size, solution[-1] / width, regular
 
 
-def _largest(v):
-    """Largest size of an entry; 1 where all are zero, so that it can be a divisor."""
+def _largest_or_one(v):
+    """Return the largest absolute entry, or 1 if all are zero, so that it can be a divisor."""
     largest = jnp.max(jnp.abs(v), initial=0.0)
     return jnp.where(largest > 0, largest, 1.0)
 
 
-def _on_host(matrix, column, row, corner, rhs, last, loose):
-    """`solve_bordered` for a sparse matrix: a callback to the host."""
+def _solve_on_host(matrix, column, row, corner, rhs, last, loose):
+    """Solve with a sparse matrix by a call of the host; see `solve_bordered`."""
     p = matrix.pattern
     scalar = jax.ShapeDtypeStruct((), rhs.dtype)
     shapes = (jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), scalar, jax.ShapeDtypeStruct((), bool))
-    return foreign.call(
-        (bordered, *sparse.words(p)),
+    return host_calls.call_on_host(
+        (make_bordered_solver, *sparse.host_solver_words(p)),
         shapes,
         *(p.digest, p.indptr, p.indices, lax.stop_gradient(matrix.values), loose),
         *(column, row, rhs, jnp.asarray(corner, rhs.dtype), jnp.asarray(last, rhs.dtype)),
     )
 
 
-@foreign.family
-def bordered(solver, stored):
-    """The callback that solves all cases of a batch, NumPy."""
+@host_calls.host_function_family
+def make_bordered_solver(solver, stored):
+    """Return the NumPy function that solves all bordered systems of a batch."""
     solver, symmetric = named(solver), stored == "symmetric"
 
     def function(digest, indptr, indices, *arrays):
-        batch, rows = host.flattened(arrays[:-2], arrays[-2:])
-        with host._lock:
-            analysed = host.kept(solver, symmetric, *host.first(digest, indptr, indices))
-            found = [_solve(analysed, *case) for case in zip(*rows, strict=True)]
+        batch, rows = host.flatten_batch(arrays[:-2], arrays[-2:])
+        with host.analyses_lock:
+            analysed = host.analysis_of_pattern(
+                solver, symmetric, *host.take_first_case(digest, indptr, indices)
+            )
+            found = [_solve_case(analysed, *case) for case in zip(*rows, strict=True)]
         x, y, regular = (np.array(part) for part in zip(*found, strict=True))
         return x.reshape(*batch, -1), y.reshape(batch), regular.reshape(batch)
 
     return function
 
 
-def _solve(analysed, values, loose, column, row, rhs, corner, last):
-    """x, y and whether the bordered matrix is regular, of one case, NumPy."""
+def _solve_case(analysed, values, loose, column, row, rhs, corner, last):
+    """Solve one case, NumPy: return x, y and whether the bordered matrix is regular."""
     n = len(rhs)
     nothing = np.zeros(n), 0.0, False
     numbers = (values, column, row, rhs, corner, last)
     values, column, row, rhs, corner, last = (np.asarray(v, float) for v in numbers)
     if not all(np.isfinite(v).all() for v in (values, column, row, rhs, corner, last)):
         return nothing
-    entries = host._without(analysed, values, loose)
+    entries = host.with_identity_rows(analysed, values, loose)
     stored = analysed.indices, analysed.indptr, analysed.symmetric
-    matrix = host.whole_matrix(entries, *stored)
-    # unknowns and equations are scaled as in `_whole`
-    size = host.scales(entries[analysed.diagonal])
+    matrix = host.full_matrix(entries, *stored)
+    # unknowns and equations are scaled as in `_solve_dense`
+    size = host.diagonal_scale(entries[analysed.diagonal])
     width = np.abs(column / size).max(initial=0.0) or 1.0
     height = max(np.abs(row / size).max(initial=0.0), abs(corner) / width) or 1.0
     by_size = sp.diags_array(1 / size)
@@ -141,14 +147,14 @@ def _solve(analysed, values, loose, column, row, rhs, corner, last):
         format="csc",
     )
     b = np.append(rhs / size, last / height)
-    z = _by_blocks(analysed.factor(entries, False), whole, b, size)
+    z = _solve_by_blocks(analysed.find_or_make_factor(entries, False), whole, b, size)
     if z is None:
-        z = _factorised(whole, b)
+        z = _solve_by_lu(whole, b)
     return nothing if z is None else (z[:-1] / size, z[-1] / width, True)
 
 
-def _by_blocks(factor, whole, b, size):
-    """Solution with a factor of K; None if its residual is not small enough, see the module."""
+def _solve_by_blocks(factor, whole, b, size):
+    """Solve with a factor of K by block elimination; None if the residual stays too large."""
     if factor is None:
         return None
     column, row = whole[:-1, [-1]].toarray()[:, 0], whole[[-1], :-1].toarray()[0]
@@ -163,30 +169,30 @@ def _by_blocks(factor, whole, b, size):
         y = (b[-1] - row @ x) / schur
         return np.append(x - y * along, y)
 
-    return _improved(eliminate, whole, b)
+    return _refine_solution(eliminate, whole, b)
 
 
-def _factorised(whole, b):
-    """Solution by LU factors of the whole matrix with row exchanges; None if it is singular."""
-    lu = decomposed(whole)
+def _solve_by_lu(whole, b):
+    """Solve by LU factors of the whole matrix with row exchanges; None if it is singular."""
+    lu = decompose_lu(whole)
     if lu is None:
         return None
     pivots = np.abs(lu.U.diagonal())
     if not pivots.min() > len(b) * np.finfo(float).eps * pivots.max():
         return None
-    return _improved(lu.solve, whole, b)
+    return _refine_solution(lu.solve, whole, b)
 
 
-def _improved(solve, whole, b):
-    """``solve(b)``, improved until its residual is small, see the module; else None."""
+def _refine_solution(solve, whole, b):
+    """Refine ``solve(b)`` iteratively until its residual is small; None if it stays too large."""
     sizes, z, left = abs(whole), np.zeros_like(b), b
-    for _ in range(1 + _IMPROVE):
+    for _ in range(1 + _MOST_REFINEMENTS):
         z = z + solve(left)
         left = b - whole @ z
         terms = sizes @ np.abs(z) + np.abs(b)
         # forces (N) and the last equation (another unit) are judged separately
         pairs = ((left[:-1], terms[:-1]), (left[-1:], terms[-1:]))
-        allowed = _CLOSE * np.finfo(float).eps
+        allowed = _LARGEST_RESIDUAL * np.finfo(float).eps
         if all(np.abs(residual).max() <= allowed * size.max() for residual, size in pairs):
             return z
     return None

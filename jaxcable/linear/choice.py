@@ -3,10 +3,10 @@
 from . import solver
 from .cholmod import Cholmod
 from .dense import Dense
-from .lapack import Banded
+from .lapack import LapackBanded
 from .pardiso import Pardiso
-from .rolling import Rolling
+from .rolling import RollingCholesky
 from .superlu import SuperLU
 
-for _solver in (Rolling(), Dense(), Banded(), Pardiso(), Cholmod(), SuperLU()):
+for _solver in (RollingCholesky(), Dense(), LapackBanded(), Pardiso(), Cholmod(), SuperLU()):
     solver.register(_solver)

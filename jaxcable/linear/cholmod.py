@@ -19,19 +19,19 @@ from .superlu import SuperLU
 _SUPERNODAL = 2  # by blocks, and with a diagonal that can be read
 # Entries of a factor over n log2(n), for a guess of its memory: 4.1 to 5.5 were counted for plane
 # grids of 7 500 to 120 000 unknowns.
-_FILL = 6
+_FILL_RATIO = 6
 
 
 @functools.cache
-def library() -> Any:
-    """The module `cvxopt`; raises ImportError if it is not installed."""
+def load_cvxopt() -> Any:
+    """Import `cvxopt`; raise ImportError if it is not installed."""
     import cvxopt
     import cvxopt.cholmod
 
     return cvxopt
 
 
-class _Analysis(solver.Analysis):
+class _CholmodAnalysis(solver.Analysis):
     """A pattern; it is analysed once for each of the factors that exist side by side."""
 
     def __init__(
@@ -41,8 +41,12 @@ class _Analysis(solver.Analysis):
         # the upper triangle by rows is the lower one by columns
         columns = np.repeat(np.arange(n), np.diff(indptr))
         self.take = np.flatnonzero(indices >= columns)
-        positions = (library().matrix(i[self.take].astype(np.int64)) for i in (indices, columns))
-        self.matrix = library().spmatrix(1.0, *positions, (n, n))  # takes the values of each factor
+        positions = (
+            load_cvxopt().matrix(i[self.take].astype(np.int64)) for i in (indices, columns)
+        )
+        self.matrix = load_cvxopt().spmatrix(
+            1.0, *positions, (n, n)
+        )  # takes the values of each factor
         self.free = []
 
     def factorize(
@@ -50,20 +54,20 @@ class _Analysis(solver.Analysis):
     ) -> solver.NumericFactor | None:
         """See `solver.Analysis`."""
         if not definite:
-            return self.general.factorize(values, False)
-        self.matrix.V = library().matrix(values[self.take])
-        with _supernodal() as cholmod:
+            return self.indefinite_analysis.factorize(values, False)
+        self.matrix.V = load_cvxopt().matrix(values[self.take])
+        with _supernodal_cholmod() as cholmod:
             handle = self.free.pop() if self.free else cholmod.symbolic(self.matrix)
             try:
                 cholmod.numeric(self.matrix, handle)
             except ArithmeticError:  # the matrix is not positive definite
                 self.free[:] = [handle]
                 return None
-            return _Factor(self, handle, np.asarray(cholmod.diag(handle)) ** 2)
+            return _CholmodFactor(self, handle, np.asarray(cholmod.diag(handle)) ** 2)
 
     @functools.cached_property
-    def general(self) -> solver.Analysis:
-        """Analysis for matrices that are not definite."""
+    def indefinite_analysis(self) -> solver.Analysis:
+        """Analysis by SuperLU, for matrices that are not positive definite."""
         return SuperLU().analyse(*self.arguments)
 
     def release(self) -> None:
@@ -72,9 +76,9 @@ class _Analysis(solver.Analysis):
 
 
 @contextlib.contextmanager
-def _supernodal() -> Iterator[Any]:
-    """The module `cholmod`, set to factors by blocks meanwhile."""
-    cholmod = library().cholmod
+def _supernodal_cholmod() -> Iterator[Any]:
+    """Yield the module `cholmod`, set to supernodal factors (by blocks) during a block."""
+    cholmod = load_cvxopt().cholmod
     before = dict(cholmod.options)
     cholmod.options["supernodal"] = _SUPERNODAL
     try:
@@ -84,24 +88,24 @@ def _supernodal() -> Iterator[Any]:
         cholmod.options.update(before)
 
 
-class _Factor(solver.NumericFactor):
-    """A numeric factor."""
+class _CholmodFactor(solver.NumericFactor):
+    """A Cholesky factor by CHOLMOD."""
 
     def __init__(self, symbolic, handle, pivots):
         self.symbolic, self.handle, self.pivots = symbolic, handle, pivots
         n = symbolic.n
-        self.n_bytes = 8 * max(len(symbolic.take), int(_FILL * n * np.log2(n + 1)))
+        self.n_bytes = 8 * max(len(symbolic.take), int(_FILL_RATIO * n * np.log2(n + 1)))
 
     def solve(
         self, b: Float[np.ndarray, "n ..."], transposed: bool = False
     ) -> Float[np.ndarray, "n ..."]:
         """Solve for right-hand sides [n] or [n, m]; the matrix is symmetric."""
-        x = library().matrix(b)
-        library().cholmod.solve(self.handle, x)
+        x = load_cvxopt().matrix(b)
+        load_cvxopt().cholmod.solve(self.handle, x)
         return np.asarray(x).reshape(b.shape)
 
     def release(self) -> None:
-        """Give the memory of the factor back: the analysis keeps one for the next factor."""
+        """Return the factor's memory to the analysis, which reuses it for the next factor."""
         self.symbolic.free[:] = [self.handle]
 
 
@@ -110,7 +114,7 @@ class Cholmod(solver.Solver):
 
     name = "cholmod"
     package = "cvxopt"
-    analysis = _Analysis
+    analysis = _CholmodAnalysis
 
     def suits(self, n: int, banded: bool) -> bool:
         """True: any matrix."""

@@ -14,20 +14,20 @@ from jax import lax
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int
 from . import solver, unbatched
-from .direct import Direct, have_digits, scales
+from .direct import Direct, are_pivots_significant, diagonal_scale
 
-_MOST = 150  # unknowns up to which dense matrices are faster, see experiments/benchmark.py scaling
+_MOST_UNKNOWNS = 150  # up to which dense matrices are faster (`experiments/benchmark.py scaling`)
 
 
 class Dense(solver.Solver):
-    """Factors of jax itself, without callbacks: for some hundred unknowns, and on accelerators."""
+    """Solve with dense factors of jax itself: up to some hundred unknowns, and on accelerators."""
 
     name = "dense"
     on_device = True
 
     def suits(self, n: int, banded: bool) -> bool:
-        """True for few unknowns."""
-        return n <= _MOST
+        """Tell whether the unknowns are few."""
+        return n <= _MOST_UNKNOWNS
 
     def solve_definite(
         self, matrix: Any, rhs: Float[Array, " n"]
@@ -35,13 +35,13 @@ class Dense(solver.Solver):
         """See `solver.Solver`."""
         return solve_definite(matrix.dense(), rhs)
 
-    def factorize(self, matrix: Any, loose: Bool[Array, " n"]) -> Factor:
+    def factorize(self, matrix: Any, loose: Bool[Array, " n"]) -> DenseFactor:
         """See `solver.Solver`."""
         return factorize(matrix.dense(), loose)
 
 
 def diagonal(matrix: Float[Array, "n n"]) -> Float[Array, " n"]:
-    """Diagonal of a matrix, [n], by a strided slice (cheaper than the gather of `jnp.diagonal`)."""
+    """Return the diagonal, [n], by a strided slice (cheaper than the gather of `jnp.diagonal`)."""
     n = len(matrix)
     return matrix.reshape(-1)[:: n + 1]
 
@@ -49,7 +49,7 @@ def diagonal(matrix: Float[Array, "n n"]) -> Float[Array, " n"]:
 def solve_definite(
     matrix: Float[Array, "n n"], rhs: Float[Array, " n"]
 ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-    """Solve with a symmetric matrix by Cholesky.
+    """Solve with a symmetric matrix by Cholesky's method.
 
     Args:
         matrix: symmetric, [n, n].
@@ -71,8 +71,8 @@ def solve_definite(
 
 
 @pytree
-class Factor(Direct):
-    """LU factor of a general matrix scaled to unit diagonal; made by `factorize`.
+class DenseFactor(Direct):
+    """LU factors of a general matrix that is scaled to unit diagonal; made by `factorize`.
 
     Attributes:
         lu, order: LU factors of the scaled matrix, and the order of its rows.
@@ -88,17 +88,17 @@ class Factor(Direct):
     scaled: Float[Array, "n n"]
     replaced: Bool[Array, ""] | None = None
 
-    def substituted(self, b: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
+    def solve_scaled(self, b: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
         """See `Direct`."""
         return unbatched.lu_solve(self.lu, self.order, b, transposed)
 
-    def product(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
+    def multiply_scaled(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
         """See `Direct`."""
         return (self.scaled.T if transposed else self.scaled) @ x
 
 
-def factorize(matrix: Float[Array, "n n"], loose: Bool[Array, " n"] | None = None) -> Factor:
-    """See `linear.factorize`.
+def factorize(matrix: Float[Array, "n n"], loose: Bool[Array, " n"] | None = None) -> DenseFactor:
+    """Factorise a general matrix by LU; see `linear.factorize`.
 
     The matrix counts as singular if a pivot, after scaling to unit diagonal, is below n eps times
     the largest. Because of the scaling a stiffness of 1e-12 of the others still counts.
@@ -108,7 +108,9 @@ def factorize(matrix: Float[Array, "n n"], loose: Bool[Array, " n"] | None = Non
     if loose is None:
         loose = jnp.zeros(n, bool)
     matrix = jnp.where(loose[:, None] | loose[None, :], jnp.eye(n, dtype=matrix.dtype), matrix)
-    size = scales(diagonal(matrix))
+    size = diagonal_scale(diagonal(matrix))
     scaled = matrix / size[:, None] / size[None, :]
     lu, order = unbatched.lu_factor(scaled)
-    return Factor(lu, order, size, loose, have_digits(jnp.abs(diagonal(lu))), scaled)
+    return DenseFactor(
+        lu, order, size, loose, are_pivots_significant(jnp.abs(diagonal(lu))), scaled
+    )

@@ -14,42 +14,45 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from ..common.compilation import forgets
+from ..common.compilation import on_forget_programs
 from ..common.types import Bool, Float, Int
 from .solver import NumericFactor, Solver
 
-_PATTERNS = 8  # most analyses that are stored
-_FACTORS = 4  # most factors that are stored per pattern
-_BYTES = 1 << 29  # most memory of the factors of a pattern; the last one is stored in any case
-_PACE = 4  # conjugate gradient steps after which the rate of convergence is judged
+_MOST_ANALYSES = 8  # stored at most: those of structures that are analysed in turn
+# Factors stored per pattern at most: an analysis asks again for the last ones only (adjoints).
+_MOST_FACTORS = 4
+# Memory of the factors of a pattern at most, except that the last one is stored in any case.
+_MOST_FACTOR_BYTES = 1 << 29
+# Conjugate gradient steps before the rate of convergence is judged: the first tell little.
+_STEPS_TO_JUDGE = 4
 
-_lock = threading.RLock()
-_kept = OrderedDict()
+analyses_lock = threading.RLock()
+_analyses = OrderedDict()
 
 
-def kept(
+def analysis_of_pattern(
     solver: Solver,
     symmetric: bool,
     digest: Int[np.ndarray, " 4"],
     indptr: Int[np.ndarray, " n+1"],
     indices: Int[np.ndarray, " n_value"],
 ) -> Analysed:
-    """The analysis of a pattern by a `solver.Solver`: stored, or made now."""
+    """Return the analysis of a pattern by a `solver.Solver`, stored before or made now."""
     key = (solver.name, symmetric, digest.tobytes())
-    if key not in _kept:
-        while len(_kept) >= _PATTERNS:
-            _kept.popitem(last=False)[1].release()
-        _kept[key] = Analysed(solver, symmetric, indptr, indices)
-    _kept.move_to_end(key)
-    return _kept[key]
+    if key not in _analyses:
+        while len(_analyses) >= _MOST_ANALYSES:
+            _analyses.popitem(last=False)[1].release()
+        _analyses[key] = Analysed(solver, symmetric, indptr, indices)
+    _analyses.move_to_end(key)
+    return _analyses[key]
 
 
-@forgets
-def forget() -> None:
+@on_forget_programs
+def forget_analyses() -> None:
     """Free the memory of all analyses and factors."""
-    with _lock:
-        while _kept:
-            _kept.popitem()[1].release()
+    with analyses_lock:
+        while _analyses:
+            _analyses.popitem()[1].release()
 
 
 class Analysed:
@@ -75,8 +78,8 @@ class Analysed:
         self.diagonal = np.flatnonzero(self.rows == self.indices)
         shape = self.n, self.n
         numbers = np.arange(1, len(indices) + 1)
-        whole = whole_matrix(numbers, indices, indptr, symmetric)
-        # the stored entries as a matrix and as its transpose; `times` puts the values in
+        whole = full_matrix(numbers, indices, indptr, symmetric)
+        # the stored entries as a matrix and as its transpose; `make_multiplier` puts the values in
         self.stored = sp.csr_matrix((np.ones(len(indices)), self.indices, self.indptr), shape)
         self.flipped = self.stored.T
         if symmetric:  # solvers get both triangles
@@ -88,18 +91,18 @@ class Analysed:
         self.factors = OrderedDict()  # number -> (values, whether taken as definite, Factor)
         self.count = 0
 
-    def times(
+    def make_multiplier(
         self, values: Float[np.ndarray, " n_value"]
     ) -> Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]]:
-        """A function that multiplies a symmetric matrix by a vector; valid until the next call."""
+        """Return a function that multiplies by a symmetric matrix; valid until the next call."""
         self.stored.data = self.flipped.data = values
         diagonal = values[self.diagonal]
         return lambda v: self.stored @ v + self.flipped @ v - diagonal * v
 
-    def factor(
+    def find_or_make_factor(
         self, values: Float[np.ndarray, " n_value"], definite: bool, small_pivots: bool = False
-    ) -> Factor | None:
-        """Factor of a matrix, stored or made now; None if the matrix is singular.
+    ) -> HostFactor | None:
+        """Return a factor of a matrix, stored before or made now; None if the matrix is singular.
 
         `definite` demands a positive definite matrix; an unsymmetric matrix is then replaced by its
         symmetric part. Its pivots may have few digits if `small_pivots` are allowed.
@@ -112,36 +115,36 @@ class Analysed:
                 return factor
         if not np.isfinite(values).all():
             return None
-        self._make_room()
+        self._release_old_factors()
         kinds = [True] * (definite or self.symmetric) + [False] * (not definite)
         for kind in kinds:
-            factor = self._made(values, kind, small_pivots)
+            factor = self._make_factor(values, kind, small_pivots)
             if factor is not None:
                 self.count += 1
                 self.factors[self.count] = values.copy(), kind, factor
                 return factor
         return None
 
-    def _made(self, values, definite, small_pivots):
-        """`factor` of a matrix of finite numbers, made now."""
+    def _make_factor(self, values, definite, small_pivots):
+        """Factorise a matrix of finite numbers; see `find_or_make_factor`."""
         if definite and not self.symmetric:
             values = 0.5 * (values + values[self.transposed])
-        size = scales(values[self.diagonal])
+        size = diagonal_scale(values[self.diagonal])
         values = values / (size[self.rows] * size[self.indices])
         made = self.analysis.factorize(values[self.take], definite)
         if made is None:
             return None
-        factor = Factor(made, size, definite)
+        factor = HostFactor(made, size, definite)
         if factor.regular or (small_pivots and factor.least > 0):
             return factor
         factor.release()
         return None
 
-    def _make_room(self):
-        """Release old factors until another one fits in number and memory."""
+    def _release_old_factors(self):
+        """Release the oldest factors until another one fits in number and memory."""
         while self.factors:
             sizes = [factor.made.n_bytes for _, _, factor in self.factors.values()]
-            if len(sizes) < _FACTORS and sum(sizes) + sizes[-1] <= _BYTES:
+            if len(sizes) < _MOST_FACTORS and sum(sizes) + sizes[-1] <= _MOST_FACTOR_BYTES:
                 return
             self.factors.popitem(last=False)[1][2].release()
 
@@ -153,15 +156,15 @@ class Analysed:
         self.analysis.release()
 
 
-def scales(diagonal: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """What rows and columns are divided by for a unit diagonal, so that pivots can be compared."""
+def diagonal_scale(diagonal: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return what rows and columns are divided by for a unit diagonal, [n], to compare pivots."""
     size = np.sqrt(np.abs(diagonal))
     size[size == 0] = 1.0
     return size
 
 
-class Factor:
-    """A factor of a matrix that is scaled to unit diagonal.
+class HostFactor:
+    """A factor, on the host, of a matrix that is scaled to unit diagonal.
 
     Args:
         made: the solver's `NumericFactor` of the scaled matrix.
@@ -190,7 +193,7 @@ class Factor:
         return self.made.solve(b / size, transposed) / size
 
     def release(self) -> None:
-        """Free the memory."""
+        """Free the memory of the factor."""
         self.made.release()
 
 
@@ -201,46 +204,47 @@ def conjugate_gradients(
     tol: float,
     limit: int,
 ) -> Float[np.ndarray, " n"] | None:
-    """Solve a positive definite system from zero until ``|r| <= tol |b|``.
+    """Solve a positive definite system, starting from zero, until ``|r| <= tol |b|``.
 
     Returns:
         The solution; None if a direction without stiffness was met, or if at the rate of the first
         steps more than `limit` steps would be needed.
     """
-    goal = tol * _norm(b)
+    goal = tol * _euclidean_norm(b)
     x, r = np.zeros_like(b), b
     z = precondition(r)
-    p, rz = z, _dot(r, z)
+    p, rz = z, _inner_product(r, z)
     for step in range(1, limit + 1):
         q = times(p)
-        curvature = _dot(p, q)
+        curvature = _inner_product(p, q)
         if not (curvature > 0 and rz > 0):
             return None
         a = rz / curvature
         x, r = x + a * p, r - a * q
-        size = _norm(r)
+        size = _euclidean_norm(r)
         if size <= goal:
             return x
-        if step >= _PACE:
-            pace = np.log(size / _norm(b)) / step
+        if step >= _STEPS_TO_JUDGE:
+            pace = np.log(size / _euclidean_norm(b)) / step
             if not (pace < 0 and np.log(tol) / pace <= limit):
                 return None
         z = precondition(r)
-        rz, before = _dot(r, z), rz
+        rz, before = _inner_product(r, z), rz
         p = z + rz / before * p
     return None
 
 
-def _dot(a, b):
-    """Inner product without BLAS, whose threads would compete with those of the program."""
+def _inner_product(a, b):
+    """Return the inner product without BLAS, whose threads would compete with the program's."""
     return np.add.reduce(a * b)
 
 
-def _norm(a):
-    return np.sqrt(_dot(a, a))
+def _euclidean_norm(a):
+    """Return the length of a vector, without BLAS."""
+    return np.sqrt(_inner_product(a, a))
 
 
-def solve(
+def solve_batch(
     pattern: tuple[Any, ...],
     definite: bool,
     transposed: bool,
@@ -254,13 +258,13 @@ def solve(
     group: Int[np.ndarray, " m"],
     wanted: Bool[np.ndarray, " m"],
 ) -> tuple[Float[np.ndarray, "m n"], Bool[np.ndarray, " m"], Bool[np.ndarray, " m"]]:
-    """Solve a batch of systems.
+    """Solve a batch of sparse systems on the host.
 
     If a matrix has one right side only, and a similar one is factorised, conjugate gradients are
     tried first.
 
     Args:
-        pattern: arguments of `kept`.
+        pattern: arguments of `analysis_of_pattern`.
         definite: whether only positive definite matrices count as regular.
         transposed: whether to solve with the transposed matrices.
         values: matrices, [g, n_value].
@@ -281,10 +285,10 @@ def solve(
     """
     x = np.zeros(rhs.shape)
     regular, fresh = np.zeros(len(rhs), bool), np.zeros(len(rhs), bool)
-    with _lock:
-        analysed = kept(*pattern)
+    with analyses_lock:
+        analysed = analysis_of_pattern(*pattern)
         # the factors of a larger batch would not all be stored: factorise every matrix anew
-        usable = usable & (len(values) < _FACTORS) & analysed.iterates
+        usable = usable & (len(values) < _MOST_FACTORS) & analysed.iterates
         for g in range(len(values)):
             sides = np.flatnonzero((group == g) & wanted)
             if not len(sides):
@@ -292,14 +296,16 @@ def solve(
             one = len(sides) == 1
             at = sides[0] if one else sides
             b = rhs[at].T
-            entries = values[g] if loose is None else _without(analysed, values[g], loose[g])
+            entries = (
+                values[g] if loose is None else with_identity_rows(analysed, values[g], loose[g])
+            )
             answer = None
-            old = analysed.factor(stale[g], True) if usable[g] and one else None
+            old = analysed.find_or_make_factor(stale[g], True) if usable[g] and one else None
             if old is not None:
-                times = analysed.times(entries)
+                times = analysed.make_multiplier(entries)
                 answer = conjugate_gradients(times, old.solve, b, tol[g], int(limit[g]))
             if answer is None:
-                factor = analysed.factor(entries, definite, definite and limit[g] < 0)
+                factor = analysed.find_or_make_factor(entries, definite, definite and limit[g] < 0)
                 if factor is None:
                     continue
                 answer, fresh[at] = factor.solve(b, transposed), True
@@ -307,30 +313,30 @@ def solve(
     return x, regular, fresh
 
 
-def _without(analysed, values, loose):
-    """Values with the rows and columns of loose unknowns replaced by those of the identity."""
+def with_identity_rows(analysed, values, loose):
+    """Return values with rows and columns of loose unknowns replaced by those of the identity."""
     if not loose.any():
         return values
     touched = loose[analysed.rows] | loose[analysed.indices]
     return np.where(touched, analysed.rows == analysed.indices, values)
 
 
-def whole_matrix(
+def full_matrix(
     values: Float[np.ndarray, " n_value"],
     indices: Int[np.ndarray, " n_value"],
     indptr: Int[np.ndarray, " n+1"],
     symmetric: bool,
 ) -> Any:
-    """The SciPy matrix of what is stored: its upper triangle only, if it is symmetric."""
+    """Return the SciPy matrix of stored values; of a symmetric one only the upper triangle is."""
     n = len(indptr) - 1
     stored = sp.csr_matrix((values, indices, indptr), (n, n))
     return (stored + sp.triu(stored, 1).T).tocsr() if symmetric else stored
 
 
-def flattened(
+def flatten_batch(
     vectors: Sequence[np.ndarray], scalars: Sequence[np.ndarray]
 ) -> tuple[tuple[int, ...], list[np.ndarray]]:
-    """The axes of a batch, and its arrays with a single axis of cases instead.
+    """Flatten the batch axes of arrays to one axis of cases; return these axes, and the arrays.
 
     Args:
         vectors: arrays [..., k].
@@ -343,6 +349,6 @@ def flattened(
     return batch, flat + [np.broadcast_to(s, batch).reshape(-1) for s in scalars]
 
 
-def first(*arrays: np.ndarray) -> list[np.ndarray]:
-    """Arrays [..., k] that are the same for all cases of a batch, as vectors [k]."""
+def take_first_case(*arrays: np.ndarray) -> list[np.ndarray]:
+    """Return, of arrays [..., k] that all cases of a batch share, one vector [k] each."""
     return [array.reshape(-1, array.shape[-1])[0] for array in arrays]

@@ -12,18 +12,18 @@ from scipy.linalg import lapack
 
 from ..common.types import Float, Int
 from . import solver
-from .pattern import narrow_order
+from .pattern import narrow_band_order
 
 
-class _Analysis(solver.Analysis):
-    """An order of small bandwidth for a pattern."""
+class _LapackAnalysis(solver.Analysis):
+    """A pattern in an order of small bandwidth."""
 
     def __init__(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
     ):
         super().__init__(n, indptr, indices)
         pattern = sp.csr_matrix((np.ones(len(indices)), indices, indptr), (n, n))
-        self.order, place = narrow_order(pattern)
+        self.order, place = narrow_band_order(pattern)
         row, column = place[np.repeat(np.arange(n), np.diff(indptr))], place[indices]
         self.b = int(np.max(np.abs(row - column), initial=0))
         self.lower = np.flatnonzero(row >= column)
@@ -32,7 +32,9 @@ class _Analysis(solver.Analysis):
         self.lower_at = (row - column + column * high)[self.lower]
         self.general_at = row - column + 2 * self.b + column * (3 * self.b + 1)
 
-    def factorize(self, values: Float[np.ndarray, " n_value"], definite: bool) -> _Factor | None:
+    def factorize(
+        self, values: Float[np.ndarray, " n_value"], definite: bool
+    ) -> _LapackFactor | None:
         """See `solver.Analysis`: Cholesky's factor if `definite`, which is faster, else LU."""
         if definite:
             band = np.zeros((self.n, self.b + 1))
@@ -44,11 +46,11 @@ class _Analysis(solver.Analysis):
             band.ravel()[self.general_at] = values
             band, pivot, info = lapack.dgbtrf(band.T, self.b, self.b, overwrite_ab=1)
             pivots = band[2 * self.b]
-        return _Factor(self, band, pivot, pivots) if info == 0 else None
+        return _LapackFactor(self, band, pivot, pivots) if info == 0 else None
 
 
-class _Factor(solver.NumericFactor):
-    """A numeric factor; `pivot`, the exchanges of rows, is None for a Cholesky factor."""
+class _LapackFactor(solver.NumericFactor):
+    """A banded factor by LAPACK; `pivot`, the exchanges of rows, is None for Cholesky's."""
 
     def __init__(self, symbolic, band, pivot, pivots):
         self.symbolic, self.band, self.pivot, self.pivots = symbolic, band, pivot, pivots
@@ -68,14 +70,14 @@ class _Factor(solver.NumericFactor):
         return x
 
 
-class Banded(solver.Solver):
-    """LAPACK for matrices of small bandwidth."""
+class LapackBanded(solver.Solver):
+    """Solve with LAPACK's banded factors: for matrices of small bandwidth."""
 
     name = "banded"
-    analysis = _Analysis
+    analysis = _LapackAnalysis
     offered = False
     iterates = False  # a new factor is cheaper than iterations
 
     def suits(self, n: int, banded: bool) -> bool:
-        """True for a small bandwidth."""
+        """Tell whether the bandwidth is small."""
         return banded

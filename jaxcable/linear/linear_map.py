@@ -23,7 +23,7 @@ def linear_map(
     x: Array,
     given: PyTree[Any],
 ) -> Array:
-    """``function(x, given)``, linear in x, whose transpose in x is ``transpose(y, given)``.
+    """Apply a linear function, ``function(x, given)``, whose transpose is ``transpose(y, given)``.
 
     Args:
         function, transpose: functions of an array and of `given`.
@@ -41,29 +41,34 @@ def linear_map(
     return _MAP.bind(x, *map(jnp.asarray, leaves), pair=pair)
 
 
-def _evaluated(x, *leaves, pair):
+def _evaluate_map(x, *leaves, pair):
+    """Evaluate the function of the pair (function, transpose)."""
     return pair[0](x, *leaves)
 
 
-def _shape(x, *leaves, pair):
-    return internals.shape_of(jax.eval_shape(pair[0], x, *leaves))
+def _result_shape(x, *leaves, pair):
+    """Return shape and dtype of the result."""
+    return internals.abstract_array(jax.eval_shape(pair[0], x, *leaves))
 
 
-def _derivative(primals, tangents, *, pair):
+def _map_jvp(primals, tangents, *, pair):
+    """Apply the map to the tangent: rule of the forward derivative."""
     found, change = _MAP.bind(*primals, pair=pair), tangents[0]
     if internals.is_zero(change):
         return found, internals.zero_tangent(found)
     return found, _MAP.bind(change, *primals[1:], pair=pair)
 
 
-def _transposed(back, x, *leaves, pair):
+def _map_transpose(back, x, *leaves, pair):
+    """Apply the pair in the other order to the cotangent: rule of the transpose."""
     nothing = [None] * len(leaves)
     if internals.is_zero(back):
         return [None, *nothing]
     return [_MAP.bind(back, *leaves, pair=pair[::-1]), *nothing]
 
 
-def _mapped(arguments, axes, *, pair):
+def _map_batch_rule(arguments, axes, *, pair):
+    """Map both functions of the pair over a batch: rule for `jax.vmap`."""
     moved = [
         x if axis is None else jnp.moveaxis(x, axis, 0)
         for x, axis in zip(arguments, axes, strict=True)
@@ -75,4 +80,6 @@ def _mapped(arguments, axes, *, pair):
     return _MAP.bind(*moved, pair=tuple(jax.vmap(each, over) for each in pair)), 0
 
 
-_MAP = internals.primitive("linear_map", _evaluated, _shape, _derivative, _mapped, _transposed)
+_MAP = internals.primitive(
+    "linear_map", _evaluate_map, _result_shape, _map_jvp, _map_batch_rule, _map_transpose
+)

@@ -18,22 +18,25 @@ from ..common.types import Float, Int
 from . import solver
 
 _DEFINITE, _GENERAL = 2, 11  # PARDISO's matrix types
-_SLOTS = 8  # factors of a pattern that can exist side by side
-_SMALL = 3000  # unknowns up to which one thread is as fast as several (`benchmark.py scaling`)
+_SLOTS = (
+    8  # factors of a pattern that can exist side by side; `host` keeps four, and makes new ones
+)
+_ONE_THREAD_UNKNOWNS = 3000  # up to which one thread is as fast as several (`benchmark.py scaling`)
 # Entries per row of the upper triangle up to which minimum degree gives the better ordering, as in
 # nets with one unknown per node (a third less time at 5 000 to 40 000 unknowns).
-_THIN = 4
-_FEW = 16  # right sides up to which it is faster to solve one after the other (3 sides: 4 times)
-_ARGUMENTS = 16  # of MKL's function `pardiso`, all of them addresses
+_THIN_ROW = 4
+# Right sides up to which it is faster to solve one after the other (3 sides: 4 times as fast).
+_FEW_RIGHT_SIDES = 16
+_ARGUMENT_COUNT = 16  # of MKL's function `pardiso`, all of them addresses
 
 
 @functools.cache
-def library() -> Any:
-    """The MKL library with PARDISO; raises ImportError if it is not installed."""
+def load_mkl() -> Any:
+    """Load the MKL library with PARDISO; raise ImportError if it is not installed."""
     from pypardiso.pardiso_wrapper import PyPardisoSolver
 
     mkl = PyPardisoSolver().libmkl
-    mkl.pardiso.argtypes = [ctypes.c_void_p] * _ARGUMENTS
+    mkl.pardiso.argtypes = [ctypes.c_void_p] * _ARGUMENT_COUNT
     mkl.pardiso.restype = None
     mkl.pardiso_getdiag.argtypes = [ctypes.c_void_p] * 5
     mkl.pardiso_getdiag.restype = None
@@ -42,7 +45,7 @@ def library() -> Any:
     return mkl
 
 
-class _Analysis(solver.Analysis):
+class _PardisoAnalysis(solver.Analysis):
     """A pattern, analysed once for every matrix type when it is first needed."""
 
     def __init__(
@@ -51,21 +54,23 @@ class _Analysis(solver.Analysis):
         super().__init__(n, indptr, indices)
         self.handles = {}
 
-    def factorize(self, values: Float[np.ndarray, " n_value"], definite: bool) -> _Factor | None:
+    def factorize(
+        self, values: Float[np.ndarray, " n_value"], definite: bool
+    ) -> _PardisoFactor | None:
         """See `solver.Analysis`: Cholesky's factor if `definite`, which is faster, else LU."""
         kind = _DEFINITE if definite else _GENERAL
         if kind not in self.handles:
-            self.handles[kind] = _Handle(kind, *self.arguments)
+            self.handles[kind] = _PardisoHandle(kind, *self.arguments)
         return self.handles[kind].factorize(values)
 
     def release(self) -> None:
-        """Free PARDISO's memory."""
+        """Free the memory that PARDISO holds."""
         for handle in self.handles.values():
-            handle.call(-1, 1, None)
+            handle.call_pardiso(-1, 1, None)
         self.handles.clear()
 
 
-class _Handle:
+class _PardisoHandle:
     """The internal memory of PARDISO for one pattern and one matrix type."""
 
     def __init__(
@@ -84,27 +89,29 @@ class _Handle:
         self.memory = np.zeros(64, np.int64)
         self.iparm = np.zeros(64, np.int32)  # indices from zero; the manual counts from one
         self.iparm[0] = 1  # no defaults
-        thin = len(self.indices) <= _THIN * n
+        thin = len(self.indices) <= _THIN_ROW * n
         self.iparm[1] = 0 if thin else 2  # minimum degree, or nested dissection
         self.iparm[9] = 13  # pivots below 1e-13 of the matrix are perturbed and counted
         self.iparm[17] = -1  # count the entries of the factor
         self.iparm[34] = 1  # indices from zero
         self.iparm[55] = 1  # keep the diagonal of the factor readable
         self.free = list(range(_SLOTS, 0, -1))
-        self.alone = n <= _SMALL
+        self.alone = n <= _ONE_THREAD_UNKNOWNS
         # maximum of slots, slot, matrix type, phase, unknowns, right sides, messages, error, unused
         self.numbers = np.array([_SLOTS, 0, kind, 0, n, 1, 0, 0, 0], np.int32)
-        self.pointer = _pointer(self.numbers)
-        self.constant = tuple(map(_pointer, (self.memory, self.indptr, self.indices, self.iparm)))
-        self.call(11, 1, np.ones(len(self.indices)))
+        self.pointer = _address_of(self.numbers)
+        self.constant = tuple(
+            map(_address_of, (self.memory, self.indptr, self.indices, self.iparm))
+        )
+        self.call_pardiso(11, 1, np.ones(len(self.indices)))
 
-    def factorize(self, values: Float[np.ndarray, " n_value"]) -> _Factor | None:
-        """A `_Factor` in a free slot; None if the matrix is singular."""
+    def factorize(self, values: Float[np.ndarray, " n_value"]) -> _PardisoFactor | None:
+        """Factorise in a free slot; return None if the matrix is singular."""
         values, slot = values[self.take], self.free.pop()
-        error = self.call(22, slot, values)
-        factor = _Factor(self, slot, values)
+        error = self.call_pardiso(22, slot, values)
+        factor = _PardisoFactor(self, slot, values)
         if self.kind == _DEFINITE:
-            factor.pivots = self.pivots(slot)
+            factor.pivots = self.read_pivots(slot)
         elif self.iparm[13] != 0:  # a pivot was perturbed
             error = 1
         if error == 0:
@@ -112,19 +119,19 @@ class _Handle:
         factor.release()
         return None
 
-    def pivots(self, slot: int) -> Float[np.ndarray, " n"]:
-        """Pivots of a factor of a definite matrix."""
+    def read_pivots(self, slot: int) -> Float[np.ndarray, " n"]:
+        """Return the pivots of a factor of a definite matrix, [n]."""
         pivots, diagonal, numbers = (
             np.empty(self.n),
             np.empty(self.n),
             np.array([slot, 0], np.int32),
         )
-        first = _pointer(numbers)
-        arrays = _pointer(self.memory), _pointer(pivots), _pointer(diagonal)
-        library().pardiso_getdiag(*arrays, first, first + 4)
+        first = _address_of(numbers)
+        arrays = _address_of(self.memory), _address_of(pivots), _address_of(diagonal)
+        load_mkl().pardiso_getdiag(*arrays, first, first + 4)
         return pivots
 
-    def call(
+    def call_pardiso(
         self,
         phase: int,
         slot: int,
@@ -132,14 +139,14 @@ class _Handle:
         b: Float[np.ndarray, "n ..."] | None = None,
         x: Float[np.ndarray, "n ..."] | None = None,
     ) -> int:
-        """Run a phase of PARDISO (its word); returns its error number."""
-        mkl, numbers, at = library(), self.numbers, self.pointer
+        """Run a phase of PARDISO (numbered as in its manual); return its error number."""
+        mkl, numbers, at = load_mkl(), self.numbers, self.pointer
         numbers[[1, 3, 5]] = slot, phase, 1 if b is None or b.ndim == 1 else b.shape[1]
         numbers[7] = 0
         # addresses of the numbers; ctypes would take as long to make pointers as MKL to solve
         most, number, kind, what, n, count, silent, error, unused = range(at, at + 36, 4)
         memory, indptr, indices, iparm = self.constant
-        values_at, b_at, x_at = (unused if a is None else _pointer(a) for a in (values, b, x))
+        values_at, b_at, x_at = (unused if a is None else _address_of(a) for a in (values, b, x))
         before = mkl.MKL_Set_Num_Threads_Local(1) if self.alone else None
         mkl.pardiso(
             *(memory, most, number, kind, what, n, values_at, indptr, indices, unused, count),
@@ -150,13 +157,13 @@ class _Handle:
         return int(numbers[7])
 
 
-def _pointer(array):
-    """Address of the first entry of an array."""
+def _address_of(array):
+    """Return the address of the first entry of an array."""
     return array.__array_interface__["data"][0]
 
 
-class _Factor(solver.NumericFactor):
-    """A numeric factor in a slot of a handle."""
+class _PardisoFactor(solver.NumericFactor):
+    """A factor in a slot of a handle."""
 
     def __init__(self, handle, slot, values):
         self.handle, self.slot, self.values = handle, slot, values
@@ -170,30 +177,30 @@ class _Factor(solver.NumericFactor):
         handle.iparm[11] = 2 if transposed and handle.kind == _GENERAL else 0
         b = np.asfortranarray(b)
         x = np.empty_like(b, order="F")
-        few = b.ndim == 2 and b.shape[1] <= _FEW
+        few = b.ndim == 2 and b.shape[1] <= _FEW_RIGHT_SIDES
         for side, solution in zip(b.T, x.T, strict=True) if few else [(b, x)]:
-            error = handle.call(33, self.slot, self.values, side, solution)
+            error = handle.call_pardiso(33, self.slot, self.values, side, solution)
             if error != 0:
                 raise RuntimeError(f"PARDISO: the solution failed with error {error}")
         return x
 
     def release(self) -> None:
         """Free PARDISO's memory of the factor, and its slot."""
-        self.handle.call(0, self.slot, self.values)
+        self.handle.call_pardiso(0, self.slot, self.values)
         self.handle.free.append(self.slot)
 
 
 class Pardiso(solver.Solver):
-    """PARDISO, where `pypardiso` is installed."""
+    """Solve by PARDISO, where `pypardiso` is installed."""
 
     name = "pardiso"
     package = "pypardiso"
-    analysis = _Analysis
+    analysis = _PardisoAnalysis
     exchanges_rows = False  # it exchanges only rows that are near each other
 
-    def load(self) -> None:
-        """Load MKL in a thread of its own: it takes as long as to read a program."""
-        threading.Thread(target=library, daemon=True).start()
+    def load_library(self) -> None:
+        """Load MKL in another thread: it takes as long as to read a program."""
+        threading.Thread(target=load_mkl, daemon=True).start()
 
     def suits(self, n: int, banded: bool) -> bool:
         """True: any matrix."""

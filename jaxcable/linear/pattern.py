@@ -18,10 +18,12 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from ..common.tree import copy, places, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from .gathering import Gathering, gathering, with_zero
+from .assembly_map import Gathering, gathering, with_zero
 from .solver import Solver, choose
 
-_WIDEST = 40  # half-bandwidth up to which batches of small systems are solved as banded systems
+# Half-bandwidth up to which batches of small systems are solved as banded systems: the work grows
+# with its square, and so does the program (`banded` has figures).
+_WIDEST_BAND = 40
 
 
 @pytree(static=("size", "paired", "symmetric", "solver"))
@@ -75,7 +77,7 @@ def make_pattern(
     definite: bool = False,
     paired: Sequence[bool] = (),
 ) -> Pattern:
-    """The pattern that element matrices with the given unknowns fill.
+    """Make the pattern that element matrices of the given unknowns fill.
 
     Args:
         numbers: for every group of elements the unknowns of the rows of its matrices, NumPy
@@ -89,7 +91,7 @@ def make_pattern(
             the same unknowns in other ways, whole matrices are read.
     """
     numbers = list(numbers)
-    key, source, opposite, m = _listed(numbers, size, symmetric, paired)
+    key, source, opposite, m = _list_matrix_entries(numbers, size, symmetric, paired)
     entries, target = np.unique(key, return_inverse=True)
     some, all_ = np.zeros(len(entries), bool), np.ones(len(entries), bool)
     np.logical_or.at(some, target, opposite)
@@ -109,12 +111,12 @@ def make_pattern(
         places(diagonal),
         row.astype(np.int32),
         np.frombuffer(digest, np.uint32),
-        *(_band(row, indices, size) if symmetric else (None, None, None)),
+        *(_band_positions(row, indices, size) if symmetric else (None, None, None)),
     )
     solver = choose(size, arrays[-1] is not None, name, exchanges_rows, definite)
-    solver.load()
+    solver.load_library()
     whole = solver.on_device and not solver.definite
-    table = _table(row, indices, size, symmetric) if whole else None
+    table = _dense_positions(row, indices, size, symmetric) if whole else None
     with jax.ensure_compile_time_eval():  # concrete arrays, also when a caller is being traced
         sums = jax.tree.map(jax.device_put, gathering(target, len(entries), source, m))
         last = table, some if some.any() else None
@@ -123,8 +125,8 @@ def make_pattern(
     return Pattern(sums, *placed, *settings)  # type: ignore[call-arg]  # eleven arrays
 
 
-def _listed(numbers, size, symmetric, paired):
-    """All entries of element matrices that are added to the matrix.
+def _list_matrix_entries(numbers, size, symmetric, paired):
+    """List all entries of element matrices that are added to the matrix.
 
     Returns:
         Row times `size` plus column of the value they are added to; their positions among what
@@ -154,31 +156,35 @@ def _listed(numbers, size, symmetric, paired):
     return *(np.concatenate(parts) for parts in (keys, sources, signs)), m
 
 
-def _band(rows, columns, size):
-    """`Pattern.order`, `.place`, `.band` of an upper triangle; all None if the band is too wide."""
-    if size > _WIDEST**2:
+def _band_positions(rows, columns, size):
+    """Return `order`, `place` and `band` of a `Pattern`; None for all if the band is too wide."""
+    if size > _WIDEST_BAND**2:
         return None, None, None
     upper = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), (size, size))
-    order, place = narrow_order(upper + upper.T)
+    order, place = narrow_band_order(upper + upper.T)
     low, high = np.minimum(place[rows], place[columns]), np.maximum(place[rows], place[columns])
     width = int(np.max(high - low, initial=0)) + 1
-    if width > _WIDEST + 1:
+    if width > _WIDEST_BAND + 1:
         return None, None, None
     band = np.full((size, width), len(rows), np.int32)
     band[low, high - low] = np.arange(len(rows))
     return places(order), places(place.astype(np.int32)), places(band)
 
 
-def narrow_order(matrix: Any) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Unknowns of a symmetric SciPy matrix in an order of small bandwidth, and their places."""
+def narrow_band_order(matrix: Any) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Order the unknowns of a symmetric SciPy matrix for a small bandwidth (Cuthill-McKee).
+
+    Returns:
+        The unknowns in this order, and the place of every unknown in it, both [n].
+    """
     order = reverse_cuthill_mckee(matrix, symmetric_mode=True)
     place = np.empty(len(order), np.int64)
     place[order] = np.arange(len(order))
     return order, place
 
 
-def _table(rows, columns, size, symmetric):
-    """`Pattern.table`."""
+def _dense_positions(rows, columns, size, symmetric):
+    """Return `Pattern.table`: positions of the values of the dense matrix, [n, n]."""
     table = np.full((size, size), len(rows), np.uint32)
     table[rows, columns] = np.arange(len(rows))
     if symmetric:
@@ -207,33 +213,35 @@ class Sparse:
         """The diagonal, [n]."""
         return self.values[self.pattern.diagonal]
 
-    def plus_diagonal(self, shift: Float[ArrayLike, ""]) -> Sparse:
-        """This matrix with `shift`, a scalar, added to its diagonal."""
-        return copy(self, values=jnp.where(self._on_diagonal, self.values + shift, self.values))
+    def add_to_diagonal(self, shift: Float[ArrayLike, ""]) -> Sparse:
+        """Return this matrix with `shift`, a scalar, added to its diagonal."""
+        return copy(self, values=jnp.where(self._is_diagonal, self.values + shift, self.values))
 
-    def plus_entry(self, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]) -> Sparse:
-        """This matrix with `value` added to entry `place` of its diagonal."""
+    def add_to_diagonal_entry(
+        self, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]
+    ) -> Sparse:
+        """Return this matrix with `value` added to entry `place` of its diagonal."""
         here = jnp.arange(len(self.values)) == self.pattern.diagonal[place]
         return copy(self, values=jnp.where(here, self.values + value, self.values))
 
-    def held_at(self, held: Bool[Array, " n"], stiffness: Float[Array, ""]) -> Sparse:
-        """This matrix with rows and columns `held`, [n] bool, empty but for a `stiffness`."""
+    def hold_unknowns(self, held: Bool[Array, " n"], stiffness: Float[Array, ""]) -> Sparse:
+        """Return this matrix with rows and columns `held`, [n] bool, empty but for `stiffness`."""
         touched = held[self.pattern.rows] | held[self.pattern.indices]
-        left = jnp.where(self._on_diagonal, stiffness, 0.0)
+        left = jnp.where(self._is_diagonal, stiffness, 0.0)
         return copy(self, values=jnp.where(touched, left, self.values))
 
-    def scaled(self, size: Float[Array, " n"]) -> Sparse:
-        """This matrix with rows and columns divided by `size`, [n]."""
+    def divide_rows_and_columns(self, size: Float[Array, " n"]) -> Sparse:
+        """Return this matrix with rows and columns divided by `size`, [n]."""
         p = self.pattern
         return copy(self, values=self.values / size[p.rows] / size[p.indices])
 
-    def or_identity(self, valid: Bool[ArrayLike, ""]) -> Sparse:
-        """This matrix if `valid`, else the identity."""
-        one = self._on_diagonal.astype(self.values.dtype)
+    def identity_unless(self, valid: Bool[ArrayLike, ""]) -> Sparse:
+        """Return this matrix if `valid`, else the identity."""
+        one = self._is_diagonal.astype(self.values.dtype)
         return copy(self, values=jnp.where(valid, self.values, one))
 
     def dense(self) -> Float[Array, "n n"]:
-        """This matrix as an array [n, n]."""
+        """Return this matrix as an array [n, n]."""
         if self.pattern.table is not None:
             return with_zero(self.values)[self.pattern.table]
         rows, columns = self.pattern.rows, self.pattern.indices
@@ -247,16 +255,16 @@ class Sparse:
         return full
 
     def banded(self) -> Float[Array, "n b+1"]:
-        """Lower band of ``A[order][:, order]`` by columns, [n, b + 1]; see `banded`."""
+        """Return the lower band of ``A[order][:, order]``, [n, b + 1]; see module `banded`."""
         return with_zero(self.values)[self.pattern.band]
 
     @property
-    def _on_diagonal(self):
-        """Which values are on the diagonal, [n_value]."""
+    def _is_diagonal(self):
+        """Mask of the values on the diagonal, [n_value]."""
         return self.pattern.rows == self.pattern.indices
 
     def __matmul__(self, v: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Product with a vector [n]."""
+        """Multiply by a vector [n]."""
         p, rows = self.pattern, self.pattern.rows
         product = jnp.zeros_like(v).at[rows].add(self.values * v[p.indices])
         if not p.symmetric:
@@ -274,7 +282,7 @@ def assemble(
     number: int,
     pattern: Pattern | None,
 ) -> Matrix:
-    """Sum element matrices.
+    """Assemble a matrix: sum element matrices at the unknowns of their rows.
 
     Args:
         parts: list of (matrices [n_elem, d, d], unknowns of their rows [n_elem, d]).

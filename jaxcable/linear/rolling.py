@@ -17,12 +17,12 @@ from ..common.fusion import fuses
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float
 from . import solver
-from .direct import Direct, have_digits, scales
+from .direct import Direct, are_pivots_significant, diagonal_scale
 from .pattern import Sparse
 
 
-class Rolling(solver.Solver):
-    """Cholesky's method in the program, where XLA fuses loops.
+class RollingCholesky(solver.Solver):
+    """Solve by Cholesky's method inside of the program, where XLA fuses loops.
 
     Not for matrices that may be indefinite: their derivatives need exchanges of rows.
     """
@@ -34,30 +34,30 @@ class Rolling(solver.Solver):
     fused = True
 
     def suits(self, n: int, banded: bool) -> bool:
-        """True for a small bandwidth, where XLA fuses loops."""
+        """Tell whether the bandwidth is small and XLA fuses loops."""
         return banded and fuses()
 
     def solve_definite(
         self, matrix: Sparse, rhs: Float[Array, " n"]
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
         """See `solver.Solver`."""
-        factor, x = solve(matrix.banded(), rhs[matrix.pattern.order])
+        factor, x = factorize_and_solve(matrix.banded(), rhs[matrix.pattern.order])
         pivots = factor[:, 0]
         return x[matrix.pattern.place], jnp.all((pivots > 0) & jnp.isfinite(pivots))
 
     def factorize(self, matrix: Sparse, loose: Bool[Array, " n"]) -> BandFactor:
-        """See `linear.factorize`; a matrix that is not positive definite counts as singular."""
-        matrix = matrix.held_at(loose, jnp.ones((), matrix.values.dtype))
-        size = scales(matrix.diagonal())
-        scaled = matrix.scaled(size)
-        factor, _ = solve(scaled.banded(), jnp.zeros_like(size))
-        regular = have_digits(factor[:, 0] ** 2)  # the pivots of LU
+        """Factorise; a matrix that is not positive definite counts as singular."""
+        matrix = matrix.hold_unknowns(loose, jnp.ones((), matrix.values.dtype))
+        size = diagonal_scale(matrix.diagonal())
+        scaled = matrix.divide_rows_and_columns(size)
+        factor, _ = factorize_and_solve(scaled.banded(), jnp.zeros_like(size))
+        regular = are_pivots_significant(factor[:, 0] ** 2)  # the pivots of LU
         return BandFactor(factor, size, loose, regular, scaled)
 
 
 @pytree
 class BandFactor(Direct):
-    """Cholesky factor of a matrix scaled to unit diagonal; made by `Rolling.factorize`.
+    """Cholesky factor of a banded matrix scaled to unit diagonal; made by `RollingCholesky`.
 
     Attributes:
         factor: that of the scaled matrix in the order of the pattern, [n, b + 1].
@@ -72,21 +72,21 @@ class BandFactor(Direct):
     scaled: Sparse
     replaced: Bool[Array, ""] | None = None
 
-    def substituted(self, b: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
+    def solve_scaled(self, b: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
         """See `Direct`."""
         p = self.scaled.pattern
-        return substitute(self.factor, b[p.order])[p.place]
+        return solve_with_factor(self.factor, b[p.order])[p.place]
 
-    def product(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
+    def multiply_scaled(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
         """See `Direct`."""
         p = self.scaled.pattern
-        return times(self.scaled.banded(), x[p.order])[p.place]
+        return multiply_by_vector(self.scaled.banded(), x[p.order])[p.place]
 
 
-def solve(
+def factorize_and_solve(
     band: Float[Array, "n b+1"], rhs: Float[Array, " n"]
 ) -> tuple[Float[Array, "n b+1"], Float[Array, " n"]]:
-    """Cholesky factor of a matrix, [n, b + 1], and the solution for a right side, [n].
+    """Return the Cholesky factor of a matrix, [n, b + 1], and the solution for a right side, [n].
 
     NaN and infinities, and no error, if the matrix is not positive definite: then a pivot
     ``factor[:, 0]`` is no positive number.
@@ -117,11 +117,11 @@ def solve(
 
     zero = jnp.zeros((n, width), band.dtype), jnp.zeros(n + width, band.dtype)
     factor, y, _, _ = lax.fori_loop(0, n, forward, (*zero, first, rhs[:width]))
-    return factor, _backward(factor, y)
+    return factor, _back_substitute(factor, y)
 
 
-def substitute(factor: Float[Array, "n b+1"], rhs: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Solution for another right side, [n]."""
+def solve_with_factor(factor: Float[Array, "n b+1"], rhs: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Solve for another right side, [n], with a factor made before."""
     n, width = factor.shape
     rhs = jnp.pad(rhs, (0, 2 * width))
 
@@ -135,11 +135,11 @@ def substitute(factor: Float[Array, "n b+1"], rhs: Float[Array, " n"]) -> Float[
 
     y = jnp.zeros(n + width, rhs.dtype)
     y, _ = lax.fori_loop(0, n, forward, (y, rhs[:width]))
-    return _backward(factor, y)
+    return _back_substitute(factor, y)
 
 
-def times(band: Float[Array, "n b+1"], x: Float[Array, " n"]) -> Float[Array, " n"]:
-    """The product of a matrix and a vector, [n]."""
+def multiply_by_vector(band: Float[Array, "n b+1"], x: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Multiply a symmetric matrix, given by its lower band, by a vector [n]."""
     n, width = band.shape
     x = jnp.pad(x, (width, width))
     here, away = width + jnp.arange(n)[:, None], jnp.arange(width)[None, :]
@@ -147,8 +147,8 @@ def times(band: Float[Array, "n b+1"], x: Float[Array, " n"]) -> Float[Array, " 
     return jnp.sum(band * x[here + away], axis=1) + jnp.sum(left[:, 1:], axis=1)
 
 
-def _backward(factor, y):
-    """The solution [n] of ``L^T x = y``, with zeros after the end of y."""
+def _back_substitute(factor, y):
+    """Solve ``L^T x = y`` for x [n], where y has zeros appended."""
     n, width = factor.shape
 
     def backward(count, x):

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..common.types import Array, Bool, Float, Int
 
-_KNOWN: dict[str, Solver] = {}
+_REGISTERED: dict[str, Solver] = {}
 
 
 class Solver:
@@ -55,20 +55,20 @@ class Solver:
     iterates: bool = True
 
     def available(self) -> bool:
-        """Whether the solver is installed."""
+        """Tell whether the solver is installed."""
         return self.package is None or importlib.util.find_spec(self.package) is not None
 
     def missing(self) -> str:
-        """Text of the error where the solver is not installed."""
+        """Return the text of the error where the solver is not installed."""
         extra = f"or install the extra jaxcable[{self.name}]"
         return f'{self.package} is not installed; use "superlu", {extra}'
 
-    def load(self) -> None:
-        """Load the library, if there is one, while the program is compiled or read from disk."""
+    def load_library(self) -> None:
+        """Load the solver's library, if any, while the program is compiled or read from disk."""
         return None
 
     def suits(self, n: int, banded: bool) -> bool:
-        """Whether to choose this solver if none is named and no earlier one in the list suits.
+        """Tell whether to choose this solver where none is named and no earlier one suits.
 
         Args:
             n: number of unknowns.
@@ -87,7 +87,7 @@ class Solver:
                 ascending.
         """
         if self.analysis is None:
-            raise NotImplementedError(f"{self.name}: has no analysis of patterns")
+            raise NotImplementedError(f"{self.name}: has no class for the analysis of a pattern")
         return self.analysis(n, indptr, indices)
 
     def solve_definite(
@@ -95,11 +95,11 @@ class Solver:
         matrix: Any,  # a `pattern.Sparse`; that module imports this one
         rhs: Float[Array, " n"],
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-        """Solution [n], and whether the matrix is positive definite; if `on_device`."""
+        """Solve with a definite matrix: x [n], and whether it is definite; if `on_device`."""
         raise NotImplementedError(f"{self.name}: solves on the host")
 
     def factorize(self, matrix: Any, loose: Bool[Array, " n"]) -> Any:
-        """A `direct.Direct` of a matrix without unknowns `loose`, [n] bool; if `on_device`."""
+        """Factorise to a `direct.Direct` without unknowns `loose`, [n]; if `on_device`."""
         raise NotImplementedError(f"{self.name}: solves on the host")
 
     def __repr__(self) -> str:
@@ -107,7 +107,7 @@ class Solver:
 
 
 class Analysis(abc.ABC):
-    """A pattern analysed by a solver.
+    """A pattern analysed by a solver, once for all matrices on it.
 
     Args:
         n, indptr, indices: those of `Solver.analyse`.
@@ -122,7 +122,7 @@ class Analysis(abc.ABC):
     def factorize(
         self, values: Float[np.ndarray, " n_value"], definite: bool
     ) -> NumericFactor | None:
-        """A `NumericFactor` of a matrix; None if it is singular to working precision.
+        """Factorise a matrix on the pattern; return None if it is singular to working precision.
 
         Args:
             values: entries in the order of `indices` of `Solver.analyse`, finite, float64; not to
@@ -137,7 +137,7 @@ class Analysis(abc.ABC):
 
 
 class NumericFactor(abc.ABC):
-    """A numeric factor.
+    """A factor of one matrix, made by `Analysis.factorize`.
 
     Attributes:
         pivots: of the elimination, [n]: the matrix is regular if none of them is small, and
@@ -163,26 +163,26 @@ AnySolver = TypeVar("AnySolver", bound=Solver)
 
 
 def register(solver: AnySolver) -> AnySolver:
-    """Add a solver to those that can be named; it is returned.
+    """Register a solver, so that it can be named, and return it.
 
     Without a name, it is chosen where it `suits` and no solver registered before does.
 
     Raises:
         ValueError: another solver has that name.
     """
-    if _KNOWN.setdefault(solver.name, solver) is not solver:
-        raise ValueError(f"solver {solver.name!r}: another one has that name")
+    if _REGISTERED.setdefault(solver.name, solver) is not solver:
+        raise ValueError(f"solver {solver.name!r}: this name is registered already")
     return solver
 
 
 def named(name: str) -> Solver:
-    """The solver of a name."""
-    return _KNOWN[name]
+    """Return the solver that is registered under a name."""
+    return _REGISTERED[name]
 
 
 def offered() -> tuple[str, ...]:
-    """Names that users may ask for, a tuple."""
-    return tuple(name for name, solver in _KNOWN.items() if solver.offered)
+    """Return the names of solvers that users may ask for."""
+    return tuple(name for name, solver in _REGISTERED.items() if solver.offered)
 
 
 def check(name: str | None, exchanges_rows: bool = False) -> None:
@@ -193,9 +193,8 @@ def check(name: str | None, exchanges_rows: bool = False) -> None:
     if name is None:
         return
     if name not in offered():
-        raise ValueError(
-            f"linear_solver = {name!r}: expected None or one of {', '.join(offered())}"
-        )
+        others = ", ".join(offered())
+        raise ValueError(f"linear_solver = {name!r}: expected None or one of {others}")
     solver = named(name)
     if not solver.available():
         raise ValueError(f"linear_solver = {name!r}: {solver.missing()}")
@@ -214,7 +213,7 @@ def choose(
     exchanges_rows: bool = False,
     definite: bool = False,
 ) -> Solver:
-    """The solver of a name; if that is None, the first registered one that suits.
+    """Return the solver of a name; if that is None, the first registered one that suits.
 
     Args:
         n: number of unknowns.
@@ -225,6 +224,6 @@ def choose(
     """
     if name is not None:
         return named(name)
-    able = [s for s in _KNOWN.values() if s.exchanges_rows or not exchanges_rows]
+    able = [s for s in _REGISTERED.values() if s.exchanges_rows or not exchanges_rows]
     able = [s for s in able if definite or not s.definite]
     return next(s for s in able if s.available() and s.suits(n, banded))

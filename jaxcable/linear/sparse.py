@@ -1,4 +1,4 @@
-"""Sparse direct solves on the host, called from a compiled program (`common.foreign`)."""
+"""Sparse direct solves on the host, called from a compiled program (`common.host_calls`)."""
 
 from __future__ import annotations
 
@@ -9,29 +9,31 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jax.typing import DTypeLike
 
-from ..common import foreign
+from ..common import host_calls
 from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from . import host
 from .banded import solve_banded
-from .direct import Direct, Factor
+from .direct import Direct, MatrixFactor
 from .pattern import Pattern, Sparse
 from .solver import named
 
-_PAUSE = 3  # solves: where cables change between slack and taut, matrices differ for some steps
+# Solves without conjugate gradients after they have failed: while cables change between slack and
+# taut, matrices differ for some steps, and every attempt is lost.
+_SOLVES_TO_PAUSE = 3
 
 
-def words(pattern: Pattern) -> tuple[str, str]:
-    """What a host function for a pattern is made from: solver, and what is stored."""
+def host_solver_words(pattern: Pattern) -> tuple[str, str]:
+    """Return the words from which host functions for a pattern are made: solver, storage."""
     return pattern.solver.name, "symmetric" if pattern.symmetric else "general"
 
 
-@foreign.family
-def solve(solver, stored, kind):
-    """The callback for `host.solve`: flattens the axes of batches of matrices and right sides.
+@host_calls.host_function_family
+def make_host_solver(solver, stored, kind):
+    """Return the NumPy function that solves a batch; it flattens the batch axes of all arguments.
 
-    The last array says which unknowns are loose; for the "next" matrix of a sequence, which should
-    be positive definite, it says whether the result matters.
+    Its last argument says which unknowns are loose; for the "next" matrix of a sequence, which
+    should be positive definite, it says whether the result matters.
     """
     solver, symmetric = named(solver), stored == "symmetric"
     following, transposed = kind == "next", kind == "transposed"
@@ -39,19 +41,19 @@ def solve(solver, stored, kind):
     def function(digest, indptr, indices, rhs, values, stale, usable, tol, limit, last):
         scalars = usable, tol, limit
         if following:
-            batch, flat = host.flattened((values, stale, rhs), (*scalars, last))
+            batch, flat = host.flatten_batch((values, stale, rhs), (*scalars, last))
             values, stale, rhs, *scalars, wanted = flat
             loose, group = None, np.arange(len(rhs))
         else:
-            matrices, flat = host.flattened((values, stale, last), scalars)
+            matrices, flat = host.flatten_batch((values, stale, last), scalars)
             values, stale, loose, *scalars = flat
             group = np.arange(len(values)).reshape(matrices)
-            batch, (rhs, group) = host.flattened((rhs,), (group,))
+            batch, (rhs, group) = host.flatten_batch((rhs,), (group,))
             # of an adjoint nothing is asked where its right side is zero
             wanted = rhs.any(axis=1) if transposed else np.ones(len(rhs), bool)
         values, stale, rhs = (a.astype(np.float64, copy=False) for a in (values, stale, rhs))
-        x, regular, fresh = host.solve(
-            (solver, symmetric, *host.first(digest, indptr, indices)),
+        x, regular, fresh = host.solve_batch(
+            (solver, symmetric, *host.take_first_case(digest, indptr, indices)),
             *(following, transposed, values, loose, stale, *scalars, rhs, group, wanted),
         )
         x = x.reshape(*batch, -1)
@@ -62,17 +64,27 @@ def solve(solver, stored, kind):
     return function
 
 
-def _called(pattern, kind, rhs, n_flag, *arrays):
-    """Solution [n] by the host, and flags; the arguments of `solve` from `rhs` on."""
+def _solve_on_host(pattern, kind, rhs, n_flag, *arrays):
+    """Call the host to solve: return the solution [n], and flags.
+
+    Args:
+        pattern: of the matrix.
+        kind: "next", "transposed" or "as it is".
+        rhs: right side, [n].
+        n_flag: number of flags.
+        arrays: the other arguments of the function of `make_host_solver`.
+    """
     flag = jax.ShapeDtypeStruct((), bool)
     shapes = jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), *[flag] * n_flag
     arrays = pattern.digest, pattern.indptr, pattern.indices, rhs, *arrays
-    return foreign.call((solve, *words(pattern), kind), shapes, *arrays)
+    return host_calls.call_on_host(
+        (make_host_solver, *host_solver_words(pattern), kind), shapes, *arrays
+    )
 
 
 @pytree
 class Factored:
-    """The last matrix that was factorised, for use in later solves.
+    """The last matrix that was factorised, whose factor later solves may use again.
 
     Attributes:
         values: values of that matrix, [n_value].
@@ -89,7 +101,7 @@ class Factored:
 
 
 def nothing_factored(pattern: Pattern | None, dtype: DTypeLike) -> Factored | None:
-    """The `Factored` before the first solve on a pattern; None for dense matrices."""
+    """Return the `Factored` before the first solve on a pattern; None for dense matrices."""
     if pattern is None or pattern.solver.on_device:
         return None
     values = jnp.zeros(pattern.indices.shape, dtype)
@@ -97,7 +109,7 @@ def nothing_factored(pattern: Pattern | None, dtype: DTypeLike) -> Factored | No
 
 
 def forgotten(factored: Factored | None) -> Factored | None:
-    """The `Factored` without use of its matrix, with its count; None stays None."""
+    """Return a `Factored` whose matrix is used no more, with its count; None stays None."""
     return None if factored is None else copy(factored, usable=jnp.zeros((), bool))
 
 
@@ -110,31 +122,34 @@ def solve_next(
     limit: Int[Array, ""],
     wanted: Bool[Array, ""],
 ) -> tuple[Float[Array, " n"], Bool[Array, ""], Factored | None]:
-    """`linear.solve_next` for a `Sparse`; `factored` is None if its solver is on the device."""
+    """Solve the next of a sequence of similar systems; see `linear.solve_next`.
+
+    `factored` is None if the solver of the matrix is on the device.
+    """
     p = matrix.pattern
     if p.solver.on_device:
         return *p.solver.solve_definite(matrix, rhs), factored
     tried = factored.usable & (limit > 0) & (factored.pause == 0)
     arrays = matrix.values, factored.values, tried, tol, limit, wanted
-    x, definite, fresh = _called(p, "next", rhs, 2, *arrays)
+    x, definite, fresh = _solve_on_host(p, "next", rhs, 2, *arrays)
     after = Factored(
         values=jnp.where(fresh, matrix.values, factored.values),
         usable=factored.usable | fresh,
         count=factored.count + fresh,
-        pause=jnp.where(tried & fresh, _PAUSE, jnp.maximum(factored.pause - 1, 0)),
+        pause=jnp.where(tried & fresh, _SOLVES_TO_PAUSE, jnp.maximum(factored.pause - 1, 0)),
     )
     return x, definite, after
 
 
 def is_definite(matrix: Sparse) -> Bool[Array, ""]:
-    """See `linear.is_definite`; an unsymmetric matrix is judged by its symmetric part."""
+    """Return whether a matrix is definite; see `linear.is_definite`."""
     zero = jnp.zeros(matrix.shape[0], matrix.values.dtype)
     factored = nothing_factored(matrix.pattern, zero.dtype)
     return solve_next(matrix, zero, factored, zero[0], jnp.int32(0), jnp.ones((), bool))[1]
 
 
 @solve_next.def_vmap
-def _solve_batch(axis_size, mapped, *arguments):
+def _solve_next_batch_rule(axis_size, mapped, *arguments):
     """Solve a batch: in jax if the bandwidth is small, else one after the other on the host."""
     matrix, rhs, factored, *_ = arguments
     axes = jax.tree.map(lambda is_mapped: 0 if is_mapped else None, mapped)
@@ -155,7 +170,7 @@ def _solve_batch(axis_size, mapped, *arguments):
 
 
 @pytree
-class SparseFactor(Factor):
+class SparseFactor(MatrixFactor):
     """A general matrix that is factorised on the host when it is first solved with.
 
     Attributes:
@@ -173,16 +188,18 @@ class SparseFactor(Factor):
     @property
     def regular(self) -> Bool[Array, ""]:  # type: ignore[override]  # read only
         """Whether the matrix without loose unknowns is regular to working precision."""
-        return self.answered(jnp.zeros(self.loose.shape, self.matrix.values.dtype), False)[1]
+        return self.solve_with_status(jnp.zeros(self.loose.shape, self.matrix.values.dtype), False)[
+            1
+        ]
 
     def or_identity(self) -> SparseFactor:
-        """This factor, or that of the identity if the matrix is singular."""
-        return copy(self, matrix=self.matrix.or_identity(self.regular))
+        """Return this factor, or that of the identity if the matrix is singular."""
+        return copy(self, matrix=self.matrix.identity_unless(self.regular))
 
-    def answered(
+    def solve_with_status(
         self, b: Float[Array, " n"], transposed: bool
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-        """See `direct.Factor`."""
+        """Solve on the host, with the matrix or its transpose; see `direct.MatrixFactor`."""
         p, dtype = self.matrix.pattern, b.dtype
         stale, usable = self.matrix.values, jnp.zeros((), bool)
         if self.factored is not None:
@@ -190,14 +207,14 @@ class SparseFactor(Factor):
         b = jnp.where(self.loose, 0.0, b)
         known = stale, usable, jnp.asarray(self.tol, dtype), jnp.int32(self.limit)
         kind = "transposed" if transposed else "as it is"
-        x, regular = _called(p, kind, b, 1, self.matrix.values, *known, self.loose)
+        x, regular = _solve_on_host(p, kind, b, 1, self.matrix.values, *known, self.loose)
         return x, regular
 
-    def checked(
+    def solve_checked(
         self, b: Float[Array, " n"], transposed: bool
     ) -> tuple[Float[Array, " n"], Bool[Array, ""], Bool[Array, ""]]:
-        """See `direct.Factor`; the host has judged its pivots."""
-        return *self.answered(b, transposed), jnp.ones((), bool)
+        """Solve; the host has judged the pivots, so that the solution counts as sound."""
+        return *self.solve_with_status(b, transposed), jnp.ones((), bool)
 
 
 def factorize(
@@ -207,7 +224,7 @@ def factorize(
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
 ) -> Direct | SparseFactor:
-    """See `linear.factorize`."""
+    """Factorise a sparse matrix; see `linear.factorize`."""
     if loose is None:
         loose = jnp.zeros(matrix.shape[0], bool)
     matrix = lax.stop_gradient(matrix)

@@ -18,18 +18,22 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 from jax import lax
 
-from ..common import foreign
+from ..common import host_calls
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from . import host, unbatched
 from .pattern import Matrix, Sparse
-from .superlu import decomposed, unpivoted
+from .superlu import decompose_lu, decompose_without_pivoting
 
-_FEW = 40  # unknowns up to which a sparse matrix is treated as dense on the host
-_INVERSE = 40  # inverse iterations; near a singular matrix two are enough
-_COUNTED = 400  # unknowns up to which eigenvalues of an unsymmetric matrix are counted
+# Unknowns up to which a sparse matrix is treated as dense: Lanczos's method (ARPACK) works with 20
+# vectors, and needs more unknowns than that.
+_DENSE_UNKNOWNS = 40
+_INVERSE_ITERATIONS = 40  # near a singular matrix two are enough
+# Unknowns up to which eigenvalues of an unsymmetric matrix are counted, which takes 0.13 s for 400
+# and grows with their third power (NumPy, one core).
+_COUNTED_UNKNOWNS = 400
 NOT_COUNTED = -1
 """Stands for the number of negative eigenvalues where it is unknown."""
-_ROUNDING = 4  # negative eigenvalues below 4 n eps of the largest one count as zero
+_ROUNDING = 4  # eigenvalues below 4 n eps of the largest count as zero: n eps is their rounding
 
 
 def spectrum(
@@ -38,7 +42,7 @@ def spectrum(
     general: bool = False,
     strict: Bool[ArrayLike, ""] = False,
 ) -> tuple[Int[Array, ""], Float[Array, ""], Float[Array, " n"], Float[Array, " n"]]:
-    """Number of negative eigenvalues, and the eigenvalue nearest to zero; not differentiable.
+    """Count negative eigenvalues, and find the one nearest to zero; not differentiable.
 
     For an unsymmetric matrix: the number of eigenvalues with negative real part, and the smallest
     singular value (which is zero where the matrix is singular), with the sign of the real part of
@@ -60,7 +64,7 @@ def spectrum(
     """
     matrix = lax.stop_gradient(matrix)
     if isinstance(matrix, Sparse) and not matrix.pattern.solver.on_device:
-        return _on_host(matrix, loose, general, strict)
+        return _spectrum_on_host(matrix, loose, general, strict)
     full = matrix.dense() if isinstance(matrix, Sparse) else matrix
     largest = jnp.max(jnp.abs(jnp.diagonal(full)), initial=0.0)
     # a loose unknown gets the largest stiffness: positive, and far from zero
@@ -73,24 +77,30 @@ def spectrum(
     sure = jnp.where(strict, 0.0, _ROUNDING * len(apart) * jnp.finfo(apart.dtype).eps)
     sure = sure.astype(apart.dtype)
     if general:
-        found = lax.cond(is_symmetric(apart), _by_eigenvalues, _by_singular_values, apart, sure)
+        found = lax.cond(
+            is_symmetric(apart), _spectrum_of_symmetric, _spectrum_of_unsymmetric, apart, sure
+        )
     else:
-        found = _by_eigenvalues(apart, sure)
+        found = _spectrum_of_symmetric(apart, sure)
     number, value, right, left = found
     return number, value * nan, right * nan, left * nan
 
 
 @jax.jit
 def is_symmetric(matrix: Float[Array, "n n"]) -> Bool[Array, ""]:
-    """Whether a tangent [n, n] is symmetric up to rounding; one with NaN counts as symmetric."""
+    """Return whether a tangent [n, n] is symmetric up to rounding; True if it has NaN."""
     size = jnp.sqrt(jnp.abs(jnp.diagonal(matrix)))
     # sums of many rotations lose digits, as do squares of their angles: more than a few eps
     tol = jnp.finfo(matrix.dtype).eps ** (2 / 3)
     return ~jnp.any(jnp.abs(matrix - matrix.T) > tol * jnp.outer(size, size))
 
 
-def _by_eigenvalues(matrix, sure):
-    """`spectrum` of a dense symmetric matrix; `sure` times the largest eigenvalue is zero."""
+def _spectrum_of_symmetric(matrix, sure):
+    """Count negative eigenvalues of a dense symmetric matrix, and find its mode nearest to zero.
+
+    Args:
+        sure: eigenvalues below this part of the largest count as zero.
+    """
     values, vectors = unbatched.eigh(0.5 * (matrix + matrix.T))
     nearest = jnp.argmin(jnp.abs(values))
     number = jnp.sum(values < -sure * jnp.max(jnp.abs(values))).astype(jnp.int32)
@@ -98,25 +108,27 @@ def _by_eigenvalues(matrix, sure):
     return number, values[nearest], vector, vector
 
 
-def _by_singular_values(matrix, sure):
-    """`spectrum` of a dense unsymmetric matrix; its eigenvalues are computed on the host."""
+def _spectrum_of_unsymmetric(matrix, sure):
+    """Count negative eigenvalues of a dense unsymmetric matrix, and find its smallest singular
+    value.
+    """
     left, values, right = unbatched.svd(matrix)
-    if len(matrix) > _COUNTED:
+    if len(matrix) > _COUNTED_UNKNOWNS:
         number, sign = jnp.int32(NOT_COUNTED), unbatched.slogdet(matrix)[0]
     else:
         shapes = jax.ShapeDtypeStruct((), jnp.int32), jax.ShapeDtypeStruct((), matrix.dtype)
-        number, sign = foreign.call([count], shapes, matrix, sure)
+        number, sign = host_calls.call_on_host([make_eigenvalue_counter], shapes, matrix, sure)
     return number, sign * values[-1], right[-1], left[:, -1]
 
 
-@foreign.family
-def count():
-    """The callback that counts eigenvalues of dense matrices, NumPy."""
-    return _count
+@host_calls.host_function_family
+def make_eigenvalue_counter():
+    """Return the NumPy function that counts negative eigenvalues of dense matrices."""
+    return _count_negative
 
 
-def _count(matrix, sure):
-    """Number of eigenvalues with negative real part, and sign of the nearest to zero, NumPy."""
+def _count_negative(matrix, sure):
+    """Count eigenvalues with negative real part, and find the sign of the one nearest to zero."""
     values = np.linalg.eigvals(matrix)
     size = np.abs(values)
     limit = np.asarray(sure)[..., None] * size.max(axis=-1, keepdims=True)
@@ -125,30 +137,32 @@ def _count(matrix, sure):
     return number.astype(np.int32), np.where(nearest.real < 0, -1.0, 1.0)
 
 
-def _on_host(matrix, loose, general, strict):
-    """`spectrum` of a sparse matrix: a callback to the host."""
+def _spectrum_on_host(matrix, loose, general, strict):
+    """Count negative eigenvalues of a sparse matrix, and find its nearest mode, on the host."""
     p = matrix.pattern
     of_scalar = (jax.ShapeDtypeStruct((), dtype) for dtype in (jnp.int32, matrix.values.dtype))
     of_vector = jax.ShapeDtypeStruct(loose.shape, matrix.values.dtype)
     stored = "symmetric" if p.symmetric else "general"
-    return foreign.call(
-        (analysis, stored, "may be unsymmetric" if general else "is symmetric"),
+    return host_calls.call_on_host(
+        (make_spectrum_finder, stored, "may be unsymmetric" if general else "is symmetric"),
         (*of_scalar, of_vector, of_vector),
         *(p.indptr, p.indices, matrix.values, loose, jnp.asarray(strict)),
     )
 
 
-@foreign.family
-def analysis(stored, kind):
-    """The callback that analyses all cases of a batch, NumPy."""
+@host_calls.host_function_family
+def make_spectrum_finder(stored, kind):
+    """Return the NumPy function of `_spectrum_on_host` for all matrices of a batch."""
     symmetric, general = stored == "symmetric", kind == "may be unsymmetric"
 
     def function(indptr, indices, values, loose, strict):
-        batch, (own, held, *rest) = host.flattened((values, loose), (strict,))
+        batch, (own, held, *rest) = host.flatten_batch((values, loose), (strict,))
         rows = own.astype(np.float64), held, *rest
         apart = np.finfo(values.dtype).eps ** (2 / 3) if general else None
-        matrix = host.first(indptr, indices)
-        found = [_analyse(symmetric, apart, *matrix, *case) for case in zip(*rows, strict=True)]
+        matrix = host.take_first_case(indptr, indices)
+        found = [
+            _spectrum_of_case(symmetric, apart, *matrix, *case) for case in zip(*rows, strict=True)
+        ]
         number, value, *vectors = (np.array(column) for column in zip(*found, strict=True))
         right, left = (vector.reshape(*batch, -1) for vector in vectors)
         return number.reshape(batch), value.reshape(batch), right, left
@@ -156,21 +170,25 @@ def analysis(stored, kind):
     return function
 
 
-def _analyse(symmetric, apart, indptr, indices, values, loose, strict):
-    """`spectrum` of one matrix in compressed rows; `apart`: `tol` of `_is_symmetric`, or None."""
+def _spectrum_of_case(symmetric, apart, indptr, indices, values, loose, strict):
+    """Count negative eigenvalues of a matrix in compressed rows, and find its mode nearest to zero.
+
+    Args:
+        apart: tolerance of its symmetry, see `_is_sparse_symmetric`; None if it is symmetric.
+    """
     n = len(indptr) - 1
-    whole = host.whole_matrix(values, indices, indptr, symmetric)
+    whole = host.full_matrix(values, indices, indptr, symmetric)
     keep = np.flatnonzero(~loose)
     whole = whole.tocsc()[:, keep][keep]
     nothing = np.int32(0), np.nan, np.full(n, np.nan), np.full(n, np.nan)
     if not np.isfinite(whole.data).all() or len(keep) == 0:
         return nothing
-    unsymmetric = apart is not None and not _is_symmetric(whole, apart)
+    unsymmetric = apart is not None and not _is_sparse_symmetric(whole, apart)
     sure = 0.0 if strict else _ROUNDING * np.finfo(float).eps
     if unsymmetric:
-        found = _signed_singular(whole, sure)
+        found = _spectrum_of_sparse_unsymmetric(whole, sure)
     else:
-        found = _signed_eigenvalue(0.5 * (whole + whole.T), sure)
+        found = _spectrum_of_sparse_symmetric(0.5 * (whole + whole.T), sure)
     if found is None:
         return nothing
     number, value, *vectors = found
@@ -179,19 +197,21 @@ def _analyse(symmetric, apart, indptr, indices, values, loose, strict):
     return np.int32(number), value, right, left
 
 
-def _signed_eigenvalue(matrix, sure):
-    """`spectrum` of a sparse symmetric matrix; None if it cannot be factorised."""
+def _spectrum_of_sparse_symmetric(matrix, sure):
+    """Count and find as `_spectrum_of_case` does; None if the matrix cannot be factorised."""
     n = matrix.shape[0]
     eps = np.finfo(float).eps
-    if n <= _FEW:  # Lanczos needs more unknowns than vectors
+    if n <= _DENSE_UNKNOWNS:  # Lanczos needs more unknowns than vectors
         values, vectors = np.linalg.eigh(matrix.toarray())
         nearest = np.abs(values).argmin()
         number = (values < -sure * n * np.abs(values).max()).sum()
         return number, values[nearest], vectors[:, nearest], vectors[:, nearest]
     size = np.abs(matrix.diagonal()).max()
-    lu = unpivoted(matrix)
+    lu = decompose_without_pivoting(matrix)
     if lu is None:  # exactly singular: shift it by its rounding
-        lu = unpivoted(matrix + sp.diags_array(np.full(n, eps * size), format="csc"))
+        lu = decompose_without_pivoting(
+            matrix + sp.diags_array(np.full(n, eps * size), format="csc")
+        )
     if lu is None:
         return None
     number = (lu.U.diagonal() < -sure * size).sum()
@@ -204,28 +224,34 @@ def _signed_eigenvalue(matrix, sure):
     return number, value[0], vector[:, 0], vector[:, 0]
 
 
-def _is_symmetric(matrix, tol):
-    """`is_symmetric` of a sparse matrix, NumPy, with the tolerance `tol`."""
+def _is_sparse_symmetric(matrix, tol):
+    """Tell whether a sparse matrix, NumPy, is symmetric up to the tolerance `tol`."""
     size = np.sqrt(np.abs(matrix.diagonal()))
     apart = abs(matrix - matrix.T).tocoo()
     return not (apart.data > tol * size[apart.row] * size[apart.col]).any()
 
 
-def _signed_singular(matrix, sure):
-    """`spectrum` of a sparse unsymmetric matrix; None if it is singular."""
+def _spectrum_of_sparse_unsymmetric(matrix, sure):
+    """Count and find singular values; None if the matrix is singular."""
     n = matrix.shape[0]
-    counted = _count(matrix.toarray(), n * sure) if n <= _COUNTED else None
-    if n <= _FEW:
+    counted = _count_negative(matrix.toarray(), n * sure) if n <= _COUNTED_UNKNOWNS else None
+    if n <= _DENSE_UNKNOWNS:
         left, values, right = np.linalg.svd(matrix.toarray())
         return counted[0], counted[1] * values[-1], right[-1], left[:, -1]
-    lu = decomposed(matrix)
+    lu = decompose_lu(matrix)
     if lu is None:
         return None
     if counted is None:
-        sign = np.prod(np.sign(lu.U.diagonal())) * _parity(lu.perm_r) * _parity(lu.perm_c)
+        sign = (
+            np.prod(np.sign(lu.U.diagonal()))
+            * _permutation_sign(lu.perm_r)
+            * _permutation_sign(lu.perm_c)
+        )
         counted = NOT_COUNTED, sign
     right = np.random.default_rng(0).standard_normal(n)
-    for _ in range(_INVERSE):  # inverse iteration with the transposed matrix and the matrix
+    for _ in range(
+        _INVERSE_ITERATIONS
+    ):  # inverse iteration with the transposed matrix and the matrix
         left = lu.solve(right, "T")
         left /= np.linalg.norm(left)
         right = lu.solve(left)
@@ -234,8 +260,8 @@ def _signed_singular(matrix, sure):
     return counted[0], counted[1] * value, right, left
 
 
-def _parity(permutation):
-    """1 for an even permutation, -1 for an odd one."""
+def _permutation_sign(permutation):
+    """Return 1 for an even permutation, -1 for an odd one."""
     seen, sign = np.zeros(len(permutation), bool), 1
     for start in range(len(permutation)):
         length = 0

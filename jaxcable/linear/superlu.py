@@ -17,8 +17,8 @@ from . import solver
 
 
 @functools.cache
-def _worker(process):
-    """The thread of a process in which factors are made and freed.
+def _factor_thread(process):
+    """Return the thread of a process in which factors are made and freed.
 
     SciPy 1.17 frees the memory of a factor only in the thread that has made it; programs call
     solvers from any thread.
@@ -26,8 +26,8 @@ def _worker(process):
     return ThreadPoolExecutor(1, thread_name_prefix="superlu")
 
 
-def decomposed(matrix: Any, **options: Any) -> Any:
-    """SuperLU's factors of a SciPy matrix with options of `splu`; None if it is singular."""
+def decompose_lu(matrix: Any, **options: Any) -> Any:
+    """Factorise a SciPy matrix by SuperLU, with options of `splu`; None if it is singular."""
     try:
         return sla.splu(matrix, **options)
     except RuntimeError as error:
@@ -36,13 +36,15 @@ def decomposed(matrix: Any, **options: Any) -> Any:
         return None
 
 
-def unpivoted(matrix: Any, order: str = "MMD_AT_PLUS_A", threshold: float = 0.0) -> Any:
-    """Factors without exchanges of rows where the diagonal is over the threshold; None likewise."""
+def decompose_without_pivoting(
+    matrix: Any, order: str = "MMD_AT_PLUS_A", threshold: float = 0.0
+) -> Any:
+    """Factorise without row exchanges where the diagonal is above a threshold, or return None."""
     options = {"SymmetricMode": True}
-    return decomposed(matrix, permc_spec=order, diag_pivot_thresh=threshold, options=options)
+    return decompose_lu(matrix, permc_spec=order, diag_pivot_thresh=threshold, options=options)
 
 
-class _Analysis(solver.Analysis):
+class _SuperLUAnalysis(solver.Analysis):
     """A pattern in an order of the unknowns that is found once."""
 
     def __init__(
@@ -52,25 +54,29 @@ class _Analysis(solver.Analysis):
         pattern = sp.csr_matrix((np.ones(len(indices)), indices, indptr), shape=(n, n))
         # minimum degree on a matrix that needs no pivots; only the ordering is kept
         easy = (pattern + sp.diags(np.full(n, float(n)))).tocsc()
-        self.order = np.argsort(unpivoted(easy).perm_c)
+        self.order = np.argsort(decompose_without_pivoting(easy).perm_c)
         permuted = numbered[self.order][:, self.order].tocsc()
         permuted.sort_indices()
         self.take = permuted.data
         self.matrix = permuted.astype(float)  # every factorisation puts its values in
 
-    def factorize(self, values: Float[np.ndarray, " n_value"], definite: bool) -> _Factor | None:
+    def factorize(
+        self, values: Float[np.ndarray, " n_value"], definite: bool
+    ) -> _SuperLUFactor | None:
         """See `solver.Analysis`; `definite` allows no pivoting, else rows may be exchanged."""
-        return _worker(os.getpid()).submit(self._factorize, values, definite).result()
+        return (
+            _factor_thread(os.getpid()).submit(self._factorize_in_thread, values, definite).result()
+        )
 
-    def _factorize(self, values, definite):
-        """`factorize`, in the thread of the worker."""
+    def _factorize_in_thread(self, values, definite):
+        """Factorise, in the thread of `_factor_thread`."""
         self.matrix.data = values[self.take]
-        lu = unpivoted(self.matrix, "NATURAL", 0.0 if definite else 1e-3)
-        return None if lu is None else _Factor(self.order, lu)
+        lu = decompose_without_pivoting(self.matrix, "NATURAL", 0.0 if definite else 1e-3)
+        return None if lu is None else _SuperLUFactor(self.order, lu)
 
 
-class _Factor(solver.NumericFactor):
-    """A numeric factor."""
+class _SuperLUFactor(solver.NumericFactor):
+    """LU factors by SuperLU."""
 
     def __init__(self, order, lu):
         self.order, self.lus, self.pivots = order, [lu], lu.U.diagonal()
@@ -86,19 +92,19 @@ class _Factor(solver.NumericFactor):
 
     def release(self) -> None:
         """Free the memory, in the thread that has allocated it."""
-        _worker(os.getpid()).submit(self.lus.clear).result()
+        _factor_thread(os.getpid()).submit(self.lus.clear).result()
 
     def __del__(self):
         with contextlib.suppress(RuntimeError):  # the process ends
             if self.lus:
-                _worker(os.getpid()).submit(self.lus.clear)
+                _factor_thread(os.getpid()).submit(self.lus.clear)
 
 
 class SuperLU(solver.Solver):
-    """SciPy's SuperLU: always installed, chosen where no other solver suits."""
+    """Solve by SciPy's SuperLU: always installed, chosen where no other solver suits."""
 
     name = "superlu"
-    analysis = _Analysis
+    analysis = _SuperLUAnalysis
 
     def suits(self, n: int, banded: bool) -> bool:
         """True: any matrix."""

@@ -25,7 +25,7 @@ from ..common.types import Array, ArrayLike, Float, Int
 
 
 def one_at_a_time(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Have `jax.vmap` map a function by a loop on CPUs.
+    """Decorate a function so that `jax.vmap` maps it by a loop on CPUs.
 
     The function is not to be differentiated in reverse (`cholesky`, `eigh` and `solve_triangular`
     below are differentiable).
@@ -59,7 +59,7 @@ def one_at_a_time(function: Callable[..., Any]) -> Callable[..., Any]:
 # functions of arrays alone: the named arguments of jax's would be taken for more of them
 _cholesky = one_at_a_time(lambda matrix: jnp.linalg.cholesky(matrix))
 _eigh = one_at_a_time(lambda matrix: tuple(jnp.linalg.eigh(matrix)))
-_lu = one_at_a_time(lambda matrix: jsl.lu_factor(matrix))
+_raw_lu = one_at_a_time(lambda matrix: jsl.lu_factor(matrix))
 cho_solve = one_at_a_time(lambda factor, rhs: jsl.cho_solve((factor, True), rhs))
 eigvalsh = one_at_a_time(lambda matrix: jnp.linalg.eigvalsh(matrix))
 qr = one_at_a_time(lambda matrix: tuple(jnp.linalg.qr(matrix)))
@@ -69,8 +69,8 @@ _thin_svd = one_at_a_time(lambda matrix: tuple(jnp.linalg.svd(matrix, full_matri
 
 
 @functools.cache
-def _triangular(lower, transposed, unit_diagonal=False):
-    """Solve with a triangle; that of L in an LU decomposition has ones that are not stored."""
+def _triangular_solver(lower, transposed, unit_diagonal=False):
+    """Return a function that solves with a triangle; a unit diagonal is not stored (L of LU)."""
 
     def solve(factor, rhs):
         options = {"lower": lower, "unit_diagonal": unit_diagonal}
@@ -87,7 +87,7 @@ def cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 @cholesky.defjvp
 def _cholesky_jvp(primals, tangents):
-    """``dL = L tril(L^-1 dA L^-T)``, with half of the diagonal (Murray 2016, eq. 8)."""
+    """Differentiate: ``dL = L tril(L^-1 dA L^-T)``, half of the diagonal (Murray 2016, eq. 8)."""
     factor = cholesky(*primals)
     change = 0.5 * (tangents[0] + tangents[0].T)
     half = solve_triangular(factor, change)
@@ -106,7 +106,10 @@ def eigh(matrix: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Float[Array, 
 
 @eigh.defjvp
 def _eigh_jvp(primals, tangents):
-    """``dw_i = v_i.dA v_i`` and ``dv_i = sum_j v_j (v_j.dA v_i) / (w_i - w_j)``, j not i."""
+    """Differentiate eigenvalues and eigenvectors.
+
+    ``dw_i = v_i.dA v_i`` and ``dv_i = sum_j v_j (v_j.dA v_i) / (w_i - w_j)``, j not i.
+    """
     values, vectors = eigh(*primals)
     change = vectors.T @ (0.5 * (tangents[0] + tangents[0].T)) @ vectors
     one = jnp.eye(len(values), dtype=values.dtype)
@@ -128,17 +131,17 @@ def solve_triangular(
         return (triangle.T if transposed else triangle) @ x
 
     def solved(_, b):
-        return _triangular(lower, transposed)(held, b)
+        return _triangular_solver(lower, transposed)(held, b)
 
     def adjoint(_, b):
-        return _triangular(lower, not transposed)(held, b)
+        return _triangular_solver(lower, not transposed)(held, b)
 
     return lax.custom_linear_solve(product, rhs, solved, adjoint)
 
 
 def lu_factor(matrix: Float[Array, "n n"]) -> tuple[Float[Array, "n n"], Int[Array, " n"]]:
-    """Return both factors of a general matrix in one, and the order of its rows; no derivative."""
-    lu, pivot = _lu(lax.stop_gradient(matrix))
+    """Return the LU factors of a matrix in one array, and the order of its rows; no derivative."""
+    lu, pivot = _raw_lu(lax.stop_gradient(matrix))
     return lu, lax.linalg.lu_pivots_to_permutation(pivot, len(matrix))
 
 
@@ -147,9 +150,11 @@ def lu_solve(
 ) -> Float[Array, " n"]:
     """Solve with the factors of `lu_factor`, or with those of the transpose; no derivative."""
     if transposed:
-        x = _triangular(True, True, True)(lu, _triangular(False, True)(lu, rhs))
+        x = _triangular_solver(True, True, True)(lu, _triangular_solver(False, True)(lu, rhs))
         return jnp.zeros_like(x).at[order].set(x, unique_indices=True)
-    return _triangular(False, False)(lu, _triangular(True, False, True)(lu, rhs[order]))
+    return _triangular_solver(False, False)(
+        lu, _triangular_solver(True, False, True)(lu, rhs[order])
+    )
 
 
 def lstsq(
@@ -157,7 +162,7 @@ def lstsq(
     rhs: Float[Array, " m"],
     rcond: Float[ArrayLike, ""] | None = None,
 ) -> Float[Array, " n"]:
-    """Return the shortest x of least ``|A x - b|``; NaN if `rcond` is NaN.
+    """Solve by least squares: return the shortest x of least ``|A x - b|``; NaN if `rcond` is NaN.
 
     Args:
         matrix: A, [m, n].
@@ -167,27 +172,28 @@ def lstsq(
     """
     if rcond is None:
         rcond = max(matrix.shape) * jnp.finfo(matrix.dtype).eps
-    return _lstsq(matrix, rhs, jnp.asarray(rcond, matrix.dtype))
+    return _lstsq_by_svd(matrix, rhs, jnp.asarray(rcond, matrix.dtype))
 
 
 @jax.custom_jvp
-def _lstsq(matrix, rhs, rcond):
+def _lstsq_by_svd(matrix, rhs, rcond):
+    """Multiply by the pseudo-inverse of a matrix, from its singular values."""
     left, size, right = _thin_svd(matrix)
     counts = ~(size <= rcond * jnp.max(size, initial=0.0))
     inverse = jnp.where(counts, 1 / jnp.where(counts, size, 1.0), 0.0)
     return right.T @ (jnp.where(jnp.isnan(rcond), jnp.nan, inverse) * (left.T @ rhs))
 
 
-@_lstsq.defjvp
-def _lstsq_jvp(primals, tangents):
+@_lstsq_by_svd.defjvp
+def _lstsq_by_svd_jvp(primals, tangents):
     """Differentiate a pseudo-inverse of constant rank (Golub and Pereyra 1973, eq. 4.12)."""
     (matrix, rhs, rcond), (matrix_dot, rhs_dot, _) = primals, tangents
 
     def inverse(v):
-        return _lstsq(matrix, v, rcond)
+        return _lstsq_by_svd(matrix, v, rcond)
 
     def inverse_transposed(v):
-        return _lstsq(matrix.T, v, rcond)
+        return _lstsq_by_svd(matrix.T, v, rcond)
 
     x = inverse(rhs)
     change = inverse(rhs_dot - matrix_dot @ x)

@@ -1,4 +1,4 @@
-"""Uniaxial laws, one a file: stress from strain, and from what earlier increments left.
+"""Uniaxial laws, one a file: stress from strain and history variables (memory).
 
 `law` is the contract: `Law`, with defaults for most of its members.
 """

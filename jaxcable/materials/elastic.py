@@ -39,26 +39,26 @@ class Elastic(Law):
         refuse(self.rules())
 
     def rules(self) -> list[Rule]:
-        """The rule of its number, see `common.rules`."""
+        """Return the rule of its number, see `common.rules`."""
         return [positive("E", self.E, "Young's modulus must be positive")]
 
     @property
     def modulus(self) -> Float[Array, ""]:
-        """Slope at the origin, Pa."""
+        """Young's modulus, the slope at the origin, Pa."""
         return self.E
 
     def stress_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Stress, Pa, at `strain`."""
+        """Return the stress at `strain`, Pa."""
         return self.E * strain
 
     def energy_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Strain energy per unstressed volume, J/m3."""
+        """Return the strain energy per unstressed volume, J/m3."""
         return 0.5 * self.E * strain**2
 
     def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
-        """Strain at `stress`, Pa."""
+        """Return the strain at `stress`, Pa."""
         return stress / self.E
 
     def softened(self, compliance: Numbers) -> Elastic:
-        """The law in series with a spring of `compliance`, 1/Pa."""
+        """Return the law in series with a spring of `compliance`, 1/Pa."""
         return copy(self, E=self.E / (1 + compliance * self.E))

@@ -1,4 +1,4 @@
-"""What a uniaxial law is: stress from strain, and from the memory of earlier increments."""
+"""Contract of a uniaxial law: stress from strain and history variables (its memory)."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from ..common.types import Array, ArrayLike, Bool, Float
 Numbers: TypeAlias = 'Float[ArrayLike, "*shape"]'
 """Strains or stresses of fibres, as they are given."""
 Values: TypeAlias = 'Float[Array, "*shape"]'
-Remembered: TypeAlias = 'Float[Array, "... n_memory"]'
-"""What a law remembers of each fibre."""
-Memory: TypeAlias = "Remembered | None"
+HistoryVariables: TypeAlias = 'Float[Array, "... n_memory"]'
+"""History variables of each fibre."""
+Memory: TypeAlias = "HistoryVariables | None"
 Pair: TypeAlias = 'tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]'
 
 
 class Law(abc.ABC):
-    """A uniaxial law: a pytree shared by the elements or fibres of a group.
+    """A uniaxial law: a pytree that the elements or fibres of a group share.
 
-    Its methods take arrays of any shape. ``memory`` has the numbers that the law remembers of each
-    fibre, such as plastic strains, [..., n_memory]; it is None for a law without memory.
+    Its methods take arrays of any shape. ``memory`` holds the history variables of each fibre, such
+    as plastic strains, [..., n_memory]; it is None for a law without history.
 
     Attributes:
-        n_memory: how many numbers the law remembers of a fibre; 0 for a reversible law.
-        breaks: whether the curve can end.
-        rising: whether stress is known never to fall as strain grows: the energy is then convex.
-            Such a law implements `softened`.
+        n_memory: number of history variables of a fibre; 0 for a reversible law.
+        breaks: whether the curve can end (rupture).
+        rising: whether stress is known never to fall as strain grows (no softening): the energy is
+            then convex. Such a law implements `softened`.
         worked_out: names of fields that the constructor computes and the user does not give.
     """
 
@@ -45,15 +45,15 @@ class Law(abc.ABC):
 
     @abc.abstractmethod
     def stress_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Stress, Pa; derivatives at corners are those of loading."""
+        """Return the stress, Pa; derivatives at corners are those of loading."""
 
     @abc.abstractmethod
     def energy_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Integral of the stress over strain, J/m3, by a formula that does not use `stress_at`."""
+        """Return the integral of the stress, J/m3, by a formula that does not use `stress_at`."""
 
     @abc.abstractmethod
     def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
-        """Strain at a stress, Pa, on the branch that rises from zero; NaN above its peak."""
+        """Return the strain at a stress, Pa, on the rising branch from zero; NaN above its peak."""
 
     @property
     def capacity(self) -> Pair:
@@ -62,43 +62,46 @@ class Law(abc.ABC):
 
     @property
     def limits(self) -> Pair:
-        """Strains at which the curve ends."""
+        """Strains at which the curve ends (rupture), smallest and largest."""
         return -jnp.inf, jnp.inf
 
     def beyond(self, strain: Numbers) -> Bool[Array, "*shape"]:
-        """Whether `strain` is beyond an end of the curve."""
+        """Return whether `strain` is beyond an end of the curve, where the material is ruptured."""
         low, high = self.limits
         return (strain > high) | (strain < low)
 
     def is_slack(self, strain: Numbers, memory: Memory = None) -> Bool[Array, "*shape"]:
-        """Whether the law carries no stress because it has become too short."""
+        """Return whether the law carries no stress because it has become too short."""
         return jnp.zeros(jnp.shape(strain), bool)
 
     def corners(self, memory: Memory = None) -> Float[ArrayLike, "... n_corner"]:
-        """Strains at which the slope jumps, on the last axis."""
+        """Return the strains at which the slope jumps, on the last axis."""
         return np.zeros(0)
 
     def corner_distance(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Distance in strain to the nearest corner."""
+        """Return the distance in strain to the nearest corner."""
         strain, corners = jnp.asarray(strain), self.corners(memory)
         if corners.shape[-1] == 0:
             return jnp.full_like(strain, jnp.inf)
         if memory is None:
-            corners = on_last_axis(corners, strain[..., None])
+            corners = broadcast_on_last_axis(corners, strain[..., None])
         return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1)
 
     def size_at(self, strain: Numbers, memory: Memory) -> Values:
-        """Sum of the absolute stresses of its parts, Pa: rounding errors are relative to it."""
+        """Return the sum of absolute stresses of its parts, Pa: rounding is relative to it."""
         return jnp.abs(self.stress_at(strain, memory))
 
     def settle(
-        self, strain: Numbers, memory: Remembered, duration: Float[ArrayLike, ""] = 0.0
-    ) -> Remembered:
-        """The memory after an increment of a duration, s, that ended at `strain`."""
+        self, strain: Numbers, memory: HistoryVariables, duration: Float[ArrayLike, ""] = 0.0
+    ) -> HistoryVariables:
+        """Commit the history variables: return them after an increment that ended at `strain`.
+
+        `duration` is that of the increment, s.
+        """
         return memory
 
     def extended(self) -> Law:
-        """The law for an iteration, which goes on elastically beyond its ends.
+        """Return the law for an iteration, which goes on elastically beyond its ends.
 
         An iteration may pass through strains beyond the ends; an equilibrium there is refused
         (`status.MATERIAL_FAILURE`).
@@ -106,15 +109,15 @@ class Law(abc.ABC):
         return self
 
     def risen(self) -> Law:
-        """A law that never falls, and is this one up to the first peak of its stress.
+        """Return the law without softening: this one up to its first peak, then never falling.
 
-        An iteration begins with it: equilibria below the peaks of all elements are those of both.
-        The law itself, where it is not known to fall.
+        An iteration begins with it: equilibria below the peaks of all elements are those of both
+        laws. It is the law itself where that is not known to soften.
         """
         return self
 
     def tension_only(self) -> Law:
-        """The law without its compression branch.
+        """Return the law without its compression branch.
 
         The law itself, unless a subclass says otherwise: the cable sets its stress to zero at
         negative strain.
@@ -122,16 +125,16 @@ class Law(abc.ABC):
         return self
 
     def softened(self, compliance: Numbers) -> Law:
-        """The law in series with a spring of `compliance`, strain per stress, 1/Pa."""
+        """Return the law in series with a spring of `compliance`, strain per stress, 1/Pa."""
         raise NotImplementedError(f"{type(self).__name__} is not known in series with a spring")
 
     def falls(self) -> Float[ArrayLike, " n"] | None:
-        """The stresses [n] of a curve that may fall, or None if the curve cannot fall."""
+        """Return the stresses [n] of a curve that may fall (soften); None if it cannot fall."""
         return None
 
 
-def on_last_axis(values: Float[Array, " n"], like: Values) -> Float[Array, "... n"]:
-    """`values` [n], reshaped so that they broadcast along the last axis of `like`."""
+def broadcast_on_last_axis(values: Float[Array, " n"], like: Values) -> Float[Array, "... n"]:
+    """Reshape `values`, [n], so that they broadcast along the last axis of `like`."""
     return values.reshape((1,) * (like.ndim - 1) + (-1,))
 
 

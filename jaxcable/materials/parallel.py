@@ -19,13 +19,13 @@ import jax.numpy as jnp
 from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from .elastic import Elastic
-from .inverse import FAR, inverse, picked
-from .law import Law, Memory, Numbers, Pair, Remembered, Values
+from .inversion import SAMPLED_BEYOND, invert_curve, value_at_index
+from .law import HistoryVariables, Law, Memory, Numbers, Pair, Values
 
 
 @pytree(static=("one_sided",))
 class Parallel(Law):
-    """Laws that share one strain: stresses add by their shares of the area.
+    """Several laws that share one strain: stresses add by their shares of the area.
 
     ``s(e) = sum_i share_i s_i(e)``.
 
@@ -52,17 +52,17 @@ class Parallel(Law):
 
     @property
     def n_memory(self) -> int:  # type: ignore[override]  # from its laws
-        """How many numbers all laws remember; their memories follow each other."""
+        """Number of history variables of all laws; those of one law follow those of another."""
         return sum(law.n_memory for law in self.laws)
 
     @property
     def breaks(self) -> bool:  # type: ignore[override]  # from its laws
-        """Whether any of the curves can end."""
+        """Whether any of the curves can end (rupture)."""
         return any(law.breaks for law in self.laws)
 
     @property
     def rising(self) -> bool:  # type: ignore[override]  # from its laws
-        """Whether none of the curves falls."""
+        """Whether none of the curves falls (softens)."""
         return all(law.rising for law in self.laws)
 
     @property
@@ -78,11 +78,11 @@ class Parallel(Law):
         Computed for first loading. They hold after any other loading too: at these strains every
         part that can yield has yielded.
         """
-        low, high = (self._with_spring(jnp.asarray(v)) for v in self._ends())
+        low, high = (self._add_spring_strain(jnp.asarray(v)) for v in self._law_limits())
         return jnp.full_like(low, -jnp.inf) if self.one_sided else low, high
 
-    def _ends(self):
-        """Strains of the laws, without the spring, at which the first of the curves ends."""
+    def _law_limits(self):
+        """Return the strains of the laws, without spring, at which the first of the curves ends."""
         low, high = zip(*(law.limits for law in self.laws), strict=True)
         return (
             jnp.max(jnp.stack([jnp.asarray(v) for v in low])),
@@ -92,21 +92,21 @@ class Parallel(Law):
     @property
     def capacity(self) -> Pair:
         """Smallest and largest stress within the limits, Pa."""
-        low, high = self._ends()
-        corners = self._corners(None if self.n_memory == 0 else jnp.zeros(self.n_memory))
+        low, high = self._law_limits()
+        corners = self._law_corners(None if self.n_memory == 0 else jnp.zeros(self.n_memory))
         strains = jnp.clip(jnp.append(corners, jnp.stack([low, high])), low, high)
         strains = jnp.where(jnp.isfinite(strains), strains, 0.0)
         memory = jnp.zeros((len(strains), self.n_memory)) if self.n_memory else None
-        stress = self._bare().stress_at(strains, memory)
+        stress = self._without_spring().stress_at(strains, memory)
         least, most = jnp.min(stress), jnp.max(stress)
         least = jnp.where(jnp.isfinite(low), least, -jnp.inf)
         most = jnp.where(jnp.isfinite(high), most, jnp.inf)
         return jnp.zeros_like(least) if self.one_sided else least, most
 
-    def each(
+    def laws_with_memory(
         self, memory: Float[Array, "... n_memory"] | None
     ) -> Iterator[tuple[Float[ArrayLike, ""], Law, Float[Array, "... n_memory_of_law"] | None]]:
-        """Iterate over the laws: (share, law, the law's part of the memory or None)."""
+        """Iterate over (share, law, the history variables of this law, or None)."""
         start = 0
         for share, law in zip(self.shares, self.laws, strict=True):
             remembered = None
@@ -117,168 +117,182 @@ class Parallel(Law):
 
     # --- the laws at their own strain: that of the whole less that of the spring
 
-    def _sum(self, name, strain, memory):
-        """Sum of the shares times a method of the laws, by its name, at their own strain."""
+    def _weighted_sum(self, name, strain, memory):
+        """Sum a method of the laws, by its name, at their own strain, weighted by shares."""
         return sum(
             share * getattr(law, name)(strain, remembered)
-            for share, law, remembered in self.each(memory)
+            for share, law, remembered in self.laws_with_memory(memory)
         )
 
     def _all_slack(self, law_strain, memory):
-        """Whether every law is slack at its own strain."""
-        slack = [law.is_slack(law_strain, remembered) for _, law, remembered in self.each(memory)]
+        """Return whether every law is slack at its own strain."""
+        slack = [
+            law.is_slack(law_strain, remembered)
+            for _, law, remembered in self.laws_with_memory(memory)
+        ]
         return jnp.all(jnp.stack(jnp.broadcast_arrays(*slack)), axis=0)
 
-    def _bare(self):
-        """The laws for an iteration, without spring, carrying compression too."""
+    def _without_spring(self):
+        """Return the laws for an iteration, without spring, in compression too."""
         return copy(self.extended(), spring=None, one_sided=False)
 
-    def _with_spring(self, strain, memory=None):
-        """Strain of the whole, spring included, at a strain of the laws."""
+    def _add_spring_strain(self, strain, memory=None):
+        """Return the strain of the whole, spring included, at a strain of the laws."""
         if self.spring is None:
             return strain
         finite = jnp.where(jnp.isfinite(strain), strain, 0.0)
-        extra = self.spring * self._bare().stress_at(finite, memory)
+        extra = self.spring * self._without_spring().stress_at(finite, memory)
         return jnp.where(jnp.isfinite(strain), finite + extra, strain)
 
-    def _own_strain(self, strain, memory):
-        """Strain of the laws at a strain of the whole, exact, in compression too."""
+    def _strain_of_laws(self, strain, memory):
+        """Return the strain of the laws at a strain of the whole, exact, in compression too."""
         if self.spring is None:
             return strain
         if all(isinstance(law, Elastic) for law in self.laws):
             return strain / (1 + self.spring * copy(self, spring=None).modulus)
         strain = jnp.asarray(strain)
-        corners = self._corners(memory)
+        corners = self._law_corners(memory)
         corners = jnp.broadcast_to(corners, (*strain.shape, corners.shape[-1]))
         first, last = jnp.min(corners, -1, initial=0.0), jnp.max(corners, -1, initial=0.0)
-        more = jnp.stack([first - FAR, jnp.zeros_like(strain), last + FAR], axis=-1)
+        more = jnp.stack(
+            [first - SAMPLED_BEYOND, jnp.zeros_like(strain), last + SAMPLED_BEYOND], axis=-1
+        )
         strains = jnp.sort(jnp.concatenate([corners, more], axis=-1))
         lifted = copy(self, spring=jnp.asarray(self.spring)[..., None])
-        whole = lifted._with_spring(strains, None if memory is None else memory[..., None, :])
+        whole = lifted._add_spring_strain(strains, None if memory is None else memory[..., None, :])
         # The last segment goes on beyond its end. At a corner the segment of loading counts, at the
         # origin that of tension.
         target = strain[..., None]
         below = jnp.where(target >= 0, whole <= target, whole < target)
         start = jnp.clip(jnp.sum(below, -1, keepdims=True) - 1, 0, strains.shape[-1] - 2)
 
-        e0, e1, v0, v1 = (picked(v, k) for v in (strains, whole) for k in (start, start + 1))
+        e0, e1, v0, v1 = (
+            value_at_index(v, k) for v in (strains, whole) for k in (start, start + 1)
+        )
         return e0 + (strain - v0) * (e1 - e0) / (v1 - v0)
 
-    def _slack(self, law_strain, memory):
-        """Whether a cable of these laws is slack at `law_strain`, the strain of the laws."""
+    def _is_cable_slack(self, law_strain, memory):
+        """Return whether a cable of these laws is slack at `law_strain`, the strain of the laws."""
         if memory is None:
             return law_strain < 0
         slack = self._all_slack(law_strain, memory)
-        return (self._bare().stress_at(law_strain, memory) < 0) | slack
+        return (self._without_spring().stress_at(law_strain, memory) < 0) | slack
 
-    def _slackened(self, like, memory):
-        """Strain of the laws at which a cable goes slack, in the shape of `like`."""
+    def _slackening_strain(self, like, memory):
+        """Return the strain of the laws at which a cable goes slack, in the shape of `like`."""
         if memory is None:
             return jnp.zeros_like(like)
-        return inverse(self._bare(), jnp.zeros_like(like), memory)
+        return invert_curve(self._without_spring(), jnp.zeros_like(like), memory)
 
-    def _kept(self, strain, memory):
-        """Strain of the laws; in a slack cable the strain at which it went slack."""
-        law_strain = jnp.asarray(self._own_strain(strain, memory))
+    def _strain_until_slack(self, strain, memory):
+        """Return the strain of the laws; in a slack cable that at which it went slack."""
+        law_strain = jnp.asarray(self._strain_of_laws(strain, memory))
         if not self.one_sided:
             return law_strain
         return jnp.where(
-            self._slack(law_strain, memory), self._slackened(law_strain, memory), law_strain
+            self._is_cable_slack(law_strain, memory),
+            self._slackening_strain(law_strain, memory),
+            law_strain,
         )
 
     # --- the law
 
     def stress_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Stress over the whole area, Pa."""
-        law_strain = self._own_strain(strain, memory)
-        stress = self._sum("stress_at", law_strain, memory)
+        """Return the stress over the whole area, Pa."""
+        law_strain = self._strain_of_laws(strain, memory)
+        stress = self._weighted_sum("stress_at", law_strain, memory)
         if not self.one_sided:
             return stress
         return jnp.where(law_strain < 0 if memory is None else stress < 0, 0.0, stress)
 
     def stresses(self, strain: Numbers, memory: Memory = None) -> list[Values]:
-        """Stress of every law, a list, Pa; the sum weighted by `shares` is `stress_at`."""
-        law_strain = self._kept(strain, memory)
-        return [law.stress_at(law_strain, remembered) for _, law, remembered in self.each(memory)]
+        """Return the stress of every law, a list, Pa; `stress_at` is their sum by `shares`."""
+        law_strain = self._strain_until_slack(strain, memory)
+        return [
+            law.stress_at(law_strain, remembered)
+            for _, law, remembered in self.laws_with_memory(memory)
+        ]
 
     def size_at(self, strain: Numbers, memory: Memory) -> Values:
-        """Sum of the absolute stresses of all laws, Pa; exactly zero in a slack cable."""
-        law_strain = self._own_strain(strain, memory)
-        size = self._sum("size_at", law_strain, memory)
+        """Return the sum of absolute stresses of all laws, Pa; exactly zero in a slack cable."""
+        law_strain = self._strain_of_laws(strain, memory)
+        size = self._weighted_sum("size_at", law_strain, memory)
         if not self.one_sided:
             return size
-        pushed = law_strain if memory is None else self._sum("stress_at", law_strain, memory)
+        pushed = (
+            law_strain if memory is None else self._weighted_sum("stress_at", law_strain, memory)
+        )
         return jnp.where(pushed < 0, 0.0, size)
 
     def energy_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Energy per volume, J/m3, including that of the spring.
+        """Return the energy per volume, J/m3, including that of the spring.
 
         In a taut cable it is the integral of its stress, if none of the curves falls. In a slack
         cable it is the energy that yielded laws store against each other.
         """
-        law_strain = self._kept(strain, memory)
-        energy = self._sum("energy_at", law_strain, memory)
+        law_strain = self._strain_until_slack(strain, memory)
+        energy = self._weighted_sum("energy_at", law_strain, memory)
         if self.spring is not None:
             energy = energy + 0.5 * self.spring * self.stress_at(strain, memory) ** 2
         return energy
 
     def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
-        """Strain at a stress over the whole area, Pa; NaN for compression in a cable."""
+        """Return the strain at a stress over the whole area, Pa; NaN for compression in a cable."""
         stress = jnp.asarray(stress)
-        strain = inverse(self._bare(), stress, memory)
+        strain = invert_curve(self._without_spring(), stress, memory)
         if self.spring is not None:
             strain = strain + self.spring * stress
         return jnp.where(stress < 0, jnp.nan, strain) if self.one_sided else strain
 
     def settle(
-        self, strain: Numbers, memory: Remembered, duration: Float[ArrayLike, ""] = 0.0
-    ) -> Remembered:
-        """The memory after an increment; the laws of a slack cable yield no further."""
-        law_strain = self._kept(strain, memory)
+        self, strain: Numbers, memory: HistoryVariables, duration: Float[ArrayLike, ""] = 0.0
+    ) -> HistoryVariables:
+        """Commit the history variables of all laws; those of a slack cable yield no further."""
+        law_strain = self._strain_until_slack(strain, memory)
         return jnp.concatenate(
             [
                 law.settle(law_strain, remembered, duration)
-                for _, law, remembered in self.each(memory)
+                for _, law, remembered in self.laws_with_memory(memory)
                 if remembered is not None
             ],
             axis=-1,
         )
 
-    def _corners(self, memory):
-        """Corners of all laws, as strains of the laws, on the last axis."""
-        parts = [law.corners(remembered) for _, law, remembered in self.each(memory)]
+    def _law_corners(self, memory):
+        """Return the corners of all laws, as strains of the laws, on the last axis."""
+        parts = [law.corners(remembered) for _, law, remembered in self.laws_with_memory(memory)]
         shape = max((part.shape[:-1] for part in parts), key=len)
         return jnp.concatenate(
             [jnp.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1
         )
 
     def corners(self, memory: Memory = None) -> Float[Array, "... n_corner"]:
-        """Corners of all laws, on the last axis; for a cable, those where it is not slack."""
-        corners = self._corners(memory)
+        """Return the corners of all laws, on the last axis; for a cable, those where it is taut."""
+        corners = self._law_corners(memory)
         if self.one_sided:
-            slack = self._slackened(corners[..., :1].sum(-1), memory)[..., None]
+            slack = self._slackening_strain(corners[..., :1].sum(-1), memory)[..., None]
             slack = jnp.broadcast_to(slack, (*corners.shape[:-1], 1))
             candidates = jnp.concatenate([corners, slack], -1)
             corners = jnp.maximum(candidates, jnp.broadcast_to(slack, candidates.shape))
-        return self._with_spring(corners, None if memory is None else memory[..., None, :])
+        return self._add_spring_strain(corners, None if memory is None else memory[..., None, :])
 
     def is_slack(self, strain: Numbers, memory: Memory = None) -> Bool[Array, "*shape"]:
-        """Whether it carries no stress: a cable as a whole, otherwise if all laws are slack."""
-        law_strain = self._own_strain(strain, memory)
+        """Return whether it carries no stress: a cable as a whole, others if all laws are slack."""
+        law_strain = self._strain_of_laws(strain, memory)
         if self.one_sided:
-            return self._slack(law_strain, memory)
+            return self._is_cable_slack(law_strain, memory)
         return self._all_slack(law_strain, memory)
 
     # --- the same, changed
 
     def extended(self) -> Parallel:
-        """The law for an iteration: all laws go on elastically beyond their ends."""
+        """Return the law for an iteration: all laws go on elastically beyond their ends."""
         return copy(self, laws=tuple(law.extended() for law in self.laws))
 
     def tension_only(self) -> Parallel:
-        """The law of a cable: slack where the sum of the stresses would be a compression."""
+        """Return the law of a cable: slack where the sum of stresses would be a compression."""
         return copy(self, one_sided=True)
 
     def softened(self, compliance: Numbers) -> Parallel:
-        """The laws in series with one spring of `compliance`, 1/Pa; needs laws that rise."""
+        """Return the laws in series with one spring of `compliance`, 1/Pa; needs laws that rise."""
         return copy(self, spring=compliance if self.spring is None else self.spring + compliance)

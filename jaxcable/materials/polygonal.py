@@ -26,9 +26,9 @@ from ..common import checks
 from ..common.rules import Rule, refuse
 from ..common.tree import copy, put, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
-from . import points
-from .inverse import inverse
-from .law import Law, Memory, Numbers, Pair, Remembered, Values, on_last_axis
+from . import point_rules
+from .inversion import invert_curve
+from .law import HistoryVariables, Law, Memory, Numbers, Pair, Values, broadcast_on_last_axis
 
 
 @pytree(static=("unloading", "one_sided", "endless", "rising", "n_memory"))
@@ -92,12 +92,12 @@ class Polygonal(Law):
             raise ValueError(f"stress: expected shape {strain.shape} as strain, got {stress.shape}")
         if self.unloading not in ("reversible", "elastic"):
             raise ValueError(f'unloading = {self.unloading!r}: expected "reversible" or "elastic"')
-        refuse(points.rules(strain, stress, self.unloading))
+        refuse(point_rules.point_rules(strain, stress, self.unloading))
         e, s = checks.concrete(strain), checks.concrete(stress)
         if e is not None:
-            points.suspect(e)
+            point_rules.warn_if_percent(e)
             if s is not None:
-                strain, stress = e, s = points.with_origin(e, s)
+                strain, stress = e, s = point_rules.insert_origin(e, s)
         put(self, strain=strain, stress=stress)
         if self.rising is None:
             put(self, rising=s is not None and bool((np.diff(s) >= 0).all()))
@@ -112,127 +112,131 @@ class Polygonal(Law):
             put(self, n_memory=int(n_corner))
 
     def rules(self) -> list[Rule]:
-        """The rules of its points, see `common.rules`."""
-        return points.rules(self.strain, self.stress, self.unloading)
+        """Return the rules of its points, see `common.rules`."""
+        return point_rules.point_rules(self.strain, self.stress, self.unloading)
 
     # --- the numbers of the curve
 
     @property
-    def _slopes(self):
+    def _segment_slopes(self):
+        """Slopes of the segments between points, Pa, [n - 1]."""
         return jnp.diff(self.stress) / jnp.diff(self.strain)
 
     @property
-    def _two_sided(self):
+    def _has_compression(self):
+        """Whether the curve has a compression branch, scalar bool."""
         return jnp.asarray(False) if self.one_sided else self.strain[0] < 0
 
     @property
     def modulus(self) -> Float[Array, ""]:
         """Slope at the origin, on the tension side, Pa."""
-        return self._slopes[jnp.sum(self.strain[1:-1] <= 0)]
+        return self._segment_slopes[jnp.sum(self.strain[1:-1] <= 0)]
 
     @property
     def capacity(self) -> Pair:
         """Smallest and largest stress, Pa."""
-        return jnp.where(self._two_sided, jnp.min(self.stress), 0.0), jnp.max(self.stress)
+        return jnp.where(self._has_compression, jnp.min(self.stress), 0.0), jnp.max(self.stress)
 
     @property
     def limits(self) -> Pair:
         """Strains at which the curve ends; -inf on the compression side of a slack material."""
-        return jnp.where(self._two_sided, self.strain[0], -jnp.inf), self.strain[-1]
+        return jnp.where(self._has_compression, self.strain[0], -jnp.inf), self.strain[-1]
 
     # --- the law
 
     def stress_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Stress, Pa; zero beyond the ends unless the law is endless."""
+        """Return the stress, Pa; zero beyond the ends unless the law is endless."""
         strain = jnp.asarray(strain)
-        inside, over = self._split(strain)
-        stress = self._curve(inside, memory)
+        inside, over = self._split_at_ends(strain)
+        stress = self._stress_on_curve(inside, memory)
         if self.endless:
             stress = stress + self.modulus * over
         else:
             stress = jnp.where(self.beyond(strain), 0.0, stress)
         if memory is None:
             return stress
-        return jnp.where(~self._two_sided & (stress < 0), 0.0, stress)
+        return jnp.where(~self._has_compression & (stress < 0), 0.0, stress)
 
     def size_at(self, strain: Numbers, memory: Memory) -> Values:
-        """Sum of the absolute stresses of the parallel parts, Pa: rounding is relative to it."""
+        """Return the sum of absolute stresses of the parallel parts, Pa, which rounding follows."""
         if memory is None:
-            return jnp.abs(self._curve(strain, None))
-        stiffness, end, _, kept = self._yielding(strain, memory)
+            return jnp.abs(self._stress_on_curve(strain, None))
+        stiffness, end, _, kept = self._yield_parts(strain, memory)
         return jnp.abs(end * strain) + jnp.sum(stiffness * jnp.abs(kept), axis=-1)
 
     def energy_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Energy per volume, J/m3: under the curve, or of the parallel parts at a given memory."""
+        """Return the energy per volume, J/m3: under the curve, or with memory of the parts."""
         strain = jnp.asarray(strain)
-        inside, over = self._split(strain)
+        inside, over = self._split_at_ends(strain)
         if memory is None:
-            initial, changes, forward, backward = self._ramps(inside)
+            initial, changes, forward, backward = self._slope_changes(inside)
             energy = 0.5 * initial * inside**2
             energy = energy + 0.5 * jnp.sum(changes * (forward**2 - backward**2), axis=-1)
         else:
-            stiffness, end, elastic, kept = self._yielding(inside, memory)
+            stiffness, end, elastic, kept = self._yield_parts(inside, memory)
             energy = 0.5 * end * inside**2
             energy = energy + jnp.sum(stiffness * kept * (elastic - 0.5 * kept), axis=-1)
-            below = self._curve(inside, memory)
-            slack = ~self._two_sided & (below < 0)
+            below = self._stress_on_curve(inside, memory)
+            slack = ~self._has_compression & (below < 0)
             energy = energy - jnp.where(slack, 0.5 * below**2 / self.modulus, 0.0)
         if self.endless:
-            energy = energy + (self._curve(inside, memory) + 0.5 * self.modulus * over) * over
+            energy = (
+                energy + (self._stress_on_curve(inside, memory) + 0.5 * self.modulus * over) * over
+            )
         return energy
 
     def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
-        """Strain at `stress`, Pa; beyond its ends, too, if the law rises and is endless."""
-        strain = inverse(self, stress, memory)
+        """Return the strain at `stress`, Pa; also beyond its ends if it rises and is endless."""
+        strain = invert_curve(self, stress, memory)
         if not (self.endless and self.rising):
             return strain
         low, high = (jnp.broadcast_to(end, jnp.shape(stress)) for end in self.limits)
-        more = stress - self._curve(high, memory)
+        more = stress - self._stress_on_curve(high, memory)
         strain = jnp.where(more > 0, high + more / self.modulus, strain)
-        less = stress - self._curve(low, memory)
-        pushed = self._two_sided & (less < 0)
+        less = stress - self._stress_on_curve(low, memory)
+        pushed = self._has_compression & (less < 0)
         return jnp.where(pushed, low + less / self.modulus, strain)
 
     def settle(
-        self, strain: Numbers, memory: Remembered, duration: Float[ArrayLike, ""] = 0.0
-    ) -> Remembered:
-        """Plastic strains after an increment that ended at `strain`, whatever its duration."""
-        inside, _ = self._split(jnp.asarray(strain))
-        _, _, elastic, kept = self._yielding(inside, memory)
+        self, strain: Numbers, memory: HistoryVariables, duration: Float[ArrayLike, ""] = 0.0
+    ) -> HistoryVariables:
+        """Commit the plastic strains after an increment that ended at `strain`, of any duration."""
+        inside, _ = self._split_at_ends(jnp.asarray(strain))
+        _, _, elastic, kept = self._yield_parts(inside, memory)
         moved = jnp.isfinite(kept) & (kept != elastic)
         return jnp.where(moved, inside[..., None] - jnp.where(moved, kept, 0.0), memory)
 
     def is_slack(self, strain: Numbers, memory: Memory = None) -> Bool[Array, "*shape"]:
-        """Whether a material without compression branch would be in compression at `strain`."""
+        """Return whether a material without compression branch would be compressed at `strain`."""
         if memory is None:
-            return ~self._two_sided & (strain < 0)
-        return ~self._two_sided & (self._curve(strain, memory) < 0)
+            return ~self._has_compression & (strain < 0)
+        return ~self._has_compression & (self._stress_on_curve(strain, memory) < 0)
 
     def corners(self, memory: Memory = None) -> Float[Array, "... n_corner"]:
-        """Strains at which the slope jumps, including the ends of the curve, on the last axis."""
+        """Return the strains at which the slope jumps, with both ends, on the last axis."""
         if memory is None:
-            return jnp.where(self._two_sided, self.strain, jnp.maximum(self.strain, 0.0))
+            return jnp.where(self._has_compression, self.strain, jnp.maximum(self.strain, 0.0))
         low, high = self.limits
-        stiffness, pull, push = (on_last_axis(v, memory) for v in self._parts())
+        stiffness, pull, push = (broadcast_on_last_axis(v, memory) for v in self._parallel_parts())
         yielding = jnp.concatenate([memory + pull, memory - push], -1)
         # a part that never yields in a direction has its corner at the end of the curve
         yielding = jnp.where(jnp.isfinite(yielding), yielding, high)
         # a material without compression goes slack elastically: no part yields on the way
         slack = jnp.sum(stiffness * memory, axis=-1, keepdims=True) / self.modulus
-        ends = [jnp.where(self._two_sided, low, slack), jnp.full_like(slack, high)]
+        ends = [jnp.where(self._has_compression, low, slack), jnp.full_like(slack, high)]
         return jnp.concatenate([yielding, *ends], -1)
 
     # --- the same material, changed
 
     def extended(self) -> Polygonal:
-        """The law for an iteration: goes on with its initial slope beyond its ends."""
+        """Return the law for an iteration: it goes on with its initial slope beyond its ends."""
         return copy(self, endless=True)
 
     def risen(self) -> Polygonal:
-        """The law that goes on with its initial slope from where it first falls, to either side."""
+        """Return the law without softening: with its initial slope from where it first falls."""
         if self.rising:
             return self
-        slopes, outward = self._slopes, self.strain[1:] > 0
+        slopes, outward = self._segment_slopes, self.strain[1:] > 0
         falls = slopes < 0
         pulled = jnp.cumsum(falls & outward) > 0
         pushed = jnp.cumsum((falls & ~outward)[::-1])[::-1] > 0
@@ -243,53 +247,55 @@ class Polygonal(Law):
         return copy(self, stress=stress, rising=True)
 
     def tension_only(self) -> Polygonal:
-        """The law without compression: slack where its stress would be negative."""
+        """Return the law without compression: slack where its stress would be negative."""
         return copy(self, one_sided=True)
 
     def falls(self) -> Float[ArrayLike, " n"] | None:
-        """The stresses of the points, or None if they are known to rise."""
+        """Return the stresses of the points; None if they are known to rise."""
         return None if self.rising else self.stress
 
     def softened(self, compliance: Numbers) -> Polygonal:
-        """The law in series with a spring of `compliance`, 1/Pa; needs a law that rises."""
+        """Return the law in series with a spring of `compliance`, 1/Pa; needs a law that rises."""
         return copy(self, strain=self.strain + compliance * self.stress)
 
     # --- its parts
 
-    def _split(self, strain):
-        """The strain limited to the ends of the curve, and the part of it beyond them."""
+    def _split_at_ends(self, strain):
+        """Split strains into the part within the ends of the curve, and the part beyond them."""
         low, high = self.limits
         inside = jnp.where(strain > high, high, jnp.where(strain < low, low, strain))
         return inside, jnp.where(self.beyond(strain), strain - inside, 0.0)
 
-    def _curve(self, strain, memory):
-        """Stress on the curve or of the parallel parts, without a check of the ends."""
+    def _stress_on_curve(self, strain, memory):
+        """Return the stress on the curve, or of the parallel parts, without a check of the ends."""
         if memory is not None:
-            stiffness, end, _, kept = self._yielding(strain, memory)
+            stiffness, end, _, kept = self._yield_parts(strain, memory)
             return end * strain + jnp.sum(stiffness * kept, axis=-1)
-        initial, changes, forward, backward = self._ramps(strain)
+        initial, changes, forward, backward = self._slope_changes(strain)
         return initial * strain + jnp.sum(changes * (forward - backward), axis=-1)
 
-    def _ramps(self, strain):
-        """Initial slope; at every corner the change of slope and the strains beyond it.
+    def _slope_changes(self, strain):
+        """Return the initial slope, the change of slope at every corner, and strains beyond it.
 
         Strains beyond corners in tension and beyond corners in compression are separate arrays.
         """
-        slopes, e = self._slopes, strain[..., None]
-        corners = on_last_axis(self.strain[1:-1], e)
+        slopes, e = self._segment_slopes, strain[..., None]
+        corners = broadcast_on_last_axis(self.strain[1:-1], e)
         forward = jnp.where((corners > 0) & (e >= corners), e - corners, 0.0)
-        backward = jnp.where((corners < 0) & (e <= corners) & self._two_sided, e - corners, 0.0)
-        behind = jnp.where(self._two_sided, slopes[jnp.sum(self.strain[1:-1] < 0)], 0.0)
+        backward = jnp.where(
+            (corners < 0) & (e <= corners) & self._has_compression, e - corners, 0.0
+        )
+        behind = jnp.where(self._has_compression, slopes[jnp.sum(self.strain[1:-1] < 0)], 0.0)
         initial = jnp.where(strain >= 0, self.modulus, behind)
-        return initial, on_last_axis(jnp.diff(slopes), e), forward, backward
+        return initial, broadcast_on_last_axis(jnp.diff(slopes), e), forward, backward
 
-    def _parts(self):
-        """Stiffness, tension and compression yield strain of the parallel parts, [n_memory] each.
+    def _parallel_parts(self):
+        """Return stiffness and yield strains in tension and compression of the parallel parts.
 
         Parts are numbered from the origin outwards; on a side with fewer corners the last parts
         never yield.
         """
-        corners, changes = self.strain[1:-1], jnp.diff(self._slopes)
+        corners, changes = self.strain[1:-1], jnp.diff(self._segment_slopes)
         n, rank = len(corners), jnp.arange(self.n_memory)
         pulled = jnp.sum(corners <= 0) + rank
         pushed = jnp.sum(corners < 0) - 1 - rank
@@ -301,16 +307,16 @@ class Polygonal(Law):
         # Away from the origin slopes fall: the changes are negative in tension, positive in
         # compression.
         stiffness = jnp.where(pulled < n, -take(changes, pulled, 0.0), take(changes, pushed, 0.0))
-        push = jnp.where(self._two_sided, -take(corners, pushed, -jnp.inf), jnp.inf)
+        push = jnp.where(self._has_compression, -take(corners, pushed, -jnp.inf), jnp.inf)
         return stiffness, take(corners, pulled, jnp.inf), push
 
-    def _yielding(self, strain, memory):
-        """Stiffness of the parts, last slope, strains of the parts before and after yielding."""
-        stiffness, pull, push = (on_last_axis(v, memory) for v in self._parts())
+    def _yield_parts(self, strain, memory):
+        """Return stiffness of the parts, last slope, and strains before and after yielding."""
+        stiffness, pull, push = (broadcast_on_last_axis(v, memory) for v in self._parallel_parts())
         elastic = strain[..., None] - memory
         # at a corner the plastic branch counts, that of loading
         kept = jnp.where(elastic >= pull, pull, jnp.where(elastic <= -push, -push, elastic))
         # the last slope of the side with more corners; on the other side the last parts never yield
-        corners, slopes = self.strain[1:-1], self._slopes
+        corners, slopes = self.strain[1:-1], self._segment_slopes
         last = jnp.where(jnp.sum(corners > 0) >= jnp.sum(corners < 0), slopes[-1], slopes[0])
         return stiffness, last, elastic, kept

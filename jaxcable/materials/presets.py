@@ -20,7 +20,7 @@ def steel(
     ultimate_strain: Float[ArrayLike, ""] = 0.05,
     unloading: Literal["reversible", "elastic"] = "elastic",
 ) -> Polygonal:
-    """Structural steel: bilinear, the same in tension and compression.
+    """Make the law of structural steel: bilinear, the same in tension and compression.
 
     Args:
         yield_stress: f_y, Pa; 235e6 is S235 up to 40 mm (EN 1993-1-1, table 3.1).
@@ -42,7 +42,7 @@ def steel(
         >>> print(jnp.round(law.stress_at(jnp.array([0.001, -0.001, 0.01])) / 1e6, 1))  # MPa
         [ 210.  -210.   372.4]
     """
-    _positive(yield_stress=yield_stress, E=E, ultimate_strain=ultimate_strain)
+    _require_positive(yield_stress=yield_stress, E=E, ultimate_strain=ultimate_strain)
     e = yield_stress / E
     top = yield_stress + hardening * E * (ultimate_strain - e)
     strain = [-ultimate_strain, -e, 0.0, e, ultimate_strain]
@@ -56,7 +56,7 @@ def strand(
     *,
     unloading: Literal["reversible", "elastic"] = "elastic",
 ) -> Polygonal:
-    """Prestressing strand: bilinear, tension only.
+    """Make the law of prestressing strand: bilinear, tension only.
 
     Elastic to 0.9 of the strength, then inclined to the strength at the ultimate strain.
 
@@ -82,7 +82,7 @@ def strand(
         >>> print(f"{law.stress_at(0.005) / 1e6:.0f}, {law.capacity[1] / 1e6:.0f} MPa")
         975, 1860 MPa
     """
-    _positive(strength=strength, E=E, ultimate_strain=ultimate_strain)
+    _require_positive(strength=strength, E=E, ultimate_strain=ultimate_strain)
     proof = 0.9 * strength
     return Polygonal([0.0, proof / E, ultimate_strain], [0.0, proof, strength], unloading)
 
@@ -94,7 +94,7 @@ def tension_only(
     *,
     unloading: Literal["reversible", "elastic"] = "reversible",
 ) -> Polygonal:
-    """Linear up to the strength, then failed; slack in compression.
+    """Make a law that is linear up to the strength, then failed, and slack in compression.
 
     Args:
         E: Young's modulus, Pa.
@@ -115,13 +115,14 @@ def tension_only(
         >>> print(jnp.round(law.stress_at(jnp.array([-0.001, 0.001, 0.01])) / 1e6, 1))  # MPa
         [  0. 165.   0.]
     """
-    _positive(strength=strength, E=E)
+    _require_positive(strength=strength, E=E)
     e = min(strength / E, 1.0)
     if ultimate_strain is None:
         return Polygonal([0.0, e], [0.0, E * e], unloading)
     return Polygonal([0.0, e, ultimate_strain], [0.0, E * e, E * e], unloading)
 
 
-def _positive(**numbers):
+def _require_positive(**numbers):
+    """Raise ValueError unless all numbers, given by name, are positive."""
     for name, value in numbers.items():
         refuse([positive(name, checks.floats(value, name))])

@@ -1,10 +1,10 @@
-"""Pairs of points in second-order cones: their scaling, and the way to the boundary.
+"""Second-order cones for interior-point methods: scaling, steps to the boundary, corrector.
 
-A point (a, A) with a number a and a vector A is in the second-order cone if ``a >= |A|``. Here are
-pairs of points (u, X) and (N, -V) inside of it, such as a bound of a length beside a vector, and a
-tension beside a force. They are complementary, on the boundary both, where ``u N - X.V = 0``.
-Where a and |A| are nearly equal, their difference, the *slack*, cannot be computed from them: it is
-known beside them.
+A point (a, A) with a number a and a vector A is in the second-order cone if ``a >= |A|``. The
+functions take pairs of points (u, X) and (N, -V) in its interior, such as an upper bound of a
+length beside the vector, and a tension beside the force. The points are complementary, both on the
+boundary, where ``u N - X.V = 0``. Where a and |A| are nearly equal, their difference, the *slack*
+``a - |A|``, loses its digits if it is computed from them; hence it is stored beside them.
 
 The Hessian of the cone's barrier at the scaling point of Nesterov and Todd maps the first point to
 the second one,
@@ -32,12 +32,12 @@ from jax import lax
 
 from ..common.types import Array, Float
 
-Numbers: TypeAlias = 'Float[Array, " n"]'
+Scalars: TypeAlias = 'Float[Array, " n"]'
 Vectors: TypeAlias = 'Float[Array, "n 3"]'
 
 
 class Scaling(NamedTuple):
-    """The Hessian that maps points (u, X) to points (N, -V).
+    """Nesterov-Todd scaling: the Hessian that maps points (u, X) to points (N, -V), see the module.
 
     Attributes:
         stiff: q, [n].
@@ -46,34 +46,34 @@ class Scaling(NamedTuple):
         spring: 1/a, [n].
     """
 
-    stiff: Numbers
+    stiff: Scalars
     across: Vectors
-    ratio: Numbers
-    spring: Numbers
+    ratio: Scalars
+    spring: Scalars
 
 
 @jax.jit  # one function in a program, however often it is called
-def norm(v: Vectors) -> Numbers:
-    """Return the lengths of vectors."""
+def norm(v: Vectors) -> Scalars:
+    """Return the Euclidean norm of every vector."""
     return jnp.sqrt(jnp.sum(v * v, axis=-1))
 
 
 @jax.jit
-def products(u: Numbers, x: Vectors, n: Numbers, v: Vectors) -> Numbers:
-    """Return ``u N - X.V`` of pairs."""
+def products(u: Scalars, x: Vectors, n: Scalars, v: Vectors) -> Scalars:
+    """Return the Lorentz product ``u N - X.V`` of every pair; zero where it is complementary."""
     return u * n - jnp.sum(x * v, axis=-1)
 
 
-def wide(numbers: Numbers, v: Vectors) -> Vectors:
-    """Return numbers repeated to the shape of vectors."""
-    return lax.broadcast_in_dim(numbers, v.shape, (0,))  # `[:, None]` makes two of it
+def wide(numbers: Scalars, v: Vectors) -> Vectors:
+    """Repeat the number of every vector for its three components."""
+    return lax.broadcast_in_dim(numbers, v.shape, (0,))  # `[:, None]` makes two operations of it
 
 
 @jax.jit
 def scaling(
-    u: Numbers, x: Vectors, n: Numbers, v: Vectors, slack: Numbers, other_slack: Numbers
+    u: Scalars, x: Vectors, n: Scalars, v: Vectors, slack: Scalars, other_slack: Scalars
 ) -> Scaling:
-    """Return the `Scaling` of pairs of points (u, X) and (N, -V) with their slacks."""
+    """Return the Nesterov-Todd `Scaling` of points (u, X) and (N, -V), given their slacks."""
     size, product = slack * (u + u - slack), products(u, x, n, v)
     stiff = jnp.sqrt(other_slack * (n + n - other_slack) / size)
     normal = x + v / wide(stiff, v)
@@ -86,11 +86,11 @@ def scaling(
 
 @jax.jit
 def rate_to_boundary(
-    u: Numbers, x: Vectors, slack: Numbers, du: Numbers, dx: Vectors
+    u: Scalars, x: Vectors, slack: Scalars, du: Scalars, dx: Vectors
 ) -> Float[Array, ""]:
-    """Return the largest rate 1/t at which steps lead points (u, X) to the boundary.
+    """Return 1/t for the smallest t at which a point plus t times its step is on the boundary.
 
-    The step times t leads there. The rate is not positive if steps never do.
+    The result, one number for all points (u, X), is not positive if no step ever leaves the cone.
     """
     rise = norm(dx)
     square, half = (du - rise) * (du + rise), products(u, x, du, dx)
@@ -105,9 +105,9 @@ def rate_to_boundary(
 
 @jax.jit
 def slack_after(
-    x: Vectors, slack: Numbers, du: Numbers, dx: Vectors, part: Float[Array, ""]
-) -> Numbers:
-    """Return the slacks of points (u, X) after a part of a step, without cancellation."""
+    x: Vectors, slack: Scalars, du: Scalars, dx: Vectors, part: Float[Array, ""]
+) -> Scalars:
+    """Return the slacks ``u - |X|`` after `part` times a step, without cancellation."""
     change = part * dx
     after = x + change
     both = jnp.maximum(norm(x) + norm(after), jnp.finfo(slack.dtype).tiny)
@@ -115,18 +115,25 @@ def slack_after(
 
 
 @jax.jit
-def boosted(w0: Numbers, w: Vectors, first: Numbers, rest: Vectors) -> tuple[Numbers, Vectors]:
-    """Return the Lorentz transforms W of points, for which ``W (1, 0) = (w0, w)``."""
+def apply_lorentz_boost(
+    w0: Scalars, w: Vectors, first: Scalars, rest: Vectors
+) -> tuple[Scalars, Vectors]:
+    """Return ``W (first, rest)`` for the Lorentz boost W with ``W (1, 0) = (w0, w)``."""
     along = jnp.sum(w * rest, axis=-1)
     return w0 * first + along, rest + wide(first + along / (1 + w0), w) * w
 
 
-def divided(
-    u: Numbers, x: Vectors, size: Numbers, first: Numbers, rest: Vectors
-) -> tuple[Numbers, Vectors]:
-    """Return the points whose Jordan product with (u, X), of determinant `size`, is (first, rest).
+def jordan_quotient(
+    u: Scalars, x: Vectors, size: Scalars, first: Scalars, rest: Vectors
+) -> tuple[Scalars, Vectors]:
+    """Return the points whose Jordan product with (u, X) is (first, rest).
 
-    The product of (a, A) and (b, B) is ``(a b + A.B, a B + b A)``.
+    The Jordan product of (a, A) and (b, B) is ``(a b + A.B, a B + b A)``.
+
+    Args:
+        u, x: the divisors.
+        size: their determinants, ``u^2 - |X|^2``.
+        first, rest: the dividends.
     """
     own = products(u, x, first, rest) / size
     return own, (rest - wide(own, x) * x) / wide(u, x)
@@ -134,29 +141,31 @@ def divided(
 
 def correction(
     scaled: Scaling,
-    second: tuple[Numbers, Vectors, Numbers],
-    steps: tuple[Numbers, Vectors, Numbers, Vectors],
-    aim: Numbers,
-) -> tuple[Numbers, Vectors]:
-    """Return what second points lack so that products are ``aim (1, 0)`` to second order.
+    second: tuple[Scalars, Vectors, Scalars],
+    steps: tuple[Scalars, Vectors, Scalars, Vectors],
+    aim: Scalars,
+) -> tuple[Scalars, Vectors]:
+    """Return the second-order (Mehrotra) corrector, to be added to the second points (N, -V).
 
-    That is ``F (lam \\ (aim (1, 0) - F^-1 (du, dX) o F (dN, -dV)))`` with the root F of the inverse
-    of the Hessian of `Scaling`, ``lam = F (N, -V)``, the Jordan product o and the division by it.
+    With it the scaled Jordan products of both points are ``aim (1, 0)`` to second order. It is
+    ``F (lam \\ (aim (1, 0) - F^-1 (du, dX) o F (dN, -dV)))`` with the root F of the inverse of the
+    Hessian of `Scaling`, ``lam = F (N, -V)``, the Jordan product o and the division \\ by it.
 
     Args:
         scaled: the `Scaling`.
-        second: N and V, and the slack of these.
-        steps: changes of u, X, N and V.
-        aim: less the first numbers of the products of changes, which a scaling leaves as they are.
+        second: N and V, and their slack.
+        steps: predicted changes of u, X, N and V.
+        aim: barrier parameter less the first numbers of the Jordan products of the changes, which
+            do not depend on the scaling.
     """
     (n, v, slack), (du, dx, dn, dv) = second, steps
     stiff, across, ratio, spring = scaled
     factor = lax.rsqrt(stiff * (spring + spring))
     w0, w = ratio * factor, across * wide(factor, across)
-    shift, turn = boosted(w0, w, dn, -dv)
-    longer, change = boosted(w0, -w, du, dx)
+    shift, turn = apply_lorentz_boost(w0, w, dn, -dv)
+    longer, change = apply_lorentz_boost(w0, -w, du, dx)
     rest = wide(shift, v) * change + wide(longer, v) * turn
-    first, along = boosted(w0, w, n, -v)
-    lacks = divided(first, along, slack * (n + n - slack), aim, -rest)
-    force, back = boosted(w0, -w, *lacks)
+    first, along = apply_lorentz_boost(w0, w, n, -v)
+    lacks = jordan_quotient(first, along, slack * (n + n - slack), aim, -rest)
+    force, back = apply_lorentz_boost(w0, -w, *lacks)
     return stiff * force, wide(stiff, v) * back

@@ -1,8 +1,9 @@
-"""The derivative of an equilibrium by the implicit function theorem, independent of the iteration.
+"""The derivative of an equilibrium by the implicit function theorem: adjoint and tangent solves.
 
 With ``R(x, p) = 0`` the derivative of ``x`` is ``dx = -K^-1 R_p dp``, whatever iteration found
-``x`` and however many increments it took. `rooted` attaches it to ``x``. Derivatives of any order
-and both modes follow from `lax.custom_linear_solve`.
+``x`` and however many increments it took. `rooted` attaches it to ``x``. Derivatives of any order,
+in forward mode (one solve with K) and reverse mode (one adjoint solve with K^T), follow from
+`lax.custom_linear_solve`. Results without a valid derivative get NaN, never a silent zero.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ System: TypeAlias = Any
 
 
 def gate(open_: Bool[ArrayLike, ""], tree: Tree) -> Tree:
-    """Return `tree`, whose derivatives pass only where `open_`.
+    """Return `tree`, with the derivatives of its floats stopped (zero) unless `open_` is true.
 
-    By a select: a product with zero would let a NaN of a backward pass through.
+    By a select, because a product with zero would let a NaN of a backward pass through.
     """
 
     def one(x):
@@ -42,7 +43,7 @@ def gate(open_: Bool[ArrayLike, ""], tree: Tree) -> Tree:
 def attach(
     system: System, x: Float[Array, "n_row n_motion"], valid: Bool[ArrayLike, ""]
 ) -> Float[Array, "n_row n_motion"]:
-    """Return `x` with the derivative of the equilibrium of `system`, see `attach_apart`."""
+    """Return the equilibrium `x` of `system` with its implicit derivative; see `attach_apart`."""
     return attach_apart(system, x, valid)[0]
 
 
@@ -54,32 +55,34 @@ def attach_apart(
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
 ) -> tuple[Float[Array, "n_row n_motion"], Float[Array, "n_row n_motion"], Float[Array, " n_row"]]:
-    """Return `x` with the derivative of the equilibrium of `system`, and marks where it has none.
+    """Attach the implicit derivative to an equilibrium, and mark rows where it is not defined.
+
+    The derivative is not defined at nodes without stiffness, and at a cable exactly between taut
+    and slack.
 
     Args:
         system: `System`, differentiable.
         x: its equilibrium, a motion; the derivative of this argument is ignored.
         valid: whether `x` is an equilibrium. If not, the result has derivative zero, and the caller
-            must make it NaN. An equilibrium with a cable exactly between taut and slack has no
-            derivative: it is NaN.
+            must make it NaN.
         factored, tol, limit: see `linear.factorize`.
 
     Returns:
-        x: the point, with derivative NaN where it has none.
-        bare: the point, with derivative zero where it has none.
-        marks: zero for every row of motion, [n_row], with derivative NaN where the row has none.
-            Results are computed from `bare`, and the marks are added: their NaN must not be in a
-            product, where second derivatives would multiply it by zero and become NaN everywhere.
+        x: the equilibrium, with derivative NaN where it is not defined.
+        bare: the equilibrium, with derivative zero where it is not defined.
+        marks: zero for every row of motion, [n_row], with derivative NaN where that of the row is
+            not defined. Results are computed from `bare`, and the marks are added at the end: a NaN
+            in a product would be multiplied by zero in second derivatives and spread everywhere.
     """
     x = lax.stop_gradient(x)
     _, numbers, back = system.chart(system.carried(x))
     if not numbers.size:  # nothing is free
         return back(numbers), back(numbers), jnp.zeros(system.nodes.shape[0], x.dtype)
-    # Unknowns without a derivative are marked beside the root. A NaN in the root itself would enter
-    # the residual there, where second derivatives would multiply it by zero.
+    # Marks are further unknowns beside the root. A NaN in the root itself would enter the residual
+    # there, where second derivatives would multiply it by zero.
     start = jnp.concatenate([numbers, jnp.zeros_like(numbers)])
     problem = thaw((system, x, valid, factored, tol, limit))
-    found = rooted(_marked, start, problem, _solved)
+    found = rooted(_residual_with_marks, start, problem, _solve_linearized)
     found, mark = jnp.split(found, 2)
     number, numbering = system.freedoms.number, system.freedoms.numbering
     if numbering is None:
@@ -90,19 +93,19 @@ def attach_apart(
     return back(found + mark), back(found), marks
 
 
-def _marked(found, problem):
-    """The equation of root and marks, [2 n]: residual at a step, and the marks themselves."""
+def _residual_with_marks(found, problem):
+    """Return the equations of root and marks, [2 n]: residual at a step, and the marks (zero)."""
     system, x, *_ = fill(*problem)
     residual, numbers, _ = system.chart(system.carried(x))
     return jnp.concatenate([residual(found[: numbers.size]), found[numbers.size :]])
 
 
-def _solved(problem, linearized, rhs):
-    """Solve with the derivative of `_marked`, `linearized`, for a right side."""
+def _solve_linearized(problem, linearized, rhs):
+    """Solve with `linearized`, the derivative of `_residual_with_marks`, for a right side [2 n]."""
     problem = lax.stop_gradient(problem)
     pattern = fill(*problem)[0].freedoms.pattern
     if pattern is None or (pattern.solver.on_device and not pattern.solver.fused):
-        factor = _factor(problem)  # one for both
+        factor = _factorize_tangent(problem)  # one factor for forward and adjoint solves
 
         def answered(_, b):
             return factor.marked(b)
@@ -110,7 +113,7 @@ def _solved(problem, linearized, rhs):
         def adjoint(_, b):
             return factor.adjoint(b)
     else:
-        answered, adjoint = _answered, _adjoint
+        answered, adjoint = _solve_tangent, _solve_adjoint
 
     def forward(_, both):
         b, mark = jnp.split(both, 2)
@@ -124,16 +127,20 @@ def _solved(problem, linearized, rhs):
     return lax.custom_linear_solve(linearized, rhs, solve=forward, transpose_solve=backward)
 
 
-def _answered(problem, b):
-    return _factor(problem).marked(b)
+def _solve_tangent(problem, b):
+    """Return ``K^-1 b``, and True for unknowns whose result is not defined."""
+    return _factorize_tangent(problem).marked(b)
 
 
-def _adjoint(problem, b):  # nothing is assembled for phases without influence
-    return lax.cond(jnp.any(b != 0), lambda b: _factor(problem).adjoint(b), jnp.zeros_like, b)
+def _solve_adjoint(problem, b):
+    """Return ``K^-T b``; where b is zero (a phase without influence) nothing is assembled."""
+    return lax.cond(
+        jnp.any(b != 0), lambda b: _factorize_tangent(problem).adjoint(b), jnp.zeros_like, b
+    )
 
 
-def _factor(problem):
-    """The factor of the tangent in the problem of `_marked`."""
+def _factorize_tangent(problem):
+    """Assemble and factorize the tangent of `_residual_with_marks`; NaN at a nonsmooth point."""
     system, x, valid, *known = fill(*problem)
     matrix = linear.or_identity(system.tangent(x), valid)
     matrix = linear.or_nan(matrix, ~(system.kinked(x) & valid))
@@ -142,7 +149,7 @@ def _factor(problem):
 
 
 def undifferentiated(tree: Tree, parameters: PyTree[Any]) -> Tree:
-    """Return `tree` with derivative NaN with respect to every one of `parameters`.
+    """Return `tree`, with NaN for its derivatives with respect to `parameters`.
 
     For results whose derivative is not computed: a NaN is seen, a zero would be silently wrong.
     """
@@ -151,19 +158,21 @@ def undifferentiated(tree: Tree, parameters: PyTree[Any]) -> Tree:
     def one(x):
         x = jnp.asarray(x)
         floating = jnp.issubdtype(x.dtype, jnp.floating)
-        return _constant(lax.stop_gradient(x), touched) if floating else x
+        return _nan_derivative(lax.stop_gradient(x), touched) if floating else x
 
     return jax.tree.map(one, tree)
 
 
 def first_order(tree: Tree) -> Tree:
-    """Return `tree`, whose first derivative passes and whose higher derivatives are NaN.
+    """Return `tree` with its first derivative, and NaN for all higher derivatives.
 
     For results that are exact at first order only: a higher derivative would be silently wrong.
     """
 
     def one(x):
-        return _first_order(x) if jnp.issubdtype(jnp.asarray(x).dtype, jnp.floating) else x
+        return (
+            _nan_second_derivative(x) if jnp.issubdtype(jnp.asarray(x).dtype, jnp.floating) else x
+        )
 
     return jax.tree.map(one, tree)
 
@@ -174,34 +183,46 @@ def nan_unless(ok: Bool[ArrayLike, ""], tree: Tree, parameters: PyTree[Any]) -> 
 
 
 def nan_beside(ok: Bool[ArrayLike, ""], tree: Tree, touched: Float[Array, ""]) -> Tree:
-    """`nan_unless` with ``touch(parameters)``, which is cheaper outside of loops."""
-    return jax.tree.map(lambda x: _poison(ok, x, touched), tree)
+    """Return `tree` if `ok`, else NaN, as `nan_unless` does, from a ready probe.
+
+    Args:
+        ok: whether the values are valid.
+        tree: the values.
+        touched: ``touch(parameters)``, which is cheaper if it is computed outside of loops.
+    """
+    return jax.tree.map(lambda x: _identity_or_nan(ok, x, touched), tree)
 
 
 def touch(parameters: PyTree[Any]) -> Float[Array, ""]:
-    """Zero, with derivative 1 with respect to every float in `parameters`."""
+    """Return zero, with derivative 1 with respect to every float in `parameters`.
+
+    What is computed from this probe gets a derivative, such as NaN, by all of them.
+    """
     leaves = [jnp.asarray(x) for x in jax.tree.leaves(parameters)]
-    return _touch([x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating)])
+    return _probe_floats([x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating)])
 
 
 @jax.custom_jvp
-def _touch(floats):
-    # zero for all values, with the axes that the floats have in a batch
+def _probe_floats(floats):
+    """Return zero, with derivative 1 with respect to every entry of these arrays."""
+    # a select, so that the zero has the axes that the floats have in a batch
     return sum((jnp.where(x.ravel()[0] > 0, 0.0, 0.0) for x in floats if x.size), jnp.zeros(()))
 
 
-@_touch.defjvp
-def _touch_jvp(primals, tangents):
-    return _touch(*primals), sum((jnp.sum(x) for x in tangents[0]), jnp.zeros(()))
+@_probe_floats.defjvp
+def _probe_floats_jvp(primals, tangents):
+    """Forward derivative of `_probe_floats`: the sum of all changes."""
+    return _probe_floats(*primals), sum((jnp.sum(x) for x in tangents[0]), jnp.zeros(()))
 
 
-def _poison(ok, x, touched):
-    """A linear map: the identity on the array `x` if `ok`, else NaN.
+def _identity_or_nan(ok, x, touched):
+    """Return the array `x` if `ok`, else NaN; linear in `x` and in the result of `touch`.
 
-    Its transpose gives NaN, to `x` and through `touched` to every parameter, only where a cotangent
-    is not zero. A product with NaN would give 0 NaN for cases of a batch whose cotangent is zero,
-    and pollute the parameters that the cases share. Tracing cannot yield such a pair of maps;
-    `lax.custom_linear_solve` of the identity takes both as they are and has all transformations.
+    The transpose of this map gives NaN, to `x` and through `touched` to every parameter, only where
+    a cotangent is not zero. A product with NaN would give 0 NaN for cases of a batch whose
+    cotangent is zero, and pollute the parameters that the cases share. Tracing cannot yield such a
+    pair of maps; `lax.custom_linear_solve` of the identity takes both as given, and all
+    transformations work on it.
     """
 
     def identity(v):
@@ -227,22 +248,26 @@ def _poison(ok, x, touched):
 
 
 @jax.custom_jvp
-def _constant(x, touched):
+def _nan_derivative(x, touched):
+    """Return `x` with derivative NaN by everything that the probe `touched` depends on."""
     return x
 
 
-@_constant.defjvp
-def _constant_jvp(primals, tangents):
+@_nan_derivative.defjvp
+def _nan_derivative_jvp(primals, tangents):
+    """Forward derivative of `_nan_derivative`: NaN wherever the probe changes."""
     x = primals[0]
-    return x, _poison(False, jnp.zeros_like(x), tangents[1])
+    return x, _identity_or_nan(False, jnp.zeros_like(x), tangents[1])
 
 
 @jax.custom_jvp
-def _first_order(x):
+def _nan_second_derivative(x):
+    """Return `x` with its first derivative, whose own derivative is NaN."""
     return x
 
 
-@_first_order.defjvp
-def _first_order_jvp(primals, tangents):
+@_nan_second_derivative.defjvp
+def _nan_second_derivative_jvp(primals, tangents):
+    """Forward derivative of `_nan_second_derivative`: the change, itself with derivative NaN."""
     (x,), (change,) = primals, tangents
-    return x, change * _constant(jnp.ones((), x.dtype), jnp.sum(x))
+    return x, change * _nan_derivative(jnp.ones((), x.dtype), jnp.sum(x))

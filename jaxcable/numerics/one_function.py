@@ -1,16 +1,17 @@
-"""A function computed as a whole: one function of the machine, and a batch case by case.
+"""Whole-program fusion: a function compiled to a single kernel, and batches mapped case by case.
 
-XLA's backend for CPUs compiles a loop to one function where it is asked to (`common.fusion`); what
-stands before and after the loop remains a chain of small functions, and a chain of more than eight
-is handed over to another thread, which takes longer than they do. `as_one` puts the whole of a
-function into a loop with one iteration.
+XLA's backend for CPUs compiles a loop to one kernel where it is asked to (`common.fusion`). The
+operations before and after the loop remain many small kernels, and a chain of more than eight is
+handed over to another thread, which takes longer than they do. `as_one` puts a whole function into
+a loop with one iteration.
 
 Under `jax.vmap` it becomes a loop over the cases. `jax.vmap` would compute both branches of every
 `lax.cond` for all cases, and as many iterations as the slowest of them needs; a loop computes what
 each case needs, by the same path as the case alone.
 
-For this a function is a primitive of jax, with its program as parameter. The derivative is linear
-in the changes of the arguments: a second primitive, which takes from the first what it needs.
+To this end the function is a primitive of jax, `_KERNEL`, whose parameter is the function's
+program. Its derivative is linear in the changes of the arguments: a second primitive,
+`_LINEAR_KERNEL`, which takes intermediate results from the first one.
 """
 
 from __future__ import annotations
@@ -31,12 +32,16 @@ Tree = TypeVar("Tree")
 
 
 def as_one(function: Callable[..., Tree]) -> Callable[..., Tree]:
-    """The function of pytrees of arrays, compiled as a whole, and mapped case by case.
+    """Return a function that runs `function` as a single kernel, and batches case by case.
 
-    All transformations work on it. It must not close over traced values, nor call the host. Where
-    jax has no primitives to define, it is the function itself: slower, with the same results.
+    All transformations of jax work on it. Where jax has no primitives to define, the result is
+    `function` itself: slower, with the same values.
+
+    Args:
+        function: function of pytrees of arrays; it must not close over traced values, nor call the
+            host.
     """
-    if _WHOLE is None or _LINEAR is None:
+    if _KERNEL is None or _LINEAR_KERNEL is None:
         return function
 
     def run(*arguments):
@@ -49,18 +54,18 @@ def as_one(function: Callable[..., Tree]) -> Callable[..., Tree]:
             return [lax.convert_element_type(x, jnp.result_type(x)) for x in values]
 
         program = jax.make_jaxpr(flat)(*leaves)
-        return trees[0].unflatten(_WHOLE.bind(*leaves, program=program))
+        return trees[0].unflatten(_KERNEL.bind(*leaves, program=program))
 
     return run
 
 
-def _in_a_loop(*leaves, program, **_):
-    """The results of a program, computed in a loop of one iteration."""
+def _run_in_loop(*leaves, program, **_):
+    """Evaluate a program inside a loop of one iteration, which XLA compiles to one kernel."""
     compute = function_of(program)
     floats = [x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating) and x.size]
     if not floats:
         return compute(*leaves)
-    # XLA must not see that there is one iteration: it would take the loop away
+    # XLA would remove a loop that it knows to have one iteration: the count depends on a value
     begun = -1 - jnp.isnan(floats[0].ravel()[0]).astype(jnp.int32)
     blank = [jnp.zeros(x.shape, x.dtype) for x in program.out_avals]
 
@@ -70,22 +75,23 @@ def _in_a_loop(*leaves, program, **_):
     return lax.while_loop(lambda state: state[0] < 0, once, (begun, blank))[1]
 
 
-def _shapes(*_, program, **__):
+def _result_shapes(*_, program, **__):
+    """Return shapes and dtypes of the results of a program, for tracing."""
     return program.out_avals
 
 
-def _placed(values, places, some):
-    """A list of `values` with `some` at their `places`."""
+def _replace_at(values, places, some):
+    """Return a list of `values` in which the entries `some` stand at `places`."""
     values = list(values)
     for k, x in zip(places, some, strict=True):
         values[k] = x
     return values
 
 
-def _packed(arrays):
-    """Arrays as one vector for each dtype, in the order of its first array.
+def _pack_by_dtype(arrays):
+    """Concatenate arrays to one vector for each dtype, in the order in which dtypes first appear.
 
-    Every result of a loop is an array to begin with, filled with zeros by a function of its own.
+    Every result of a loop is first filled with zeros by a kernel of its own: few results are best.
     """
     kinds = {}
     for x in arrays:
@@ -93,8 +99,8 @@ def _packed(arrays):
     return [jnp.concatenate(parts) for parts in kinds.values()]
 
 
-def _unpacked(vectors, like):
-    """The arrays of `_packed`, from their shapes and dtypes."""
+def _unpack_by_dtype(vectors, like):
+    """Split the vectors of `_pack_by_dtype` into arrays with the shapes and dtypes of `like`."""
     kinds = dict.fromkeys(x.dtype for x in like)
     left, found = dict(zip(kinds, vectors, strict=True)), []
     for x in like:
@@ -103,15 +109,15 @@ def _unpacked(vectors, like):
     return found
 
 
-def _derivative(primals, tangents, *, program, **_):
-    """Forward derivative: the results with what the linear part needs, and the linear part."""
+def _kernel_jvp(primals, tangents, *, program, **_):
+    """Forward derivative of `_KERNEL`: one kernel for values and linearization, one for changes."""
     moving = [k for k, t in enumerate(tangents) if not internals.is_zero(t)]
     floating = [jnp.issubdtype(x.dtype, jnp.inexact) for x in program.out_avals]
     compute, traced = function_of(program), {}
 
     def forward(*leaves):
         def of_moving(*some):
-            values = compute(*_placed(leaves, moving, some))
+            values = compute(*_replace_at(leaves, moving, some))
             return [x for x, own in zip(values, floating, strict=True) if own], values
 
         at = [leaves[k] for k in moving]
@@ -120,24 +126,26 @@ def _derivative(primals, tangents, *, program, **_):
         places = {id(x): k for k, x in enumerate(leaves)}
         traced["part"], traced["place"] = part.jaxpr, [places.get(id(x)) for x in part.consts]
         pairs = zip(part.consts, traced["place"], strict=True)
-        return [*values, *_packed([x for x, place in pairs if place is None])]
+        return [*values, *_pack_by_dtype([x for x, place in pairs if place is None])]
 
-    found = _WHOLE.bind(*primals, program=jax.make_jaxpr(forward)(*primals))
+    found = _KERNEL.bind(*primals, program=jax.make_jaxpr(forward)(*primals))
     values, packed = found[: len(floating)], found[len(floating) :]
     part, place = traced["part"], traced["place"]
-    given = [primals[k] for k in place if k is not None]  # arguments, which need not be stored
+    given = [primals[k] for k in place if k is not None]  # arguments need not be stored twice
 
     def linear(*arguments):
-        kept, known, changes = _split(arguments, len(packed), len(given))
+        kept, known, changes = _split_by_counts(arguments, len(packed), len(given))
         pairs = list(zip(part.constvars, place, strict=True))
-        kept = iter(_unpacked(kept, [x.aval for x, k in pairs if k is None]))
+        kept = iter(_unpack_by_dtype(kept, [x.aval for x, k in pairs if k is None]))
         known = iter(known)
         needed = [next(kept if k is None else known) for k in place]
         return internals.closed(part, needed)(*changes)
 
     arguments = *packed, *given, *(tangents[k] for k in moving)
     known = len(packed) + len(given)
-    changes = _LINEAR.bind(*arguments, program=jax.make_jaxpr(linear)(*arguments), known=known)
+    changes = _LINEAR_KERNEL.bind(
+        *arguments, program=jax.make_jaxpr(linear)(*arguments), known=known
+    )
     changes = iter(changes)
     return values, [
         next(changes) if own else internals.zero_tangent(x)
@@ -145,23 +153,23 @@ def _derivative(primals, tangents, *, program, **_):
     ]
 
 
-def _split(values, *counts):
-    """`values` in parts of these counts, and the rest."""
+def _split_by_counts(values, *counts):
+    """Split a list into parts with these numbers of entries, and the rest."""
     ends = list(itertools.accumulate(counts, initial=0))
     return [values[i:k] for i, k in itertools.pairwise([*ends, len(values)])]
 
 
-def _derivative_of_linear(primals, tangents, *, program, known):
-    """Forward derivative of the linear part; linear again if what it needs does not change."""
+def _linear_kernel_jvp(primals, tangents, *, program, known):
+    """Forward derivative of `_LINEAR_KERNEL`; linear again if its known arguments do not change."""
     if any(not internals.is_zero(t) for t in tangents[:known]):
-        return _derivative(primals, tangents, program=program)
+        return _kernel_jvp(primals, tangents, program=program)
     further = *primals[:known], *map(internals.as_array, tangents[known:])
-    return [_LINEAR.bind(*each, program=program, known=known) for each in (primals, further)]
+    return [_LINEAR_KERNEL.bind(*each, program=program, known=known) for each in (primals, further)]
 
 
 @without_collection()
-def _transposed(back, *arguments, program, **_):
-    """Transpose of the linear part in those of its arguments that are not known."""
+def _linear_kernel_transpose(back, *arguments, program, **_):
+    """Transpose `_LINEAR_KERNEL` in those arguments in which it is linear, for reverse mode."""
     sought = [k for k, x in enumerate(arguments) if internals.is_sought(x)]
     asked = [k for k, x in enumerate(back) if not internals.is_zero(x)]
     if not asked:
@@ -171,53 +179,54 @@ def _transposed(back, *arguments, program, **_):
     compute = function_of(program)
 
     def pulled(*values):
-        known, back = _split(values, len(given))
-        at = _placed(arguments, given, known)
+        known, back = _split_by_counts(values, len(given))
+        at = _replace_at(arguments, given, known)
 
         def asked_for(*some):
-            results = compute(*_placed(at, sought, some))
+            results = compute(*_replace_at(at, sought, some))
             return [results[k] for k in asked]
 
         return jax.linear_transpose(asked_for, *like)(list(back))
 
     values = *(arguments[k] for k in given), *(back[k] for k in asked)
     program = jax.make_jaxpr(pulled)(*values)
-    found = _LINEAR.bind(*values, program=program, known=len(given))
-    return _placed([None] * len(arguments), sought, found)
+    found = _LINEAR_KERNEL.bind(*values, program=program, known=len(given))
+    return _replace_at([None] * len(arguments), sought, found)
 
 
-def _mapped(primitive, arguments, axes, *, program, **given):
-    """The rule of a primitive for `jax.vmap`: a loop over the cases."""
+def _kernel_batch_rule(primitive, arguments, axes, *, program, **given):
+    """Map a primitive over the cases of a batch under `jax.vmap`: by a loop inside one kernel."""
     compute = function_of(program)
     of_case = [k for k, axis in enumerate(axes) if axis is not None]
     moved = [jnp.moveaxis(arguments[k], axes[k], 0) for k in of_case]
 
     def all_cases(*leaves):
         def one(own):
-            return compute(*_placed(leaves, of_case, own))
+            return compute(*_replace_at(leaves, of_case, own))
 
         return lax.map(one, [leaves[k] for k in of_case])
 
-    leaves = _placed(arguments, of_case, moved)
+    leaves = _replace_at(arguments, of_case, moved)
     found = primitive.bind(*leaves, program=jax.make_jaxpr(all_cases)(*leaves), **given)
     return found, [0] * len(found)
 
 
-def _computed(*leaves, program, **_):
+def _run_program(*leaves, program, **_):
+    """Evaluate a program without the loop, for calls outside of `jax.jit`."""
     return function_of(program)(*leaves)
 
 
-def _primitive(name, derivative, transposed=None):
-    """A primitive whose parameter is a program."""
+def _make_primitive(name, derivative, transposed=None):
+    """Define a primitive whose parameter is a program, with the rules of this module."""
 
     def mapped(*given, **options):
-        return _mapped(made, *given, **options)
+        return _kernel_batch_rule(made, *given, **options)
 
-    rules = derivative, mapped, transposed, _in_a_loop
-    made = internals.primitive(name, _computed, _shapes, *rules, several=True)
+    rules = derivative, mapped, transposed, _run_in_loop
+    made = internals.primitive(name, _run_program, _result_shapes, *rules, several=True)
     return made
 
 
-_WHOLE = _primitive("whole", _derivative)
+_KERNEL = _make_primitive("whole", _kernel_jvp)
 # linear in all arguments but the first `known`
-_LINEAR = _primitive("whole_linear", _derivative_of_linear, _transposed)
+_LINEAR_KERNEL = _make_primitive("whole_linear", _linear_kernel_jvp, _linear_kernel_transpose)

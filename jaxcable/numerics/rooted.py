@@ -1,4 +1,4 @@
-"""A root with the derivative of its equation, as a primitive of jax.
+"""Implicit roots: a known root with the derivative of its equation, as a primitive of jax.
 
 `lax.custom_root` is a custom rule. jax 0.10 drops custom rules when it takes a reverse-mode
 derivative of a `lax.scan`, and derivatives of this derivative are then silently zero (jax 0.12 does
@@ -6,7 +6,7 @@ not). Primitives are not dropped.
 
 The parameters of the equation are arguments of the primitive, so that the equation is traced only
 if a derivative is taken. The derivative is a primitive, too, so that reverse mode stores the
-parameters and no intermediate results of the linearisation (except in batches of changes, where the
+parameters and no intermediate results of the linearization (except in batches of changes, where the
 derivative is traced).
 """
 
@@ -34,21 +34,21 @@ def rooted(
     parameters: PyTree[Any],
     tangent_solve: Callable[..., Float[Array, "*n"]] | None,
 ) -> Float[Array, "*n"]:
-    """Return a known root with the derivatives, of any order, of its equation.
+    """Return a known root with the implicit derivatives, of any order, of its equation.
 
-    With ``f(x, p) = 0`` the derivative of x is ``-f_x^-1 f_p dp``. Where jax has no primitives to
-    define, it is `lax.custom_root`, which traces the equation in any case.
+    With ``f(x, p) = 0`` the change of x is ``dx = -f_x^-1 f_p dp``. Where jax has no primitives to
+    define, this is `lax.custom_root`, which traces the equation even if no derivative is taken.
 
     Args:
         function: ``f(x, p)``, an array like `x`; it depends on no other traced values.
         root: x, an array; the derivative of this argument is ignored.
         parameters: p, a pytree.
-        tangent_solve: function of p, the linear function ``f_x`` and a right side, which solves
-            with ``f_x``; None if ``f_x`` is the identity.
+        tangent_solve: function of p, of ``f_x`` as a linear function and of a right side, which
+            returns ``f_x^-1`` times the right side; None if ``f_x`` is the identity.
     """
-    if _ROOT is None or _CHANGE is None:
+    if _ROOT is None or _ROOT_TANGENT is None:
         internals.missing("primitives")
-        return _by_jax(function, root, parameters, tangent_solve)
+        return _root_by_custom_root(function, root, parameters, tangent_solve)
     leaves, tree = jax.tree.flatten(parameters)
 
     def equation(x, *leaves):
@@ -65,11 +65,11 @@ def rooted(
 
 
 def told(function: Callable[[PyTree[Any]], Tree], values: Tree, parameters: PyTree[Any]) -> Tree:
-    """Return the known `values` of a function, which is traced only if a derivative is taken.
+    """Return known `values` whose derivative is deferred: that of `function`, traced if needed.
 
     Args:
-        function: function of the parameters, a tree of floats of one dtype; it depends on no other
-            traced values.
+        function: function of the parameters, which returns a pytree of floats of one dtype; it
+            depends on no other traced values.
         values: ``function(parameters)``; the derivatives of this argument are ignored.
         parameters: a pytree.
     """
@@ -77,8 +77,8 @@ def told(function: Callable[[PyTree[Any]], Tree], values: Tree, parameters: PyTr
     return back(rooted(lambda x, p: x - ravel_pytree(function(p))[0], flat, parameters, None))
 
 
-def _by_jax(function, root, parameters, tangent_solve):
-    """`rooted` by the documented interface of jax."""
+def _root_by_custom_root(function, root, parameters, tangent_solve):
+    """Return what `rooted` does by `lax.custom_root`, the documented interface of jax."""
 
     def solver(linear, rhs):
         return rhs if tangent_solve is None else tangent_solve(parameters, linear, rhs)
@@ -87,12 +87,13 @@ def _by_jax(function, root, parameters, tangent_solve):
     return lax.custom_root(lambda x: function(x, parameters), root, lambda _, x: x, solver)
 
 
-def _root(root, *leaves, equation, solver):
+def _return_root(root, *leaves, equation, solver):
+    """Return the root, which is known: the value (and the shape) of the primitive `_ROOT`."""
     return root
 
 
-def _derivative(primals, tangents, *, equation, solver):
-    """Forward derivative of the root: the primitive `_CHANGE`."""
+def _root_jvp(primals, tangents, *, equation, solver):
+    """Forward derivative of `_ROOT`: the root, and its change by the primitive `_ROOT_TANGENT`."""
     _, *leaves = primals
     found = _ROOT.bind(*primals, equation=equation, solver=solver)
     pairs = enumerate(zip(leaves, tangents[1:], strict=True))
@@ -104,11 +105,14 @@ def _derivative(primals, tangents, *, equation, solver):
     if not changes:
         return found, internals.zero_tangent(found)
     given = {"equation": equation, "solver": solver, "moving": tuple(changes)}
-    return found, _CHANGE.bind(found, *leaves, *changes.values(), **given)
+    return found, _ROOT_TANGENT.bind(found, *leaves, *changes.values(), **given)
 
 
-def _change(found, *leaves_and_changes, equation, solver, moving):
-    """``-f_x^-1 f_p dp`` for changes dp of the leaves `moving`, which come after all leaves."""
+def _root_tangent(found, *leaves_and_changes, equation, solver, moving):
+    """Return ``-f_x^-1 f_p dp`` for changes dp of the parameters with the indices `moving`.
+
+    `leaves_and_changes` are all parameters, then the changes.
+    """
     count = len(leaves_and_changes) - len(moving)
     leaves, changes = leaves_and_changes[:count], leaves_and_changes[count:]
 
@@ -122,18 +126,19 @@ def _change(found, *leaves_and_changes, equation, solver, moving):
     return -solver(found, rhs, *leaves)
 
 
-def _shape_of_change(found, *_, **__):
+def _root_tangent_shape(found, *_, **__):
+    """Return the shape of the change of a root: that of the root."""
     return found
 
 
-def _change_of_change(primals, tangents, *, moving, **given):
-    """Forward derivative of `_CHANGE`: linear in the changes, traced in the other arguments."""
+def _root_tangent_jvp(primals, tangents, *, moving, **given):
+    """Forward derivative of `_ROOT_TANGENT`: linear in the changes, traced in the parameters."""
     count = len(primals) - len(moving)
-    evaluate = partial(_change, moving=moving, **given)
-    out = _CHANGE.bind(*primals, moving=moving, **given)
+    evaluate = partial(_root_tangent, moving=moving, **given)
+    out = _ROOT_TANGENT.bind(*primals, moving=moving, **given)
     if all(internals.is_zero(t) for t in tangents[:count]):
         further = [internals.as_array(t) for t in tangents[count:]]
-        return out, _CHANGE.bind(*primals[:count], *further, moving=moving, **given)
+        return out, _ROOT_TANGENT.bind(*primals[:count], *further, moving=moving, **given)
     places = [k for k, t in enumerate(tangents) if not internals.is_zero(t)]
 
     def some(*values):
@@ -147,24 +152,24 @@ def _change_of_change(primals, tangents, *, moving, **given):
 
 
 @without_collection()
-def _transposed(back, *arguments, moving, **given):
-    """Transpose of `_CHANGE` in its changes."""
+def _root_tangent_transpose(back, *arguments, moving, **given):
+    """Transpose `_ROOT_TANGENT` in its changes, for reverse mode: the adjoint of the equation."""
     count = len(arguments) - len(moving)
     if internals.is_zero(back):
         return [None] * len(arguments)
     known, changes = arguments[:count], arguments[count:]
-    evaluate = partial(_change, *known, moving=moving, **given)
+    evaluate = partial(_root_tangent, *known, moving=moving, **given)
     pulled = jax.linear_transpose(evaluate, *(c.aval for c in changes))(back)
     return [None] * count + list(pulled)
 
 
-def _change_batched(arguments, axes, **given):
-    """`_CHANGE` under `jax.vmap`: traced."""
-    return jax.vmap(partial(_change, **given), axes)(*arguments), 0
+def _root_tangent_batch_rule(arguments, axes, **given):
+    """Map `_ROOT_TANGENT` over a batch: its program under `jax.vmap`."""
+    return jax.vmap(partial(_root_tangent, **given), axes)(*arguments), 0
 
 
-def _batched(arguments, axes, *, equation, solver):
-    """The root under `jax.vmap`: the primitive of the mapped equation."""
+def _root_batch_rule(arguments, axes, *, equation, solver):
+    """Map `_ROOT` over a batch: the same primitive, with the mapped equation and solver."""
     size = next(x.shape[a] for x, a in zip(arguments, axes, strict=True) if a is not None)
     arguments = [
         x if a is None else jnp.moveaxis(x, a, 0) for x, a in zip(arguments, axes, strict=True)
@@ -182,8 +187,13 @@ def _batched(arguments, axes, *, equation, solver):
     return found, 0
 
 
-_ROOT = internals.primitive("rooted", _root, _root, _derivative, _batched)
+_ROOT = internals.primitive("rooted", _return_root, _return_root, _root_jvp, _root_batch_rule)
 # derivative of a root, linear in the changes of parameters
-_CHANGE = internals.primitive(
-    "root_change", _change, _shape_of_change, _change_of_change, _change_batched, _transposed
+_ROOT_TANGENT = internals.primitive(
+    "root_change",
+    _root_tangent,
+    _root_tangent_shape,
+    _root_tangent_jvp,
+    _root_tangent_batch_rule,
+    _root_tangent_transpose,
 )

@@ -1,4 +1,4 @@
-"""The zero of an increasing function of one number, with its derivative."""
+"""The root of an increasing scalar function within a bracket, with its implicit derivative."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ def rising_root(
     low: Float[Array, ""],
     high: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """Zero of an increasing function of a scalar: Newton's method within a bracket.
+    """Find the root of an increasing function of a scalar by Newton's method within a bracket.
 
     Bisection replaces a step that leaves the bracket, and a step from a value that is not a number.
     The derivative, of any order, is that of the implicit function theorem.
 
     Args:
-        function: increasing function of a scalar; it may be NaN or minus infinity below its zero.
+        function: increasing function of a scalar; it may be NaN or minus infinity below its root.
         guess: where the iteration starts, scalar.
         low, high: the bracket, scalars.
 
     Returns:
-        The zero, to the rounding of `function`; NaN if its parameters are NaN, or if there is no
-        zero in the bracket.
+        The root, to the rounding of `function`; NaN if its parameters are NaN, or if there is no
+        root in the bracket.
     """
 
     def solve(f, guess):
@@ -41,7 +41,7 @@ def rising_root(
 
         def unfinished(s):
             _, _, _, moved, before, count = s
-            # near the zero each step is far smaller than the one before, until it is rounding only
+            # Newton steps shrink quadratically; one not below half of the last is rounding only
             rounding = (moved < jnp.sqrt(eps)) & (moved > 0.5 * before)
             return (moved > 2 * eps) & ~rounding & (count < _MAX_STEPS)
 
@@ -59,9 +59,9 @@ def rising_root(
         far = jnp.full_like(guess, jnp.inf)
         start = (guess, low, high, far, far, jnp.zeros_like(guess, jnp.int32))
         end, *_, count = lax.while_loop(unfinished, step, start)
-        # an iteration that ends at an end of the bracket has found no zero
-        room = 4 * eps * jnp.maximum(1, jnp.abs(end))
-        found = (end > low + room) & (end < high - room) & (count < _MAX_STEPS)
+        # an iteration that ends at an end of the bracket has found no root
+        rounding = 4 * eps * jnp.maximum(1, jnp.abs(end))
+        found = (end > low + rounding) & (end < high - rounding) & (count < _MAX_STEPS)
         return jnp.where(found, end, jnp.nan)
 
     guess = jnp.clip(guess, low, high)  # clips the start only, not a result

@@ -1,6 +1,9 @@
 """Finite rotations as unit quaternions, scalar first, [4].
 
-The rotation of a node is updated by products, ``q <- exp(spin) q``, never by a sum of vectors.
+Besides quaternions there are rotation vectors, ``angle axis``, and *stereographic* parameters,
+``tan(angle / 4) axis``, also called modified Rodrigues parameters. A *spin* is a small rotation
+vector in space, applied after the rotation: ``q <- exp(spin) q``; rotation vectors are never added.
+
 Where a formula has 0/0 a series replaces it, and the formula is evaluated at another point, so that
 all derivatives exist. Functions that elements call have no such cases at all, because they are
 compiled many times.
@@ -14,11 +17,13 @@ import numpy as np
 from ..common.types import Array, Float
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
-_SMALL = 1e-4  # squared angle below which the series are exact to rounding
+# squared angle (or squared |r|) below which series replace formulas: the terms that they leave out
+# are below 2e-18 there, less than the rounding of float64; above it the formulas lose no digits
+_SERIES_BELOW = 1e-4
 
 
-def _structure(rows):
-    """Constants [k, i, j] of a bilinear map from its table with +-(k + 1) in row i, column j."""
+def _bilinear_constants(rows):
+    """Return constants [k, i, j] of a bilinear map: +-1 where its table has +-(k + 1) at [i, j]."""
     table = np.zeros((len(rows),) * 3)
     for i, row in enumerate(rows):
         for j, entry in enumerate(row):
@@ -28,18 +33,20 @@ def _structure(rows):
 
 
 # two contractions with small constants compile several times faster than explicit components
-_CROSS = _structure([[0, 3, -2], [-3, 0, 1], [2, -1, 0]])
-_PRODUCT = _structure([[1, 2, 3, 4], [2, -1, 4, -3], [3, -4, -1, 2], [4, 3, -2, -1]])
+_CROSS = _bilinear_constants([[0, 3, -2], [-3, 0, 1], [2, -1, 0]])
+_QUATERNION_PRODUCT = _bilinear_constants(
+    [[1, 2, 3, 4], [2, -1, 4, -3], [3, -4, -1, 2], [4, 3, -2, -1]]
+)
 
 
 def cross(a: Float[Array, " 3"], b: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """Vector product of `a` and `b`, [3]."""
+    """Return the vector product of `a` and `b`, [3]."""
     return (jnp.asarray(_CROSS, b.dtype) @ b) @ a
 
 
 def product(p: Float[Array, " 4"], q: Float[Array, " 4"]) -> Float[Array, " 4"]:
-    """Rotation by `q`, then by `p`."""
-    return (jnp.asarray(_PRODUCT, q.dtype) @ q) @ p
+    """Return the quaternion product: the rotation by `q`, then by `p`."""
+    return (jnp.asarray(_QUATERNION_PRODUCT, q.dtype) @ q) @ p
 
 
 # the matrix of a rotation, as a quadratic form of its quaternion
@@ -53,31 +60,31 @@ for _k in range(3):
 
 
 def matrix(q: Float[Array, " 4"]) -> Float[Array, "3 3"]:
-    """Matrix [3, 3] of the rotation `q`: ``matrix(q) @ v`` is ``rotate(q, v)``."""
+    """Return the rotation matrix of a quaternion: ``matrix(q) @ v`` is ``rotate(q, v)``."""
     table = jnp.asarray(_MATRIX.reshape(9, 16), q.dtype)
     return (table @ jnp.outer(q, q).ravel()).reshape(3, 3)
 
 
 def inverse(q: Float[Array, " 4"]) -> Float[Array, " 4"]:
-    """The inverse of the rotation `q`."""
+    """Return the inverse of the rotation `q`: its conjugate quaternion."""
     return q * jnp.array([1.0, -1.0, -1.0, -1.0], q.dtype)
 
 
 def unit(q: Float[Array, " 4"]) -> Float[Array, " 4"]:
-    """`q` at length 1."""
+    """Return the quaternion `q` scaled to length 1."""
     return q / jnp.sqrt(q @ q)
 
 
 def rotate(q: Float[Array, " 4"], v: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """The vector `v` [3] turned by `q`."""
+    """Rotate the vector `v` by the quaternion `q`."""
     t = 2 * cross(q[1:], v)
     return v + q[0] * t + cross(q[1:], t)
 
 
 def exp(spin: Float[Array, " 3"]) -> Float[Array, " 4"]:
-    """Rotation by the angle |spin| about the axis `spin`, [3]."""
+    """Return the quaternion of the rotation vector `spin`: angle |spin|, axis along it."""
     square = spin @ spin
-    small = square < _SMALL
+    small = square < _SERIES_BELOW
     angle = jnp.sqrt(jnp.where(small, 1.0, square))
     t = jnp.where(small, square, 0.0)
     cosine = 1 - t / 8 * (1 - t / 48 * (1 - t / 120))
@@ -88,40 +95,45 @@ def exp(spin: Float[Array, " 3"]) -> Float[Array, " 4"]:
 
 
 def stereographic(q: Float[Array, " 4"]) -> Float[Array, " 3"]:
-    """A rotation as ``tan(angle / 4) axis``, [3]; smooth below half a turn."""
+    """Convert a quaternion to ``tan(angle / 4) axis``, [3]; smooth below half a turn."""
     q = jnp.where(q[0] < 0, -q, q)  # q and -q are one rotation
     return q[1:] / (1 + q[0])
 
 
-def _angle_over(t):
-    """``4 atan(s) / s`` and its derivative by ``t = s^2``, by series for small rotations."""
+def _angle_factor(t):
+    """Return ``4 atan(s) / s`` and its derivative by ``t = s^2``, as series for small angles."""
     value = 4 * (1 - t * (1 / 3 - t * (1 / 5 - t * (1 / 7 - t / 9))))
     slope = 4 * (-1 / 3 + t * (2 / 5 - t * (3 / 7 - t * 4 / 9)))
     return value, slope
 
 
 def from_stereographic(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """Rotation vector [3] of a small rotation ``r = tan(angle / 4) axis``, without cases.
+    """Convert a small ``r = tan(angle / 4) axis`` to the rotation vector ``angle axis``, [3].
 
-    ``4 r atan(|r|)/|r|``, cut after the fourth power of ``|r|^2``. The error of the angle is 1e-15
-    at 10, 1e-11 at 23, 1e-7 at 45 degrees.
+    By a series without branches, ``4 r atan(|r|)/|r|`` up to the fourth power of ``|r|^2``. The
+    relative error of the angle is 1e-15 at 10, 1e-11 at 23, 1e-7 at 45 degrees.
     """
-    return _angle_over(r @ r)[0] * r
+    return _angle_factor(r @ r)[0] * r
 
 
 def moment_of_spin(r: Float[Array, " 3"], moment: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """Moment [3] conjugate to spins, of a `moment` conjugate to ``from_stereographic(r)``.
+    """Transform a moment conjugate to the rotation vector of a small `r` to one conjugate to spins.
 
-    A spin w changes r by ``[(1 - r^2) w - 2 r x w + 2 r (r.w)] / 4`` (Schaub and Junkins 1996).
+    The work of both is equal: a spin w changes r by ``[(1 - r^2) w - 2 r x w + 2 r (r.w)] / 4``
+    (Schaub and Junkins 1996).
+
+    Args:
+        r: the rotation, ``tan(angle / 4) axis``.
+        moment: conjugate to the rotation vector ``from_stereographic(r)``, N m.
     """
     t = r @ r
-    value, slope = _angle_over(t)
+    value, slope = _angle_factor(t)
     of_r = value * moment + 2 * slope * (r @ moment) * r  # conjugate to r
     return 0.25 * ((1 - t) * of_r + 2 * cross(r, of_r) + 2 * (r @ of_r) * r)
 
 
 def exp_stereographic(r: Float[Array, " 3"]) -> Float[Array, " 4"]:
-    """Rotation by ``r = tan(angle / 4) axis``, quaternion [4], of any angle below a full turn."""
+    """Convert ``r = tan(angle / 4) axis`` to a quaternion; for any angle below a full turn."""
     t = r @ r
     return jnp.append((1 - t)[None], 2 * r) / (1 + t)
 
@@ -129,49 +141,60 @@ def exp_stereographic(r: Float[Array, " 3"]) -> Float[Array, " 4"]:
 def moment_of_stereographic(
     r: Float[Array, " 3"], moment: Float[Array, " 3"]
 ) -> Float[Array, " 3"]:
-    """Moment [3] conjugate to ``r = tan(angle / 4) axis``, of a spatial `moment` (of spins)."""
+    """Transform a moment conjugate to spins to one conjugate to ``r = tan(angle / 4) axis``."""
     t = r @ r
     return 4 / (1 + t) ** 2 * ((1 - t) * moment - 2 * cross(r, moment) + 2 * (r @ moment) * r)
 
 
 def angles(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """Rotation vector [3] of ``r = tan(angle / 4) axis``, of any angle below a full turn."""
+    """Convert ``r = tan(angle / 4) axis`` to the rotation vector; for angles below a full turn."""
     t = r @ r
-    small = t < _SMALL
+    small = t < _SERIES_BELOW
     size = jnp.sqrt(jnp.where(small, 1.0, t))
-    series = _angle_over(jnp.where(small, t, 0.0))[0]
+    series = _angle_factor(jnp.where(small, t, 0.0))[0]
     return jnp.where(small, series, 4 * jnp.arctan(size) / size) * r
 
 
 def middle(p: Float[Array, " 4"], q: Float[Array, " 4"]) -> Float[Array, " 4"]:
-    """The rotation halfway between `p` and `q`."""
+    """Return the rotation halfway between the rotations `p` and `q`."""
     return unit(p + jnp.where(p @ q < 0, -q, q))
 
 
 def shortest(
     a: Float[Array, " 3"], b: Float[Array, " 3"], change: Float[Array, " 3"]
 ) -> Float[Array, " 4"]:
-    """The smallest rotation that turns the unit vector `a` to `b`; not for opposite vectors.
+    """Return the smallest rotation from the unit vector `a` to `b`; not for opposite vectors.
 
-    `change` is ``b - a``, computed more exactly than by subtraction where `a` and `b` are close.
+    `change` is ``b - a``: a caller that knows it to more digits than the subtraction gives them.
     """
     return unit(jnp.append((1 + a @ b)[None], cross(a, change)))
 
 
 def turned(motion: Float[Array, " 7"], step: Float[Array, " 6"]) -> Float[Array, " 7"]:
-    """A node's displacement and rotation [7] after a step: translation and spin [6]."""
+    """Move a node by a step: add the translation, apply the spin.
+
+    Args:
+        motion: displacement and quaternion of the node.
+        step: translation and spin.
+    """
     return jnp.concatenate([motion[:3] + step[:3], unit(product(exp(step[3:]), motion[3:]))])
 
 
 def turning(
     motion: Float[Array, " 7"], step: Float[Array, " 6"], order: int = 5
 ) -> Float[Array, " 7"]:
-    """`turned` for derivatives at a zero step: equal to it up to an order, 1 or 5."""
+    """Move a node by a step as `turned` does, by a series up to an order, 1 or 5, in the spin.
+
+    For derivatives at a zero step: a polynomial compiles faster, and has no case for small angles.
+    """
     return jnp.concatenate([motion[:3] + step[:3], product(turn_by(step[3:], order), motion[3:])])
 
 
 def turn_by(spin: Float[Array, " 3"], order: int = 5) -> Float[Array, " 4"]:
-    """`exp` for derivatives at a zero spin: equal to it up to an order, 1 or 5."""
+    """Return the quaternion of a spin by the series of `exp` up to an order, 1 or 5.
+
+    For derivatives at a zero spin: a polynomial compiles faster, and has no case for small angles.
+    """
     if order == 1:
         return jnp.append(jnp.ones_like(spin[:1]), 0.5 * spin)
     t = spin @ spin
@@ -181,11 +204,11 @@ def turn_by(spin: Float[Array, " 3"], order: int = 5) -> Float[Array, " 4"]:
 def conjugate(
     spin: Float[Array, " 3"], moment: Float[Array, " 3"], order: int = 5
 ) -> Float[Array, " 3"]:
-    """Moment [3] conjugate to the rotation vector `spin`, of a spatial `moment`.
+    """Transform a moment fixed in space to one conjugate to the rotation vector `spin`, [3].
 
-    At ``exp(spin)`` a change d of the vector is a spin ``T d`` with ``T = sum_k [spin x]^k /
-    (k + 1)!``; the result is ``T^T moment``, for derivatives at a zero spin up to `order`. With it
-    a moment that keeps its direction, which has no potential, is linearised exactly.
+    At ``exp(spin)`` a change d of the vector is a further spin ``T d`` with the tangent operator
+    ``T = sum_k [spin x]^k / (k + 1)!``; the result is ``T^T moment``, for derivatives at a zero
+    spin up to `order`. It linearizes a moment that keeps its direction, which has no potential.
     """
     term = total = moment
     for k in range(2, order + 2):

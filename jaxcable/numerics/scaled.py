@@ -1,4 +1,4 @@
-"""Numbers over their own scale, where that may be zero: residuals, shapes, lengths of vectors."""
+"""Division by a scale that may be zero: relative residuals, normalized shapes, vector norms."""
 
 from __future__ import annotations
 
@@ -7,18 +7,20 @@ import jax.numpy as jnp
 
 from ..common.types import Array, ArrayLike, Float
 
-_STILL = 1e-12  # a shape that is smaller, over its unknowns, is the rounding of none
+# displacement of a mode, over its largest unknown, below which it is rounding: some 1e4 eps, far
+# below the displacements of any mode that is not made of rotations alone
+_SMALLEST_SHAPE = 1e-12
 
 
 def relative(
     residual: Float[ArrayLike, " *n"], scale: Float[ArrayLike, " *n"]
 ) -> Float[Array, " *n"]:
-    """``residual / scale``; the residual itself where no force sets a scale."""
+    """Return ``residual / scale``, or the residual itself where the scale is zero."""
     return residual / jnp.where(scale > 0, scale, 1.0)
 
 
 def length(vectors: Float[Array, "*n k"]) -> Float[Array, " *n"]:
-    """Lengths of vectors, with a derivative of zero where one is zero."""
+    """Return the lengths of vectors; the derivative of a zero length is zero instead of NaN."""
     square = jnp.sum(vectors**2, axis=-1)
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
@@ -27,17 +29,17 @@ def length(vectors: Float[Array, "*n k"]) -> Float[Array, " *n"]:
 def unit_shapes(
     shapes: Float[ArrayLike, "n n_node 3"], vectors: Float[ArrayLike, "n n_free"]
 ) -> Float[Array, "n n_node 3"]:
-    """Shapes scaled to 1 at the node that moves most, the largest component of each positive.
+    """Normalize mode shapes: length 1 at the node that moves most, largest component positive.
 
-    A mode of rotations alone has no shape to scale: it is zero.
+    A mode of rotations alone has no displacements to normalize: its shape is zero.
 
     Args:
-        shapes: displacements of nodes.
-        vectors: the unknowns of the same modes, whose size tells a shape from rounding.
+        shapes: displacements of all nodes in every mode.
+        vectors: unknowns of the same modes; a shape that is tiny beside them is only rounding.
     """
     size = jnp.max(length(shapes), axis=-1)
     flat = shapes.reshape(len(shapes), -1)
     largest = jnp.take_along_axis(flat, jnp.argmax(jnp.abs(flat), axis=1)[:, None], axis=1)[:, 0]
-    moves = size > _STILL * jnp.max(jnp.abs(vectors), axis=-1)
+    moves = size > _SMALLEST_SHAPE * jnp.max(jnp.abs(vectors), axis=-1)
     scale = jnp.where(moves, jnp.sign(largest) / jnp.where(moves, size, 1.0), 0.0)
     return shapes * scale[:, None, None]

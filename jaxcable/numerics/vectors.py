@@ -1,4 +1,4 @@
-"""Products of short vectors."""
+"""Products and lengths of short vectors, written so that XLA fuses them."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from ..common.types import Array, Float
 
 @jax.jit  # one function in a program, however often it is called
 def inner(a: Float[Array, " n"], b: Float[Array, " n"]) -> Float[Array, ""]:
-    """Scalar product of two vectors of a few numbers.
+    """Return the scalar product of two short vectors, as a sum.
 
-    As a sum, because XLA makes a matrix product of ``a @ b`` under `jax.vmap`, and for CPUs a call
-    of a library, which takes longer than an element and ends the fusion of what is around it.
+    XLA makes a matrix product of ``a @ b`` under `jax.vmap`, which on CPUs is a call of a library:
+    it takes longer than an element, and prevents the fusion of the operations around it.
     """
     return jnp.sum(a * b)
 
 
 @jax.jit
 def chord_lengths(ends: Float[Array, "n n_end 3"]) -> Float[Array, " n"]:
-    """Distances from the first to the second of several points."""
+    """Return the distance between the first two points of every element, m."""
     return jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)

@@ -1,15 +1,15 @@
 """Ready scenes: a structure and its phases, `jc.solve(*scene)`."""
 
 from .accuracy import accuracy_cable
+from .building_blocks import Scene
 from .hypar import hypar_net
 from .masts import guyed_mast
 from .nets import flat_net, saddle
-from .parts import Scene
 from .saddle_net import saddle_net
-from .snapping import von_mises_truss
-from .suspended_bridges import suspension_footbridge
+from .snap_through import von_mises_truss
+from .spoked_wheels import roof_ring
+from .suspension_bridges import suspension_footbridge
 from .tensegrity import simplex
-from .wheels import roof_ring
 
 __all__ = [
     "Scene",

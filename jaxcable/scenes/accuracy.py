@@ -9,7 +9,7 @@ from ..common.types import Float
 from ..elements import Cables
 from ..model.structure import Structure
 from ..model.supports import Supports
-from .parts import Scene, chain, downward
+from .building_blocks import Scene, chain_links, downward_loads
 
 LENGTH = 15.0  # m, unstressed
 SPAN = 14.90  # m, identified from published displacements, see `accuracy_cable`
@@ -21,12 +21,12 @@ def accuracy_cable(
     *,
     increments: tuple[int, int] = (1, 1),
 ) -> Scene:
-    """Cable between two level supports, four equal loads at its fifth points.
+    """Return the cable of the accuracy study: two level supports, equal loads at its fifth points.
 
-    A 500 mm2, E 105 kN/mm2, unstressed length 15 m. The published span is in a figure that the text
-    does not quote; of all level spans only 14.90 m reproduces the published vertical displacements.
-    The analysis starts from the inextensible polygon of the loads, with unstressed elements, in the
-    x-z plane. All nodes are held out of plane.
+    A 500 mm2, E 105 kN/mm2, unstressed length 15 m. The published span is only in a figure; of all
+    level spans, 14.90 m alone reproduces the published vertical displacements. The analysis starts
+    from the polygon in which an inextensible cable would hang under the loads, with unstressed
+    elements, in the x-z plane. All nodes are held out of plane.
 
     Args:
         n_elements: 5, or 10 (each element halved, with loads on every second node).
@@ -62,12 +62,12 @@ def accuracy_cable(
     mask = np.zeros((n + 1, 3), bool)
     mask[:, 1] = True
     mask[[0, n]] = True
-    cables = Cables(chain(range(n + 1)), axial_stiffness=500e-6 * 105e9)
+    cables = Cables(chain_links(range(n + 1)), axial_stiffness=500e-6 * 105e9)
     structure = Structure(nodes, cables, supports=Supports(mask))
     return Scene(
         structure,
         [
-            Phase(loads=downward(loaded, load), increments=k)
+            Phase(loads=downward_loads(loaded, load), increments=k)
             for load, k in zip(loads, increments, strict=True)
         ],
     )
@@ -76,10 +76,10 @@ def accuracy_cable(
 def inextensible_polygon(
     span: float, length: float, n_links: int
 ) -> Float[np.ndarray, "n_links+1 3"]:
-    """Corners [n_links + 1, 3] of `n_links` equal links under equal loads at the inner corners.
+    """Return the corners [n_links + 1, 3], m, of a chain of equal rigid links under equal loads.
 
-    All links carry the same horizontal force H. The slope of link k is ``V_k / H`` with
-    ``V_k = P ((n - 1)/2 - k)``; the ratio P/H follows from the span.
+    The loads P act at the inner corners; all links carry the same horizontal force H. The slope of
+    link k is ``V_k / H`` with ``V_k = P ((n - 1)/2 - k)``; the ratio P/H follows from the span.
     """
     shear = (n_links - 1) / 2 - np.arange(n_links)
 

@@ -1,9 +1,9 @@
 """The hyperbolic paraboloid net of the paper, and the published deflections.
 
-The published geometry is in a figure that the text does not quote. The plan here (0.4 m spacing,
-last link of each cable 0.795 m along x and 1.084 m along y) was identified from the published
-deflections, so that agreement with them is no validation. Heights cannot be identified from
-vertical deflections; the plan is flat.
+The published geometry is only in a figure. The plan here (0.4 m spacing, last link of each cable
+0.795 m along x and 1.084 m along y) was identified from the published deflections, so that
+agreement with them is no validation. Heights cannot be identified from vertical deflections; the
+net here is flat.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import numpy as np
 
 from ..common.types import Float, Int
 from ..elements import Cables
-from .nets import anchored, flat, grid
-from .parts import Scene, downward, two_phases
+from .building_blocks import Scene, downward_loads, two_phase_scene
+from .nets import add_zero_height, grid, make_anchored_net
 
 NODE_NAMES = (5, 6, 7, 10, 11, 12, 15, 16, 17, 20, 21, 22)
 """Names of the free nodes in the paper, along x first."""
@@ -43,18 +43,19 @@ Source: Mihanovic, Trogrlic, Zivaljic (2011), Table 3, with its reference number
 
 
 def plan() -> tuple[Float[np.ndarray, "26 3"], Int[np.ndarray, "31 2"], Int[np.ndarray, " 12"]]:
-    """The identified plan: nodes [26, 3], links [31, 2], free node numbers [12]."""
+    """Return the identified plan: nodes [26, 3], m, links [31, 2], free node numbers [12]."""
     places, links, free = grid(3, 4)
-    nodes = flat(0.4 * places)
+    nodes = add_zero_height(0.4 * places)
     nodes[places[:, 0] == 4, 0] = 1.2 + 0.795
     nodes[places[:, 1] == 5, 1] = 1.6 + 1.084
     return nodes, links, free
 
 
-def disturbance(places: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
-    """Offsets of free nodes in the default scene, [n, 3], m: up to 30 mm in plan, 40 mm in height.
+def start_disturbance(places: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+    """Return the offsets by which nodes start away from the plan, [n, 3], m.
 
-    ``0.03 sin(2 i + 3 j), 0.03 cos(3 i + j), 0.04 sin(i + 2 j + 1)`` at the grid place (i, j).
+    At the grid point (i, j) they are 30 mm in plan and 40 mm in height, times waves:
+    ``0.03 sin(2 i + 3 j), 0.03 cos(3 i + j), 0.04 sin(i + 2 j + 1)``.
     """
     i, j = places.T
     return np.column_stack(
@@ -67,14 +68,14 @@ def disturbance(places: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
 
 
 def hypar_net(disturbed: bool = True, increments: tuple[int, int] = (100, 10)) -> Scene:
-    """Hyperbolic paraboloid net, 31 links, 26 nodes, 12 of them free.
+    """Return the hyperbolic paraboloid net of the paper: 31 links, 26 nodes, 12 of them free.
 
-    EA 100.72 kN. Phase 1 keeps 200 N in every link (`jacking`) and so finds the form from any
-    start; phase 2 adds 15.7 N to every free node but 17, 21 and 22.
+    EA 100.72 kN. Jacks keep 200 N in every link in phase 1, which finds the form from any start.
+    Phase 2 adds 15.7 N to every free node but 17, 21 and 22.
 
     Args:
-        disturbed: whether phase 1 starts from the plan plus `disturbance`, or from the plan, which
-            is in equilibrium already.
+        disturbed: whether phase 1 starts from the plan plus `start_disturbance`, or from the plan,
+            which is in equilibrium already.
         increments: number of increments of the two phases; those of the paper are 100 and 10.
 
     Returns:
@@ -90,7 +91,7 @@ def hypar_net(disturbed: bool = True, increments: tuple[int, int] = (100, 10)) -
     nodes, links, free = plan()
     if disturbed:
         places = grid(3, 4)[0]
-        nodes[free] += disturbance(places[free])
+        nodes[free] += start_disturbance(places[free])
     loaded = [n for n, name in zip(free, NODE_NAMES, strict=True) if name not in UNLOADED]
-    structure = anchored(nodes, Cables(links, axial_stiffness=100.72e3), free)
-    return two_phases(structure, increments, downward(loaded, 15.7), jacking=200.0)
+    structure = make_anchored_net(nodes, Cables(links, axial_stiffness=100.72e3), free)
+    return two_phase_scene(structure, increments, downward_loads(loaded, 15.7), jacking=200.0)

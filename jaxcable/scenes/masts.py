@@ -11,7 +11,13 @@ from ..materials.law import Law
 from ..model.structure import Structure
 from ..model.supports import clamped, pinned
 from ..sections import Section
-from .parts import STEEL_WEIGHT, Scene, around, chain, two_phases
+from .building_blocks import (
+    STEEL_WEIGHT,
+    Scene,
+    chain_links,
+    points_on_circle,
+    two_phase_scene,
+)
 
 
 def guyed_mast(
@@ -25,7 +31,7 @@ def guyed_mast(
     law: Law | None = None,
     increments: tuple[int, int] = (4, 10),
 ) -> Scene:
-    """Guyed mast: a steel tube clamped at its foot, three guys at every level.
+    """Return a guyed mast: a steel tube clamped at its foot, three guys at every level.
 
     Tube 406.4 x 8.8 mm of S355 steel fibres with elastic unloading; guys of 24 mm spiral strand, EA
     from 353 mm2 at 165 kN/mm2. Phase 1 adds the weight and tensions the guys. Phase 2 adds wind as
@@ -34,7 +40,7 @@ def guyed_mast(
 
     Args:
         height: of the mast, m.
-        levels: number of levels of guys, evenly up to the top.
+        levels: number of levels of guys, evenly spaced up to the top.
 
     Options:
         per_level: number of beam elements between two levels.
@@ -64,7 +70,7 @@ def guyed_mast(
     z = np.linspace(0.0, height, n + 1)
     tops = per_level * np.arange(1, levels + 1)
     angle = np.pi + 2 * np.pi * np.arange(3) / 3  # one guy straight into the wind
-    anchors = [around(max(reach * z[top], 0.3 * height), angle, 0.0) for top in tops]
+    anchors = [points_on_circle(max(reach * z[top], 0.3 * height), angle, 0.0) for top in tops]
     nodes = np.concatenate([np.column_stack([0 * z, 0 * z, z]), *anchors])
     guys = np.column_stack([np.arange(n + 1, len(nodes)), np.repeat(tops, 3)])
     tube = Section.ring(0.4064, 0.0088, steel(355e6) if law is None else law, (2, 24))
@@ -72,7 +78,9 @@ def guyed_mast(
     structure = Structure(
         nodes,
         {
-            "mast": Beams(chain(range(n + 1)), section=tube, weight=STEEL_WEIGHT * area, points=3),
+            "mast": Beams(
+                chain_links(range(n + 1)), section=tube, weight=STEEL_WEIGHT * area, points=3
+            ),
             "guys": Cables(guys, axial_stiffness=165e9 * guy_area, weight=STEEL_WEIGHT * guy_area),
         },
         supports=clamped([0]) + pinned(np.arange(n + 1, len(nodes))),
@@ -81,4 +89,6 @@ def guyed_mast(
     force = np.zeros((n, 3))
     force[:, 0] = wind * (0.5 + 0.5 * z[1:] / height) * share
     wind_loads = NodalLoads(np.arange(1, n + 1), force)
-    return two_phases(structure, increments, wind_loads, pretension=pretension, loads=SelfWeight())
+    return two_phase_scene(
+        structure, increments, wind_loads, pretension=pretension, loads=SelfWeight()
+    )

@@ -8,13 +8,13 @@ from ..common.types import Float, Int
 from ..elements import Cables
 from ..model.structure import Structure
 from ..model.supports import pinned
-from .parts import Scene, downward, two_phases
+from .building_blocks import Scene, downward_loads, two_phase_scene
 
 
 def grid(
     n_x: int, n_y: int
 ) -> tuple[Int[np.ndarray, "n_node 2"], Int[np.ndarray, "n_elem 2"], Int[np.ndarray, " n_free"]]:
-    """Topology of an orthogonal net without corners, `n_x` by `n_y` free nodes.
+    """Return the topology of an orthogonal net of `n_x` by `n_y` free nodes, without corner nodes.
 
     Returns:
         places: grid coordinates (i, j) of every node, [n_node, 2]; i grows first.
@@ -30,20 +30,20 @@ def grid(
     return np.array(places), np.array(along_x + along_y), np.array(free)
 
 
-def flat(plan: Float[np.ndarray, "n_node 2"]) -> Float[np.ndarray, "n_node 3"]:
-    """Places in plan, x and y, at the height 0."""
+def add_zero_height(plan: Float[np.ndarray, "n_node 2"]) -> Float[np.ndarray, "n_node 3"]:
+    """Add the height z = 0 to positions in plan, [n_node, 2]."""
     return np.column_stack([plan, np.zeros(len(plan))])
 
 
-def anchored(
+def make_anchored_net(
     nodes: Float[np.ndarray, "n_node 3"], cables: Cables, free: Int[np.ndarray, " n_free"]
 ) -> Structure:
-    """Net all nodes of which are pinned but the free ones."""
+    """Make the structure of a net whose nodes are all pinned except for the free ones."""
     return Structure(nodes, cables, supports=pinned(np.setdiff1d(np.arange(len(nodes)), free)))
 
 
 def flat_net(load: float = 150.0, increments: tuple[int, int] = (1, 10)) -> Scene:
-    """Flat net of 3 x 3 cells, 12 links, four free nodes.
+    """Return the flat net of the paper: 3 x 3 cells, 12 links, four free nodes.
 
     Cells of 0.4 m, EA 97.97 kN, pretension 200 N in phase 1; phase 2 loads every free node.
 
@@ -63,8 +63,10 @@ def flat_net(load: float = 150.0, increments: tuple[int, int] = (1, 10)) -> Scen
         converged: -0.012838093 m
     """
     places, links, free = grid(2, 2)
-    structure = anchored(flat(0.4 * places), Cables(links, axial_stiffness=97.97e3), free)
-    return two_phases(structure, increments, downward(free, load), pretension=200.0)
+    structure = make_anchored_net(
+        add_zero_height(0.4 * places), Cables(links, axial_stiffness=97.97e3), free
+    )
+    return two_phase_scene(structure, increments, downward_loads(free, load), pretension=200.0)
 
 
 def saddle(
@@ -78,7 +80,7 @@ def saddle(
     load: float = 500.0,
     increments: tuple[int, int] = (1, 1),
 ) -> Scene:
-    """Saddle net with straight edges in plan, anchored at all edges.
+    """Return a saddle net that is rectangular in plan and anchored at all edges.
 
     The initial surface is ``z = rise (L_x (2x/L_x - 1)^2 - L_y (2y/L_y - 1)^2)``.
 
@@ -107,11 +109,13 @@ def saddle(
         21 -0.4 to 0.4 m
     """
     if n_x < 1 or n_y < 1:
-        raise ValueError(f"n_x, n_y = {n_x}, {n_y}: a saddle has at least one free node a side")
+        raise ValueError(
+            f"n_x, n_y = {n_x}, {n_y}: a saddle has at least one free node in each direction"
+        )
     places, links, free = grid(n_x, n_y)
     x, y = spacing * places.T
     span_x, span_y = spacing * (n_x + 1), spacing * (n_y + 1)
     z = rise * (span_x * (2 * x / span_x - 1) ** 2 - span_y * (2 * y / span_y - 1) ** 2)
     cables = Cables(links, axial_stiffness=axial_stiffness)
-    structure = anchored(np.column_stack([x, y, z]), cables, free)
-    return two_phases(structure, increments, downward(free, load), pretension=pretension)
+    structure = make_anchored_net(np.column_stack([x, y, z]), cables, free)
+    return two_phase_scene(structure, increments, downward_loads(free, load), pretension=pretension)

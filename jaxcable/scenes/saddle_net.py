@@ -7,8 +7,8 @@ from ..elements import Cables
 from ..materials import Elastic
 from ..materials.law import Law
 from ..sections import Section
+from .building_blocks import Scene
 from .nets import saddle
-from .parts import Scene
 
 DIAMETER = 0.05  # m: the paper's area is 19.63 cm2
 
@@ -23,15 +23,14 @@ def saddle_net(
     increments: tuple[int, int] = (500, 435),
     shape: tuple[int, int] = (10, 10),
 ) -> Scene:
-    """Saddle net of 201 links and 132 nodes, 15 x 6 free ones, of discs meshed in fibres.
+    """Return the large saddle net of the paper: 201 links, 132 nodes, 15 x 6 of them free.
 
-    E 210 kN/mm2, circular section of 50 mm meshed by 10 x 10 quadrilaterals. Phase 1 pulls all
-    cables with 30 kN; phase 2 anchors them and adds 90 kN to every free node. The phases have 500
-    and 435 increments.
+    E 210 kN/mm2, circular fibre section of 50 mm with 10 x 10 quadrilaterals. Phase 1 tensions all
+    cables to 30 kN; phase 2 anchors them and adds 90 kN to every free node. The phases have 500 and
+    435 increments.
 
-    The published spacing and heights are in a figure that the text does not quote. Here the plan is
-    regular and the heights are those of `saddle`: the results cannot reproduce the published
-    displacements.
+    The published spacing and heights are only in a figure. Here the plan is regular and the heights
+    are those of `saddle`, so that the results cannot reproduce the published displacements.
 
     Args:
         law: uniaxial law of the fibres; default linear.

@@ -7,10 +7,17 @@ import numpy as np
 from ..elements import Bars, Cables
 from ..model.structure import Structure
 from ..model.supports import Supports
-from .parts import Scene, around, chain, downward, require_positive, two_phases
+from .building_blocks import (
+    Scene,
+    chain_links,
+    downward_loads,
+    points_on_circle,
+    require_positive,
+    two_phase_scene,
+)
 
 TWIST = np.pi / 6
-"""Angle by which the upper triangle is turned relative to the lower one, rad."""
+"""Angle of the upper triangle relative to the lower one at which there is a self-stress, rad."""
 
 
 def simplex(
@@ -24,7 +31,7 @@ def simplex(
     strut_stiffness: float = 20e6,
     increments: tuple[int, int] = (1, 4),
 ) -> Scene:
-    """Simplex (triplex, three-strut prism): two equal triangles, the upper one turned by `twist`.
+    """Return a simplex (three-strut tensegrity prism): two triangles, the upper rotated by `twist`.
 
     Vertical cables join lower node k to upper node k, which is ahead by the twist. Struts join
     lower node k to upper node k + 1, which is ahead by the twist plus 120 degrees. Equilibrium of a
@@ -38,20 +45,20 @@ def simplex(
     infinitesimal mechanism, a screw motion of one triangle relative to the other, stiffened by the
     prestress.
 
-    Lower nodes are 0 to 2, upper nodes 3 to 5. The supports hold six freedoms of the lower
-    triangle; they are statically determinate, so that prestress causes no reactions. Phase 1 adds
-    prestress, phase 2 loads the upper nodes.
+    Lower nodes are 0 to 2, upper nodes 3 to 5. The supports hold six degrees of freedom of the
+    lower triangle; they are statically determinate, so that prestress causes no reactions. Phase 1
+    adds prestress, phase 2 loads the upper nodes.
 
     Args:
-        radius: of the circles of both triangles, m.
-        height: m.
+        radius: radius of the circles through both triangles, m.
+        height: distance of the triangles, m.
 
     Options:
-        twist: rad; only 30 degrees (default) has a state of self-stress, with another twist phase 1
-            moves the nodes.
+        twist: rotation of the upper triangle, rad; only 30 degrees (default) has a state of
+            self-stress, with another twist phase 1 moves the nodes.
         pretension: of a vertical cable, N.
         load: downward force on every upper node, N.
-        cable_stiffness, strut_stiffness: EA, N.
+        cable_stiffness, strut_stiffness: EA of cables and of struts, N.
         increments: number of increments of the two phases.
 
     Returns:
@@ -72,9 +79,11 @@ def simplex(
     """
     require_positive(radius=radius, height=height, pretension=pretension)
     angle = 2 * np.pi * np.arange(3) / 3
-    nodes = np.concatenate([around(radius, angle, 0.0), around(radius, twist + angle, height)])
+    nodes = np.concatenate(
+        [points_on_circle(radius, angle, 0.0), points_on_circle(radius, twist + angle, height)]
+    )
     lower = np.arange(3)
-    sides = chain(lower, closed=True)
+    sides = chain_links(lower, closed=True)
     held = np.zeros((6, 3), bool)
     held[0] = held[1, 0] = held[:3, 2] = True  # node 1 cannot turn about node 0
     triangles, verticals = np.concatenate([sides, sides + 3]), np.column_stack([lower, lower + 3])
@@ -85,9 +94,9 @@ def simplex(
         "struts": Bars(struts, axial_stiffness=strut_stiffness),
     }
     q = pretension / np.linalg.norm(nodes[3] - nodes[0])
-    return two_phases(
+    return two_phase_scene(
         Structure(nodes, elements, supports=Supports(held)),
         increments,
-        downward([3, 4, 5], load),
+        downward_loads([3, 4, 5], load),
         force_density={"triangles": q / np.sqrt(3.0), "verticals": q, "struts": -q},
     )

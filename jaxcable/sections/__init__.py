@@ -1,4 +1,4 @@
-"""Fibre sections: a cross-section as areas with a uniaxial law each."""
+"""Fibre sections: a cross-section as many small areas, each with a uniaxial law."""
 
 from .section import Section
 from .strains import SectionState

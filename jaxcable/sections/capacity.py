@@ -5,18 +5,18 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from .fibres import Fibres, Forces
+from .fibres import Fibres, SectionForces
 
 
-def interaction(section: Fibres, n_angle: int = 24, n_axial: int = 21) -> Forces:
-    """Interaction surface N-My-Mz, at which the first fibre reaches the end of its curve.
+def interaction(section: Fibres, n_angle: int = 24, n_axial: int = 21) -> SectionForces:
+    """Return the interaction surface N-My-Mz, on which the first fibre reaches its rupture strain.
 
     Strains are scaled up along directions that cover all ratios of elongation to curvature and all
-    axes of bending, until the first fibre reaches the end of its curve. For laws that rise no
-    equilibrium exists beyond this surface.
+    axes of bending, until the first fibre reaches the end of its stress-strain curve. With monotone
+    laws no equilibrium exists beyond this surface.
 
     Args:
-        section: `Section`; a law without compression branch does not bound compression.
+        section: `Section`; a law without a compression branch does not limit compression.
         n_angle: number of directions of bending, evenly over the full circle.
         n_axial: number of ratios of elongation to curvature, from pure compression to pure tension.
 
@@ -24,7 +24,7 @@ def interaction(section: Fibres, n_angle: int = 24, n_axial: int = 21) -> Forces
         ``N, My, Mz``, [n_axial, n_angle] each, N, N m, N m; infinite where no fibre ever fails.
 
     Raises:
-        ValueError: no law of the section has an end; fewer than two ratios, or no direction.
+        ValueError: no law of the section ends in a rupture; fewer than two ratios, or no direction.
 
     Example:
         The smallest and largest axial force of an area of 20 000 mm2 that carries 100 MPa:
@@ -40,7 +40,8 @@ def interaction(section: Fibres, n_angle: int = 24, n_axial: int = 21) -> Forces
             raise ValueError(f"{name} = {count}: expected at least {least}")
     if not section.breaks:
         raise ValueError(
-            "interaction: no fibre of this section ever fails; its capacity is endless"
+            "interaction: the capacity of this section is unlimited, because no law of it has a "
+            "rupture strain; give it a law that ends, such as Polygonal"
         )
     slant = jnp.pi * (jnp.arange(n_axial) / (n_axial - 1) - 0.5)  # -90 to 90 degrees
     angle = 2 * jnp.pi * jnp.arange(n_angle) / n_angle
@@ -51,7 +52,7 @@ def interaction(section: Fibres, n_angle: int = 24, n_axial: int = 21) -> Forces
         direction = jnp.stack([jnp.sin(slant), bend * jnp.cos(angle), bend * jnp.sin(angle)])
         rate = section.fibre_strain(*direction)
         factors = []
-        for law, part in zip(section.laws, section._parts(), strict=True):
+        for law, part in zip(section.laws, section._law_slices(), strict=True):
             (low, high), fibre_rate = law.limits, rate[part]
             moving = jnp.where(fibre_rate == 0, 1.0, fibre_rate)
             factor = jnp.where(fibre_rate > 0, high / moving, low / moving)

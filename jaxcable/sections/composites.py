@@ -14,24 +14,24 @@ from ..common.tree import joined, stacked
 from ..common.types import ArrayLike, Float, Int
 from ..materials.law import Law
 from .fibres import Fibres
-from .torsion import are_round
+from .torsion import are_concentric_circles
 
-Made = TypeVar("Made", bound=Any)  # `Section`, which imports this
+NewSection = TypeVar("NewSection", bound=Any)  # `Section`, which imports this
 
 
 def composite(
-    cls: type[Made],
+    cls: type[NewSection],
     sections: Iterable[Fibres],
     torsion: Float[ArrayLike, "#n_law"] | None = None,
-) -> Made:
-    """Several sections side by side as one; overlapping parts are not subtracted.
+) -> NewSection:
+    """Join several sections to one; overlapping parts are not subtracted.
 
     A concrete-filled tube is made of a disc and a ring, and so is a strand with a soft core.
     The axis is at the origin of the parts (`Section.centred` moves it).
 
     Torsion constants add up only where all parts are discs and rings about one centre. Otherwise
     the torsion constant depends on how the parts are joined (that of a closed box is hundreds of
-    times the sum of its plates) and has to be stated; see `sections.bredt_torsion`.
+    times the sum of its plates) and has to be given; see `sections.bredt_torsion`.
 
     Args:
         sections: list of `Section`, each at its place (see `Section.shifted`).
@@ -39,7 +39,7 @@ def composite(
             share of each law, in the order in which the laws first appear in `sections`.
 
     Returns:
-        `Section`, its fibres sorted by law. If `torsion` is not stated, the torsion constant is
+        `Section`, its fibres sorted by law. If `torsion` is not given, the torsion constant is
         the sum of the parts for discs and rings about one centre, that of the part for a single
         part, and None otherwise. For traced parts that are no such discs and rings it is NaN.
 
@@ -61,14 +61,14 @@ def composite(
     """
     sections = list(sections)
     if not sections:
-        raise ValueError("sections: a composite needs at least one section")
+        raise ValueError("sections: is empty; a composite needs at least one section")
     parts = []  # one for each law of each section: section, law, slice of fibres, torsion constant
     for section in sections:
         constants = [None] * len(section.laws) if section.torsion is None else section.torsion
-        for law, part, constant in zip(section.laws, section._parts(), constants, strict=True):
+        for law, part, constant in zip(section.laws, section._law_slices(), constants, strict=True):
             parts.append((section, law, part, constant))
     laws = [law for _, law, part, _ in parts for _ in range(part.stop - part.start)]
-    kinds, order, counts = by_law(laws)
+    kinds, order, counts = group_by_law(laws)
 
     def join(name):
         arrays = [getattr(section, name) for section in sections]
@@ -85,7 +85,9 @@ def composite(
         *(join(name)[order] for name in ("y", "z", "area")),
         kinds,
         counts,
-        _summed(sections, parts, kinds) if torsion is None else _stated(torsion, len(kinds)),
+        _sum_torsion(sections, parts, kinds)
+        if torsion is None
+        else _checked_torsion(torsion, len(kinds)),
         points,
         cells,
         None if own is None else own[order],
@@ -93,10 +95,17 @@ def composite(
     )
 
 
-def by_law(
+def group_by_law(
     laws: Sequence[Law],
 ) -> tuple[tuple[Law, ...], Int[np.ndarray, " n_fibre"], tuple[int, ...]]:
-    """Different laws of fibres, the order that sorts the fibres by law, and the number of each."""
+    """Group fibres by their laws.
+
+    Args:
+        laws: the law of every fibre; the same object for the same law.
+
+    Returns:
+        The different laws; the order that sorts the fibres by law; the number of fibres of each.
+    """
     kinds = {id(law): law for law in laws}
     numbers = {key: number for number, key in enumerate(kinds)}
     number = np.array([numbers[id(law)] for law in laws])
@@ -104,8 +113,8 @@ def by_law(
     return tuple(kinds.values()), np.argsort(number, kind="stable"), counts
 
 
-def _stated(torsion, n_law):
-    """A stated torsion constant, checked, [n_law]."""
+def _checked_torsion(torsion, n_law):
+    """Check a given torsion constant, and return it as [n_law]."""
     torsion = checks.floats(torsion, "torsion")
     if torsion.shape != (n_law,) and not (n_law == 1 and torsion.shape == ()):
         raise ValueError(
@@ -115,14 +124,17 @@ def _stated(torsion, n_law):
     return or_nan(positive("torsion", torsion)).reshape(n_law)
 
 
-def _summed(sections, parts, kinds):
-    """Torsion constants per law, or None where they do not add up."""
+def _sum_torsion(sections, parts, kinds):
+    """Add up the torsion constants of the parts of each law, [n_law]; None if this is not valid.
+
+    It is for a single section, and for discs and rings about one centre.
+    """
     if any(constant is None for *_, constant in parts):
         return None
     total = stacked([sum(c for _, law, _, c in parts if law is kind) for kind in kinds])
     if len(sections) == 1:
         return total
-    alike = are_round(
+    alike = are_concentric_circles(
         [
             (s.y[part], s.z[part], s.area[part], None if s.own is None else s.own[part], constant)
             for s, _, part, constant in parts

@@ -1,7 +1,4 @@
-"""Position of the axis of a section, its second moments, and its stiffness in torsion.
-
-The functions are methods of `Section`.
-"""
+"""Axis, centroid, second moments and torsional stiffness of a section: methods of `Section`."""
 
 from __future__ import annotations
 
@@ -19,7 +16,9 @@ AnySection = TypeVar("AnySection", bound=Fibres)
 def shifted(
     section: AnySection, y: Float[ArrayLike, ""] = 0.0, z: Float[ArrayLike, ""] = 0.0
 ) -> AnySection:
-    """The section moved by `y`, `z`, m, relative to the axis; beams then do not warn of its place.
+    """Move a section by `y`, `z`, m, relative to the axis of the element.
+
+    Beams then take its position as intended, and do not warn of an axis off the centroid.
 
     Example:
         >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(1.0)).shifted(z=0.1)
@@ -31,9 +30,9 @@ def shifted(
 
 
 def centroid(section: Fibres) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Centroid ``(y, z)``, m: of the area, or of ``E A`` if there are several laws.
+    """Return the centroid ``(y, z)``, m: of the area, or of ``E A`` if there are several laws.
 
-    Elongation of an axis through the centroid causes no moment, at the initial moduli.
+    At the initial moduli, elongation of an axis through the centroid causes no moment.
 
     Example:
         >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(1.0)).shifted(z=0.1)
@@ -43,13 +42,13 @@ def centroid(section: Fibres) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """
     weight = section.area
     if len(section.laws) > 1:
-        weight = weight * section._per_fibre([law.modulus for law in section.laws])
+        weight = weight * section._repeat_per_fibre([law.modulus for law in section.laws])
     total = weight.sum()
     return weight @ section.y / total, weight @ section.z / total
 
 
 def centred(section: AnySection) -> AnySection:
-    """The section with its axis at its `centroid`.
+    """Move a section so that its `centroid` is at the axis of the element.
 
     Example:
         An L of 100 x 100 x 10 mm whose corner was the origin:
@@ -68,7 +67,7 @@ def centred(section: AnySection) -> AnySection:
 
 
 def inertia(section: Fibres) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
-    """Second moments of area about the axes: ``Iy, Iz, Iyz``, the integrals of z^2, y^2, yz, m4.
+    """Return the second moments of area ``Iy, Iz, Iyz``: integrals of z^2, y^2, yz, m4.
 
     Exact for all constructed shapes, whatever their mesh; for fibres given one by one, the sums of
     ``A z^2, A y^2, A y z``. Unless Iyz is zero, a moment about one axis bends about both axes: all
@@ -88,7 +87,7 @@ def inertia(section: Fibres) -> tuple[Float[Array, ""], Float[Array, ""], Float[
 
 
 def torsional_stiffness(section: Fibres, poisson: Float[ArrayLike, ""] = 0.3) -> Float[Array, ""]:
-    """Initial torsional stiffness ``sum G J`` with ``G = E / 2 (1 + poisson)``.
+    """Return the initial torsional stiffness ``sum G J`` with ``G = E / (2 (1 + poisson))``.
 
     Args:
         poisson: Poisson's ratio of all laws.
@@ -106,8 +105,9 @@ def torsional_stiffness(section: Fibres, poisson: Float[ArrayLike, ""] = 0.3) ->
     """
     if section.torsion is None:
         raise ValueError(
-            "torsional_stiffness: missing; this section has no known torsion constant (a composite "
-            "has one if it is stated: Section.composite(..., torsion=...))"
+            "torsional_stiffness: missing; this section has no torsion constant: give "
+            "the element a torsional_stiffness, or a composite its torsion constant: "
+            "Section.composite(..., torsion=...)"
         )
     shear = jnp.stack([law.modulus / (2 * (1 + poisson)) for law in section.laws])
     return jnp.sum(shear * section.torsion)

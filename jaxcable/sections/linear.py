@@ -1,4 +1,4 @@
-"""A section whose laws are all linear, reduced to its stiffness: an analysis needs no fibres."""
+"""A section whose laws are all linear, reduced to its 3 x 3 stiffness: no fibres are needed."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from ..materials.law import Law, Numbers, Values
 
 @pytree
 class Linear:
-    """Stands for a `section.Section` in an element if all laws of the section are linear.
+    """Stiffness that replaces a `section.Section` in an element if all its laws are linear.
 
     Attributes:
-        matrix: forces N, My, Mz per (e0, ky, kz), [3, 3], N, N m and N m2.
+        matrix: derivative of (N, My, Mz) by (e0, ky, kz), [3, 3], N, N m and N m2.
         torsion: torsional stiffness, N m2, or None if it is not known.
     """
 
@@ -28,22 +28,22 @@ class Linear:
 
     @property
     def laws(self) -> tuple[Law]:
-        """The law of the axial force over an area of 1 m2, a tuple of one."""
+        """The law of the axial force over an area of 1 m2, as a tuple with one entry."""
         return (Elastic(self.matrix[0, 0]),)
 
     def axial(self) -> tuple[Float[Array, ""], Law]:
-        """An area, 1 m2, and the law over it: together they give the axial stiffness."""
+        """Return an area of 1 m2, and the law over it that gives the axial stiffness."""
         return jnp.ones_like(self.matrix[0, 0]), *self.laws
 
     def stiffness(self) -> Float[Array, "3 3"]:
-        """Forces N, My, Mz per (e0, ky, kz), [3, 3]."""
+        """Return the derivative of (N, My, Mz) by (e0, ky, kz), [3, 3], N, N m and N m2."""
         return self.matrix
 
     def torsional_stiffness(self) -> Float[Array, ""] | None:
-        """Torsional stiffness, N m2."""
+        """Return the torsional stiffness, N m2, or None if it is not known."""
         return self.torsion
 
     def energy(self, e0: Numbers, ky: Numbers, kz: Numbers, memory: None = None) -> Values:
-        """Stored energy per length, J/m."""
+        """Return the stored energy per length, J/m; there are no history variables."""
         strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
         return 0.5 * jnp.sum(strain * (strain @ self.matrix), axis=-1)

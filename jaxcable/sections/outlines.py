@@ -1,4 +1,4 @@
-"""Outlines of a section, and their faults: edges that cross, holes outside, no area."""
+"""Outlines of a section, and messages on their faults: crossing edges, holes outside, no area."""
 
 from __future__ import annotations
 
@@ -10,8 +10,12 @@ from ..common import checks
 from ..common.types import ArrayLike, Bool, Float
 
 
-def corners(points: Float[ArrayLike, "n 2"], name: str) -> Float[np.ndarray, "n 2"]:
-    """Corners of a polygon, checked, NumPy [n, 2]."""
+def checked_corners(points: Float[ArrayLike, "n 2"], name: str) -> Float[np.ndarray, "n 2"]:
+    """Check the corners of a polygon, and return them as NumPy [n, 2].
+
+    Raises:
+        ValueError: traced, not of shape [n, 2], fewer than three, or not finite; names `name`.
+    """
     if checks.concrete(points) is None:
         raise ValueError(f"{name}: cannot be traced; use Section.mesh(points, cells, laws)")
     points = checks.floats(points, name)
@@ -25,38 +29,45 @@ def corners(points: Float[ArrayLike, "n 2"], name: str) -> Float[np.ndarray, "n 
 
 
 def signed_area(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, ""]:
-    """Area of a polygon, positive if it is anticlockwise."""
+    """Return the area of a polygon, positive if it is anticlockwise."""
     y, z = (points - points[0]).T
     return 0.5 * np.sum(y * np.roll(z, -1) - z * np.roll(y, -1))
 
 
-def crossed(outline: Float[np.ndarray, "n 2"]) -> str | None:
-    """The fault of a closed line [n, 2] in words, no area or a crossing; None if it is sound."""
-    if _flat(outline):
-        return "points: all on one line, which has no area"
-    if (pair := _crossing(outline, outline)) is not None:
-        where = _edges("points", outline, "points", outline, pair)
-        return f"points: the line crosses itself: {where}; name its corners in turn"
+def describe_line_fault(outline: Float[np.ndarray, "n 2"]) -> str | None:
+    """Return a message if a closed line has no area or crosses itself; None if it is valid."""
+    if _is_collinear(outline):
+        return "points: all on one straight line, which encloses no area"
+    if (pair := _first_crossing(outline, outline)) is not None:
+        where = _describe_crossing("points", outline, "points", outline, pair)
+        return f"points: the line crosses itself: {where}; list its corners in order"
     return None
 
 
-def fault(outline: Float[np.ndarray, "n 2"], holes: Sequence[Float[np.ndarray, "_ 2"]]) -> str:
-    """The fault in words of a polygon and its holes, [n, 2] each, whose areas do not add up."""
+def describe_polygon_fault(
+    outline: Float[np.ndarray, "n 2"], holes: Sequence[Float[np.ndarray, "_ 2"]]
+) -> str:
+    """Return a message that says why the mesh of a polygon with holes has the wrong area.
+
+    Args:
+        outline: corners of the polygon.
+        holes: corners of each hole.
+    """
     named = {"points": outline} | {f"holes[{k}]": hole for k, hole in enumerate(holes)}
     for name, ring in named.items():
-        if _flat(ring):
-            return f"{name}: all on one line, which has no area"
+        if _is_collinear(ring):
+            return f"{name}: all on one straight line, which encloses no area"
     for name, ring in named.items():
-        if (pair := _crossing(ring, ring)) is not None:
+        if (pair := _first_crossing(ring, ring)) is not None:
             what = "the outline" if name == "points" else "a hole"
-            where = _edges(name, ring, name, ring, pair)
-            return f"{name}: {what} crosses itself: {where}; name its corners in turn"
+            where = _describe_crossing(name, ring, name, ring, pair)
+            return f"{name}: {what} crosses itself: {where}; list its corners in order"
     names = list(named)
     for number, name in enumerate(names):
         for other in names[:number]:
-            pair = _crossing(named[other], named[name])
+            pair = _first_crossing(named[other], named[name])
             if pair is not None:
-                where = _edges(other, named[other], name, named[name], pair)
+                where = _describe_crossing(other, named[other], name, named[name], pair)
                 return f"{other}: a hole crosses it or another hole: {where}"
     for name, hole in list(named.items())[1:]:
         outside = ~inside(hole, outline)
@@ -66,27 +77,28 @@ def fault(outline: Float[np.ndarray, "n 2"], holes: Sequence[Float[np.ndarray, "
     return "points, holes: the outline crosses itself, or a hole crosses it or another hole"
 
 
-def _flat(ring):
+def _is_collinear(ring):
+    """Return whether all points are on one line (to 1e-12 of their distances)."""
     return np.linalg.matrix_rank(ring - ring[0], tol=1e-12 * np.abs(ring - ring[0]).max()) < 2
 
 
-def _crossing(outline, other):
-    """Indices of the first two edges that cross within their lengths, or None."""
+def _first_crossing(outline, other):
+    """Return the indices of the first two edges that cross within their lengths, or None."""
     a, b = outline[:, None], np.roll(outline, -1, axis=0)[:, None]
     c, d = other[None], np.roll(other, -1, axis=0)[None]
-    divided = _side(a, b, c) * _side(a, b, d) < 0
-    found = np.argwhere(divided & (_side(c, d, a) * _side(c, d, b) < 0))
+    divided = _side_of_line(a, b, c) * _side_of_line(a, b, d) < 0
+    found = np.argwhere(divided & (_side_of_line(c, d, a) * _side_of_line(c, d, b) < 0))
     return tuple(int(k) for k in found[0]) if len(found) else None
 
 
-def _side(a, b, c):
-    """Side of the line from a to b on which the point c lies: 1 left, 0 on it, -1 right."""
+def _side_of_line(a, b, c):
+    """Return on which side of the line from a to b the point c is: 1 left, 0 on it, -1 right."""
     ab, ac = b - a, c - a
     return np.sign(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])
 
 
-def _edges(name, ring, other, around, pair):
-    """Two edges that cross, in words."""
+def _describe_crossing(name, ring, other, around, pair):
+    """Say which two edges cross, for a message."""
     (i, j), n, m = pair, len(ring), len(around)
     return (
         f"the edge from {name}[{i}] to {name}[{(i + 1) % n}] crosses that from {other}[{j}] to "
@@ -97,7 +109,7 @@ def _edges(name, ring, other, around, pair):
 def inside(
     points: Float[np.ndarray, "n 2"], ring: Float[np.ndarray, "m 2"]
 ) -> Bool[np.ndarray, " n"]:
-    """Whether points are inside of a polygon, by the crossings of a ray, [n] bool."""
+    """Return whether points are inside a polygon, [n] bool, by the crossings of a ray."""
     a, b = ring[None], np.roll(ring, -1, axis=0)[None]
     y, z = points[:, None, 0], points[:, None, 1]
     spans = (a[..., 1] > z) != (b[..., 1] > z)

@@ -1,4 +1,4 @@
-"""Sections of one kind with equal numbers of fibres, for elements that share a program."""
+"""Padding of sections to equal numbers of fibres, so that their elements share one program."""
 
 from __future__ import annotations
 
@@ -12,22 +12,25 @@ from .section import Section
 
 
 def sort(section: Section) -> Hashable:
-    """Key, hashable, that is equal for sections which `evened` can give equal shapes."""
+    """Return a hashable key; sections with equal keys can be padded to equal shapes by `evened`."""
     laws = [jax.tree.flatten(law) for law in section.laws]
-    # memory is a result of every fibre: the numbers of fibres with memory cannot be changed
+    # history variables are results of every fibre: the number of such fibres cannot be changed
     counts = section.counts if section.remembers else len(section.counts)
     missing = section.own is None, section.torsion is None
     return counts, missing, tuple((tree, tuple(map(np.shape, leaves))) for leaves, tree in laws)
 
 
 def evened(sections: Sequence[Section]) -> list[Section]:
-    """Sections of one `sort`, padded to equal numbers of fibres; without meshes for pictures."""
+    """Pad sections with equal keys of `sort` to equal numbers of fibres of each law.
+
+    The meshes for pictures are left out.
+    """
     counts = tuple(max(n) for n in zip(*(section.counts for section in sections), strict=True))
-    return [_padded(section, counts) for section in sections]
+    return [_split_last_fibres(section, counts) for section in sections]
 
 
-def _padded(section, counts):
-    """The section with `counts` fibres of each law: its last fibre is split into equal parts."""
+def _split_last_fibres(section, counts):
+    """Return a section with `counts` fibres of each law, whose last fibre is split equally."""
     section = copy(section, points=None, cells=None, placed=True)
     if section.counts == counts:
         return section

@@ -1,4 +1,4 @@
-"""A fibre section: its constructors, its numbers, its equilibrium; `fibres` has its law."""
+"""`Section`: constructors, geometry and equilibrium of a fibre section; forces are in `fibres`."""
 
 from __future__ import annotations
 
@@ -79,24 +79,30 @@ class Section(Fibres):
             uniaxial(law, f"laws[{k}]")
         put(self, counts=(len(self.y),) if self.counts is None else tuple(self.counts))
         if len(self.counts) != len(self.laws) or sum(self.counts) != len(self.y):
-            raise ValueError(f"counts = {self.counts}: must give every law its number of fibres")
+            raise ValueError(
+                f"counts = {self.counts}: expected the number of fibres of each law, "
+                f"{len(self.laws)} numbers with the sum {self.n_fibre}"
+            )
         for name, shape in (("torsion", (len(self.laws),)), ("points", None)):
             if getattr(self, name) is None:
                 continue
             value = checks.floats(getattr(self, name), name)
             if value.shape != (shape or (len(value) if value.ndim else 0, 2)):
-                told = f"one constant per law, {list(shape)}" if shape else "[n_point, 2]"
-                raise ValueError(f"{name}: expected shape {told}, got {value.shape}")
+                wanted = f"one constant per law, {list(shape)}" if shape else "[n_point, 2]"
+                raise ValueError(f"{name}: expected shape {wanted}, got {value.shape}")
             put(self, **{name: value})
         if self.cells is not None and not isinstance(self.cells, Indices):
             cells = checks.integers(self.cells, "cells", 4)
             count = 0 if self.points is None else len(self.points)
             if len(cells) != self.n_fibre or cells.max(initial=-1) >= count:
-                raise ValueError(f"cells: expected four of {count} points for every fibre")
+                raise ValueError(
+                    f"cells: expected four indices of points, 0 to {count - 1}, for each of "
+                    f"{self.n_fibre} fibres"
+                )
             put(self, cells=Indices(cells))
 
     def rules(self) -> list[Rule]:
-        """The rules of its numbers, see `common.rules`; laws have rules of their own."""
+        """Return the rules that its numbers must satisfy, see `common.rules`; laws have others."""
         return [positive("area", self.area, "a fibre's area must be positive")]
 
     # --- shapes
@@ -125,7 +131,7 @@ class Section(Fibres):
     torsional_stiffness = geometry.torsional_stiffness
 
     def axial(self) -> tuple[Float[Array, ""], Law]:
-        """Area, m2, and the law of the axial force over it (all fibres at the same strain).
+        """Return the area, m2, and the law of the mean stress, with all fibres at the same strain.
 
         Example:
             >>> section = jc.Section.disc(0.05, jc.Elastic(210e9))
@@ -133,14 +139,14 @@ class Section(Fibres):
             >>> print(f"{1e6 * area:.1f} mm2, {law.modulus / 1e9:.0f} GPa")
             1963.5 mm2, 210 GPa
         """
-        areas = [jnp.sum(self.area[part]) for part in self._parts()]
+        areas = [jnp.sum(self.area[part]) for part in self._law_slices()]
         area: Array = sum(areas)  # type: ignore[assignment]  # an array: there is at least one law
         if len(self.laws) == 1:
             return area, self.laws[0]
         return area, Parallel(self.laws, jnp.stack(areas) / area)
 
     def reduced(self) -> Section | Linear:
-        """The section as an analysis needs it: `Linear` if all laws are linear, else `extended`."""
+        """Return the section as an analysis uses it: `Linear` if all laws are, else `extended`."""
         if not self.is_elastic:
             return self.extended()
         torsion = None if self.torsion is None else self.torsional_stiffness()
@@ -148,5 +154,5 @@ class Section(Fibres):
 
     # --- equilibrium of the section
 
-    strains = strains.equilibrium
+    strains = strains.solve_strains
     interaction = capacity.interaction

@@ -16,22 +16,22 @@ from ..common.tree import stacked
 from ..common.types import ArrayLike, Float, Int
 from ..materials.law import Law
 from . import meshes, outlines
-from .composites import Made, by_law, composite
+from .composites import NewSection, composite, group_by_law
 from .torsion import bredt_torsion, rectangle_torsion
 
-_CELLS = ("quadrilaterals", "triangles")
-_CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-_AXES = np.array([1.0, 1.0, 0.0])  # 1 for the second moments about the axes, 0 for the product
+_CELL_KINDS = ("quadrilaterals", "triangles")
+_SQUARE_CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+_IY_IZ = np.array([1.0, 1.0, 0.0])  # 1 for the second moments about the axes, 0 for the product
 
 
 def disc(
-    cls: type[Made],
+    cls: type[NewSection],
     diameter: Float[ArrayLike, ""],
     law: Law,
     shape: tuple[int, int] = (10, 10),
     cells: str = "quadrilaterals",
-) -> Made:
-    """Solid circle; area and torsion constant, ``pi d^4 / 32``, are exact.
+) -> NewSection:
+    """Make a solid circle; area and torsion constant, ``pi d^4 / 32``, are exact.
 
     Args:
         diameter: scalar, m.
@@ -50,22 +50,22 @@ def disc(
         >>> print(f"{1e4 * section.total_area:.3f} cm2")  # pi d^2 / 4
         19.635 cm2
     """
-    diameter = _positive(diameter, "diameter")
-    points, quads = meshes.disc(*_shape(shape))
+    diameter = _positive_length(diameter, "diameter")
+    points, quads = meshes.disc_mesh(*_mesh_shape(shape))
     inertia = np.pi / 64 * diameter**4
-    quads = _cells(quads, cells)
+    quads = _quads_or_triangles(quads, cells)
     return _from_mesh(cls, diameter * points, quads, law, 2 * inertia, round_inertia=inertia)
 
 
 def ring(
-    cls: type[Made],
+    cls: type[NewSection],
     diameter: Float[ArrayLike, ""],
     thickness: Float[ArrayLike, ""],
     law: Law,
     shape: tuple[int, int] = (4, 32),
     cells: str = "quadrilaterals",
-) -> Made:
-    """Circular tube; area and torsion constant, ``pi (d^4 - d_i^4) / 32``, are exact.
+) -> NewSection:
+    """Make a circular tube; area and torsion constant, ``pi (d^4 - d_i^4) / 32``, are exact.
 
     Args:
         diameter: outer, scalar, m.
@@ -85,24 +85,29 @@ def ring(
         >>> print(f"{section.n_fibre} fibres, {1e4 * section.total_area:.1f} cm2")  # pi t (d - t)
         48 fibres, 109.9 cm2
     """
-    diameter, thickness = _positive(diameter, "diameter"), _positive(thickness, "thickness")
-    thickness = _within(thickness, 2 * thickness >= diameter, "thickness", "twice is too thick")
-    fraction, direction, quads = meshes.ring(*_shape(shape, (1, 3)))
+    diameter = _positive_length(diameter, "diameter")
+    thickness = _positive_length(thickness, "thickness")
+    thickness = _length_unless(
+        thickness, 2 * thickness >= diameter, "thickness", "twice is too thick"
+    )
+    fraction, direction, quads = meshes.ring_mesh(*_mesh_shape(shape, (1, 3)))
     inner = diameter / 2 - thickness
     points = (inner + fraction * thickness)[:, None] * direction
     inertia = np.pi / 64 * (diameter**4 - (2 * inner) ** 4)
-    return _from_mesh(cls, points, _cells(quads, cells), law, 2 * inertia, round_inertia=inertia)
+    return _from_mesh(
+        cls, points, _quads_or_triangles(quads, cells), law, 2 * inertia, round_inertia=inertia
+    )
 
 
 def rectangle(
-    cls: type[Made],
+    cls: type[NewSection],
     width: Float[ArrayLike, ""],
     height: Float[ArrayLike, ""],
     law: Law,
     shape: tuple[int, int] = (10, 10),
     cells: str = "quadrilaterals",
-) -> Made:
-    """Rectangle; its torsion constant is Saint-Venant's series.
+) -> NewSection:
+    """Make a rectangle; its torsion constant is Saint-Venant's series.
 
     Args:
         width: along y, scalar, m.
@@ -124,22 +129,24 @@ def rectangle(
         >>> print(f"{section.n_fibre} fibres, {1e4 * section.total_area:.1f} cm2")
         50 fibres, 200.0 cm2
     """
-    width, height = _positive(width, "width"), _positive(height, "height")
-    points, quads = meshes.square(*_shape(shape))
+    width, height = _positive_length(width, "width"), _positive_length(height, "height")
+    points, quads = meshes.square_mesh(*_mesh_shape(shape))
     points = points * stacked([width / 2, height / 2])[None, :]
-    return _from_mesh(cls, points, _cells(quads, cells), law, rectangle_torsion(width, height))
+    return _from_mesh(
+        cls, points, _quads_or_triangles(quads, cells), law, rectangle_torsion(width, height)
+    )
 
 
 def i_shape(
-    cls: type[Made],
+    cls: type[NewSection],
     height: Float[ArrayLike, ""],
     width: Float[ArrayLike, ""],
     web: Float[ArrayLike, ""],
     flange: Float[ArrayLike, ""],
     law: Law,
     shape: tuple[int, int, int] = (8, 2, 12),
-) -> Made:
-    """Doubly symmetric I without fillets.
+) -> NewSection:
+    """Make a doubly symmetric I without fillets.
 
     The torsion constant is that of thin walls, ``sum b t^3 / 3``; warping is not modelled.
 
@@ -165,10 +172,10 @@ def i_shape(
         27.248 cm2
     """
     numbers = {"height": height, "width": width, "web": web, "flange": flange}
-    height, width, web, flange = (_positive(value, name) for name, value in numbers.items())
-    flange = _within(flange, 2 * flange >= height, "flange", "twice is too thick")
-    web = _within(web, web > width, "web", "wider than the flange")
-    along, through, tall = _shape(shape, (1, 1, 1))
+    height, width, web, flange = (_positive_length(value, name) for name, value in numbers.items())
+    flange = _length_unless(flange, 2 * flange >= height, "flange", "twice is too thick")
+    web = _length_unless(web, web > width, "web", "wider than the flange")
+    along, through, tall = _mesh_shape(shape, (1, 1, 1))
     top = rectangle(cls, width, flange, law, (along, through))
     middle = rectangle(cls, web, height - 2 * flange, law, (max(1, through), tall))
     z = (height - flange) / 2
@@ -177,15 +184,15 @@ def i_shape(
 
 
 def box(
-    cls: type[Made],
+    cls: type[NewSection],
     width: Float[ArrayLike, ""],
     height: Float[ArrayLike, ""],
     thickness: Float[ArrayLike, ""],
     law: Law,
     flange: Float[ArrayLike, ""] | None = None,
     shape: tuple[int, int, int] = (8, 2, 8),
-) -> Made:
-    """Rectangular hollow section with sharp corners, doubly symmetric.
+) -> NewSection:
+    """Make a rectangular hollow section with sharp corners, doubly symmetric.
 
     The torsion constant is Bredt's, ``4 A^2 / sum(l / t)`` of the middle line of the walls.
 
@@ -213,32 +220,32 @@ def box(
     """
     numbers = {"width": width, "height": height, "thickness": thickness}
     numbers["flange"] = thickness if flange is None else flange
-    width, height, web, plate = (_positive(value, name) for name, value in numbers.items())
-    web = _within(web, 2 * web >= width, "thickness", "twice is too thick")
+    width, height, web, plate = (_positive_length(value, name) for name, value in numbers.items())
+    web = _length_unless(web, 2 * web >= width, "thickness", "twice is too thick")
     name = "thickness" if flange is None else "flange"
-    plate = _within(plate, 2 * plate >= height, name, "twice is too thick")
-    along, through, tall = _shape(shape, (1, 1, 1))
+    plate = _length_unless(plate, 2 * plate >= height, name, "twice is too thick")
+    along, through, tall = _mesh_shape(shape, (1, 1, 1))
     lying = rectangle(cls, width, plate, law, (along, through))
     standing = rectangle(cls, web, height - 2 * plate, law, (through, tall))
     y, z = (width - web) / 2, (height - plate) / 2
-    middle = _CORNERS * stacked([y, z])[None, :]
+    middle = _SQUARE_CORNERS * stacked([y, z])[None, :]
     torsion = bredt_torsion(middle, stacked([plate, web, plate, web]))
     plates = [lying.shifted(z=z), lying.shifted(z=-z), standing.shifted(y), standing.shifted(-y)]
     return composite(cls, plates, torsion).shifted()
 
 
 def polygon(
-    cls: type[Made],
+    cls: type[NewSection],
     points: Float[ArrayLike, "n 2"],
     holes: Sequence[Float[ArrayLike, "_ 2"]] | None,
     law: Law,
     size: float,
     cells: str = "quadrilaterals",
-) -> Made:
-    """Polygon with holes; its axis is at the origin of the points (`Section.centred` moves it).
+) -> NewSection:
+    """Make a polygon with holes; its axis is at the origin of the points (see `Section.centred`).
 
-    The points are topology for the mesh: they cannot be traced (use `mesh`). The torsion constant
-    is not known: an element has to state its torsional stiffness.
+    The points cannot be traced, because the mesh depends on them (use `mesh`). The torsion constant
+    is not known: give the element its torsional stiffness.
 
     Args:
         points: corners (y, z) of the outline, [n, 2], m.
@@ -266,34 +273,35 @@ def polygon(
         >>> print(f"{section.centred().inertia()[0]:.6f} m4")  # (1 - 0.5^4) / 12
         0.078125 m4
     """
-    outline = outlines.corners(points, "points")
-    holes = [outlines.corners(hole, f"holes[{k}]") for k, hole in enumerate(holes or [])]
-    _positive(size, "size")
+    outline = outlines.checked_corners(points, "points")
+    holes = [outlines.checked_corners(hole, f"holes[{k}]") for k, hole in enumerate(holes or [])]
+    _positive_length(size, "size")
     if size != size or not np.isfinite(size):
         raise ValueError(f"size = {size}: must be finite")
-    made = meshes.polygon(outline, holes, float(size))
+    made = meshes.polygon_mesh(outline, holes, float(size))
     whole, *inner = (abs(outlines.signed_area(ring)) for ring in (outline, *holes))
     net = whole - sum(inner)
-    meshed = meshes.areas(*made).sum() if len(made[1]) else 0.0
+    meshed = meshes.cell_areas(*made).sum() if len(made[1]) else 0.0
+    # sums of areas agree to some 1e-13; crossing edges or holes outside change them by far more
     if not abs(meshed - net) <= 1e-9 * whole or meshed == 0:
-        raise ValueError(outlines.fault(outline, holes))
-    quads = _cells(made[1], cells)
+        raise ValueError(outlines.describe_polygon_fault(outline, holes))
+    quads = _quads_or_triangles(made[1], cells)
     # a strip that ends in a point has cells without area: leave them out
-    quads = quads[meshes.areas(made[0], quads) > 1e-14 * float(size) ** 2]
+    quads = quads[meshes.cell_areas(made[0], quads) > 1e-14 * float(size) ** 2]
     return _from_mesh(cls, made[0], quads, law, placed=False)
 
 
 def mesh(
-    cls: type[Made],
+    cls: type[NewSection],
     points: Float[ArrayLike, "n_point 2"],
     cells: Int[ArrayLike, "n_cell 3or4"],
     laws: Law | Sequence[Law],
-) -> Made:
-    """Section from a given mesh; its axis is at the origin of the points, as in `polygon`.
+) -> NewSection:
+    """Make a section from a given mesh; its axis is at the origin of the points, as in `polygon`.
 
     Args:
         points: [n_point, 2] (y, z), m.
-        cells: numbers of points, [n_cell, 3] for triangles or [n_cell, 4] for quadrilaterals (where
+        cells: indices of points, [n_cell, 3] for triangles or [n_cell, 4] for quadrilaterals (where
             a triangle repeats its last point), clockwise or anticlockwise.
         laws: one law, or a list of laws, one for each cell.
 
@@ -326,8 +334,8 @@ def mesh(
         raise ValueError(f"cells[{k}] = {cells[k].tolist()}: there are {len(points)} points")
     if isinstance(laws, list | tuple):
         if len(laws) != len(cells):
-            raise ValueError(f"laws: expected one law or {len(cells)}, got {len(laws)}")
-        laws, order, counts = by_law(laws)
+            raise ValueError(f"laws: expected one, or {len(cells)}, one per cell, got {len(laws)}")
+        laws, order, counts = group_by_law(laws)
         return _from_mesh(cls, points, cells[order], laws, counts=counts, placed=False)
     return _from_mesh(cls, points, cells, laws, placed=False)
 
@@ -335,8 +343,12 @@ def mesh(
 def _from_mesh(
     cls, points, cells, laws, torsion=None, counts=None, round_inertia=None, placed=True
 ):
-    """Section of a mesh; `round_inertia` is the exact second moment of a circular shape, m4."""
-    area, centroid, moments = meshes.moments(points, cells)
+    """Make a section whose fibres are the cells of a mesh.
+
+    `round_inertia` is the exact second moment of a circular shape, m4, which corrects that of the
+    mesh; other arguments as the fields of `Section`.
+    """
+    area, centroid, moments = meshes.cell_moments(points, cells)
     y, z = centroid[:, 0], centroid[:, 1]
     if torsion is not None:
         torsion = stacked([torsion])
@@ -344,19 +356,19 @@ def _from_mesh(
         # A polygon with the area of a circle has a little more inertia than the circle: the
         # difference is shared among the cells in proportion to their areas.
         total = moments.sum(0) + (area @ centroid[:, ::-1] ** 2)[np.array([0, 1, 1])]
-        moments = moments + (area / area.sum())[:, None] * ((round_inertia - total) * _AXES)[None]
+        moments = moments + (area / area.sum())[:, None] * ((round_inertia - total) * _IY_IZ)[None]
     return cls(y, z, area, laws, counts, torsion, points, cells, moments, placed)
 
 
-def _cells(quads, kind):
-    """Cells of the kind asked for, from quadrilaterals."""
-    if kind not in _CELLS:
-        raise ValueError(f"cells = {kind!r}: expected one of {_CELLS}")
-    return quads if kind == "quadrilaterals" else meshes.triangles(quads)
+def _quads_or_triangles(quads, kind):
+    """Return quadrilaterals as they are, or split into triangles if `kind` asks for these."""
+    if kind not in _CELL_KINDS:
+        raise ValueError(f"cells = {kind!r}: expected one of {_CELL_KINDS}")
+    return quads if kind == "quadrilaterals" else meshes.split_into_triangles(quads)
 
 
-def _shape(shape, least=(1, 1)):
-    """The shape of a mesh, refused if it is no tuple of integers of at least `least`."""
+def _mesh_shape(shape, least=(1, 1)):
+    """Return the shape of a mesh; refuse it unless its entries are integers, at least `least`."""
     ok = isinstance(shape, list | tuple) and len(shape) == len(least)
     ok = ok and all(
         isinstance(n, int | np.integer) and n >= m for n, m in zip(shape, least, strict=False)
@@ -366,17 +378,17 @@ def _shape(shape, least=(1, 1)):
     return shape
 
 
-def _positive(value, name):
-    """A dimension as a float; if it is not positive, refused, or NaN where it is traced."""
-    return _float(or_nan(positive(name, checks.floats(value, name))))
+def _positive_length(value, name):
+    """Return a dimension as a float; if it is not positive, refuse it, or return NaN if traced."""
+    return _as_float(or_nan(positive(name, checks.floats(value, name))))
 
 
-def _within(value, broken, name, text):
-    """A dimension; where `broken` is true, refused, or NaN where it is traced."""
-    return _float(or_nan(Rule(name, (value, broken), lambda _, broken: broken, text)))
+def _length_unless(value, broken, name, text):
+    """Return a dimension; if `broken` is true, refuse it, or return NaN if it is traced."""
+    return _as_float(or_nan(Rule(name, (value, broken), lambda _, broken: broken, text)))
 
 
-def _float(value):
-    """A scalar dimension as a float, or as it is if traced."""
+def _as_float(value):
+    """Return a scalar dimension as a float, or unchanged if it is traced."""
     value = checks.scalar(value, "dimension")
     return value if checks.concrete(value) is None else float(value)

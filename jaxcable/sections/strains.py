@@ -1,9 +1,9 @@
 """Equilibrium of a section: strains from forces, the inverse of `Section.forces`.
 
-With laws that rise the potential ``sum A w(e) - N e0 - My ky - Mz kz`` is convex, and Newton's
-method with a line search finds its minimum. The curves go on elastically beyond their ends, so that
-strains exist for every force. If a fibre is then beyond the end of its curve, the force is beyond
-the capacity.
+With monotone laws the potential ``sum A w(e) - N e0 - My ky - Mz kz`` is convex, and Newton's
+method with a line search finds its minimum. The stress-strain curves are extrapolated elastically
+beyond rupture, so that strains exist for every force. If a fibre is then beyond its rupture strain,
+the force is beyond the capacity.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..common.types import Array, ArrayLike, Float, Int
 from ..materials.law import Numbers, Values
 from ..numerics import implicit
 from ..numerics.search import search
-from .fibres import Fibres, Memory
+from .fibres import FibreMemory, Fibres
 
 
 @pytree
@@ -28,7 +28,7 @@ class SectionState:
 
     Attributes:
         strain: ``(e0, ky, kz)``, each of the shape of the forces, -, 1/m, 1/m.
-        status: OK; BEYOND_CAPACITY if a fibre of the last iterate is beyond the end of its curve,
+        status: OK; BEYOND_CAPACITY if a fibre of the last iterate is beyond its rupture strain,
             whether converged or not; else SECTION_UNBALANCED.
         residual: largest unbalanced force; moments divided by the radius of gyration, N.
         steps: number of iterations.
@@ -48,16 +48,16 @@ class SectionState:
     steps: Int[Array, "*shape"]
 
 
-def equilibrium(
+def solve_strains(
     section: Fibres,
     N: Numbers,
     My: Numbers,
     Mz: Numbers,
-    memory: Memory | None = None,
+    memory: FibreMemory | None = None,
     tol: Float[ArrayLike, ""] | None = None,
     max_steps: int = 100,
 ) -> SectionState:
-    """Strains ``(e0, ky, kz)`` from forces, by iteration to the equilibrium of the section.
+    """Find the strains ``(e0, ky, kz)`` at which the section is in equilibrium with given forces.
 
     Forces of any shape are treated one after the other, each with as many iterations as it needs:
     on a CPU this is five times faster than a batch, which iterates until the slowest has converged.
@@ -66,8 +66,8 @@ def equilibrium(
     Args:
         section: `Section`.
         N, My, Mz: arrays of one shape, N, N m, N m.
-        memory: of the fibres, as from `Section.initial_memory`: one memory for all forces, or with
-            the axes of the forces in front; None for an unused section.
+        memory: history variables, as from `Section.initial_memory`: the same for all forces, or
+            with the axes of the forces in front; None for an unused section.
         tol: largest residual, relative to the sum of absolute fibre forces plus the load (moments
             over the radius of gyration); default 64 eps, which costs one iteration more than 1e-4.
         max_steps: iterations allowed.
@@ -90,13 +90,15 @@ def equilibrium(
     """
     N, My, Mz = jnp.broadcast_arrays(*(jnp.asarray(v, section.area.dtype) for v in (N, My, Mz)))
     if N.ndim:
-        return _batch(section, (N, My, Mz), memory, tol, max_steps)
+        return _solve_one_by_one(section, (N, My, Mz), memory, tol, max_steps)
     if memory is None and section.remembers:
         memory = section.initial_memory()
-    target, radius = jnp.stack([N, My, Mz]), _radius(section)
+    target, radius = jnp.stack([N, My, Mz]), _strain_scale(section)
     parameters = (section, target, memory)
     frozen = lax.stop_gradient(parameters)
-    found, steps, residual, good = _iterate(*frozen, lax.stop_gradient(radius), tol, max_steps)
+    found, steps, residual, good = _iterate_strains(
+        *frozen, lax.stop_gradient(radius), tol, max_steps
+    )
     broken = section.beyond(*(found / radius))
     code = jnp.where(good, status.OK, status.SECTION_UNBALANCED)
     code = jnp.where(broken, status.BEYOND_CAPACITY, code).astype(jnp.int32)
@@ -105,10 +107,10 @@ def equilibrium(
     radius = lax.stop_gradient(radius)  # it scales the unknowns and has no effect on the strains
 
     def unbalanced(v):
-        return _forces(section.extended(), v, radius, memory) - target / radius
+        return _scaled_forces(section.extended(), v, radius, memory) - target / radius
 
     def tangent_solve(linearized, rhs):
-        matrix = _tangent(frozen[0].extended(), found, radius, frozen[2])
+        matrix = _scaled_tangent(frozen[0].extended(), found, radius, frozen[2])
         matrix = jnp.where(ok, matrix, jnp.eye(3, dtype=found.dtype))
         return linear.factorize(matrix).solve(rhs, linearized)
 
@@ -117,8 +119,8 @@ def equilibrium(
     return SectionState(tuple(strain), code, residual, steps)
 
 
-def _batch(section, forces, memory, tol, max_steps):
-    """`equilibrium` for forces of any shape, one after the other."""
+def _solve_one_by_one(section, forces, memory, tol, max_steps):
+    """Apply `solve_strains` to forces of any shape, one after the other."""
     shape = forces[0].shape
     flat = [v.ravel() for v in forces]
     by_force = jax.tree.leaves(memory)[0].ndim > 2 if memory is not None else False
@@ -128,40 +130,44 @@ def _batch(section, forces, memory, tol, max_steps):
 
     def of_one(item):
         force, remembered = item
-        return equilibrium(section, *force, remembered if by_force else memory, tol, max_steps)
+        return solve_strains(section, *force, remembered if by_force else memory, tol, max_steps)
 
     states = lax.map(of_one, (flat, memories))
     return jax.tree.map(lambda v: v.reshape(shape), states)
 
 
-def _radius(section):
-    """Factors [3] from (e0, ky, kz) to strains: 1 and the radii of gyration (1 if these are 0)."""
+def _strain_scale(section):
+    """Return factors [3] from (e0, ky, kz) to strains: 1, and the radii of gyration (1 if zero)."""
     inertia = jnp.stack(section.inertia()[:2]) / section.total_area
     flat = inertia <= 0
     radius = jnp.where(flat, 1.0, jnp.sqrt(jnp.where(flat, 1.0, inertia)))
     return jnp.append(jnp.ones(1, radius.dtype), radius)
 
 
-def _forces(section, scaled, radius, memory):
-    """Forces, moments divided by `radius`, [3], N; `scaled` is (e0, ky, kz) times `radius`."""
+def _scaled_forces(section, scaled, radius, memory):
+    """Return forces, moments divided by `radius`, [3], N; `scaled` is (e0, ky, kz) `radius`."""
     return jnp.stack(section.forces(*(scaled / radius), memory)) / radius
 
 
-def _tangent(section, scaled, radius, memory):
-    """Derivative of `_forces`, [3, 3], N."""
+def _scaled_tangent(section, scaled, radius, memory):
+    """Return the derivative of `_scaled_forces` by `scaled`, [3, 3], N."""
     _, tangent = section.linearized(*(scaled / radius), memory)
     return tangent / jnp.outer(radius, radius)
 
 
-def _iterate(section, target, memory, radius, tol, max_steps):
-    """Newton's method with line search from zero: scaled strains, steps, residual, success."""
+def _iterate_strains(section, target, memory, radius, tol, max_steps):
+    """Iterate from zero by Newton's method with a line search.
+
+    Returns:
+        Scaled strains [3], number of iterations, largest residual, N, and whether it converged.
+    """
     section = section.extended()
     eps = jnp.finfo(target.dtype).eps
     tol = jnp.maximum(64 * eps, jnp.asarray(64 * eps if tol is None else tol))
     load = jnp.max(jnp.abs(target / radius))
 
     def evaluate(v):
-        residual = _forces(section, v, radius, memory) - target / radius
+        residual = _scaled_forces(section, v, radius, memory) - target / radius
         stress = section.fibre_stress(*(v / radius), memory)
         return residual, jnp.sum(jnp.abs(stress) * section.area) + load
 
@@ -171,7 +177,7 @@ def _iterate(section, target, memory, radius, tol, max_steps):
 
     def iterate(s):
         v, residual, scale, kappa, steps = s
-        matrix = _tangent(section, v, radius, memory)
+        matrix = _scaled_tangent(section, v, radius, memory)
         shift = kappa * jnp.max(jnp.abs(residual))
         step, definite = linear.solve_definite(
             matrix + shift * jnp.eye(3, dtype=matrix.dtype), -residual

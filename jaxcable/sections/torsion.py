@@ -17,7 +17,7 @@ from . import outlines
 def rectangle_torsion(
     width: Float[ArrayLike, ""], height: Float[ArrayLike, ""]
 ) -> Float[ArrayLike, ""]:
-    """Torsion constant of a rectangle, m4, by Saint-Venant's series.
+    """Return the torsion constant of a rectangle, m4, by Saint-Venant's series.
 
     Source: Timoshenko and Goodier, Theory of Elasticity, art. 109.
     """
@@ -33,9 +33,9 @@ def rectangle_torsion(
 def bredt_torsion(
     points: Float[ArrayLike, "n 2"], thickness: Float[ArrayLike, "#n"]
 ) -> Float[ArrayLike, ""]:
-    """Torsion constant of a closed cell of thin walls, ``4 A^2 / sum(l / t)``.
+    """Return the torsion constant of a closed thin-walled cell, ``4 A^2 / sum(l / t)``.
 
-    ``A`` is the area inside of the middle line of the walls. The contribution of the walls as open
+    ``A`` is the area inside the middle line of the walls. The contribution of the walls as open
     strips, ``sum l t^3 / 3``, is left out: it is smaller by the square of thickness over width.
     Both arguments may be traced.
 
@@ -79,7 +79,11 @@ def bredt_torsion(
         )
     thickness = or_nan(positive("thickness", thickness))
     known = checks.concrete(points)
-    if known is not None and np.isfinite(known).all() and (text := outlines.crossed(known)):
+    if (
+        known is not None
+        and np.isfinite(known).all()
+        and (text := outlines.describe_line_fault(known))
+    ):
         raise ValueError(text)
     traced = known is None or checks.concrete(thickness) is None
     pack = jnp if traced else np
@@ -90,13 +94,12 @@ def bredt_torsion(
     return 4 * area**2 / pack.sum(length / thickness)
 
 
-def are_round(parts: Sequence[tuple[Any, ...]]) -> Bool[ArrayLike, ""]:
-    """Whether all parts are discs and rings about one centre; traced if their numbers are.
+def are_concentric_circles(parts: Sequence[tuple[Any, ...]]) -> Bool[ArrayLike, ""]:
+    """Return whether all parts are discs and rings about one centre; traced if their numbers are.
 
-    Decided by comparing the torsion constant of each part with the polar moment of its area about
-    the common centroid. Both are equal only for a disc or a ring about this centre: any other shape
-    warps, which makes its torsion constant smaller, and about any other centre the polar moment is
-    larger.
+    Compares the torsion constant of each part with the polar moment of its area about the common
+    centroid. Both are equal only for a disc or a ring about this centre: any other shape warps,
+    which makes its torsion constant smaller, and about any other centre the polar moment is larger.
 
     Args:
         parts: list of (y, z, area, own, torsion) of one law each, as in `Section`.

@@ -1,9 +1,10 @@
-"""Numbering of the unknowns: rows of motion, and which of their freedoms are free.
+"""Degree-of-freedom map: which degrees of freedom are free, and the index of each unknown.
 
-Every node is a row of motion. Elements can have further rows: a hinged end of a beam has the
-displacement of its node and a separate rotation; inner numbers of beams (`elements.inner`) are the
-displacements of rows that belong to one element only. A node that another node carries rigidly has
-no freedoms: it moves with its carrier.
+A *row of motion* is whatever has a displacement. Every node is a row. Elements can have further
+rows: a hinged end of a beam has the displacement of its node and a rotation of its own; internal
+unknowns of beams (`elements.inner`) are the displacements of rows that belong to one element only.
+A node that a rigid link joins to another node, its *carrier* (reference node), is *carried*: it has
+no unknowns and moves with its carrier.
 """
 
 from __future__ import annotations
@@ -22,22 +23,24 @@ from ..common.tree import Indices, copy, places, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 
 Carried: TypeAlias = 'tuple[Int[ArrayLike, " n"], Int[ArrayLike, " n"]]'
-"""Carried nodes, and their carriers."""
+"""Rigid links: carried (dependent) nodes, and their carriers (reference nodes)."""
 FreeSpins: TypeAlias = (
     'tuple[Int[ArrayLike, " m"], Int[ArrayLike, " m"], Int[ArrayLike, "n_piece 2"]]'
 )
-"""Rows that spin, the pieces that they belong to, and two nodes on the line of each piece."""
+"""Straight pieces of beams that can spin about their own line without stiffness: the rows that
+spin, the piece of each row, and two nodes on the line of each piece."""
 
-_DENSE = 4  # dense matrices at once: indices and values of a tangent, its scaled form, its factor
+# dense matrices in memory at once: indices and values of a tangent, its scaled form, its factor
+_DENSE_MATRICES = 4
 
 
 class Rows:
-    """The rows of motion of a structure that has more rows than nodes.
+    """Rows of motion of a structure that has more rows than nodes; hashable, for caches.
 
     Attributes:
         node: node that every row belongs to, [n_row], NumPy.
-        inner: True for rows of inner numbers, [n_row] bool, NumPy.
-        idle: True for columns of inner rows that no element uses, [n_row, 3] bool, NumPy.
+        inner: True for rows of internal unknowns of elements, [n_row] bool, NumPy.
+        idle: True for columns of such rows that no element uses, [n_row, 3] bool, NumPy.
     """
 
     def __init__(
@@ -62,31 +65,31 @@ class Rows:
 
 @pytree
 class Freedoms:
-    """Numbering of the unknowns of a phase: only these freedoms are solved for.
+    """Map between degrees of freedom (dofs) and unknowns in a phase; only free dofs are solved for.
 
-    A row of motion (see the module) has three freedoms, or six in a structure with beams, along the
+    A row of motion (see the module) has three dofs, or six in a structure with beams, along the
     directions in `axes`.
 
     Attributes:
-        free: free freedoms as flat numbers ``n_freedom row + direction``, [n_free].
-        number: number of the unknown of every freedom, or n_free if it is held, [n_row, n_freedom].
-        fixed: True where a freedom is held, [n_row, n_freedom].
-        axes: directions of the freedoms, [n_row, 3, 3], one in each row of a matrix; None if they
-            are x, y, z.
+        free: free dofs as flat indices ``n_freedom row + direction``, [n_free].
+        number: index of the unknown of every dof, or n_free if it is fixed, [n_row, n_freedom].
+        fixed: True where a dof is fixed, [n_row, n_freedom].
+        axes: directions of the dofs, [n_row, 3, 3], one in each row of a matrix; None if they are
+            x, y, z.
         rows: node that every row of motion belongs to, or None if every row is a node.
-        inner: True for rows of inner numbers, [n_row] bool, or None.
-        carried: (carried nodes, their carriers), [n] each, or None.
-        bound: True for unknowns that are held in this phase and free in another one, [n_free] bool,
-            or None; they do not move.
-        spins: for free spins the rows [m], their pieces [m], nodes on the lines [n_piece, 2]; or
-            None.
+        inner: True for rows of internal unknowns of elements, [n_row] bool, or None.
+        carried: rigid links, (carried nodes, their carriers), [n] each, or None.
+        bound: True for unknowns that are fixed in this phase and free in another one, [n_free]
+            bool, or None; they do not move.
+        spins: `FreeSpins`, or None.
         pattern: `linear.Pattern` of sparse matrices; None if they are dense.
-        meeting: sums at every row over the ends of all elements that meet there; None to scatter,
-            which is as fast where loops are not fused (`common.fusion`), in a smaller program.
-        numbering: sums at every unknown over its freedoms, with `meeting` where every freedom has
-            an unknown of its own; its transpose needs no scatter.
-        supported: True where a support holds a freedom, [n_row, n_freedom]; others are `fixed`
-            because no element that is there touches them. None if supports hold all of them.
+        meeting: assembly map that sums the end forces of all elements at every row; None to
+            scatter, which is as fast where loops are not fused (`common.fusion`), in a smaller
+            program.
+        numbering: assembly map that sums forces at every unknown; given with `meeting` where every
+            dof has an unknown of its own. Its transpose needs no scatter.
+        supported: True where a support fixes a dof, [n_row, n_freedom]; others are `fixed` because
+            they are inactive: no present element touches them. None if supports fix all of them.
     """
 
     free: Int[ArrayLike, " n_free"]
@@ -105,17 +108,17 @@ class Freedoms:
 
     @property
     def by_supports(self) -> Bool[ArrayLike, "n_row n_freedom"]:
-        """Freedoms that supports hold, [n_row, n_freedom] bool."""
+        """Degrees of freedom that supports fix, [n_row, n_freedom] bool."""
         return self.fixed if self.supported is None else self.supported
 
     def released(self, vector: Float[Array, " n_free"]) -> Float[Array, " n_free"]:
-        """A vector [n_free] with zeros at the unknowns that are bound in this phase."""
+        """Return a vector with zeros at the unknowns that are `bound`."""
         return vector if self.bound is None else jnp.where(self.bound, 0.0, vector)
 
     def moves(self) -> Bool[Array, "n_row n_freedom"]:
-        """Freedoms that have an unknown which is not bound, [n_row, n_freedom] bool.
+        """Return which degrees of freedom can move in this phase, [n_row, n_freedom] bool.
 
-        A carried node has those of its carrier.
+        They have an unknown that is not `bound`. A carried node has those of its carrier.
         """
         number = self.number
         if self.carried is not None:
@@ -126,33 +129,33 @@ class Freedoms:
 
     @property
     def row_of_unknown(self) -> Int[Array, " n_free"]:
-        """Row of motion that every unknown belongs to, [n_free]."""
+        """Row of motion of every unknown, [n_free]."""
         return self.free // self.number.shape[1]
 
     @property
     def of_supports(self) -> Freedoms:
-        """The part that results need: supports, rows and carried nodes, without the numbering."""
+        """The part that results need: supports, rows and rigid links, without unknowns."""
         nothing = {
             name: None for name in ("free", "number", "pattern", "spins", "bound", "numbering")
         }
         return copy(self, **nothing)
 
 
-def numbers_of(
+def element_unknowns(
     number: Int[ArrayLike, "n_row n_freedom"],
     links: Int[ArrayLike, "n_elem n_end"],
     width: int,
     inner: Sequence[tuple[int, int]] = (),
     carried: Carried | None = None,
 ) -> Int[ArrayLike, "n_elem d"]:
-    """Numbers of the unknowns in the order of an element's matrix, [n_elem, d].
+    """Return the indices of each element's unknowns, in the order of its matrix, [n_elem, d].
 
     Args:
-        number: unknowns of all rows and directions, as of `Freedoms`, [n_row, 3 or 6].
-        links: rows of the elements, [n_elem, n_end]: ends, then rows of inner numbers.
-        width: freedoms that an element gives an end, 3 or 6.
-        inner: indices of the inner numbers, (row after the ends, column), a tuple.
-        carried: as of `Freedoms`; ends at carried nodes have the six unknowns of their carriers.
+        number: unknown of every degree of freedom, as in `Freedoms`, [n_row, 3 or 6].
+        links: rows of the elements, [n_elem, n_end]: ends, then rows of internal unknowns.
+        width: degrees of freedom that an element has at each end, 3 or 6.
+        inner: positions of the internal unknowns, (row after the ends, column), a tuple.
+        carried: as in `Freedoms`; ends at carried nodes have the six unknowns of their carriers.
     """
     n_inner_row = 1 + max((row for row, _ in inner), default=-1)
     n_end = links.shape[1] - n_inner_row
@@ -169,7 +172,7 @@ def numbers_of(
 
 
 def carriers(n_row: int, carried: Carried) -> Int[ArrayLike, " n_row"]:
-    """The row that every row moves with: the carrier of a carried node, else itself, [n_row]."""
+    """Return the row whose unknowns move each row: its carrier or, without one, itself, [n_row]."""
     if isinstance(carried[0], np.ndarray):
         found = np.arange(n_row)
         found[carried[0]] = carried[1]
@@ -189,26 +192,32 @@ def number_freedoms(
     definite=False,
     paired=(),
 ):
-    """`Freedoms` with the numbering and the pattern of the tangent; cached for later analyses.
+    """Number the unknowns and find the pattern of the tangent; cached for later analyses.
 
     Args:
-        fixed: `Fixed`, True where a freedom is held, [n_row, 3 or 6].
+        fixed: `Fixed`, True where a degree of freedom is fixed, [n_row, 3 or 6].
         rows: `Rows`, or None.
-        links: triples (`Indices` of links, freedoms of an end, inner numbers) for every group and
-            every following load, a tuple; None for no pattern.
+        links: triples (`Indices` of links, degrees of freedom of an end, internal unknowns) for
+            every group and every follower load, a tuple; None for no pattern.
         solver: the solver that the pattern is made for; None to choose by size.
         symmetric: whether the tangent is symmetric.
-        rigid: pairs (carrier, carried) of nodes, `Indices` [n, 2], or None.
+        rigid: rigid links, pairs (carrier, carried node), `Indices` [n, 2], or None.
         space: the `Space`, for the unknowns that a row couples by itself; None for no such
             coupling.
         definite: whether the tangent is known to be positive semidefinite.
         paired: see `linear.make_pattern`.
+
+    Returns:
+        `Freedoms`.
+
+    Raises:
+        ValueError: a dense matrix, asked for by `solver`, does not fit into memory.
     """
     mask, spins = fixed.array.copy(), fixed.spins
     carried = None
     if rows is not None:
         shared = (np.arange(len(mask)) != rows.node) & ~rows.inner
-        mask[shared, :3] = True  # these freedoms get the unknowns of their node
+        mask[shared, :3] = True  # these displacements get the unknowns of their node
     if rigid is not None:
         carried = rigid.array[:, 1], rigid.array[:, 0]
         mask[carried[0]] = True  # carried nodes move by the unknowns of their carriers
@@ -217,9 +226,9 @@ def number_freedoms(
     number = np.full(mask.size, n_free, np.int32)
     number[free] = np.arange(n_free, dtype=np.int32)
     if solver == "dense":
-        need = _DENSE * n_free**2 * jnp.zeros(0).dtype.itemsize
+        need = _DENSE_MATRICES * n_free**2 * jnp.zeros(0).dtype.itemsize
         way_out = "linear_solver=None chooses a sparse solver"
-        memory.require(need, f'linear_solver = "dense": of {n_free} unknowns', way_out)
+        memory.require(need, f'linear_solver = "dense" for {n_free} unknowns', way_out)
     number = number.reshape(mask.shape)
     if rows is not None:
         number[shared, :3] = number[rows.node[shared], :3]
@@ -227,7 +236,8 @@ def number_freedoms(
     dense = coupled and linear.choose(n_free, False, solver).on_device
     if links is not None and n_free > 0 and not dense:
         numbers = [
-            numbers_of(number, ends.array, width, inner, carried) for ends, width, inner in links
+            element_unknowns(number, ends.array, width, inner, carried)
+            for ends, width, inner in links
         ]
         pattern = linear.make_pattern(
             [*numbers, *coupled], n_free, symmetric, solver, definite=definite, paired=paired
@@ -247,12 +257,13 @@ def number_freedoms(
 
 @functools.lru_cache(maxsize=16)
 def gathering(freedoms: Freedoms, links: tuple[Indices, ...], own: bool) -> Freedoms:
-    """`Freedoms` with `meeting`, of element groups with these links, and `numbering`; cached.
+    """Add the assembly maps `meeting` and `numbering`; cached for later analyses.
 
     Args:
         freedoms: from `number_freedoms`.
         links: rows of the elements of every group.
-        own: whether every free freedom has an unknown of its own.
+        own: whether every free degree of freedom has an unknown of its own; only then
+            `numbering` is added.
     """
     ends = np.concatenate([indices.array.ravel() for indices in links])
     found = {"meeting": linear.gathering(ends, len(freedoms.number))}
@@ -264,12 +275,12 @@ def gathering(freedoms: Freedoms, links: tuple[Indices, ...], own: bool) -> Free
 
 
 def along(axes: Float[ArrayLike, "n 3 3"], vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-    """Components of vectors [n, 3] along directions, one in each row of matrices [n, 3, 3]."""
+    """Return the components of vectors along local axes, the rows of matrices [n, 3, 3]."""
     return jnp.einsum("nij,nj->ni", jnp.asarray(axes, vectors.dtype), vectors)
 
 
 def combined(
     axes: Float[ArrayLike, "n 3 3"], components: Float[Array, "n 3"]
 ) -> Float[Array, "n 3"]:
-    """Vectors [n, 3] from components along directions, one in each row of matrices [n, 3, 3]."""
+    """Return vectors from their components along local axes, the rows of matrices [n, 3, 3]."""
     return jnp.einsum("nij,ni->nj", jnp.asarray(axes, components.dtype), components)

@@ -1,8 +1,8 @@
-"""Nodes that have a displacement and a rotation: structures with beams.
+"""Nodes with six degrees of freedom, a displacement and a rotation: structures with beams.
 
 The motion of a row has seven numbers, a displacement and a unit quaternion; a step of a row has six
-numbers, a translation and a spin. Rotations are multiplied and never added. A spin enters the steps
-[n_free] times a length, the mean length of the beams (`arm`), as an arc. Hence all unknowns are
+numbers, a translation and a spin. Rotations are multiplied and never added. The unknown of a spin
+is the spin times a length, the mean length of the beams (`arm`): an arc. Hence all unknowns are
 lengths, all residuals are forces, and one tolerance serves for all.
 
 The residual about ``x`` is the derivative of the energy with respect to a step from ``x``, at this
@@ -39,20 +39,32 @@ from ..numerics.rotations import (
     turn_by,
     turned,
 )
-from .freedoms import Freedoms, along, combined, numbers_of
-from .space import Forces, Group, Matrix, Motion, Part, Space, Step, by_numbers, square
+from .freedoms import Freedoms, along, combined, element_unknowns
+from .space import (
+    ElementGroup,
+    Forces,
+    Matrix,
+    Motion,
+    Part,
+    Space,
+    Step,
+    as_square_matrices,
+    transform_by_jacobian,
+)
 
-_NO_STIFFNESS = 1e-9  # a free spin's stiffness from rounding, over that of a single node's spin
+# stiffness of a free spin that is only rounding, over the stiffness of one node's spin: rounding
+# leaves some eps times the number of nodes of a piece, real stiffness is many orders larger
+_SPIN_STIFFNESS_OF_ROUNDING = 1e-9
 
 
 @pytree
 class RigidNodes(Space):
-    """The motion of a row is its displacement and the unit quaternion of its rotation; see `Space`.
+    """Space of nodes with rotations: motions are displacement and quaternion; see `Space`.
 
     Attributes:
         nodes: initial positions, [n_row, 3], m.
         arm: length by which spins are multiplied, m; it scales unknowns, not results.
-        bearing: rotation of every row when its support was set, [n_row, 4], if supports hold
+        bearing: rotation of every row when its support was set, [n_row, 4], if supports fix
             rotations along directions other than x, y, z; None if `prescribed` contains it.
     """
 
@@ -68,12 +80,12 @@ class RigidNodes(Space):
     def of(
         cls,
         nodes: Float[Array, "n_row 3"],
-        groups: Sequence[Group],
+        groups: Sequence[ElementGroup],
         freedoms: Freedoms,
         prescribed: Motion | None,
         bearing: Float[Array, "n_row 4"] | None,
     ) -> Self:
-        """The space of a system; its arm is the mean length of elements whose nodes rotate."""
+        """Make the space of a system; its arm is the mean length of elements whose nodes rotate."""
         chords = [group.chord(nodes[group.links]) for group in groups if group.rotates]
         lengths = jnp.concatenate(chords)
         arm = lax.stop_gradient(jnp.mean(lengths)) if lengths.size else jnp.ones((), nodes.dtype)
@@ -83,164 +95,168 @@ class RigidNodes(Space):
 
     @classmethod
     def still(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
-        """Zero displacements and rotations."""
-        turn = jnp.broadcast_to(jnp.asarray(IDENTITY, nodes.dtype), (len(nodes), 4))
-        return jnp.concatenate([jnp.zeros_like(nodes), turn], axis=1)
+        """Return zero displacements and rotations."""
+        rotation = jnp.broadcast_to(jnp.asarray(IDENTITY, nodes.dtype), (len(nodes), 4))
+        return jnp.concatenate([jnp.zeros_like(nodes), rotation], axis=1)
 
     @classmethod
     def advanced(cls, motion: Motion, step: Forces) -> Motion:
-        """Motion displaced by the translations of a step, and turned by its spins."""
+        """Return the motion after a step: displaced by its translations, rotated by its spins."""
         return jax.vmap(turned)(motion, step)
 
     @classmethod
     def between(cls, before: Motion, after: Motion) -> Forces:
-        """Displacement and rotation vector from one motion to another."""
+        """Return displacement and rotation vector from one motion to another."""
 
-        def turn(old, new):
+        def rotation(old, new):
             return angles(stereographic(product(new, inverse(old))))
 
         shift = (after - before)[:, :3]
-        return jnp.concatenate([shift, jax.vmap(turn)(before[:, 3:], after[:, 3:])], axis=1)
+        return jnp.concatenate([shift, jax.vmap(rotation)(before[:, 3:], after[:, 3:])], axis=1)
 
     @classmethod
     def borne(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
-        """The same rotations, and the displacements of the ends of arms that turn."""
+        """Return the same rotations, and the displacements of the ends of rotating arms."""
         swung = jax.vmap(rotate)(motion[:, 3:], arm) - arm
         return jnp.concatenate([motion[:, :3] + swung, motion[:, 3:]], axis=1)
 
     @classmethod
     def rotations(cls, motion: Motion) -> Float[Array, "n_row 4"]:
-        """Unit quaternions of all rows, [n_row, 4]."""
+        """Return the rotations in a motion, unit quaternions."""
         return motion[:, 3:]
 
     @classmethod
     def moments(cls, force: Float[Array, "... n_freedom"]) -> Float[Array, "... 3"]:
-        """Moments in forces [..., 6], [..., 3], N m."""
+        """Return the moments in generalized forces, N m."""
         return force[..., 3:]
 
     @classmethod
     def kept(
         cls, motion: Float[Array, "n_inc n_row n_motion"]
     ) -> Float[Array, "n_inc n_row n_motion"]:
-        """The whole motions, because rotations do not follow from displacements."""
+        """Return the whole motions, because rotations do not follow from displacements."""
         return motion
 
     # --- points and steps
 
     def place(self, x: Motion) -> Motion:
-        """`x` with supported translations, and rotations of clamped nodes, as prescribed."""
+        """Return `x` with supports as prescribed, and carried nodes moved with their carriers."""
         clamped = jnp.all(self.freedoms.fixed[:, 3:], axis=1, keepdims=True)
-        rotation = jnp.where(clamped, self._prescribed[:, 3:], x[:, 3:])
-        moved = self._supported(x[:, :3])
-        return self._carried_along(jnp.concatenate([moved, rotation], axis=1))
+        rotation = jnp.where(clamped, self._known_prescribed[:, 3:], x[:, 3:])
+        moved = self._impose_displacements(x[:, :3])
+        return self._move_carried_nodes(jnp.concatenate([moved, rotation], axis=1))
 
     def carried(self, x: Motion) -> Motion:
-        """`x`, a constant, as a function of the rotations in which hinged supports were set."""
+        """Return `x`, a constant, with its derivative by the rotations of hinged supports.
+
+        They measure from the rotation of the node when they were set; `x` turns with that one.
+        """
         hinged = jnp.any(self.freedoms.fixed[:, 3:], axis=1, keepdims=True)
-        support = self._reference()
+        support = self._support_rotations()
         relative = jax.vmap(product)(x[:, 3:], jax.vmap(inverse)(lax.stop_gradient(support)))
         rotation = jnp.where(hinged, jax.vmap(product)(relative, support), x[:, 3:])
         return jnp.concatenate([x[:, :3], rotation], axis=1)
 
-    def _reference(self) -> Float[Array, "n_row 4"]:
-        """Rotations from which supports measure, if they hold some rotations only, [n_row, 4]."""
-        return self._prescribed[:, 3:] if self.bearing is None else self.bearing
+    def _support_rotations(self) -> Float[Array, "n_row 4"]:
+        """Return the rotations from which supports that fix some rotations only measure."""
+        return self._known_prescribed[:, 3:] if self.bearing is None else self.bearing
 
     def move(self, x: Motion, step: Step) -> Motion:
-        """The motion after a step [n_free]."""
-        return self._carried_along(self.advanced(x, self.spread(x, step)))
+        """Return the motion after a step of the unknowns from `x`."""
+        return self._move_carried_nodes(self.advanced(x, self.spread(x, step)))
 
-    def _carried_along(self, x: Motion) -> Motion:
-        """`x` with carried nodes put where their carriers take them."""
+    def _move_carried_nodes(self, x: Motion) -> Motion:
+        """Return `x` with the nodes on rigid links moved as their carriers move them."""
         if self.freedoms.carried is None:
             return x
         nodes, by = self.freedoms.carried
-        arm, turn = self.nodes[nodes] - self.nodes[by], x[by, 3:]
-        moved = x[by, :3] + jax.vmap(rotate)(turn, arm) - arm
-        return x.at[nodes].set(jnp.concatenate([moved, turn], axis=1))
+        arm, rotation = self.nodes[nodes] - self.nodes[by], x[by, 3:]
+        moved = x[by, :3] + jax.vmap(rotate)(rotation, arm) - arm
+        return x.at[nodes].set(jnp.concatenate([moved, rotation], axis=1))
 
-    def _arms(self, x: Motion) -> Float[Array, "n 3"]:
-        """Arms from carriers to carried nodes, turned as at `x`, [n, 3], m."""
+    def _rotated_arms(self, x: Motion) -> Float[Array, "n 3"]:
+        """Return the arms of rigid links, from carriers to carried nodes, rotated as at `x`, m."""
         nodes, by = self.freedoms.carried  # type: ignore[misc]  # not None
         return jax.vmap(rotate)(x[by, 3:], self.nodes[nodes] - self.nodes[by])
 
     def spread(self, x: Motion, step: Step) -> Forces:
-        """Translation and spin of every row, [n_row, 6], from a step [n_free] from `x`.
-
-        Carried nodes move with their carriers, by the exact rotation of the arm.
-        """
+        """Return translation and spin of every row that belong to a step of the unknowns."""
         full = jnp.append(step, jnp.zeros(1, step.dtype))[self.freedoms.number]
-        full = full * self._scaling()
+        full = full * self._unknown_scale()
         if self.freedoms.axes is not None:
             shift = combined(self.freedoms.axes, full[:, :3])
             full = jnp.concatenate([shift, combined(self._spin_axes(x), full[:, 3:])], axis=1)
         if self.freedoms.carried is not None:
             nodes, by = self.freedoms.carried
-            arm, spin = self._arms(x), full[by, 3:]
+            arm, spin = self._rotated_arms(x), full[by, 3:]
             swung = jax.vmap(lambda s, a: rotate(turn_by(s), a))(spin, arm) - arm
             full = full.at[nodes].set(jnp.concatenate([full[by, :3] + swung, spin], axis=1))
         return full
 
     def _spin_axes(self, x: Motion) -> Float[Array, "n_row 3 3"]:
-        """Directions of spins, [n_row, 3, 3], one in each row of a matrix.
+        """Return the axes of the spin unknowns, one in each row of a matrix.
 
-        Where exactly one rotation is held, the node swings from `_reference` by the smallest
-        rotation. Spins along the two other directions, turned by half of the swing, keep it so.
+        Where exactly one rotation is held, the node swings from `_support_rotations` by the
+        smallest rotation. Spins along the two other directions, turned by half of the swing, keep
+        it so.
         """
         axes = jnp.asarray(self.freedoms.axes, x.dtype)
         alone = jnp.sum(self.freedoms.fixed[:, 3:], axis=1) == 1
-        swing = jax.vmap(product)(x[:, 3:], jax.vmap(inverse)(self._reference()))
+        swing = jax.vmap(product)(x[:, 3:], jax.vmap(inverse)(self._support_rotations()))
         still = jnp.asarray(IDENTITY, x.dtype)
         half = jax.vmap(lambda swings, q: middle(still, jnp.where(swings, q, still)))(alone, swing)
         return jax.vmap(lambda q, rows: jax.vmap(lambda v: rotate(q, v))(rows))(half, axes)
 
-    def _scaling(self):
+    def _unknown_scale(self):
+        """Return the step of a row by its unknowns along the axes, [1, 6]: 1, and 1/arm."""
         arm = self.arm
         return jnp.concatenate([jnp.ones((1, 3), arm.dtype), jnp.full((1, 3), 1 / arm)], axis=1)
 
     # --- forces
 
     def size(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
-        """Norms of forces, and of moments over the arm."""
-        size = _norm(force[..., :3])
-        return size + _norm(force[..., 3:]) / self.arm
+        """Return the norms of forces plus those of moments over the length `arm`, N."""
+        size = _vector_norms(force[..., :3])
+        return size + _vector_norms(force[..., 3:]) / self.arm
 
-    def collected(self, force: Forces, x: Motion, spread: Forces | None = None) -> Step:
-        """Forces and moments at the unknowns; those on carried nodes act at their carriers."""
+    def collected(self, force: Forces, x: Motion, row_step: Forces | None = None) -> Step:
+        """Return forces at the unknowns; those on carried nodes act on their carriers."""
         n = self.freedoms.free.shape[0]
-        force = self._handed_on(force, x, spread)
+        force = self._shift_to_carriers(force, x, row_step)
         if self.freedoms.axes is not None:
             force = jnp.concatenate(
                 [along(self.freedoms.axes, force[:, :3]), along(self._spin_axes(x), force[:, 3:])],
                 axis=1,
             )
-        scaled = force * self._scaling()
+        scaled = force * self._unknown_scale()
         sums = jnp.zeros(n, force.dtype).at[self.freedoms.number].add(scaled, mode="drop")
         return self.freedoms.released(sums)
 
-    def _handed_on(self, force: Forces, x: Motion, spread: Forces | None = None) -> Forces:
-        """Forces and moments [n_row, 6] with those on carried nodes moved to their carriers."""
+    def _shift_to_carriers(
+        self, force: Forces, x: Motion, row_step: Forces | None = None
+    ) -> Forces:
+        """Move forces and moments on carried nodes to their carriers, with the arm's moment."""
         if self.freedoms.carried is None:
             return force
         nodes, by = self.freedoms.carried
-        arm, carried = self._arms(x), force[nodes]
-        if spread is None:
+        arm, carried = self._rotated_arms(x), force[nodes]
+        if row_step is None:
             turning = jax.vmap(cross)(arm, carried[:, :3])
         else:
-            spin = spread[by, 3:]
+            spin = row_step[by, 3:]
             arm = jax.vmap(lambda s, a: rotate(turn_by(s), a))(spin, arm)
             turning = jax.vmap(conjugate)(spin, jax.vmap(cross)(arm, carried[:, :3]))
         force = force.at[nodes].set(0.0).at[by, :3].add(carried[:, :3])
         return force.at[by, 3:].add(carried[:, 3:] + turning)
 
-    def conjugate(self, load: Forces, spread: Forces) -> Forces:
-        """Loads, with moments by their work on changes of the spin, see `rotations.conjugate`."""
-        moment = jax.vmap(conjugate)(spread[:, 3:], load[:, 3:])
+    def conjugate(self, load: Forces, row_step: Forces) -> Forces:
+        """Return loads with moments conjugate to the spins of a step; see `rotations.conjugate`."""
+        moment = jax.vmap(conjugate)(row_step[:, 3:], load[:, 3:])
         return jnp.concatenate([load[:, :3], moment], axis=1)
 
     def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:
-        """Forces and moments of the supports on the structure, [n_row, 6]; zero where free."""
-        force, freedoms = self._handed_on(unbalanced, motion), self.freedoms
+        """Return the support reactions on the structure, forces and moments; zero where free."""
+        force, freedoms = self._shift_to_carriers(unbalanced, motion), self.freedoms
         fixed = freedoms.fixed
         if freedoms.inner is not None:
             fixed = fixed & ~freedoms.inner[:, None]
@@ -252,22 +268,22 @@ class RigidNodes(Space):
         return jnp.concatenate([combined(freedoms.axes, shift), combined(spins, moment)], axis=1)
 
     def directions(self, motion: Motion) -> list[Float[ArrayLike, "n_row 3 3"] | None]:
-        """Directions of displacements, and of spins."""
+        """List the axes along which displacements, and spins, are fixed."""
         return [self.freedoms.axes, self._spin_axes(motion)]
 
     # --- matrices
 
     @classmethod
     def coupled(cls, number: Int[np.ndarray, "n_row 6"]) -> list[Int[np.ndarray, "n_row 3"]]:
-        """Numbers of a row's spins, which nodal moments couple."""
+        """List the indices of each row's spins, which nodal moments couple."""
         return [number[:, 3:]]
 
     def slopes(self, motion: Motion) -> Float[Array, "n_row 6 6"] | None:
-        """Change of each row by its unknowns, [n_row, 6, 6]; None if only spins are scaled."""
+        """Return the Jacobian of each row's step by its unknowns; None if it only scales spins."""
         freedoms = self.freedoms
         if freedoms.axes is None and freedoms.carried is None:
             return None
-        scale = self._scaling()
+        scale = self._unknown_scale()
         slopes = jnp.zeros((len(motion), 6, 6), motion.dtype)
         if freedoms.axes is None:
             slopes = slopes + jnp.eye(6, dtype=motion.dtype)[None]
@@ -279,7 +295,7 @@ class RigidNodes(Space):
             nodes, by = freedoms.carried
             at_carrier = slopes[by]
             swung = jax.vmap(lambda a, spins: jax.vmap(lambda s: cross(s, a), 1, 1)(spins))(
-                self._arms(motion), at_carrier[:, 3:]
+                self._rotated_arms(motion), at_carrier[:, 3:]
             )
             slopes = slopes.at[nodes].set(at_carrier.at[:, :3].add(swung))
         return slopes
@@ -292,13 +308,13 @@ class RigidNodes(Space):
         inner: Sequence[tuple[int, int]],
         x: Motion,
     ) -> Part:
-        """Matrices by the unknowns of their ends; a carried end has the six of its carrier."""
-        freedoms, blocks, slopes = self.freedoms, square(blocks), self.slopes(x)
-        number = numbers_of(freedoms.number, links, width, inner, freedoms.carried)
+        """Transform element matrices to unknowns; a carried end has those of its carrier."""
+        freedoms, blocks, slopes = self.freedoms, as_square_matrices(blocks), self.slopes(x)
+        number = element_unknowns(freedoms.number, links, width, inner, freedoms.carried)
         n_end = links.shape[1] - (1 + max((row for row, _ in inner), default=-1))
         if slopes is None:
             if width > 3:
-                scale = self._scaling()[0]
+                scale = self._unknown_scale()[0]
                 factors = jnp.concatenate(
                     [jnp.tile(scale, n_end), jnp.ones(len(inner), scale.dtype)]
                 )
@@ -307,19 +323,19 @@ class RigidNodes(Space):
         factors = slopes[links[:, :n_end], :width]
         if freedoms.carried is None:
             factors = factors[..., :width]
-        return by_numbers(blocks, factors, len(inner)), number
+        return transform_by_jacobian(blocks, factors, len(inner)), number
 
     def own_parts(self, load: Forces, unbalanced: Callable[[], Forces], x: Motion) -> list[Part]:
-        """Terms of the tangent from nodal moments, and from forces on arms, as nodes turn.
+        """List terms of the tangent from nodal moments and forces on rigid links, as nodes rotate.
 
         They are matrices by the spins of one node each; see `rotations.conjugate`.
         """
         zero = jnp.zeros_like(x[:, :3])
-        moment, first = self._handed_on(load, x)[:, 3:], partial(conjugate, order=1)
+        moment, first = self._shift_to_carriers(load, x)[:, 3:], partial(conjugate, order=1)
         change = -jax.vmap(jax.jacfwd(first))(zero, moment)
         if self.freedoms.carried is not None:
             nodes, by = self.freedoms.carried
-            pull, arm = unbalanced()[nodes, :3], self._arms(x)
+            pull, arm = unbalanced()[nodes, :3], self._rotated_arms(x)
             # `moment` and `pull` both contain the moment of loads on arms: count it once
             by_load = jax.vmap(jax.jacfwd(first))(zero[by], jax.vmap(cross)(arm, load[nodes, :3]))
             change = change.at[by].add(by_load)
@@ -334,10 +350,10 @@ class RigidNodes(Space):
         return [(change / self.arm**2, self.freedoms.number[:, 3:])]
 
     def regular(self, matrix: Matrix, x: Motion) -> Matrix:
-        """The tangent with a spring at each free spin that has no stiffness.
+        """Return the tangent with a spring at each free spin that has no stiffness.
 
         The spring acts on one unknown that a spin z with ``K z = 0`` moves. For loads that do no
-        work on z the solutions are those of K in which this unknown is at rest.
+        work on z the solutions are those of K in which this unknown is zero.
         """
         if self.freedoms.spins is None:
             return matrix
@@ -355,11 +371,12 @@ class RigidNodes(Space):
             largest = jnp.argmax(jnp.abs(spin))
             stiffness = diagonal[largest]
             # (a piece that another phase leaves free has no spin here)
-            soft = jnp.max(jnp.abs(matrix @ spin)) <= _NO_STIFFNESS * stiffness
+            soft = jnp.max(jnp.abs(matrix @ spin)) <= _SPIN_STIFFNESS_OF_ROUNDING * stiffness
             soft = soft & jnp.any(spin != 0)
             matrix = linear.plus_entry(matrix, largest, jnp.where(soft, stiffness, 0.0))
         return matrix
 
 
-def _norm(vectors: Float[Array, "... 3"]) -> Float[Array, " ..."]:
+def _vector_norms(vectors: Float[Array, "... 3"]) -> Float[Array, " ..."]:
+    """Return the Euclidean norms of vectors."""
     return jnp.sqrt(jnp.sum(vectors**2, axis=-1))

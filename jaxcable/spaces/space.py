@@ -1,11 +1,12 @@
 """`Space`: what a `System` needs to know about the motion of its nodes.
 
 The *motion* of a row (a node, or a row of an element, see `freedoms`) begins with its displacement.
-Forces on a row, and steps of a row, begin with three numbers along x, y, z. The point ``x`` of an
-iteration is the motion of all rows, [n_row, n_motion] (of nets with a fine part, see
-`translations`). A *step* [n_free] from ``x`` has a number for every unknown, all of them lengths.
-It is *spread* to a step of every row, [n_row, n_freedom], which moves ``x``. Forces on rows are
-*collected* at the unknowns, by the work that they do on such a step.
+Forces on a row, and steps of a row, begin with three components along x, y, z. The iterate ``x`` is
+the motion of all rows, [n_row, n_motion] (of nets with a *low-order part*, see
+`translations`). A *step* [n_free] from ``x`` has an entry for every unknown, all of them lengths.
+The step of every row, [n_row, n_freedom], follows from it by *prolongation* (`Space.spread`).
+Forces on rows become forces at the unknowns by the transpose, *restriction* (`Space.collected`):
+both do the same work.
 """
 
 from __future__ import annotations
@@ -24,35 +25,35 @@ from ..linear.pattern import Sparse
 from .freedoms import Freedoms, along, combined
 
 Motion: TypeAlias = 'Float[Array, "n_row n_motion"]'
-"""Motion of all rows: the point of an iteration."""
+"""Motion of all rows: the iterate."""
 Forces: TypeAlias = 'Float[Array, "n_row n_freedom"]'
 """Forces on all rows, or a step of all rows."""
 Step: TypeAlias = 'Float[Array, " n_free"]'
-"""A number for every unknown."""
+"""An entry for every unknown."""
 Part: TypeAlias = 'tuple[Float[Array, "n_elem d d"], Int[ArrayLike, "n_elem d"]]'
-"""Matrices of elements, and the numbers of the unknowns of their lines and columns."""
+"""Matrices of elements, and the indices of the unknowns of their rows and columns."""
 Matrix: TypeAlias = 'Float[Array, "n_free n_free"] | Sparse'
 
 
-class Group(Protocol):
+class ElementGroup(Protocol):
     """What a space needs of an element group, see `elements.element.Element`."""
 
     links: Int[ArrayLike, "n_elem n_end"]
     rotates: bool
 
     def chord(self, ends: Float[Array, "n_elem n_end 3"]) -> Float[Array, " n_elem"]:
-        """Distance of the first two ends, m."""
+        """Return the distance between the first two ends of every element, m."""
 
 
 @pytree
 class Space(abc.ABC):
-    """The motions that supports allow.
+    """Motions that the supports allow: from unknowns to nodes and back.
 
     Attributes:
-        freedoms: `Freedoms`, the numbering of the unknowns.
-        prescribed: prescribed motion of all rows, [n_row, n_motion], used where supports hold them;
+        freedoms: `Freedoms`, the degree-of-freedom map.
+        prescribed: prescribed motion of all rows, [n_row, n_motion], used where supports fix them;
             None where supports are not needed.
-        n_motion, n_freedom: how many numbers the motion of a row has, and a force on a row.
+        n_motion, n_freedom: how many numbers the motion of a row has, and its degrees of freedom.
         rotates: whether nodes have rotations.
         symmetric: whether the tangent is symmetric under all dead loads.
     """
@@ -72,94 +73,114 @@ class Space(abc.ABC):
     def of(
         cls,
         nodes: Float[Array, "n_row 3"],
-        groups: Sequence[Group],
+        groups: Sequence[ElementGroup],
         freedoms: Freedoms,
         prescribed: Motion | None,
         bearing: Float[Array, "n_row 4"] | None,
     ) -> Self:
-        """The space of a system; `bearing` as of `ramp.Carry`."""
+        """Make the space of a system.
+
+        Args:
+            nodes: initial positions of all rows, m.
+            groups: the element groups.
+            freedoms: degree-of-freedom map of the phase.
+            prescribed: prescribed motion of all rows, or None.
+            bearing: rotation of every row when its support was set, as in `ramp.Carry`, or None.
+        """
 
     @classmethod
     @abc.abstractmethod
     def still(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
-        """Motion of rows [n_row, 3] that have not moved."""
+        """Return the motion of rows that have not moved."""
 
     @classmethod
     @abc.abstractmethod
     def advanced(cls, motion: Motion, step: Forces) -> Motion:
-        """Motion after a step of any size, [n_row, n_freedom]."""
+        """Return the motion after a step of all rows, of any size."""
 
     @classmethod
     @abc.abstractmethod
     def between(cls, before: Motion, after: Motion) -> Forces:
-        """Displacement, and rotation vector, from one motion to another, [n_row, n_freedom]."""
+        """Return displacement (and rotation vector) from one motion to another."""
 
     @classmethod
     @abc.abstractmethod
     def borne(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
-        """Motion of rows that are joined rigidly to others, by arms from these [n_row, 3], m.
+        """Return the motion of rows that are joined to other rows by rigid links.
 
-        `motion` is that of the others.
+        Args:
+            motion: motion of the rows that they are joined to.
+            arm: vectors from those to the joined rows, in the initial geometry, m.
         """
 
     @classmethod
     def rotations(cls, motion: Motion) -> Float[Array, "n_row 4"] | None:
-        """Rotations of all rows, unit quaternions [n_row, 4]; None if there are none."""
+        """Return the rotations in a motion, unit quaternions; None if there are none."""
         return None
 
     @classmethod
     def moments(cls, force: Float[Array, "... n_freedom"]) -> Float[Array, "... 3"] | None:
-        """Moments in forces [..., n_freedom], [..., 3], N m; None if there are none."""
+        """Return the moments in generalized forces, N m; None if there are none."""
         return None
 
     @classmethod
     def kept(
         cls, motion: Float[Array, "n_inc n_row n_motion"]
     ) -> Float[Array, "n_inc n_row n_motion"] | None:
-        """Motions [n_inc, n_row, n_motion] that a path stores beside displacements, or None."""
+        """Return the motions that a path must store beside displacements; None if it need not."""
         return None
 
     @classmethod
     def padded(cls, force: Float[Array, "... n"]) -> Float[Array, "... n_freedom"]:
-        """Forces [..., 3] or [..., n_freedom], with zeros for missing moments."""
+        """Append zeros for missing moments to forces, [..., 3] or [..., n_freedom]."""
         missing = [(0, 0)] * (force.ndim - 1) + [(0, cls.n_freedom - force.shape[-1])]
         return jnp.pad(force, missing) if missing[-1][1] else force
 
     # --- points and steps
 
     @property
-    def _prescribed(self) -> Motion:
-        """`prescribed`, where it is not None."""
-        return self.prescribed  # type: ignore[return-value]  # asked where it is
+    def _known_prescribed(self) -> Motion:
+        """`prescribed`, for methods that need supports: it is not None there."""
+        return self.prescribed  # type: ignore[return-value]  # not None where it is asked for
 
     def place(self, x: Motion) -> Motion:
-        """`x` with the freedoms that supports hold put to their prescribed values."""
-        return self._supported(x[:, :3])
+        """Return `x` with the degrees of freedom that supports fix at their prescribed values."""
+        return self._impose_displacements(x[:, :3])
 
-    def _supported(self, displacement: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
+    def _impose_displacements(
+        self, displacement: Float[Array, "n_row 3"]
+    ) -> Float[Array, "n_row 3"]:
+        """Return displacements with prescribed values along the directions that are fixed, m."""
         fixed, axes = self.freedoms.fixed[:, :3], self.freedoms.axes
-        prescribed = self._prescribed[:, :3]
+        prescribed = self._known_prescribed[:, :3]
         if axes is None:
             return jnp.where(fixed, prescribed, displacement)
         components = jnp.where(fixed, along(axes, prescribed), along(axes, displacement))
         return combined(axes, components)
 
     def carried(self, x: Motion) -> Motion:
-        """`x`, a constant, as a function of supports; here they have no influence on it."""
+        """Return `x`, a constant, with its derivative by the rotations of supports.
+
+        Without rotations there is none.
+        """
         return x
 
     @abc.abstractmethod
     def spread(self, x: Motion, step: Step) -> Forces:
-        """Step of every row, [n_row, n_freedom], from a step [n_free] from `x`."""
+        """Return the step of every row that belongs to a step of the unknowns (prolongation)."""
 
     @abc.abstractmethod
     def move(self, x: Motion, step: Step) -> Motion:
-        """The motion after a step [n_free]."""
+        """Return the motion after a step of the unknowns from `x`."""
 
     def held_still(self, residual: Step, step: Step) -> Step:
-        """Residual [n_free] at a step, with a unit stiffness and no force at bound unknowns.
+        """Add equations ``step = 0``, with a unit stiffness, for unknowns fixed in this phase.
 
-        They are unknowns only for other phases; in this phase they stay where they are.
+        They are unknowns only because another phase releases them.
+
+        Args:
+            residual: residual at the step, with zeros at these unknowns.
+            step: the step of the unknowns.
         """
         bound = self.freedoms.bound
         if bound is None:
@@ -170,25 +191,34 @@ class Space(abc.ABC):
 
     @abc.abstractmethod
     def size(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
-        """Sizes of forces [..., n_freedom], [...], N; moments are divided by a length."""
+        """Return the norms of generalized forces, N; moments are divided by a length."""
 
     @abc.abstractmethod
-    def collected(self, force: Forces, x: Motion, spread: Forces | None = None) -> Step:
-        """Forces on all rows, collected at the unknowns, [n_free], N.
+    def collected(self, force: Forces, x: Motion, row_step: Forces | None = None) -> Step:
+        """Return forces at the unknowns that do the same work as forces on all rows (restriction).
 
-        The forces act at `x`; with `spread` they are conjugate to this step of all rows from `x`.
+        Args:
+            force: forces on all rows, N.
+            x: the motion at which they act.
+            row_step: step of all rows from `x` that forces are conjugate to; None if it is zero.
+
+        Returns:
+            Forces at the unknowns, [n_free], N.
         """
 
-    def conjugate(self, load: Forces, spread: Forces) -> Forces:
-        """Dead loads [n_row, n_freedom] as forces conjugate to the step `spread` of all rows."""
+    def conjugate(self, load: Forces, row_step: Forces) -> Forces:
+        """Return dead loads as forces that are work-conjugate to `row_step`, a step of all rows."""
         return load
 
     @abc.abstractmethod
     def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:
-        """Forces of the supports, [n_row, n_freedom], from unbalanced forces; zero where free."""
+        """Return the support reactions from unbalanced forces on all rows; zero where free."""
 
     def directions(self, motion: Motion) -> list[Float[ArrayLike, "n_row 3 3"] | None]:
-        """Directions of displacements, and of spins if there are any, a list of [n_row, 3, 3]."""
+        """List the axes along which displacements, and spins if there are any, are fixed.
+
+        Each entry is [n_row, 3, 3], with a direction in each row of a matrix, or None for x, y, z.
+        """
         return [self.freedoms.axes]
 
     # --- matrices
@@ -197,12 +227,15 @@ class Space(abc.ABC):
     def coupled(
         cls, number: Int[np.ndarray, "n_row n_freedom"]
     ) -> list[Int[np.ndarray, "n_row d"]]:
-        """Numbers of the unknowns that a row couples by itself, a list of [n_row, d]."""
+        """List the indices of unknowns that each row couples without an element, [n_row, d] each.
+
+        The sparsity pattern of the tangent needs them.
+        """
         return []
 
     @abc.abstractmethod
     def slopes(self, x: Motion) -> Float[Array, "n_row n_freedom d"] | None:
-        """Change of each row by its unknowns, [n_row, n_freedom, d]; None if along x, y, z."""
+        """Return the Jacobian of each row's step by its unknowns; None if it is the identity."""
 
     @abc.abstractmethod
     def part(
@@ -213,38 +246,57 @@ class Space(abc.ABC):
         inner: Sequence[tuple[int, int]],
         x: Motion,
     ) -> Part:
-        """Matrices [n_elem, d, d] of elements by unknowns, as `linear.assemble` takes them.
+        """Transform element matrices from degrees of freedom of the ends to unknowns.
 
-        `blocks` are by the freedoms of the ends, `width` each, and by the inner numbers.
+        Args:
+            blocks: matrices by the degrees of freedom of the ends and the internal unknowns.
+            links: rows of the elements: ends, then rows of internal unknowns.
+            width: degrees of freedom of an end, 3 or 6.
+            inner: positions of the internal unknowns, see `element_unknowns`.
+            x: motion of all rows.
+
+        Returns:
+            Matrices by unknowns, [n_elem, d, d], and the indices of these, for `linear.assemble`.
         """
 
     def own_parts(self, load: Forces, unbalanced: Callable[[], Forces], x: Motion) -> list[Part]:
-        """Terms of the tangent from dead loads as nodes turn, a list as of `part`.
+        """List terms of the tangent from dead loads on rotating nodes (load stiffness).
 
-        `unbalanced` is a function without arguments that gives the forces [n_row, n_freedom].
+        Args:
+            load: dead loads on all rows.
+            unbalanced: function that returns the unbalanced forces on all rows.
+            x: motion of all rows.
+
+        Returns:
+            Matrices and the indices of their unknowns, as from `part`.
         """
         return []
 
     def regular(self, matrix: Matrix, x: Motion) -> Matrix:
-        """The tangent with springs at free spins, which have no stiffness and need none."""
+        """Return the tangent with springs at spins of beams about their own line, see `FreeSpins`.
+
+        They have no stiffness, and results do not depend on them.
+        """
         return matrix
 
 
-def square(blocks: Float[Array, "n_elem ..."]) -> Float[Array, "n_elem d d"]:
-    """Matrices of elements, in any shape, as [n_elem, d, d]."""
+def as_square_matrices(blocks: Float[Array, "n_elem ..."]) -> Float[Array, "n_elem d d"]:
+    """Reshape the matrices of elements to [n_elem, d, d]."""
     count = len(blocks)
     return blocks.reshape(count, -1, round((blocks.size // count) ** 0.5))
 
 
-def by_numbers(
+def transform_by_jacobian(
     blocks: Float[Array, "n_elem d d"],
     slopes: Float[Array, "n_elem n_end width n_number"],
     n_inner: int,
 ) -> Float[Array, "n_elem k k"]:
-    """Matrices [n_elem, d, d] of the freedoms of ends as matrices of their unknowns.
+    """Transform element matrices from degrees of freedom of the ends to unknowns, ``S^T K S``.
 
-    `slopes`: change of each end by its unknowns, [n_elem, n_end, width, n_number]. The `n_inner`
-    inner numbers, which come last, are unknowns already.
+    Args:
+        blocks: matrices by the degrees of freedom of the ends and the internal unknowns.
+        slopes: Jacobian of each end's step by the unknowns of the end.
+        n_inner: number of internal unknowns, which come last and stay as they are.
     """
     n_elem, n_end, width, n_number = slopes.shape
     whole = jnp.zeros((n_elem, n_end * width + n_inner, n_end * n_number + n_inner), blocks.dtype)

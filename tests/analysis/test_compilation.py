@@ -88,7 +88,7 @@ def test_the_number_of_increments_does_not_enter_the_size_of_the_program():
 # Lines of StableHLO of an analysis, a tenth above those when it was written: they do not depend on
 # the machine, and what makes a program grow is seen here before it is felt.
 LINES = {
-    # some 500 for tensions as unknowns (`equilibrium.tensions`), and 300 for exact elongations
+    # some 500 for tensions as unknowns (`tension_unknowns`), and 300 for exact elongations
     # (`elements.fine`), of which derivatives make 600 more
     "flat_net": (2500, 4600),
     "geiger_dome": (2250, 4700),

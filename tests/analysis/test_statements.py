@@ -41,7 +41,7 @@ def stated(ratio):
     stiffness = 1e5
     first = jc.solve(crossed(stiffness), [jc.Phase(jacking=stiffness / ratio)], TIGHT)
     assert int(first.status) == 0
-    said = jc.forms.statements(crossed(stiffness), first)
+    said = jc.forms.equivalent_prestress(crossed(stiffness), first)
     return crossed(stiffness, nodes=first.positions), said, first
 
 
@@ -164,7 +164,7 @@ def test_a_sag_is_what_a_catenary_says():
         return structure, solution
 
     structure, solution = analyse(jc.Phase(sag=[3.0]), 1)
-    said = jc.forms.statements(structure, solution)
+    said = jc.forms.equivalent_prestress(structure, solution)
     assert float(said.sag[0][0]) == pytest.approx(3.0, rel=1e-13)
     ways = ("rest_length", "prestrain", "sag")
     stated = {
@@ -213,7 +213,7 @@ def chain(p):
 def force_densities(p):
     structure = crossed(nodes=p)
     solution = jc.solve(structure, [jc.Phase(pretension=1e3)], TIGHT)
-    return jc.forms.statements(structure, solution).force_density
+    return jc.forms.equivalent_prestress(structure, solution).force_density
 
 
 FUNCTIONS = {  # with their numbers and the size of steps
@@ -260,7 +260,7 @@ REFUSED = {
     ),
     "booleans": (
         lambda: jc.solve(crossed(), [jc.Phase(pretension=jc.only([True, False], 1.0))]),
-        "pretension: 2 booleans say which elements, the group has 4",
+        "pretension: expected a boolean for each of 4 elements, got 2",
     ),
     "two for one": (
         lambda: jc.solve(

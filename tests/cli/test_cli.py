@@ -525,7 +525,7 @@ def test_programs_are_not_kept_where_others_can_write(scene, capsys, monkeypatch
     assert command("info net.json") == 0
     said = capsys.readouterr().err
     assert said.startswith("jaxcable: warning: ") and said.count("\n") == 1
-    assert "other users can write there" in said and "no programs are kept" in said
+    assert "other users can write to it" in said and "no programs are kept" in said
     assert command("info net.json --quiet") == 0
     assert capsys.readouterr().err == "" and not list((scene / "kept").iterdir())
 

@@ -16,7 +16,7 @@ INSIDE = """
 
     def settings():
         backend = dict.__getitem__(matplotlib.rcParams, "backend")
-        own = list(keeping._place), list(keeping._before)
+        own = list(keeping._open_place), list(keeping._jax_settings_before)
         return dict(jax.config.values), list(warnings.filters), dict(os.environ), str(backend), own
 
     def run(dtype):

@@ -11,7 +11,7 @@ def nothing_kept():
     """At first neither this package nor jax keeps programs."""
     with keeping.restored():
         jax.config.update("jax_compilation_cache_dir", None)
-        jax_internals.reset_cache()
-        keeping._place.clear()
-        keeping._before.clear()
+        jax_internals.reset_jax_cache()
+        keeping._open_place.clear()
+        keeping._jax_settings_before.clear()
         yield

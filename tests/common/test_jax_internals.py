@@ -16,7 +16,7 @@ from test_keeping import product
 
 import jaxcable as jc
 from jaxcable.common import compilation, fusion, jax_internals, keeping
-from jaxcable.common.program_folder import opened
+from jaxcable.common.program_folder import open_folder
 
 ROOT = Path(__file__).parents[2]
 STRUCTURE, PHASES = jc.scenes.flat_net()
@@ -122,12 +122,12 @@ def test_without_a_rule_of_primitives_there_is_none(name, monkeypatch):
 @pytest.fixture
 def without(monkeypatch):
     """A function that takes a name away from jax, as far as the package sees."""
-    names = jax_internals._names
-    monkeypatch.setattr(jax_internals, "_said", set())
+    names = jax_internals._import_names
+    monkeypatch.setattr(jax_internals, "_warned_features", set())
 
     def take(module):
         monkeypatch.setattr(
-            jax_internals, "_names", lambda m, *n: None if m == module else names(m, *n)
+            jax_internals, "_import_names", lambda m, *n: None if m == module else names(m, *n)
         )
 
     return take
@@ -141,8 +141,8 @@ def test_whether_a_program_is_traced(monkeypatch):
         seen.append(jax_internals.is_tracing())
         return x
 
-    for state in (jax_internals._state, None):
-        monkeypatch.setattr(jax_internals, "_state", state)
+    for state in (jax_internals._trace_state, None):
+        monkeypatch.setattr(jax_internals, "_trace_state", state)
         look(1.0)
         jax.jit(lambda x: look(x))(1.0)
         jax.grad(jax.jit(lambda x: look(x)))(1.0)
@@ -162,7 +162,7 @@ def test_without_a_cache_of_jax(tmp_path, without, nothing_kept):
 def test_without_a_setting_for_one_thread(without):
     without("jax._src.config")
     least = jax.config.jax_persistent_cache_min_compile_time_secs
-    with jax_internals.not_kept_by_jax():
+    with jax_internals.without_jax_cache():
         assert jax.config.jax_persistent_cache_min_compile_time_secs == least
 
 
@@ -175,8 +175,8 @@ def test_without_names_of_lapack(without):
 
 def test_without_a_serializer(without, tmp_path):
     without("jax.experimental.serialize_executable")
-    assert jax_internals.serializer() is None
-    assert keeping._load(opened(tmp_path, 9), 32 * "0", []) is None
+    assert jax_internals.program_serializer() is None
+    assert keeping._load_program(open_folder(tmp_path, 9), 32 * "0", []) is None
 
 
 def test_without_quick_options(monkeypatch):
@@ -193,17 +193,17 @@ def test_without_quick_options(monkeypatch):
 def test_flags_are_set_for_known_versions_only(monkeypatch):
     before = os.environ.get("XLA_FLAGS")
     monkeypatch.setattr(jax_internals, "_flags", [])
-    monkeypatch.setattr(fusion, "has_started", lambda: False)
+    monkeypatch.setattr(fusion, "has_xla_started", lambda: False)
     monkeypatch.setattr("jaxlib.version.__version_info__", (*jax_internals.TESTED[1], 0))
-    with pytest.warns(RuntimeWarning, match=r"known to be there in jaxlib 0.10 up to 0.13"):
+    with pytest.warns(RuntimeWarning, match=r"known for jaxlib 0.10 up to 0.13 only"):
         jc.fuse_loops()
     assert os.environ.get("XLA_FLAGS") == before and not fusion.fuses() and not fusion.ask()
 
 
 def test_a_file_of_flags_is_left_as_it_is(monkeypatch):
     monkeypatch.setattr(jax_internals, "_flags", [])
-    monkeypatch.setattr(jax_internals, "has_started", lambda: False)
-    monkeypatch.setattr(fusion, "has_started", lambda: False)
+    monkeypatch.setattr(jax_internals, "has_xla_started", lambda: False)
+    monkeypatch.setattr(fusion, "has_xla_started", lambda: False)
     monkeypatch.setenv("XLA_FLAGS", "/etc/flags.txt")
     with pytest.warns(RuntimeWarning, match="XLA_FLAGS names a file"):
         jc.fuse_loops()
@@ -212,15 +212,15 @@ def test_a_file_of_flags_is_left_as_it_is(monkeypatch):
 
 def test_whether_jax_has_started_may_not_be_known(monkeypatch):
     jnp.zeros(()).block_until_ready()
-    assert jax_internals.has_started()
+    assert jax_internals.has_xla_started()
     monkeypatch.delattr(jax._src.xla_bridge, "backends_are_initialized")
-    assert jax_internals.has_started() is None
+    assert jax_internals.has_xla_started() is None
     monkeypatch.setattr(jax_internals, "_flags", [])
-    monkeypatch.setattr(jax_internals, "_said", set())
+    monkeypatch.setattr(jax_internals, "_warned_features", set())
     monkeypatch.setenv("XLA_FLAGS", "")
-    settings = jax_internals.settings()["jax_cpu_enable_async_dispatch"]
+    settings = jax_internals.jax_settings()["jax_cpu_enable_async_dispatch"]
     try:
-        with pytest.warns(RuntimeWarning, match="loops stay apart if jax has computed before"):
+        with pytest.warns(RuntimeWarning, match="loops are not fused if jax has computed"):
             jc.fuse_loops()
         assert fusion.fuses()
     finally:
@@ -228,6 +228,6 @@ def test_whether_jax_has_started_may_not_be_known(monkeypatch):
 
 
 def test_flags_are_those_that_xla_has_read(monkeypatch):
-    read = jax_internals.flags_in_effect()
+    read = jax_internals.xla_flags_in_effect()
     monkeypatch.setenv("XLA_FLAGS", "--xla_of_later=true")
-    assert jax_internals.flags_in_effect() == read != "--xla_of_later=true"
+    assert jax_internals.xla_flags_in_effect() == read != "--xla_of_later=true"

@@ -21,8 +21,8 @@ from test_digest import module_texts
 
 import jaxcable as jc
 from jaxcable.analysis.preparation import prepare
-from jaxcable.common import compilation, foreign, jax_internals, keeping, python_objects
-from jaxcable.common.program_folder import opened
+from jaxcable.common import compilation, host_calls, jax_internals, keeping, python_objects
+from jaxcable.common.program_folder import open_folder
 from jaxcable.numerics import vectors
 
 # --- other processes
@@ -59,12 +59,12 @@ PROCESS = """
     ]
 
     # a program with a function of NumPy, in the cache of jax
-    @foreign.family
+    @foreign.host_function_family
     def double():
         return lambda x: (2 * x,)
     jax.config.update(setting, 0)
     shape = jax.ShapeDtypeStruct((3,), jnp.float32)
-    lowered = jax.jit(lambda x: foreign.call([double], [shape], x)).lower(shape)
+    lowered = jax.jit(lambda x: foreign.call_on_host([double], [shape], x)).lower(shape)
     hits.clear()
     twice = lowered.compile()
     told["found"] = hits.count("/jax/compilation_cache/cache_hits")
@@ -125,7 +125,7 @@ def described_modules():
     root = Path(jc.__file__).parent
     files = [path.relative_to(root).with_suffix("").parts for path in root.rglob("*.py")]
     modules = {".".join(("jaxcable", *parts)).removesuffix(".__init__") for parts in files}
-    return set(filter(python_objects.is_described, modules))
+    return set(filter(python_objects.is_program_module, modules))
 
 
 def test_another_process_neither_traces_nor_compiles(tmp_path):
@@ -159,7 +159,9 @@ def test_another_process_neither_traces_nor_compiles(tmp_path):
     for run in compilation._PROGRAMS:
         made = run.__wrapped__
         if made.__module__.startswith("jaxcable"):
-            assert python_objects.is_described(made.__module__) and "<" not in made.__qualname__
+            assert (
+                python_objects.is_program_module(made.__module__) and "<" not in made.__qualname__
+            )
 
 
 # --- a small program of the package, in this process
@@ -208,7 +210,7 @@ def test_a_damaged_file_is_made_again(damage, kept):
     text = bytearray(path.read_bytes())
     text[len(text) // 2] ^= 1
     path.write_bytes({"cut": text[: len(text) // 2], "changed": text, "empty": b""}[damage])
-    with pytest.warns(RuntimeWarning, match="is damaged; the program is compiled anew"):
+    with pytest.warns(RuntimeWarning, match="the file is damaged; the program is compiled again"):
         assert product() == 6.0
     assert product(traced=False) == 6.0
 
@@ -232,19 +234,22 @@ def test_a_full_disk(nothing_kept, tmp_path):
     assert product() == product(traced=False) == 6.0
 
 
-@foreign.family
+@host_calls.host_function_family
 def hears():
     return lambda x: ()
 
 
 def test_programs_that_call_by_address_are_not_kept(tmp_path):
     """Those with listeners of the user; `progress.SHOW` is called by its name."""
-    place = opened(tmp_path, 1 << 20)
+    place = open_folder(tmp_path, 1 << 20)
     for k, told in enumerate(
-        (lambda x: jax.debug.callback(print, x), lambda x: foreign.tell([hears], x))
+        (
+            lambda x: jax.debug.callback(print, x),
+            lambda x: host_calls.call_without_results([hears], x),
+        )
     ):
         compiled = jax.jit(lambda x, told=told: told(x) or x).lower(1.0).compile()
-        keeping._store(place, 32 * "a", compiled)
+        keeping._store_program(place, 32 * "a", compiled)
         assert len(programs(tmp_path)) == k
 
 
@@ -266,7 +271,7 @@ WORDS = "jaxcable.analysis.solver", "_analyse"
 def key(structure, phases, method=None):
     task = prepare(structure, phases, method, None)
     core = task.thawed, task.arrays, task.method, task.code
-    return keeping._key(WORDS, core, {"bundles": task.bundles})
+    return keeping._program_key(WORDS, core, {"bundles": task.bundles})
 
 
 def test_what_a_program_depends_on(monkeypatch):
@@ -301,9 +306,9 @@ def test_what_a_program_depends_on(monkeypatch):
         others.append(key(structure, phases))
     with monkeypatch.context() as patch:
         patch.setattr(sys, "version", "another version")
-        keeping._machine.cache_clear()
+        keeping._describe_machine.cache_clear()
         others.append(key(structure, phases))
-    keeping._machine.cache_clear()
+    keeping._describe_machine.cache_clear()
     assert len({same, *others}) == 1 + len(others)
 
 
@@ -324,15 +329,17 @@ def test_what_is_defined_elsewhere_is_not_kept():
 
 @pytest.mark.parametrize("folder", ["", "named"])
 def test_the_environment_names_the_folder(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(keeping, "_place", [])
+    monkeypatch.setattr(keeping, "_open_place", [])
     monkeypatch.setenv("JAXCABLE_PROGRAMS", str(tmp_path / folder) if folder else "")
     found = jc.keep_programs()
-    assert [place.folder for place in keeping._place] == ([tmp_path / "named"] if folder else [])
+    assert [place.folder for place in keeping._open_place] == (
+        [tmp_path / "named"] if folder else []
+    )
     assert not folder or found == tmp_path / "named"
 
 
 def test_the_folder_for_caches(tmp_path, monkeypatch):
-    monkeypatch.setattr(keeping, "_place", [])
+    monkeypatch.setattr(keeping, "_open_place", [])
     monkeypatch.delenv("JAXCABLE_PROGRAMS")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     if sys.platform.startswith("linux"):

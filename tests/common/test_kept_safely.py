@@ -25,7 +25,7 @@ import jaxcable as jc
 from jaxcable.common import jax_internals, keeping, program_folder, python_objects
 from jaxcable.common.checks import suspect, without_warnings
 from jaxcable.common.compilation import without_collection
-from jaxcable.common.program_folder import Place, opened
+from jaxcable.common.program_folder import ProgramFolder, open_folder
 
 posix = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="owners and modes of POSIX")
 KEYS = [16 * f"{k:02x}" for k in range(4)]
@@ -40,7 +40,7 @@ pytestmark = pytest.mark.usefixtures("nothing_kept")
 def fill(place):
     """Four programs of 300 bytes and what jax adds, the first used longest ago; other things."""
     ours = [place.programs / f"{key}.program" for key in KEYS]
-    ours[1] = place.compiled / f"jit__fn-{64 * 'a'}-cache"
+    ours[1] = place.jax_cache / f"jit__fn-{64 * 'a'}-cache"
     for k, path in enumerate(ours):
         path.write_bytes(bytes(300))
         os.utime(path, (k, k))
@@ -48,7 +48,7 @@ def fill(place):
         place.folder / "thesis.docx",
         place.programs / "notes.program",
         place.programs / f"{KEYS[0]}.program.bak",
-        place.compiled / "jit_mine-cache",
+        place.jax_cache / "jit_mine-cache",
         place.folder / f"{KEYS[0]}.program",
     ]
     for path in others:
@@ -58,14 +58,14 @@ def fill(place):
 
 
 def test_only_our_files_are_removed_and_the_oldest_first(tmp_path):
-    place = opened(tmp_path, 1200)
+    place = open_folder(tmp_path, 1200)
     ours, others = fill(place)
-    place.make_room()
+    place.remove_oldest()
     assert all(path.exists() for path in (*ours, *others))  # 1200 bytes of ours
-    Place(place.folder, 1000).make_room()  # 800 may be left
+    ProgramFolder(place.folder, 1000).remove_oldest()  # 800 may be left
     assert [path.exists() for path in ours] == [False, False, True, True]
     assert all(path.exists() for path in others)
-    Place(place.folder, 0).make_room()
+    ProgramFolder(place.folder, 0).remove_oldest()
     assert not any(path.exists() for path in ours) and all(path.exists() for path in others)
     assert (place.programs / "CACHEDIR.TAG").read_bytes()[:43] == (
         b"Signature: 8a477f597d28d172789f06886806bc55"
@@ -73,11 +73,11 @@ def test_only_our_files_are_removed_and_the_oldest_first(tmp_path):
 
 
 def test_a_folder_that_is_not_marked_is_left_alone(tmp_path):
-    place = opened(tmp_path, 0)
+    place = open_folder(tmp_path, 0)
     ours, _ = fill(place)
-    for folder in (place.programs, place.compiled):
+    for folder in (place.programs, place.jax_cache):
         (folder / "CACHEDIR.TAG").write_text("Signature: 8a477f597d28d172789f06886806bc55\n# pip")
-    place.make_room()
+    place.remove_oldest()
     assert all(path.exists() for path in ours)
     place.write(KEYS[0], b"new")
     assert ours[0].read_bytes() == bytes(300)
@@ -85,30 +85,30 @@ def test_a_folder_that_is_not_marked_is_left_alone(tmp_path):
 
 @posix
 def test_links_are_not_followed(tmp_path):
-    place = opened(tmp_path / "kept", 0)
+    place = open_folder(tmp_path / "kept", 0)
     precious = tmp_path / "precious"
     precious.mkdir()
     (precious / f"{KEYS[0]}.program").write_bytes(bytes(300))
     link = place.programs / f"{KEYS[0]}.program"
     link.symlink_to(precious / link.name)
     assert place.read(KEYS[0]) is None
-    place.make_room()
+    place.remove_oldest()
     assert link.is_symlink() and (precious / link.name).exists()
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "programs").symlink_to(precious)
     with pytest.raises(ValueError, match="symbolic link"):
         jc.keep_programs(tmp_path / "other")
     (tmp_path / "reached").symlink_to(tmp_path / "kept")  # the way there is the user's own
-    assert opened(tmp_path / "reached", 9).folder == tmp_path / "kept"
+    assert open_folder(tmp_path / "reached", 9).folder == tmp_path / "kept"
 
 
 def test_a_folder_with_other_things_of_that_name_is_refused(tmp_path):
     (tmp_path / "xla").mkdir()
     (tmp_path / "xla" / "compiler.cc").write_text("int main() {}")
-    with pytest.raises(ValueError, match=r"folder: .*xla: holds files that jaxcable has not"):
+    with pytest.raises(ValueError, match=r"folder: .*xla: contains files that jaxcable has not"):
         jc.keep_programs(tmp_path)
     assert [path.name for path in (tmp_path / "xla").iterdir()] == ["compiler.cc"]
-    assert not keeping._place
+    assert not keeping._open_place
 
 
 # --- whose they are
@@ -121,30 +121,30 @@ def refused_twice(folder, said, monkeypatch):
     monkeypatch.setenv("JAXCABLE_PROGRAMS", str(folder))
     with pytest.warns(RuntimeWarning, match=rf"{said}.*; no programs are kept"):
         jc.keep_programs()
-    assert not keeping._place and jax.config.jax_compilation_cache_dir != str(folder / "xla")
+    assert not keeping._open_place and jax.config.jax_compilation_cache_dir != str(folder / "xla")
 
 
 @posix
 @pytest.mark.parametrize("inside", ["", "programs"])
 def test_a_folder_that_others_can_write_to_is_refused(inside, tmp_path, monkeypatch):
-    folder = opened(tmp_path / "kept", 9).folder
+    folder = open_folder(tmp_path / "kept", 9).folder
     (folder / inside).chmod(0o770)
-    refused_twice(folder, ".*other users can write there.*`chmod go-w", monkeypatch)
+    refused_twice(folder, ".*other users can write to it.*`chmod go-w", monkeypatch)
 
 
 @posix
 def test_files_that_others_own_or_can_write_are_refused(tmp_path, monkeypatch):
-    place = opened(tmp_path, 1 << 20)
+    place = open_folder(tmp_path, 1 << 20)
     place.write(KEYS[0], b"of mine")
     assert place.read(KEYS[0]) == b"of mine"
     (place.programs / f"{KEYS[0]}.program").chmod(0o666)
     with pytest.warns(RuntimeWarning, match="other users can write"):
-        assert keeping._load(place, KEYS[0], []) is None
+        assert keeping._load_program(place, KEYS[0], []) is None
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
     with pytest.raises(ValueError, match="belongs to another user"):
         jc.keep_programs(tmp_path)
-    with pytest.warns(RuntimeWarning, match="belongs to another user.*compiled anew"):
-        assert keeping._load(place, KEYS[0], []) is None
+    with pytest.warns(RuntimeWarning, match="belongs to another user.*compiled again"):
+        assert keeping._load_program(place, KEYS[0], []) is None
 
 
 @posix
@@ -153,7 +153,7 @@ def test_a_folder_that_others_can_replace_is_refused(tmp_path, monkeypatch):
     shared = tmp_path / "shared"
     (shared / "below" / "kept").mkdir(parents=True)
     shared.chmod(0o777)
-    said = rf"{re.escape(str(shared))}: other users can write there, .*`chmod go-w"
+    said = rf"{re.escape(str(shared))}: other users can write to it .*`chmod go-w"
     (tmp_path / "link").symlink_to(shared / "below" / "kept")  # into it
     (tmp_path / "relative").symlink_to(os.path.join("shared", "below"))
     (shared / "out").symlink_to(tmp_path / "own")  # a link in it, which others can turn
@@ -171,13 +171,13 @@ def test_a_folder_that_others_can_replace_is_refused(tmp_path, monkeypatch):
     assert sorted(path.name for path in shared.iterdir()) == ["below", "out"]  # nothing is made
     assert not any((shared / "below" / "kept").iterdir()) and not any((tmp_path / "own").iterdir())
     shared.chmod(0o1777)  # as /tmp: nobody moves what others own
-    assert jc.keep_programs(shared / "below" / "kept") and keeping._place
+    assert jc.keep_programs(shared / "below" / "kept") and keeping._open_place
     jc.keep_programs(limit=0)
     shared.chmod(0o770)
     monkeypatch.setattr(program_folder, "_is_own_group", lambda number: False)
     refused_twice(shared / "below" / "kept", said, monkeypatch)
     monkeypatch.setattr(program_folder, "_is_own_group", lambda number: True)
-    assert jc.keep_programs(shared / "below" / "kept") and keeping._place
+    assert jc.keep_programs(shared / "below" / "kept") and keeping._open_place
 
 
 @posix
@@ -191,7 +191,7 @@ def test_a_folder_on_the_way_of_another_user_is_refused(tmp_path, monkeypatch):
         return os.stat_result(found)
 
     monkeypatch.setattr(os, "lstat", lstat)
-    said = rf"{re.escape(theirs)}: belongs to another user, who could put other programs"
+    said = rf"{re.escape(theirs)}: belongs to another user, who could replace the programs"
     refused_twice(tmp_path / "theirs" / "kept", said, monkeypatch)
 
 
@@ -217,10 +217,10 @@ def test_a_file_is_no_folder(tmp_path, monkeypatch):
     file.write_text("mine")
     (tmp_path / "link").symlink_to(file)
     os.mkfifo(tmp_path / "pipe")
-    said = rf"{re.escape(str(file))}: is a file, and no folder"
+    said = rf"{re.escape(str(file))}: is a file, not a folder"
     for folder in (file, tmp_path / "link", file / "kept", tmp_path / "link" / "kept"):
         refused_twice(folder, said, monkeypatch)
-    refused_twice(tmp_path / "pipe", ".*pipe: is a file, and no folder", monkeypatch)
+    refused_twice(tmp_path / "pipe", ".*pipe: is a file, not a folder", monkeypatch)
     for k in range(2):
         (tmp_path / f"ring{k}").symlink_to(tmp_path / f"ring{1 - k}")
     refused_twice(tmp_path / "ring0", ".*leads through more than 40 symbolic links", monkeypatch)
@@ -243,16 +243,17 @@ def test_wrong_folders_and_limits():
 
 @pytest.mark.parametrize("text", [b"", b"no zlib", zlib.compress(b"no pickle"), None])
 def test_a_file_that_makes_no_sense_is_said_and_not_used(text, tmp_path):
-    place = opened(tmp_path, 1 << 20)
+    place = open_folder(tmp_path, 1 << 20)
     text = zlib.compress(pickle.dumps(("two", "parts"))) if text is None else text
     place.write(KEYS[0], text)  # with a right checksum
-    named = rf"{re.escape(str(place.file_of(KEYS[0])))}: is damaged; the program is compiled anew"
+    path = re.escape(str(place.program_path(KEYS[0])))
+    named = rf"{path}: the file is damaged; the program is compiled again"
     with pytest.warns(RuntimeWarning, match=named):
-        assert keeping._load(place, KEYS[0], []) is None
+        assert keeping._load_program(place, KEYS[0], []) is None
 
 
 def test_a_file_under_another_key_is_not_used(tmp_path):
-    place = opened(tmp_path, 1 << 20)
+    place = open_folder(tmp_path, 1 << 20)
     place.write(KEYS[0], b"program")
     os.rename(place.programs / f"{KEYS[0]}.program", place.programs / f"{KEYS[1]}.program")
     with pytest.raises(program_folder.DamagedError):
@@ -340,7 +341,7 @@ def test_settings_are_as_before_when_threads_compile_at_once():
     seconds = jax.config.jax_persistent_cache_min_compile_time_secs
 
     def compiles():
-        with jax_internals.not_kept_by_jax(), without_collection(), without_warnings():
+        with jax_internals.without_jax_cache(), without_collection(), without_warnings():
             assert jax.config.jax_persistent_cache_min_compile_time_secs == float("inf")
             time.sleep(1e-4)
             assert not gc.isenabled()
@@ -359,8 +360,8 @@ def test_settings_are_as_before_when_threads_compile_at_once():
 
 
 def test_without_a_way_to_store_programs(tmp_path, monkeypatch):
-    monkeypatch.setattr(jax_internals, "_said", set())
-    monkeypatch.setattr(jax_internals, "serializer", lambda: None)
+    monkeypatch.setattr(jax_internals, "_warned_features", set())
+    monkeypatch.setattr(jax_internals, "program_serializer", lambda: None)
     with pytest.warns(RuntimeWarning, match=f"jax {jax.__version__} lacks .*serialize_executable"):
         jc.keep_programs(tmp_path)
     assert product() == 6.0
@@ -369,19 +370,19 @@ def test_without_a_way_to_store_programs(tmp_path, monkeypatch):
 
 
 def test_without_the_settings_of_jax(tmp_path, monkeypatch):
-    monkeypatch.setattr(jax_internals, "_said", set())
-    monkeypatch.setattr(jax_internals, "settings", lambda: None)
+    monkeypatch.setattr(jax_internals, "_warned_features", set())
+    monkeypatch.setattr(jax_internals, "jax_settings", lambda: None)
     with pytest.warns(RuntimeWarning, match="lacks jax.config.values: programs are not kept"):
         jc.keep_programs(tmp_path)
     with pytest.raises(python_objects.ForeignError):
-        keeping._key(("jaxcable.analysis.solver", "_analyse"), np.ones(2), {})
+        keeping._program_key(("jaxcable.analysis.solver", "_analyse"), np.ones(2), {})
 
 
 def test_a_program_that_jax_cannot_describe_is_said_and_not_kept(tmp_path, monkeypatch):
     def fails(_):
         raise NotImplementedError("constants")
 
-    monkeypatch.setattr(jax_internals, "serializer", lambda: (fails, None))
+    monkeypatch.setattr(jax_internals, "program_serializer", lambda: (fails, None))
     program = types.SimpleNamespace(as_text=lambda: "")
-    with pytest.warns(RuntimeWarning, match="cannot be kept: NotImplementedError: constants"):
-        keeping._store(opened(tmp_path, 9), KEYS[0], program)
+    with pytest.warns(RuntimeWarning, match="could not be saved: NotImplementedError: constants"):
+        keeping._store_program(open_folder(tmp_path, 9), KEYS[0], program)

@@ -49,7 +49,9 @@ def test_a_program_without_a_listener_has_nothing_of_it(scene):
         )
 
     assert "callback" not in text(None) and text(None) == text(False)
-    assert "progress.show, Increment" in text(True) and "jaxcable" not in text(False)
+    assert "progress.make_printing_reporter, Increment" in text(True) and "jaxcable" not in text(
+        False
+    )
     assert "callback" in text(print)
 
 

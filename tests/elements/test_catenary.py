@@ -451,7 +451,7 @@ def test_spans_hang_by_the_force_that_belongs_to_their_sag():
     )
     told = each("end_tensions", own, state, structure.nodes, jnp.zeros((2 * n, 3)))
     np.testing.assert_allclose(told, ends, rtol=1e-12)
-    said = jc.forms.statements(structure, solution).sag
+    said = jc.forms.equivalent_prestress(structure, solution).sag
     np.testing.assert_allclose(said, sag, rtol=1e-12)
     curves = np.asarray(jc.forms.catenary_curves(structure, solution, 2001))
     np.testing.assert_allclose(curves[:, [0, -1]], nodes, atol=1e-9)  # of 500 m that are added

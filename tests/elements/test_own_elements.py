@@ -68,7 +68,7 @@ def test_own_elements_balance_what_the_cables_leave():
 
 def test_own_elements_in_every_result(tmp_path):
     structure, solution = own()
-    told = jc.forms.statements(structure, solution)
+    told = jc.forms.equivalent_prestress(structure, solution)
     assert np.isnan(told.rest_length["hooks"]).all() and np.isnan(told.pretension["rods"]).all()
     assert_allclose(told.rest_length["rods"], 5.0)  # a 3-4-5 triangle
     assert_allclose(told.pretension["net"], solution.tension["net"], rtol=1e-10)
@@ -486,7 +486,7 @@ def test_dense_matrices_that_do_not_fit_are_refused(monkeypatch):
     structure, phases = jc.scenes.flat_net()
     solution = jc.solve(structure, phases)
     monkeypatch.setattr(memory, "available", lambda: 2000)
-    monkeypatch.setattr(memory, "_SMALL", 0)  # the net of this test is small
+    monkeypatch.setattr(memory, "_NEVER_REFUSED", 0)  # the net of this test is small
     for call in (
         jc.stiffness.tangent_of,
         jc.stiffness.modes,

@@ -12,7 +12,7 @@ from jaxcable.common import status
 from jaxcable.elements import AxialState
 
 
-def pull(ratio, angle, dtype, method=None):
+def solve_two_links(ratio, angle, dtype, method=None):
     """Two links, prestressed from no stiffness by 1 N, and pulled across by 0.2 N."""
     structure, normal = two_links(ratio, 1.0, 0.2, angle)
     structure = jc.replace(structure, nodes=jnp.asarray(structure.nodes, dtype))
@@ -32,7 +32,7 @@ def pull(ratio, angle, dtype, method=None):
 @pytest.mark.parametrize("ratio", [1e2, 1e4, 1e6, 1e8])
 def test_two_links_keep_their_digits_at_any_stiffness(ratio, angle):
     """From no stiffness at all (unstressed, in line) up to T with EA/T = ratio."""
-    solution, error = pull(ratio, angle, float, jc.Newton(tol=1e-13))
+    solution, error = solve_two_links(ratio, angle, float, jc.Newton(tol=1e-13))
     assert_balanced(solution)
     assert error <= 1e-11
 
@@ -40,13 +40,13 @@ def test_two_links_keep_their_digits_at_any_stiffness(ratio, angle):
 @pytest.mark.parametrize("angle", [0.0, 0.5])
 @pytest.mark.parametrize("ratio", [1e2, 1e3, 1e5])
 def test_two_links_in_single_precision(ratio, angle):
-    solution, error = pull(ratio, angle, np.float32)
+    solution, error = solve_two_links(ratio, angle, np.float32)
     assert error <= 1e-5
     floats = [x for x in jax.tree.leaves(solution) if jnp.issubdtype(x.dtype, jnp.floating)]
     assert {x.dtype for x in floats} == {jnp.dtype("float32")}
 
 
-def pulled_on(method, pieces, parts):
+def solve_string_in_parts(method, pieces, parts):
     """Relative error at 10 N of two links under 10 N of prestress, in parts of so many increments.
 
     Every part is an analysis that starts where the last one ended, so that all share a program.
@@ -65,7 +65,7 @@ def pulled_on(method, pieces, parts):
 @pytest.mark.parametrize(("corrections", "parts", "order"), [(0, 4, 2), (1, 4, 4), (2, 1, 8)])
 def test_order_of_the_incremental_scheme(corrections, parts, order):
     method = jc.Incremental(corrections, tol=np.inf)
-    errors = [pulled_on(method, 8 if order == 8 else 10, n) for n in (parts, 2 * parts)]
+    errors = [solve_string_in_parts(method, 8 if order == 8 else 10, n) for n in (parts, 2 * parts)]
     rate = np.log2(errors[0] / errors[1])
     # 10 percent: at these increments the rate has come down to 2.007, 4.04 and 8.40
     assert abs(rate - order) < 0.1 * order, (errors, rate)
@@ -75,7 +75,7 @@ def test_secant_scheme_has_the_known_errors():
     """2.5 % and 0.25 % at 10 and 100 increments on two links: of first order."""
     method = jc.Incremental(stiffness="secant", tol=np.inf)
     for increments, expected in ((10, 0.025), (100, 0.0025)):
-        assert abs(pulled_on(method, increments, 1) - expected) < 0.1 * expected
+        assert abs(solve_string_in_parts(method, increments, 1) - expected) < 0.1 * expected
 
 
 def test_secant_stiffness_is_exact():

@@ -49,7 +49,7 @@ def test_jack_stresses_a_cable():
     assert 0.5 + found.displacement[1, 0] == pytest.approx(1.005, rel=1e-15)
 
 
-def test_what_has_no_equilibrium_is_said():
+def test_a_scene_without_equilibrium_is_not_found():
     free = [(0, 0, 0), (1, 0, 0)]
     loose = find(scene(free, [1], [], [(0, 0, 0), (0, 0, 1)]))
     assert not loose.found and "without end" in loose.why

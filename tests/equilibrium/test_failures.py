@@ -17,7 +17,7 @@ FREE = np.array([3, 4, 7, 8])
 STIFF, TENSION, LOAD = np.full(12, 97.97e3), np.full(12, 200.0), np.array([0, 1.0, -75.0])
 
 
-def analysis(stiffness=STIFF, tension=TENSION, load=LOAD, method=None, nodes=STRUCTURE.nodes):
+def solve_flat_net(stiffness=STIFF, tension=TENSION, load=LOAD, method=None, nodes=STRUCTURE.nodes):
     """Prestress of the flat net in two increments, loads in four: one program for most tests."""
     cables = jc.replace(STRUCTURE.elements, axial_stiffness=stiffness)
     structure = jc.replace(STRUCTURE, nodes=nodes, elements=cables)
@@ -53,7 +53,7 @@ def check_failed(solution, code, phase, increment):
     assert " N: " in text and jc.describe(code) in text
 
 
-def test_mechanism():
+def test_a_bar_that_slides_freely_is_a_mechanism():
     """Bars that slide along x, pulled where only the first one is held: in the second phase."""
     nodes = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [3.0, 0, 0]])
     bars = jc.Bars([[0, 1], [2, 3]], axial_stiffness=100.0)
@@ -75,11 +75,11 @@ def test_cable_net_that_nothing_holds_is_a_mechanism():
 
 
 def test_too_few_steps():
-    plain = analysis()
+    plain = solve_flat_net()
     assert int(plain.status) == status.OK
     steps = np.asarray(plain.phases[1].path.iterations)
     assert steps[0] > 3
-    solution = analysis(method=jc.Newton(max_steps=3))
+    solution = solve_flat_net(method=jc.Newton(max_steps=3))
     check_failed(solution, status.NOT_CONVERGED, 1, 0)
     path = solution.phases[1].path
     assert path.iterations.tolist() == [3, 0, 0, 0] and path.residual[0] > 0
@@ -93,14 +93,14 @@ def test_nan_input(where, method):
     usual = {"nodes": STRUCTURE.nodes, "stiffness": STIFF, "tension": TENSION, "load": LOAD}
     spoilt = np.array(usual[where])
     spoilt.flat[1] = np.nan
-    solution = analysis(**{where: spoilt}, method=method)
+    solution = solve_flat_net(**{where: spoilt}, method=method)
     check_failed(solution, status.NONFINITE, int(where == "load"), 0)
     assert int(solution.last.phase) == (0 if where == "load" else -1)
 
 
 def test_drift_of_the_incremental_scheme():
     """What explicit steps leave is judged by the load so far, in Euclidean norms, as by NumPy."""
-    plain, drifted = analysis(), analysis(method=jc.Incremental(1, tol=np.inf))
+    plain, drifted = solve_flat_net(), solve_flat_net(method=jc.Incremental(1, tol=np.inf))
     jc.raise_if_failed(plain)
     jc.raise_if_failed(drifted)
     error = np.abs(np.asarray(drifted.displacement - plain.displacement)).max()
@@ -114,8 +114,8 @@ def test_drift_of_the_incremental_scheme():
         left, _ = unbalanced(STRUCTURE.nodes, links, STIFF, rest, positions, load)
         ratios.append(np.linalg.norm(left[FREE]) / np.linalg.norm(load))
     assert max(ratios) > 1e-2
-    jc.raise_if_failed(analysis(method=jc.Incremental(1, tol=1.001 * max(ratios))))
-    coarse = analysis(method=jc.Incremental(1, tol=0.999 * max(ratios)))
+    jc.raise_if_failed(solve_flat_net(method=jc.Incremental(1, tol=1.001 * max(ratios))))
+    coarse = solve_flat_net(method=jc.Incremental(1, tol=0.999 * max(ratios)))
     check_failed(coarse, status.DRIFTED, 1, int(np.argmax(ratios)))
 
 
@@ -127,7 +127,7 @@ def test_singular_stiffness_of_the_incremental_scheme():
     check_failed(jc.solve(structure, phases, jc.Incremental(0)), status.SINGULAR, 1, 1)
 
 
-def test_a_cable_taken_in_altogether():
+def test_a_cable_shortened_by_more_than_its_length():
     """0.5 m out of 0.4 m: fails at the increment where no length is left."""
     solution = jc.solve(STRUCTURE, [jc.Phase(shortening=0.5, increments=10)])
     check_failed(solution, status.NONFINITE, 0, 7)
@@ -139,7 +139,7 @@ def test_a_cable_taken_in_altogether():
 # --- loose nodes
 
 
-def test_derivatives_beside_a_loose_node():
+def test_derivatives_beside_a_node_without_stiffness():
     """Two links in line, and a third node hung on with slack cables: counted, and no failure.
 
     Derivatives are exact where they do not depend on it, NaN where they do.
@@ -179,7 +179,7 @@ def test_derivatives_beside_a_loose_node():
 
 
 @jax.jit
-def rates(stiffness, tensions, loads, counts):
+def derivatives_of_cases(stiffness, tensions, loads, counts):
     """Derivatives of two results of every case, and of a sum over the cases that count.
 
     The sum is computed from `last`, and selected by status.
@@ -187,7 +187,7 @@ def rates(stiffness, tensions, loads, counts):
 
     def results(stiffness, tensions, loads):
         def one(tension, load):
-            s = analysis(stiffness * np.ones(12), tension * np.ones(12), load)
+            s = solve_flat_net(stiffness * np.ones(12), tension * np.ones(12), load)
             value = s.last.displacement[3, 2] ** 2 + s.last.tension[0] / 1e6
             return jnp.where(s.status == status.OK, value, 0.0), s
 
@@ -200,7 +200,7 @@ def rates(stiffness, tensions, loads, counts):
 def test_gradients_of_failed_cases_are_nan_and_of_others_right():
     tensions, loads = np.array([200.0, np.nan, 225.0, 250.0]), np.tile(LOAD, (4, 1))
     loads[2, 0] = np.nan  # fails in the second phase, case 1 in the first one
-    (total, each), solution = rates(97.97e3, tensions, loads, np.ones(4))
+    (total, each), solution = derivatives_of_cases(97.97e3, tensions, loads, np.ones(4))
     assert solution.status.tolist() == [0, status.NONFINITE, status.NONFINITE, 0]
     assert np.isnan(np.asarray(solution.displacement)).all(axis=(1, 2)).tolist() == [
         *(False, True, True, False)
@@ -212,7 +212,7 @@ def test_gradients_of_failed_cases_are_nan_and_of_others_right():
         for gradient in (by_stiffness[k], by_tension[k, k], by_load[k, k]):
             assert np.isnan(gradient).all() == fails and np.isnan(gradient).any() == fails
     whole = np.array([200.0, 225.0, 225.0, 250.0]), np.tile(LOAD, (4, 1))
-    (alone, one_by_one), _ = rates(97.97e3, *whole, np.array([1.0, 0.0, 0.0, 1.0]))
+    (alone, one_by_one), _ = derivatives_of_cases(97.97e3, *whole, np.array([1.0, 0.0, 0.0, 1.0]))
     # a good case is not spoilt by its failed neighbours, nor is the sum
     assert np.isfinite(total[0]) and abs(total[0] / alone[0] - 1) < 1e-10
     good = np.array([0, 3])
@@ -260,7 +260,7 @@ def test_the_last_state_has_the_reactions_of_its_own_supports():
     assert int(again.status) == status.NONFINITE and all_nan(again.displacement)
 
 
-def test_singular_on_the_way_does_not_spoil_the_gradient():
+def test_a_singular_matrix_on_the_way_does_not_spoil_the_gradient():
     """An empty phase of two unstressed links in line is singular; what follows is not."""
 
     def end(stiffness, loaded):
@@ -323,7 +323,7 @@ def test_bars_without_force_are_in_balance():
             assert np.asarray(rate) == pytest.approx(exact, abs=1e-12)
 
 
-def test_two_nodes_that_meet():
+def test_two_nodes_that_meet_end_as_collapsed():
     """A jack draws a node onto its support: the text says what helps."""
     cable = jc.Cables([[0, 1]], axial_stiffness=1e4)
     structure = jc.Structure([[0.0, 0, 0], [1.0, 0, 0]], cable, jc.pinned([0]))
@@ -337,7 +337,7 @@ def test_two_nodes_that_meet():
     assert int(away.status) in (status.MECHANISM, status.NOT_CONVERGED)
 
 
-def test_forces_that_rounding_hides():
+def test_forces_below_rounding_end_as_at_rounding():
     """A slack chain in float32: its forces are known above EA times the *square* of eps."""
     n = 8
     nodes = np.array([[k, 0.3 * np.sin(k), 0] for k in range(n + 1)])

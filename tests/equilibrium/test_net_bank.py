@@ -14,12 +14,12 @@ import jaxcable as jc
 from jaxcable.common.tree import copy
 
 
-def some(kinds, *default):
-    """Parameters; those that are no `default` are slow: every kind has its own program."""
+def with_slow_marks(kinds, *default):
+    """Return parameters, those that are no `default` marked as slow: each kind has its program."""
     return [pytest.param(k, marks=[] if k in default else pytest.mark.slow) for k in kinds]
 
 
-def check(kind, dtype, seeds=range(12)):
+def check_kind(kind, dtype, seeds=range(12)):
     steps = []
     for seed in seeds:
         one = drawn(kind, seed, dtype)
@@ -30,15 +30,15 @@ def check(kind, dtype, seeds=range(12)):
     assert np.concatenate(steps).max() <= 100
 
 
-@pytest.mark.parametrize("kind", some(KINDS, "far", "jacks"))
+@pytest.mark.parametrize("kind", with_slow_marks(KINDS, "far", "jacks"))
 def test_nets_converge_from_anywhere(kind):
-    check(kind, "float64")
+    check_kind(kind, "float64")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["cut net", "released", "sliding", "far hung"])
 def test_nets_converge_in_single_precision(kind):
-    check(kind, "float32")
+    check_kind(kind, "float32")
 
 
 def test_a_judgement_can_fail():
@@ -52,7 +52,7 @@ def test_a_judgement_can_fail():
     assert stopped.missed and not stopped.ok
 
 
-@pytest.mark.parametrize("kind", some(["jacks", "rope", "catenaries"], "jacks"))
+@pytest.mark.parametrize("kind", with_slow_marks(["jacks", "rope", "catenaries"], "jacks"))
 def test_a_net_ends_alone_as_in_a_batch(kind):
     def results(solution):
         steps = jnp.concatenate([phase.path.iterations for phase in solution.phases])
@@ -70,7 +70,7 @@ def test_a_net_ends_alone_as_in_a_batch(kind):
         assert np.abs(force - tension[k]).max() <= floor
 
 
-@pytest.mark.parametrize("kind", some(["jacks", "far", "sliding", "far hung"], "jacks"))
+@pytest.mark.parametrize("kind", with_slow_marks(["jacks", "far", "sliding", "far hung"], "jacks"))
 def test_derivatives_are_those_of_the_independent_equilibrium(kind):
     compared = 0
     for seed in range(8):

@@ -86,7 +86,7 @@ def net(force, law=None):
     return jc.solve(structure, [jc.Phase(prestrain=0.005), jc.Phase(loads=load)])
 
 
-def test_a_net_below_the_peak_is_that_of_a_law_that_does_not_fall():
+def test_a_net_below_the_peak_is_that_of_a_law_without_softening():
     """The same with a law that ends at the peak, which is convex and has no falling branch."""
 
     def sag(force):
@@ -117,7 +117,7 @@ def test_strain_at_a_stress_in_float32_and_beyond_the_end():
     assert beyond == pytest.approx(4e-8 + 10 / 1e9, rel=1e-5)
 
 
-def test_the_law_that_rises_is_the_same_up_to_its_peak():
+def test_the_law_without_softening_is_the_same_up_to_its_peak():
     law = jc.Polygonal(np.r_[-0.05, -0.02, STRAIN], np.r_[-0.1e7, -1e7, STRESS])
     risen = law.risen()
     inside = np.linspace(-0.02, 0.04, 50)

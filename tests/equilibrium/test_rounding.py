@@ -26,34 +26,36 @@ def two_links(kind=jc.Cables):
     return jc.Structure(nodes, group, supports=jc.Supports(held))
 
 
-def sunk(sink):
-    """Lengths of the links of a node that has sunk, m, and the load under which it does, N."""
+def length_and_load(sink):
+    """Return the lengths of the links of a node that has sunk, m, and the load that sinks it, N."""
     length = np.hypot(4.0, RISE + sink)
     return length, 2 * EA * (length - L0) / L0 * (RISE + sink) / length
 
 
-def by_hand(sink):
-    """8 eps u EA/L0 of each link along it: at the node most across, 4/l of both."""
-    return 8 * EPS * sink * EA / L0 * 2 * np.maximum(4.0, RISE + sink) / sunk(sink)[0]
+def rounding_by_hand(sink):
+    """Return the documented rounding, N: 8 eps u EA/L0 along each link, in its larger component."""
+    return 8 * EPS * sink * EA / L0 * 2 * np.maximum(4.0, RISE + sink) / length_and_load(sink)[0]
 
 
-def under(steps, method=None, kind=jc.Cables):
-    """Prestress that a load balances from the start, then three loads more, N."""
-    begin = jc.Phase(pretension=FORCE, loads=jc.NodalLoads([1], (0.0, 0.0, -sunk(0.0)[1])))
+def solve_load_steps(steps, method=None, kind=jc.Cables):
+    """Solve a prestress that a load balances from the start, then three loads more, N."""
+    begin = jc.Phase(
+        pretension=FORCE, loads=jc.NodalLoads([1], (0.0, 0.0, -length_and_load(0.0)[1]))
+    )
     down = jnp.array([0.0, 0.0, -1.0])
     loads = [jc.Phase(loads=jc.NodalLoads([1], steps[k] * down)) for k in range(3)]
     return jc.solve(two_links(kind), [begin, *loads], method)
 
 
-def solved(sink, method=None, kind=jc.Cables):
-    """The same for loads under which the node sinks so far."""
-    solution = under(np.diff(sunk(np.append(0.0, sink))[1]), method, kind)
+def solve_to_sinks(sink, method=None, kind=jc.Cables):
+    """Solve the same for loads under which the node sinks by `sink`, m."""
+    solution = solve_load_steps(np.diff(length_and_load(np.append(0.0, sink))[1]), method, kind)
     assert int(solution.status) == 0
     return solution
 
 
-def of(path):
-    """Residual, that over the force it is judged by, and rounding, all [n_inc]."""
+def residuals_of(path):
+    """Return residual, relative residual and rounding of a path, all [n_inc]."""
     names = "residual", "relative_residual", "rounding"
     return [np.asarray(getattr(path, name)) for name in names]
 
@@ -61,54 +63,56 @@ def of(path):
 @pytest.mark.parametrize(
     "kind", [jc.Cables, jc.Bars, pytest.param(jc.SlidingCables, marks=pytest.mark.slow)]
 )
-def test_two_links_by_hand(kind):
-    solution = solved(SINK, kind=kind)
+def test_rounding_of_two_links_is_that_of_a_formula(kind):
+    solution = solve_to_sinks(SINK, kind=kind)
     # nets carry a fine part of the displacements: what is left is eps of eps of them
     fine = 1.0 if kind is jc.Bars else EPS
     begin, *ends = (float(phase.path.rounding[0]) / fine for phase in solution.phases)
     for phase in solution.phases:
-        residual, relative, rounding = of(phase.path)
+        residual, relative, rounding = residuals_of(phase.path)
         assert ((relative <= TOL) | (residual <= rounding)).all()
     # nothing has moved but by the tolerance, 1e-10 of some 1e4 N, over some 1e4 N/m
-    assert begin <= by_hand(1e-10)
+    assert begin <= rounding_by_hand(1e-10)
     # the tolerance leaves 1e-10 of some 1e4 N, over some 1e4 N/m, of 0.1 m
-    np.testing.assert_allclose(ends, by_hand(SINK), rtol=1e-9)
+    np.testing.assert_allclose(ends, rounding_by_hand(SINK), rtol=1e-9)
     # control: neither of another stiffness (1 % less), nor that of the other freedom
-    assert (np.abs(ends / (by_hand(SINK) * L0 / LENGTH) - 1) > 5e-3).all()
-    assert (ends > 1.1 * by_hand(SINK) * (RISE + SINK) / 4.0).all()
+    assert (np.abs(ends / (rounding_by_hand(SINK) * L0 / LENGTH) - 1) > 5e-3).all()
+    assert (ends > 1.1 * rounding_by_hand(SINK) * (RISE + SINK) / 4.0).all()
 
 
-def test_what_is_released_keeps_the_rounding_of_where_it_came_from():
+def test_a_released_structure_keeps_the_rounding_of_its_start():
     """Bars come back to the start, where the displacements are zero and have no rounding."""
-    solution = solved(np.array([0.3, 0.15, 0.0]), kind=jc.Bars)
+    solution = solve_to_sinks(np.array([0.3, 0.15, 0.0]), kind=jc.Bars)
     assert float(solution.displacement[1, 2]) == pytest.approx(0.0, abs=1e-9)
     # the last two have that of their start, which is more than that of their end
     rounding = [float(phase.path.rounding[0]) for phase in solution.phases[2:]]
-    np.testing.assert_allclose(rounding, by_hand(np.array([0.3, 0.15])), rtol=1e-9)
+    np.testing.assert_allclose(rounding, rounding_by_hand(np.array([0.3, 0.15])), rtol=1e-9)
 
 
-def test_the_incremental_scheme_has_that_of_its_own_states():
+def test_rounding_of_the_incremental_scheme_is_that_of_its_states():
     """A state has it, whatever led there: 8 eps u with the u of the scheme, which drifts."""
-    solution = solved(SINK, jc.Incremental(corrections=1))
+    solution = solve_to_sinks(SINK, jc.Incremental(corrections=1))
     sinks = np.cumsum([-float(phase.displacement[1, 2]) for phase in solution.phases])
-    residual, _, rounding = np.concatenate([of(p.path) for p in solution.phases[1:]], axis=1)
-    np.testing.assert_allclose(rounding, by_hand(sinks[1:]), rtol=1e-12)
+    residual, _, rounding = np.concatenate(
+        [residuals_of(p.path) for p in solution.phases[1:]], axis=1
+    )
+    np.testing.assert_allclose(rounding, rounding_by_hand(sinks[1:]), rtol=1e-12)
     assert (np.abs(sinks[1:] - SINK) > 1e-8).all()  # control: not that of the equilibrium
     assert (residual > 1e6 * rounding).all()  # it does not end at rounding
 
 
-def test_along_a_traced_path():
+def test_rounding_along_a_traced_path():
     structure = two_links()
-    balance = jc.NodalLoads([1], (0.0, 0.0, -sunk(0.0)[1]))
-    more = jc.NodalLoads([1], (0.0, 0.0, sunk(0.0)[1] - sunk(0.3)[1]))
+    balance = jc.NodalLoads([1], (0.0, 0.0, -length_and_load(0.0)[1]))
+    more = jc.NodalLoads([1], (0.0, 0.0, length_and_load(0.0)[1] - length_and_load(0.3)[1]))
     phases = [jc.Phase(pretension=FORCE, loads=balance), jc.Phase(loads=more)]
     path = jc.trace_path(structure, phases)
     assert int(path.status) == 0
-    residual, relative, rounding = of(path)
+    residual, relative, rounding = residuals_of(path)
     sink = -np.asarray(path.displacement)[:, 1, 2]
     assert len(sink) > 5 and sink[-1] == pytest.approx(0.3, rel=1e-9)
     # of the end or of the guess, whichever is more: predictors miss by some 0.1 % here
-    known = by_hand(sink)
+    known = rounding_by_hand(sink)
     assert (rounding >= known * (1 - 1e-12)).all() and (rounding <= known * 1.01).all()
     assert ((relative <= TOL) | (residual <= rounding)).all()
 
@@ -161,7 +165,7 @@ def test_converged_means_below_tolerance_or_rounding(name):
     structure, phases = SCENES[name]()
     solution = jc.solve(structure, phases)
     assert int(solution.status) == 0
-    paths = [of(phase.path) for phase in solution.phases]
+    paths = [residuals_of(phase.path) for phase in solution.phases]
     residual, relative, rounding = np.concatenate(paths, axis=1)
     assert (np.isfinite(rounding) & (rounding >= 0)).all()
     assert ((relative <= TOL) | (residual <= rounding)).all()
@@ -175,12 +179,12 @@ def test_converged_means_below_tolerance_or_rounding(name):
         assert "rounding" not in jc.report(structure, solution).text()
 
 
-def test_of_what_has_failed():
+def test_rounding_of_a_failed_increment():
     """An increment that fails has that of where it ended; after it there is none."""
     structure, phases = jc.scenes.flat_net(load=15.0)
     failed = jc.solve(structure, phases, jc.Newton(max_steps=1))
     assert int(failed.status) == jc.status.NOT_CONVERGED
-    residual, relative, rounding = of(failed.phases[1].path)
+    residual, relative, rounding = residuals_of(failed.phases[1].path)
     assert relative[0] > TOL and residual[0] > rounding[0]  # control: no equilibrium
     assert np.isfinite(rounding[0]) and np.isnan(rounding[1:]).all() and len(rounding) == 10
 
@@ -188,11 +192,11 @@ def test_of_what_has_failed():
 # --- it goes where the residual goes
 
 
-def test_batches_and_parts_have_it():
+def test_batches_and_their_cases_have_the_rounding():
     steps = np.array([[1e3, 2e3, 3e3], [2e3, 1e3, 4e3]])
-    batch = jax.jit(jax.vmap(under))(steps)
+    batch = jax.jit(jax.vmap(solve_load_steps))(steps)
     assert batch.status.tolist() == [0, 0]
-    second, alone = jax.tree.map(lambda x: x[1], batch), under(steps[1])
+    second, alone = jax.tree.map(lambda x: x[1], batch), solve_load_steps(steps[1])
     for many, part in zip(batch.phases, second.phases, strict=True):
         assert many.path.rounding.shape == many.path.residual.shape == (2, 1)
         np.testing.assert_array_equal(part.path.rounding, many.path.rounding[1])
@@ -202,8 +206,8 @@ def test_batches_and_parts_have_it():
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".json"])
-def test_files_have_it_and_older_ones_are_read(suffix, tmp_path):
-    solution = solved(SINK)
+def test_files_have_the_rounding_and_older_ones_are_read(suffix, tmp_path):
+    solution = solve_to_sinks(SINK)
     (path,) = jc.files.save_result(tmp_path / f"r{suffix}", two_links(), solution)
     read = jc.files.load_result(path)
     for number, phase in enumerate(solution.phases, 1):
@@ -221,8 +225,8 @@ def test_files_have_it_and_older_ones_are_read(suffix, tmp_path):
     np.testing.assert_array_equal(again["phase2.residual"], solution.phases[1].path.residual)
 
 
-def test_tables_and_reports_have_it(tmp_path):
-    solution = solved(SINK)
+def test_tables_and_reports_have_the_rounding(tmp_path):
+    solution = solve_to_sinks(SINK)
     paths = jc.files.save_result(tmp_path / "r.csv", two_links(), solution)
     header, *rows = (line.split(",") for line in paths[2].read_text().splitlines())
     column = [float(row[header.index("rounding (N)")]) for row in rows]

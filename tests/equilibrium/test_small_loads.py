@@ -21,7 +21,7 @@ def two_links(kind, tension, supports_at):
     return jc.Structure(nodes, links, jc.pinned([0, 2])), jc.Phase(pretension=tension)
 
 
-def moved_by(tension, height, force):
+def exact_displacement(tension, height, force):
     """How a force (0.3, 0, -1) `force` moves the node from its place without it, in 50 digits."""
     with mpmath.workdps(50):
         start = mpmath.sqrt(1 + mpmath.mpf(height) ** 2)
@@ -46,7 +46,7 @@ def moved_by(tension, height, force):
 
 
 @functools.cache
-def answers(kind):
+def displacements_by_load(kind):
     """Function of height and forces: displacements [n, 2] by the second phase, status, slopes."""
 
     def moved(force, height):
@@ -61,15 +61,15 @@ def answers(kind):
 
 @pytest.mark.parametrize("kind", [jc.Cables, pytest.param(jc.Bars, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("height", [0.0, HEIGHT])
-def test_twelve_decades(kind, height):
+def test_loads_over_twelve_decades(kind, height):
     forces = 1e7 * 10.0 ** -np.arange(13.0)
-    (_, (moved, codes)), slopes = answers(kind)(forces, height)
+    (_, (moved, codes)), slopes = displacements_by_load(kind)(forces, height)
     assert set(codes.tolist()) <= {status.OK, status.AT_ROUNDING}
     good = np.asarray(codes) == status.OK
     # of 1e-8 of the forces, rounding leaves less than half the digits
     assert good[:8].all() and not good[-1]
     assert np.isnan(moved[~good]).all() and np.isnan(slopes[~good]).all()
-    exact = np.array([moved_by(1e7, height, force) for force in forces[good]])
+    exact = np.array([exact_displacement(1e7, height, force) for force in forces[good]])
     error = np.abs(moved[good] - exact).max(axis=1)
     assert (error <= 1e-8 * np.abs(exact).max(axis=1)).all(), error
     # linear for small forces: the slope is the quotient
@@ -77,17 +77,17 @@ def test_twelve_decades(kind, height):
     np.testing.assert_allclose(slopes[good][few], (exact[:, 1] / forces[good])[few], rtol=1e-3)
 
 
-def test_in_increments():
+def test_a_small_load_in_increments():
     """Each increment keeps what those before have left, so that the sum is as good."""
     structure, prestress = two_links(jc.Cables, 1e7, HEIGHT)
     load = jc.Phase(loads=jc.NodalLoads([1], (30.0, 0.0, -100.0)), increments=10)
     solution = jc.solve(structure, [prestress, load])
     assert int(solution.status) == status.OK
-    moved, exact = solution.phases[1].displacement[1], moved_by(1e7, HEIGHT, 100.0)
+    moved, exact = solution.phases[1].displacement[1], exact_displacement(1e7, HEIGHT, 100.0)
     assert np.abs(moved[np.array([0, 2])] - exact).max() <= 1e-8 * np.abs(exact).max()
 
 
-def test_a_node_that_goes_slack_is_not_held_by_what_is_left():
+def test_a_node_that_goes_slack_is_not_held_by_a_leftover_residual():
     """Nothing balances a leftover at a node whose cables a small load slackens."""
     nodes = [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [1.0, 0, -1.0]]
     cables = jc.Cables([[0, 1], [1, 2], [1, 3]], axial_stiffness=1e6)
@@ -101,7 +101,7 @@ def test_a_node_that_goes_slack_is_not_held_by_what_is_left():
         assert np.sign(solution.positions[3, 2]) == -np.sign(force)
 
 
-def test_movements_need_not_show_a_tiny_load():
+def test_a_tiny_load_beside_a_movement_need_not_be_resolved():
     """A phase with a movement is judged by it, although a tiny load comes along."""
     structure, prestress = two_links(jc.Cables, 1e6, HEIGHT)
     both = [jc.SupportMovement([2], (0.01, 0.0, 0.0)), jc.NodalLoads([1], (0.0, 0.0, -1e-3))]

@@ -22,16 +22,16 @@ def propped_strut(stiffness=1e6):
     return jc.Structure(NODES, [strut, springs], jc.pinned([0, 2, 3]))
 
 
-def pushed(load, method=None, increments=1):
+def push_strut(load, method=None, increments=1):
     loads = jc.NodalLoads([1], load * jnp.array([0.0, 0.0, -1.0]))
     return jc.solve(propped_strut(), jc.Phase(loads=loads, increments=increments), method)
 
 
-def quietly(*args, **kwargs):
-    """The same without its warning."""
+def push_without_warning(*args, **kwargs):
+    """Return what `push_strut` does, without its warning."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", jc.UnstableWarning)
-        return pushed(*args, **kwargs)
+        return push_strut(*args, **kwargs)
 
 
 METHODS = {
@@ -42,29 +42,29 @@ METHODS = {
 
 
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
-def test_a_strut_between_springs(method):
+def test_a_strut_between_springs_buckles_at_the_critical_load(method):
     """Its shortening of 1e-5 moves the load by as much: it is bracketed by 1e-3."""
-    below, above = (quietly(f * CRITICAL, method) for f in (0.999, 1.001))
+    below, above = (push_without_warning(f * CRITICAL, method) for f in (0.999, 1.001))
     assert below.status == above.status == 0
     assert below.stable and below.phases[0].stable
     assert not above.stable and not above.phases[0].stable
     np.testing.assert_allclose(above.displacement[1, :2], 0.0, atol=1e-6)  # upright all the same
 
 
-def test_every_increment_on_request():
-    solution = quietly(10.8, jc.Newton(watch=True), increments=4)
+def test_watch_judges_every_increment():
+    solution = push_without_warning(10.8, jc.Newton(watch=True), increments=4)
     assert solution.status == 0
     path = solution.phases[0].path
     np.testing.assert_array_equal(path.stable, 10.8 * np.asarray(path.load_factor) < CRITICAL)
-    plain = quietly(10.8, increments=4)
+    plain = push_without_warning(10.8, increments=4)
     assert plain.phases[0].path.stable is None
     np.testing.assert_array_equal(plain.phases[0].path.iterations, path.iterations)
     np.testing.assert_array_equal(plain.displacement, solution.displacement)
 
 
-def test_in_a_batch_and_where_analyses_fail():
+def test_stability_in_a_batch_and_of_failed_analyses():
     loads = jnp.array([5.0, 11.0, jnp.nan, 9.9])
-    solution = jax.vmap(pushed)(loads)
+    solution = jax.vmap(push_strut)(loads)
     np.testing.assert_array_equal(solution.status == 0, [True, True, False, True])
     np.testing.assert_array_equal(solution.stable, [True, False, False, True])
 
@@ -135,7 +135,7 @@ def test_a_clamped_column_of_beams():
         assert bool(solution.stable) == (factor < 1), factor
 
 
-def test_nets_of_cables_are_not_asked():
+def test_nets_of_cables_are_stable():
     """Their energy is convex; loose nodes and slack cables are no instability."""
     structure, phases = jc.scenes.flat_net(load=15.0)
     assert jc.solve(structure, phases).stable
@@ -150,31 +150,31 @@ def test_nets_of_cables_are_not_asked():
     assert beside.status == 0 and beside.stable and beside.phases[0].path.n_loose[-1] == 1
 
 
-def test_zero_is_no_negative_eigenvalue():
+def test_a_zero_eigenvalue_is_not_negative():
     """Rounding of a singular matrix has either sign; 1e-9 of the largest entry is none."""
     rng = np.random.default_rng(0)
     basis = np.linalg.qr(rng.normal(size=(20, 20)))[0]
-    from jaxcable.equilibrium.iteration import no_stiffness
+    from jaxcable.equilibrium.newton_step import zero_eigenvalue_bound
 
     for lowest, expected in ((0.0, True), (-1e-9, False), (1e-9, True)):
         values = np.geomspace(1e-3, 1.0, 20)
         values[0] = lowest
         matrix = jnp.asarray(basis * values @ basis.T)
-        found = linear.is_definite(linear.plus_diagonal(matrix, no_stiffness(matrix)))
+        found = linear.is_definite(linear.plus_diagonal(matrix, zero_eigenvalue_bound(matrix)))
         assert bool(found) == expected
 
 
-def test_who_is_told(tmp_path, capsys):
+def test_instability_is_in_warning_report_picture_and_file(tmp_path, capsys):
     with pytest.warns(jc.UnstableWarning, match=r"phases\[0\] ends in an unstable equilibrium"):
-        solution = pushed(12.0)
+        solution = push_strut(12.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        pushed(8.0)
-        assert not jax.jit(pushed)(12.0).stable
+        push_strut(8.0)
+        assert not jax.jit(push_strut)(12.0).stable
     structure = propped_strut()
     text = jc.report(structure, solution).text()
     assert "UNSTABLE at its end" in text
-    assert "UNSTABLE" not in jc.report(structure, pushed(8.0)).text()
+    assert "UNSTABLE" not in jc.report(structure, push_strut(8.0)).text()
     figure = jc.plots.net(solution, structure=structure)
     assert any("unstable" in axes.get_title() for axes in figure.axes)
     plt.close("all")

@@ -24,7 +24,7 @@ def one_bar(group=jc.Bars, law=STEEL, length=2.0, **options):
     return jc.Structure(nodes, group([[0, 1]], area=AREA, law=law, **options), jc.Supports(mask))
 
 
-def pulled(*forces, increments=4):
+def phases_to_forces(*forces, increments=4):
     """Phases that bring the force on node 1 to each of `forces` in turn."""
     steps = np.diff(np.concatenate([[0.0], forces]))
     return [
@@ -35,7 +35,7 @@ def pulled(*forces, increments=4):
 
 def test_a_bar_pulled_past_yield_keeps_its_plastic_strain():
     force = 1.1 * FY * AREA
-    solution = jc.solve(one_bar(), pulled(force, 0.0))
+    solution = jc.solve(one_bar(), phases_to_forces(force, 0.0))
     assert int(solution.status) == 0
     first, second = solution.phases
     yielded = FY / E + 0.1 * FY / (HARD * E)
@@ -47,7 +47,7 @@ def test_a_bar_pulled_past_yield_keeps_its_plastic_strain():
     stress = np.asarray(jc.fibre_stress(one_bar(), second))[:, 0]
     assert np.abs(stress - 1.1 * FY * np.array([0.75, 0.5, 0.25, 0])).max() < 1e-8 * FY
     # backwards it yields when the stress has changed by twice the yield stress (Masing)
-    reverse = jc.solve(one_bar(), pulled(force, -1.05 * FY * AREA))
+    reverse = jc.solve(one_bar(), phases_to_forces(force, -1.05 * FY * AREA))
     assert int(reverse.status) == 0
     back = yielded - 2 * FY / E - 0.15 * FY / (HARD * E)
     assert float(reverse.displacement[1, 0]) / 2 == pytest.approx(back, rel=1e-9)
@@ -56,7 +56,7 @@ def test_a_bar_pulled_past_yield_keeps_its_plastic_strain():
 def test_a_reversible_bar_comes_back():
     law = jc.materials.steel(FY, E, HARD, unloading="reversible")
     force = 1.1 * FY * AREA
-    solution = jc.solve(one_bar(law=law), pulled(force, 0.01 * force))
+    solution = jc.solve(one_bar(law=law), phases_to_forces(force, 0.01 * force))
     assert int(solution.status) == 0
     assert float(solution.displacement[1, 0]) / 2 == pytest.approx(0.011 * FY / E, rel=1e-9)
 
@@ -98,7 +98,7 @@ def test_a_net_pulled_past_yield_and_released():
 def test_a_link_loaded_beyond_its_curve_fails(method):
     law = jc.Polygonal([0.0, 0.01, 0.03], [0.0, 2e9, 2.2e9])
     structure = one_bar(jc.Cables, law)
-    solution = jc.solve(structure, pulled(2.2e9 * AREA / 0.845, increments=10), method)
+    solution = jc.solve(structure, phases_to_forces(2.2e9 * AREA / 0.845, increments=10), method)
     assert int(solution.status) == status.MATERIAL_FAILURE
     path = solution.phases[0].path
     assert (np.asarray(path.status) == [0] * 8 + [status.MATERIAL_FAILURE] * 2).all()
@@ -113,9 +113,9 @@ def test_a_link_loaded_beyond_its_curve_fails(method):
 
 def test_plastic_strains_freeze_at_a_failure():
     force = FY * AREA
-    solution = jc.solve(one_bar(), pulled(1.1 * force, 10.1 * force))
+    solution = jc.solve(one_bar(), phases_to_forces(1.1 * force, 10.1 * force))
     assert int(solution.status) == status.MATERIAL_FAILURE
-    again = jc.solve(one_bar(), pulled(-1.1 * force), start=solution.last)
+    again = jc.solve(one_bar(), phases_to_forces(-1.1 * force), start=solution.last)
     assert int(again.status) == 0
     expected = 0.1 * FY * (1 / (HARD * E) - 1 / E)
     assert float(again.positions[1, 0]) / 2 - 1 == pytest.approx(expected, rel=1e-9)

@@ -339,10 +339,10 @@ def test_a_cable_of_given_length_cannot_push():
 
 def test_changing_numbers_does_not_recompile():
     assert int(find_form(NET, 1e3).status) == 0
-    before = prescribed._find._cache_size()
+    before = prescribed._solve_form._cache_size()
     other = find_form(jc.replace(NET, nodes=np.asarray(NET.nodes) * 1.1), np.full(40, 2e3))
     assert int(other.status) == 0
-    assert prescribed._find._cache_size() == before
+    assert prescribed._solve_form._cache_size() == before
 
 
 GUYED = jc.Structure(  # a mast with guys on both sides, whose head holds a cable

@@ -9,7 +9,7 @@ from oracles.taylor import slope
 
 import jaxcable as jc
 from jaxcable.forms import force_density
-from jaxcable.forms.force_density import _positions
+from jaxcable.forms.force_density import _solve_with_nodal_loads
 
 # compiled anew for each solver: one that solves inside of the program, and one that it calls
 TWO = [pytest.param("dense", marks=pytest.mark.slow), SOLVERS[-1]]
@@ -222,7 +222,7 @@ def test_changing_numbers_does_not_recompile_and_equal_shapes_share():
     structure, _ = jc.scenes.saddle(3, 2)
     load = jc.NodalLoads([4], (0.0, 0.0, -1.0))
     force_density(structure, 1.0, load)
-    before = _positions._cache_size()
+    before = _solve_with_nodal_loads._cache_size()
     force_density(jc.replace(structure, nodes=np.asarray(structure.nodes) * 2), 2.0, load)
     order = np.random.default_rng(0).permutation(structure.n_node)
     back = np.argsort(order)
@@ -232,7 +232,7 @@ def test_changing_numbers_does_not_recompile_and_equal_shapes_share():
         jc.pinned(back[structure.supports.nodes.array]),
     )
     x = force_density(renumbered, np.full(17, 3.0), jc.NodalLoads([7], (0.0, 0.0, 0.0)))
-    assert _positions._cache_size() == before
+    assert _solve_with_nodal_loads._cache_size() == before
     assert np.abs(x[back] - force_density(structure, 1.0)).max() < 1e-14
 
 

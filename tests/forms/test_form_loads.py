@@ -134,7 +134,7 @@ def test_gradient(find, solver):
         ),
         (
             lambda: jc.find_form(NET, length=2.0, loads=jc.SelfWeight()),
-            "SelfWeight depends on unstressed lengths and places",
+            "SelfWeight depends on the shape and the unstressed lengths",
         ),
         (
             lambda: jc.forms.dynamic_relaxation(NET, loads=jc.SelfWeight()),

@@ -43,7 +43,7 @@ def matrix(n, symmetric, solver, seed=0, shift=3.0):
     for rows, block in zip(number, blocks, strict=True):
         dense[np.ix_(rows, rows)] += block
     sparse = linear.assemble([(jnp.asarray(blocks), number)], n, pattern)
-    return sparse.plus_diagonal(shift), dense[:n, :n] + shift * np.eye(n)
+    return sparse.add_to_diagonal(shift), dense[:n, :n] + shift * np.eye(n)
 
 
 @pytest.mark.parametrize("symmetric", [True, False])
@@ -151,7 +151,7 @@ def test_sequences_reuse_factors_and_say_what_is_not_definite(solver):
     b = jnp.asarray(RNG.normal(size=12))
     near = linear.Sparse(first.values * (1 + 1e-3 * RNG.normal(size=len(first.values))), pattern)
     far, _ = matrix(12, True, solver, seed=5, shift=50.0)
-    indefinite = first.plus_diagonal(-20.0)
+    indefinite = first.add_to_diagonal(-20.0)
     next_ = jax.jit(linear.solve_next, static_argnames="limit")
     factored, counts = linear.nothing_factored(pattern, b.dtype), []
     for k, (own, tol, limit) in enumerate(
@@ -188,7 +188,7 @@ def test_pivots_of_few_digits_are_taken_only_where_they_are_asked_for(solver):
     assert definite == may
     if may:  # the force over the soft spring, with the one digit that such a pivot has
         assert x == pytest.approx(2.0**48, rel=0.5)
-    assert not taken(free.plus_diagonal(-0.1), -1)[0]
+    assert not taken(free.add_to_diagonal(-0.1), -1)[0]
 
 
 @pytest.mark.parametrize("n", [1, 30])
@@ -283,24 +283,28 @@ def kept(n):
     """The analysis of a pattern on the host, and values of a diagonal matrix on it."""
     pattern = chain(n, True, "superlu")[0]
     numbers = (np.asarray(x) for x in (pattern.digest, pattern.indptr, pattern.indices))
-    return host.kept(pattern.solver, True, *numbers), np.isin(
+    return host.analysis_of_pattern(pattern.solver, True, *numbers), np.isin(
         np.arange(len(pattern.indices)), pattern.diagonal
     ).astype(float)
 
 
 def test_factors_and_analyses_kept_are_bounded():
     jc.forget_programs()
-    for n in range(5, 5 + host._PATTERNS + 3):
+    for n in range(5, 5 + host._MOST_ANALYSES + 3):
         analysed, one = kept(n)
-        for k in range(1, host._FACTORS + 4):
-            assert analysed.factor(k * one, True).solve(np.ones(n)) == pytest.approx(1 / k)
-        assert len(analysed.factors) == host._FACTORS and analysed.count == k
-        assert analysed.factor(k * one, True) and analysed.count == k  # is found again
-    assert len(host._kept) == host._PATTERNS
+        for k in range(1, host._MOST_FACTORS + 4):
+            assert analysed.find_or_make_factor(k * one, True).solve(np.ones(n)) == pytest.approx(
+                1 / k
+            )
+        assert len(analysed.factors) == host._MOST_FACTORS and analysed.count == k
+        assert analysed.find_or_make_factor(k * one, True) and analysed.count == k  # is found again
+    assert len(host._analyses) == host._MOST_ANALYSES
     analysed, one = kept(5)  # one that was dropped is analysed again
-    assert analysed.count == 0 and analysed.factor(one, True).solve(np.ones(5)) == pytest.approx(1)
+    assert analysed.count == 0 and analysed.find_or_make_factor(one, True).solve(
+        np.ones(5)
+    ) == pytest.approx(1)
     jc.forget_programs()
-    assert not host._kept
+    assert not host._analyses
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="Linux tells a process its size")

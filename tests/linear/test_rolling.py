@@ -29,13 +29,15 @@ def banded(n, b, definite=True):
 def test_solutions_and_products(n, b):
     full, band = banded(n, b)
     rhs, other = RNG.normal(size=(2, n))
-    factor, x = jax.jit(rolling.solve)(band, rhs)
+    factor, x = jax.jit(rolling.factorize_and_solve)(band, rhs)
     room = 1e-15 * n  # well conditioned: some roundings of the solution
     np.testing.assert_allclose(x, np.linalg.solve(full, rhs), rtol=0, atol=room)
     np.testing.assert_allclose(
-        rolling.substitute(factor, other), np.linalg.solve(full, other), rtol=0, atol=room
+        rolling.solve_with_factor(factor, other), np.linalg.solve(full, other), rtol=0, atol=room
     )
-    np.testing.assert_allclose(rolling.times(band, rhs), full @ rhs, rtol=0, atol=100 * room)
+    np.testing.assert_allclose(
+        rolling.multiply_by_vector(band, rhs), full @ rhs, rtol=0, atol=100 * room
+    )
     lower = np.linalg.cholesky(full)
     for k in range(n):
         own = lower[k : k + b + 1, k]
@@ -45,7 +47,7 @@ def test_solutions_and_products(n, b):
 def test_single_precision():
     full, band = banded(40, 6)
     rhs = RNG.normal(size=40)
-    _, x = rolling.solve(band.astype(jnp.float32), jnp.asarray(rhs, jnp.float32))
+    _, x = rolling.factorize_and_solve(band.astype(jnp.float32), jnp.asarray(rhs, jnp.float32))
     assert x.dtype == jnp.float32
     np.testing.assert_allclose(x, np.linalg.solve(full, rhs), rtol=0, atol=1e-6)
 

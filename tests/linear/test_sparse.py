@@ -33,7 +33,7 @@ def test_a_slack_saddle_in_increments(solver, monkeypatch):
         original(self, *args)
 
     monkeypatch.setattr(host.Analysed, "__init__", counted)
-    host.forget()
+    host.forget_analyses()
     structure, phases = jc.scenes.saddle(7, 7, load=20000.0, increments=(1, 3))
     for scale in (1.0, 1.1):
         case = jc.replace(structure, nodes=structure.nodes * scale)

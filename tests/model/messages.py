@@ -272,14 +272,15 @@ jc.Section.disc(0.1, jc.Elastic)  # laws[0]: the class Elastic is not a law; cal
 jc.Section.disc(0.1, 210e9)  # laws[0]: float is not a uniaxial law such as Elastic
 polygon([[0, 0], [1, 1], [1, 0], [0, 1]])
     # points: the outline crosses itself: the edge from points[0] to points[1] crosses that from
-    # points[2] to points[3]; name its corners in turn
+    # points[2] to points[3]; list its corners in order
 polygon(SQUARE, [[[0.2, 0.2], [0.6, 0.7], [0.6, 0.2], [0.2, 0.6]]])
     # holes[0]: a hole crosses itself: ... holes[0][0] to holes[0][1]
 polygon(SQUARE, [[[0.5, 0.5], [1.5, 0.5], [1.5, 0.7], [0.5, 0.7]]])
     # points: a hole crosses it ...: the edge from points[1] to points[2] crosses that from
     # holes[0][0] to holes[0][1]
 polygon(SQUARE, [[[2, 2], [3, 2], [3, 3]]])  # holes[0][0] = [2.0, 2.0]: outside of the outline
-polygon([[0, 0], [1, 1], [2, 2], [3, 3]])  # points: all on one line, which has no area
+polygon([[0, 0], [1, 1], [2, 2], [3, 3]])
+    # points: all on one straight line, which encloses no area
 polygon([[0, 0], [1, 0], [np.nan, 1]])  # points[2] = [nan, 1.0]: must be finite
 
 ## loads
@@ -410,14 +411,14 @@ jc.solve(net(), [PUSHED], jc.Newton)
     # method: ... got the class Newton itself; call it, as in Newton()
 jc.solve(net(), [PUSHED], "newton")  # method: expected Newton
 jc.solve(net(), [PUSHED], start=1)  # start: expected a Solution
-jc.Incremental(-1)  # corrections = -1: expected an integer >= 0
+jc.Incremental(-1)  # corrections = -1: expected a whole number >= 0
 jc.Incremental(stiffness="x")  # stiffness = 'x': expected
 jc.Newton(linear_solver="lu")  # linear_solver = 'lu'
 
 ## results
 jc.describe(design.Design(*[0] * 9))  # code: got a Design; give its status
 jc.describe(np.zeros(2, int))  # code: expected one code, got shape (2,); take one
-jc.raise_if_failed(0)  # raise_if_failed: expected a solution, got int; ... describe(code)
+jc.raise_if_failed(0)  # raise_if_failed: expected a solution, got int; describe(code)
 traced(jc.raise_if_failed, solution())  # ...the solution is being traced
 jc.energy_balance(HUNG, PHASES[:1], solution())  # phases: got 1, the solution has 2
 jc.energy_balance(HUNG, [PHASES[0], jc.replace(PHASES[1], increments=3)], solution())

@@ -267,7 +267,7 @@ lambda v: code(net(NODES * v)), 1.0, JOINED  # nodes: links[0] = [0, 1]: zero le
 ## materials/elastic.py
 lambda v: code(net(area=1.0, law=jc.Elastic(v))),  # E: E = -1.0: Young's modulus must be positive
 lambda v: code(net(area=1.0, law=jc.Elastic(v))), 1.0, 0.0  # E: E = 0.0: Young's
-## materials/points.py
+## materials/point_rules.py
 of_strains, STRAIN, [0.0, 1e-3, np.inf]  # strain: strain[2] = inf: must be finite
 of_strains, STRAIN, [0.0, 1e-3, 1e-3]  # strain: strain[2] = 0.001: must be above strain[1]
 of_strains, STRAIN, [1e-3, 2e-3, 3e-3]  # strain: strain: goes from 0.001
@@ -279,12 +279,12 @@ of_stresses("elastic"), STRESS, [-5e5, -5e5, 0.0, 1e6, 5e5]  # stress: stress[3]
 of_stresses("elastic"), STRESS, [-6e5, -6e5, 0.0, 1e6, 1e6]  # stress: ...segment 0 from the origin
 through_origin, [-1e6, 1e6], [-1e6, 2e6]  # stress: ...the curve has 500000 Pa at zero strain
 ## materials/presets.py
-drawn_steel, 1e8, -1.0  # _positive: yield_stress = -1.0
+drawn_steel, 1e8, -1.0  # _require_positive: yield_stress = -1.0
 ## sections/section.py
 fibres, [1.0, 1.0], [-1.0, 1.0]  # area: area[0] = -1.0
 ## sections/shapes.py
-lambda v: jc.Section.disc(v, LAW).area,  # _positive: diameter = -1
-lambda v: jc.Section.ring(1.0, v, LAW).area, 0.1, 0.6  # _within: thickness = 0.6: twice
+lambda v: jc.Section.disc(v, LAW).area,  # _positive_length: diameter = -1
+lambda v: jc.Section.ring(1.0, v, LAW).area, 0.1, 0.6  # _length_unless: twice
 ## sections/torsion.py
 thickness,  # thickness: thickness = -1.0
 ## sections/composites.py
@@ -314,7 +314,7 @@ varying(jc.SupportMovement([2], AXIS)), RISING, [0.0, -0.1, 1.0]
     # parameters: parameters[1] = -0.1: must be above parameters[0] = 0.0
 ## equilibrium/newton.py
 of_method(jc.Newton, "tol"), 1e-9, -1.0  # tol: tol = -1.0: must be pos
-of_method(jc.Newton, "tol"), 1e-9, 1.0  # tol: tol = 1.0: relative ... any state would pass
+of_method(jc.Newton, "tol"), 1e-9, 1.0  # tol: tol = 1.0: must be below 1: it is ... to the forces
 of_method(jc.Newton, "max_steps"), 3.0, 0.0  # max_steps: max_steps = 0.0: must be pos
 of_method(jc.Newton, "max_steps"), 3.0, 2.5  # max_steps: max_steps = 2.5: expected a whole
 ## equilibrium/incremental.py
@@ -345,7 +345,7 @@ chain, [0.1, 1.0, 1e6], [0.1, -1.0, 1e6]  # hanging_chain: weight = -1.0
 chain, [0.1, 1.0, 1e6], [0.1, 1.0, -1.0]  # hanging_chain: axial_stiffness = -1.0
 hung_to, (1.0, 0.0, 0.2), (0.0, 0.0, 0.2)  # second: first, second: the ends lie above each other
 ## forms/feasible.py
-prestressed,  # tension: tension = -1.0: with group ... so
+prestressed,  # tension: tension = -1.0: with this tension in group
 ## design/bounds.py
 scaled, [1.0, 1.0], [1.0, -1.0]  # fill: scale[1] = -1.0
 ## design/arguments.py
@@ -376,10 +376,10 @@ OTHERWISE = {
     "elements/beam.py:_differs": "a lean without `up` is NaN in `Beams.start`",
     "materials/polygonal.py:__post_init__": "no rule: puts the origin among known points",
     "sections/torsion.py:bredt_torsion": "a traced outline is not asked whether it crosses itself",
-    "sections/torsion.py:are_round": "no rule: which library computes",
-    "sections/shapes.py:_float": "no rule: which library computes",
-    "sections/outlines.py:corners": "traced outlines are refused",
-    "sections/composites.py:_summed": "NaN where it is traced",
+    "sections/torsion.py:are_concentric_circles": "no rule: which library computes",
+    "sections/shapes.py:_as_float": "no rule: which library computes",
+    "sections/outlines.py:checked_corners": "traced outlines are refused",
+    "sections/composites.py:_sum_torsion": "NaN where it is traced",
     "model/structure.py:__post_init__": "warnings; the rules of places are asked in any case",
     "design/bounds.py:check": "bounds that are traced end in the status OUTSIDE",
     "stiffness/vibration.py:_without_massless_modes": "no rule: how many modes have mass",
@@ -394,6 +394,6 @@ OTHERWISE = {
     "loads/movement.py:__post_init__": "a warning",
     "loads/movement.py:check_supported": "NaN where it is traced (`ramp`), status NONFINITE",
     "forms/feasible.py:feasible_prestress": "NaN where a cable is not taut",
-    "forms/_balance.py:host_nodes": "traced nodes are refused",
+    "forms/_balance.py:nodes_as_numpy": "traced nodes are refused",
 }
 """Where else values are looked at when they are known, and what becomes of traced ones."""

@@ -49,7 +49,7 @@ def test_sums_and_products_lose_nothing(dtype):
         high, low = run(a, b)
         np.testing.assert_array_equal(high, a + b)
         assert all(x + y == s + t for x, y, s, t in together(a, b, high, low))
-    for run in ways(exact.halves):
+    for run in ways(exact.split_digits):
         parts = [np.asarray(part) for part in run(a)]
         assert all(x == y + z for x, y, z in together(a, *parts))
         for p, q in itertools.product(parts, parts):  # products of halves are exact
@@ -77,7 +77,7 @@ def test_scalar_products_roots_and_totals(dtype):
     b[::2, 2] = -(a[::2, 0] * b[::2, 0] + a[::2, 1] * b[::2, 1]) / a[::2, 2]  # it cancels
     b = np.where(np.isfinite(b), b, 1).astype(dtype)
     zero, eps = np.zeros_like(a), Fraction(float(np.finfo(dtype).eps))
-    for run in ways(exact.dot):
+    for run in ways(exact.dot_of_pairs):
         high, low = run((a, zero), (b, zero))
         for k in range(200):
             products = [x * y for x, y in zip(rational(a[k]), rational(b[k]), strict=True)]
@@ -85,7 +85,7 @@ def test_scalar_products_roots_and_totals(dtype):
             assert error <= 4 * eps**2 * sum(map(abs, products))
     squares = np.abs(spread(rng, dtype, 200))
     mpmath.mp.prec = 400
-    for run in ways(exact.root):
+    for run in ways(exact.sqrt_of_pair):
         high, low = run((squares, np.zeros_like(squares)))
         for x, p, q in zip(squares, high, low, strict=True):
             found = mpmath.mpf(float(p)) + mpmath.mpf(float(q))

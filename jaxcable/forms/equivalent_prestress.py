@@ -1,4 +1,4 @@
-"""The prestress of a state, in all the forms in which a phase can state it."""
+"""The prestress of a state, expressed as each of the prestress inputs of a `Phase`."""
 
 from __future__ import annotations
 
@@ -17,22 +17,23 @@ from ..stiffness.tangent import merge_state, split_state
 
 
 @pytree
-class Statements:
-    """The prestress of a state in its geometry, in all the forms that `Phase` accepts.
+class EquivalentPrestress:
+    """The prestress of a state, expressed as each of the prestress inputs of a `Phase`.
 
-    Each absolute statement (not the increments `shortening` and `temperature`) leads to the state
-    again if it is given to a `Phase` of the same structure with its nodes moved to the positions of
-    the state. All are in the shape of `elements`, each [n_elem], NaN where a group (of beams, or of
-    elements that are not `abilities.Uniaxial`) or an element has no such value.
+    Move the nodes of the structure to the positions of the state, and give any one of the absolute
+    inputs (not the increments `shortening` and `temperature`) to a `Phase`: the analysis leads to
+    the same state. All fields are in the shape of `elements`, each [n_elem]. They are NaN for
+    elements without such a value, such as beams and others that are not `abilities.Uniaxial`.
 
     Attributes:
-        pretension: axial force, N; of a catenary that of the straight element without load.
+        pretension: axial force, N; of a catenary, that of a straight element of the same unstressed
+            length without load.
         force_density: this force over the length between the ends, N/m.
         prestrain: strain, relative to the unstressed length.
         rest_length: unstressed length, m.
-        shortening: length between the ends less the unstressed length, m: the shortening by a
-            turnbuckle if the element were built in unstressed.
-        temperature: change of temperature with the same effect by contraction, K.
+        shortening: length between the ends minus the unstressed length, m: by so much a turnbuckle
+            would shorten the element if it were built in unstressed.
+        temperature: change of temperature that would contract the element by as much, K.
         sag: of catenaries, distance from the chord at midspan, along the load, m.
         length: length between the ends, m.
 
@@ -42,7 +43,7 @@ class Statements:
         >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
         >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
         >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
-        >>> found = jc.forms.statements(structure, solution)
+        >>> found = jc.forms.equivalent_prestress(structure, solution)
         >>> print(solution.status, jnp.round(found.shortening, 6), jnp.round(found.length, 6))  # m
         0 [0.024876 0.024876] [5. 5.]
     """
@@ -57,51 +58,53 @@ class Statements:
     length: PyTree[Float[Array, " n_elem"]]
 
 
-def statements(structure: Structure, solution: Solution | State) -> Statements:
-    """The prestress of a solution in all the forms that a `Phase` accepts: the inverse of stating.
+def equivalent_prestress(structure: Structure, solution: Solution | State) -> EquivalentPrestress:
+    """Return the prestress of a solution as tension, force density, unstressed length, and so on.
 
-    A state with slack cables is determined by their `rest_length`, `prestrain` or `shortening`, not
-    by their tension, which is zero whatever their length.
+    Each of these is an input of a `Phase` that leads to the same state. A slack cable is determined
+    by its `rest_length`, `prestrain` or `shortening`, not by its tension, which is zero at any
+    length.
 
     Args:
         structure: the `Structure` that was analysed.
         solution: `Solution` (its last converged state is used) or `State`.
 
     Returns:
-        `Statements`; differentiable like the solution.
+        `EquivalentPrestress`; differentiable like the solution.
 
     Example:
-        A tensegrity of three struts: ``1 / sqrt(3)`` in triangles, 1 in verticals, -1 in struts.
+        Force densities of a tensegrity: ``1 / sqrt(3)`` in triangles, 1 in verticals, -1 in struts.
 
         >>> structure, phases = jc.scenes.simplex()
         >>> solution = jc.solve(structure, phases[:1])
-        >>> density = jc.forms.statements(structure, solution).force_density
+        >>> density = jc.forms.equivalent_prestress(structure, solution).force_density
         >>> one = density["verticals"][0]
         >>> ratio = {kind: round(float(q[0] / one), 6) for kind, q in density.items()}
         >>> print(solution.status, ratio)
         0 {'struts': -1.0, 'triangles': 0.57735, 'verticals': 1.0}
     """
     thawed, arrays, _ = split_state(structure, solution)
-    per_group = _say(thawed, arrays)
+    per_group = _evaluate_prestress(thawed, arrays)
     names = per_group[0].keys()
-    return Statements(**{n: structure.arrange([values[n] for values in per_group]) for n in names})
+    values = {name: structure.arrange([group[name] for group in per_group]) for name in names}
+    return EquivalentPrestress(**values)
 
 
 @jax.jit
-def _say(thawed, arrays):
-    """The compiled core: statements of every group, a list of dicts."""
+def _evaluate_prestress(thawed, arrays):
+    """Evaluate the prestress of every group; compiled. Returns a list of dicts by field."""
     nodes, groups, carry = merge_state(thawed, arrays)
     system = make_system(nodes, groups, carry, None, None, carry.nodal_load)
     return [
-        _group(group, state, nodes, carry.motion)
+        _prestress_of_group(group, state, nodes, carry.motion)
         for group, state in zip(groups, system.states, strict=True)
     ]
 
 
-def _group(group, state, nodes, motion):
-    """The statements of one group, dict of [n_elem]."""
+def _prestress_of_group(group, state, nodes, motion):
+    """Return the fields of `EquivalentPrestress` for one group, a dict of arrays [n_elem]."""
     unknown = jnp.full(len(group.links), jnp.nan, nodes.dtype)
-    values = dict.fromkeys(Statements.__dataclass_fields__, unknown)
+    values = dict.fromkeys(EquivalentPrestress.__dataclass_fields__, unknown)
     if state.rest_length is None:
         return values
     values["rest_length"] = state.rest_length

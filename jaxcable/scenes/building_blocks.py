@@ -1,4 +1,4 @@
-"""What scenes are made of: the pair itself, links, places around an axis, steel, two phases."""
+"""Building blocks of scenes: the record `Scene`, links, points, loads, steel sections, phases."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from ..materials import Elastic
 from ..model.structure import Structure
 from ..sections import Section, bredt_torsion
 
-STEEL = 210e9  # N/m2
-STRAND = 195e9  # N/m2, of parallel strands
-STRESS = 500e6  # N/m2, in strands under dead load
+STEEL = 210e9  # modulus of elasticity of steel, N/m2
+STRAND = 195e9  # modulus of elasticity of parallel strands, N/m2
+STRAND_STRESS = 500e6  # stress in strands under dead load, N/m2; their strength is 1860e6
 STEEL_WEIGHT = 77e3  # N/m3 (7 850 kg/m3)
 
 
@@ -38,43 +38,50 @@ class Scene(NamedTuple):
     phases: list[Phase]
 
 
-def two_phases(
+def two_phase_scene(
     structure: Structure, increments: tuple[int, int], then: Load | list[Load], **first: Any
 ) -> Scene:
-    """Scene of a phase with the arguments `first`, and of one that adds the loads `then`."""
+    """Make a scene of two phases: one with the arguments `first`, one that adds loads (`then`)."""
     phases = Phase(increments=increments[0], **first), Phase(loads=then, increments=increments[1])
     return Scene(structure, list(phases))
 
 
-def downward(nodes: ArrayLike, load: ArrayLike) -> NodalLoads:
-    """The same downward load on every node, N, or one for each of them."""
+def downward_loads(nodes: ArrayLike, load: ArrayLike) -> NodalLoads:
+    """Make nodal loads that act downward, N: a number for all nodes, or [n] for each of them."""
     if np.ndim(load) == 0:
         return NodalLoads(nodes, (0.0, 0.0, -load))
     return NodalLoads(nodes, np.outer(load, [0.0, 0.0, -1.0]))
 
 
-def chain(nodes: ArrayLike, closed: bool = False) -> Int[np.ndarray, "n_elem 2"]:
-    """Links from each node to the next, [n_elem, 2]; closed: from the last to the first, too."""
+def chain_links(nodes: ArrayLike, closed: bool = False) -> Int[np.ndarray, "n_elem 2"]:
+    """Return the links from each node to the next, [n_elem, 2]; if closed, also last to first."""
     nodes = np.asarray(nodes)
     return np.column_stack([nodes, np.roll(nodes, -1)])[: None if closed else -1]
 
 
-def around(radius: float, angle: Float[ArrayLike, " n"], height: float) -> Float[np.ndarray, "n 3"]:
-    """Points at a radius and a height about the z axis, [n, 3], m; angles in rad."""
+def points_on_circle(
+    radius: float, angle: Float[ArrayLike, " n"], height: float
+) -> Float[np.ndarray, "n 3"]:
+    """Return the points of a horizontal circle about the z axis, [n, 3], m, at angles in rad."""
     return np.column_stack(
         [radius * np.cos(angle), radius * np.sin(angle), np.full(np.shape(angle), height)]
     )
 
 
 def require_positive(**values: float) -> None:
-    """Raise ValueError for the first of the named values that is not above zero."""
+    """Raise ValueError for the first of the named values that is not positive."""
     for name, value in values.items():
         if not value > 0:
             raise ValueError(f"{name} = {value}: must be positive")
 
 
-def hollow(width: float, height: float, wall: float) -> dict[str, Any]:
-    """Section and torsional stiffness of a box of steel, a dict for `Beams`."""
+def hollow_steel_section(width: float, height: float, wall: float) -> dict[str, Any]:
+    """Return section and torsional stiffness of a rectangular steel tube, as arguments of `Beams`.
+
+    Args:
+        width, height: outer sizes, m.
+        wall: thickness of the wall, m.
+    """
 
     def outline(y, z):
         return 0.5 * np.array([[-y, -z], [y, -z], [y, z], [-y, z]])

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcable.common import foreign, jax_internals
+from jaxcable.common import host_calls, jax_internals
 
 SHAPES = jax.ShapeDtypeStruct((3,), jnp.float64), jax.ShapeDtypeStruct((), bool)
 SEEN = []
@@ -19,13 +19,13 @@ def shifted(vector, number):
     return vector + number[..., None], number > 0
 
 
-@foreign.family
+@host_calls.host_function_family
 def shifts():
     return shifted
 
 
 def call(vector, number):
-    return foreign.call([shifts], SHAPES, vector, number)
+    return host_calls.call_on_host([shifts], SHAPES, vector, number)
 
 
 def test_results_and_what_the_function_sees():
@@ -50,11 +50,11 @@ def test_a_batch_is_one_call():
 def test_dtypes(dtype):
     given = jnp.array([[1, 0, 1], [0, 0, 1]], dtype)
     shape = jax.ShapeDtypeStruct(given.shape, given.dtype)
-    (found,) = jax.jit(lambda x: foreign.call([same, "array"], [shape], x))(given)
+    (found,) = jax.jit(lambda x: host_calls.call_on_host([same, "array"], [shape], x))(given)
     np.testing.assert_array_equal(found, given)
 
 
-@foreign.family
+@host_calls.host_function_family
 def same(what):
     assert what == "array"
     return lambda x: (x,)
@@ -62,11 +62,11 @@ def same(what):
 
 def test_empty_arrays():
     none = jax.ShapeDtypeStruct((0, 2), jnp.float64)
-    (found,) = foreign.call([same, "array"], [none], jnp.zeros((0, 2)))
+    (found,) = host_calls.call_on_host([same, "array"], [none], jnp.zeros((0, 2)))
     assert found.shape == (0, 2)
 
 
-@foreign.family
+@host_calls.host_function_family
 def fails():
     def function(_):
         raise ZeroDivisionError("of no matrix")
@@ -76,7 +76,7 @@ def fails():
 
 def test_an_error_of_the_function_ends_the_program_with_its_text():
     with pytest.raises(jax.errors.JaxRuntimeError, match="ZeroDivisionError: of no matrix"):
-        jax.block_until_ready(foreign.call([fails], SHAPES, jnp.zeros(3)))
+        jax.block_until_ready(host_calls.call_on_host([fails], SHAPES, jnp.zeros(3)))
     vector, _ = call(jnp.zeros(3), jnp.int32(1))  # and only that program
     np.testing.assert_array_equal(vector, np.ones(3))
 
@@ -88,7 +88,7 @@ def test_without_an_interface_of_xla_there_is_none(lacks, monkeypatch):
 
 
 def test_other_platforms_get_a_callback(monkeypatch):
-    monkeypatch.setattr(foreign, "is_known", lambda _: False)
+    monkeypatch.setattr(host_calls, "register_call", lambda _: False)
     vector, positive = jax.jit(jax.vmap(call))(jnp.zeros((2, 3)), jnp.array([1, -1], jnp.int32))
     np.testing.assert_array_equal(vector, [[1.0] * 3, [-1.0] * 3])
     np.testing.assert_array_equal(positive, [True, False])
@@ -99,26 +99,30 @@ def test_families_are_known_by_module_and_name():
     for module in ("one", "two"):
         space = {"__name__": module, "number": 1.0 if module == "one" else 2.0}
         exec("def family_of_a_name():\n    return lambda x: (x + number,)", space)
-        made[module] = foreign.family(space["family_of_a_name"])
+        made[module] = host_calls.host_function_family(space["family_of_a_name"])
     shape = [jax.ShapeDtypeStruct((), jnp.float64)]
-    found = [float(foreign.call([made[m]], shape, jnp.zeros(()))[0]) for m in ("one", "two")]
+    found = [
+        float(host_calls.call_on_host([made[m]], shape, jnp.zeros(()))[0]) for m in ("one", "two")
+    ]
     assert found == [1.0, 2.0]
     exec("def family_of_a_name():\n    return lambda x: (x + number,)", space)
-    assert foreign.family(space["family_of_a_name"]) is made["two"]  # its module is reloaded
+    assert (
+        host_calls.host_function_family(space["family_of_a_name"]) is made["two"]
+    )  # its module is reloaded
     exec("def family_of_a_name():\n    return lambda x: (x - number,)", space)
     with pytest.raises(ValueError, match=r"family: two.family_of_a_name is registered already"):
-        foreign.family(space["family_of_a_name"])
+        host_calls.host_function_family(space["family_of_a_name"])
     for name in ("shifts", len):
-        with pytest.raises(ValueError, match="expected a function registered by `family`"):
-            foreign.call([name], shape, jnp.zeros(()))
-    with pytest.raises(ValueError, match="a word has no comma"):
-        foreign.call([same, "array, or not"], shape, jnp.zeros(()))
+        with pytest.raises(ValueError, match="expected a host function family"):
+            host_calls.call_on_host([name], shape, jnp.zeros(()))
+    with pytest.raises(ValueError, match="a word must not contain a comma"):
+        host_calls.call_on_host([same, "array, or not"], shape, jnp.zeros(()))
 
 
 HEARD = []
 
 
-@foreign.family
+@host_calls.host_function_family
 def hears():
     def function(x):
         HEARD.append(x.item())
@@ -132,7 +136,7 @@ def test_a_function_without_results_is_told_in_turn():
 
     def told(n):
         def turn(k):
-            foreign.tell([hears], k)
+            host_calls.call_without_results([hears], k)
             return k + 1
 
         return jax.lax.while_loop(lambda k: k < n, turn, jnp.int32(0))
@@ -140,5 +144,7 @@ def test_a_function_without_results_is_told_in_turn():
     assert int(jax.block_until_ready(jax.jit(told)(3))) == 3
     assert HEARD == [0, 1, 2]
     HEARD.clear()
-    jax.block_until_ready(jax.vmap(lambda x: (foreign.tell([hears], x), x)[1])(jnp.arange(4.0)))
+    jax.block_until_ready(
+        jax.vmap(lambda x: (host_calls.call_without_results([hears], x), x)[1])(jnp.arange(4.0))
+    )
     assert HEARD == [0.0, 1.0, 2.0, 3.0]

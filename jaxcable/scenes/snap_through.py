@@ -1,4 +1,4 @@
-"""A structure that snaps: the truss of von Mises."""
+"""A structure that snaps through: the truss of von Mises."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..analysis.phases import Phase
 from ..elements import Bars
 from ..model.structure import Structure
 from ..model.supports import Supports
-from .parts import Scene, downward
+from .building_blocks import Scene, downward_loads
 
 
 def von_mises_truss(
@@ -20,15 +20,15 @@ def von_mises_truss(
     hanger: float | None = None,
     sway: bool = False,
 ) -> Scene:
-    """Two bars that meet in a shallow apex under a vertical load, in the x-z plane.
+    """Return two bars that meet in a shallow apex under a vertical load, in the x-z plane.
 
-    Equilibrium with the apex at height z over the feet: ``P = 2 EA (l0 - l)/l0 z/l``; limit point
-    at ``l = (b^2 l0)^(1/3)``. With a `hanger` of stiffness k the load acts at the hanger's end,
-    which moves by ``P/k`` more: with a soft hanger the path snaps back. If the apex may sway, steep
-    trusses bifurcate first, where ``l^3 - l0 l^2 + l0 b^2 = 0``.
+    If z is the height of the apex over the feet, ``P = 2 EA (l0 - l)/l0 z/l``; the limit point is
+    at ``l = (b^2 l0)^(1/3)``, with the half span b. With a `hanger` of stiffness k the load acts at
+    the end of the hanger, which moves by ``P/k`` more; if it is soft, the path snaps back. If the
+    apex may sway, steep trusses bifurcate first, where ``l^3 - l0 l^2 + l0 b^2 = 0``.
 
     Args:
-        rise, half_span: m.
+        rise, half_span: height of the apex over the feet, and half of their distance, m.
 
     Options:
         axial_stiffness: EA of the bars, N.
@@ -55,7 +55,7 @@ def von_mises_truss(
     bars = Bars([[0, 1], [1, 2]], axial_stiffness=axial_stiffness)
     if hanger is None:
         structure = Structure(nodes[:3], bars, supports=Supports(held[:3]))
-        return Scene(structure, [Phase(loads=downward([1], load))])
+        return Scene(structure, [Phase(loads=downward_loads([1], load))])
     elements = {"bars": bars, "hanger": Bars([[1, 3]], axial_stiffness=hanger)}
     structure = Structure(nodes, elements, supports=Supports(held))
-    return Scene(structure, [Phase(loads=downward([3], load))])
+    return Scene(structure, [Phase(loads=downward_loads([3], load))])

@@ -15,13 +15,13 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from .linear_map import linear_map
 
-_WIDEST = 16  # most numbers that a row of a table adds
-_NOTHING = 2**32 - 1  # past every end
+_MOST_COLUMNS = 16  # numbers that a row of a table adds at most; where more meet, sums are summed
+_NO_ROW = 2**32 - 1  # a position past every end
 
 
 @pytree
 class Gathering:
-    """Sums of rows of an array. A hub, where many rows meet, is summed in parts.
+    """Sum rows of an array, such as end forces at nodes; a hub, where many meet, in parts.
 
     Attributes:
         tables: the rows that a sum adds, [n_sum, w] each: the first of rows of the array, the
@@ -36,26 +36,27 @@ class Gathering:
     target: Int[ArrayLike, " m"] | None
 
     def __call__(self, source: Float[Array, "m ..."]) -> Float[Array, "n ..."]:
-        """The sums of rows of `source`, [m, ...]."""
+        """Return the sums of rows of `source`, [m, ...]."""
         if self.target is None:
-            return self._summed(source)
-        return linear_map(_sums, _copies, source, self)
+            return self._sum_by_tables(source)
+        return linear_map(_sum_rows, _copy_sums_to_rows, source, self)
 
     def spread(self, sums: Float[Array, "n ..."]) -> Float[Array, "m ..."]:
-        """For every row the number at its sum, [m, ...]: the transpose."""
-        return linear_map(_copies, _sums, sums, self)
+        """Apply the transpose: return for every row the number at its sum, [m, ...]."""
+        return linear_map(_copy_sums_to_rows, _sum_rows, sums, self)
 
-    def _summed(self, source):
+    def _sum_by_tables(self, source):
         # XLA would compute the rows anew for each of their uses, but not what it concatenates
+        """Sum the rows of an array, table by table."""
         rows = jnp.concatenate([source, jnp.zeros_like(source[:1])])
         sums, below = [], rows
         for k, table in enumerate(self.tables):
-            parts = _at(below, table) if k == 0 else _there(below, table)
+            parts = _rows_at(below, table) if k == 0 else _rows_at_or_zero(below, table)
             below = jnp.sum(parts, axis=1, dtype=source.dtype)
             sums.append(below)
         if self.place is None:
             return below
-        return _at(jnp.concatenate([rows, *sums]) if sums else rows, self.place)
+        return _rows_at(jnp.concatenate([rows, *sums]) if sums else rows, self.place)
 
 
 def gathering(
@@ -64,7 +65,7 @@ def gathering(
     source: Int[np.ndarray, " k"] | None = None,
     m: int | None = None,
 ) -> Gathering:
-    """The `Gathering` that adds row ``source[k]`` of an array to the sum ``target[k]``.
+    """Make the `Gathering` that adds row ``source[k]`` of an array to the sum ``target[k]``.
 
     Args:
         target: [k], NumPy; n or more for what is not added to any sum.
@@ -79,7 +80,7 @@ def gathering(
     used = used[np.argsort(target[used], kind="stable")]
     member, owner = source[used], target[used]
     place = np.full(n, m)
-    width = _width(np.bincount(owner, minlength=n))
+    width = _best_table_width(np.bincount(owner, minlength=n))
     tables, first = [], m + 1
     while True:  # what has one member has its place, the others are summed
         alone = np.bincount(owner, minlength=n) <= 1
@@ -88,34 +89,39 @@ def gathering(
         member, owner = member[~single], owner[~single]
         if not len(owner):
             break
-        table, owner = _parts(member, owner, width)
+        table, owner = _partial_sums(member, owner, width)
         first += 0 if not tables else len(tables[-1])
-        tables.append(np.where(table < 0, _NOTHING if tables else m, table).astype(np.uint32))
+        tables.append(np.where(table < 0, _NO_ROW if tables else m, table).astype(np.uint32))
         member = np.arange(len(table))
     last = len(tables) > 0 and np.array_equal(place, first + np.arange(n))
     return Gathering(tables, None if last else place.astype(np.uint32), of_rows)
 
 
-def _sums(rows, gathering):
-    return gathering._summed(rows)
+def _sum_rows(rows, gathering):
+    """Return the sums of rows; as a function for `linear_map`."""
+    return gathering._sum_by_tables(rows)
 
 
-def _copies(sums, gathering):
+def _copy_sums_to_rows(sums, gathering):
+    """Return for every row the number at its sum; as a function for `linear_map`."""
     if not len(sums):  # nothing is free
         return jnp.zeros((len(gathering.target), *sums.shape[1:]), sums.dtype)
-    return _there(sums, gathering.target)
+    return _rows_at_or_zero(sums, gathering.target)
 
 
 def with_zero(values: Float[Array, "n ..."]) -> Float[Array, "n+1 ..."]:
-    """An array with zeros after its end, at the position that stands for nothing."""
+    """Append a zero to an array, at the position that stands for nothing."""
     zero = jnp.zeros((), values.dtype)
     return lax.pad(values, zero, [(0, 1, 0)] + [(0, 0, 0)] * (values.ndim - 1))
 
 
-def _parts(member, owner, width):
-    """A table of sums of up to `width` members with equal owner, and the owner of each sum.
+def _partial_sums(member, owner, width):
+    """Return a table of partial sums, of up to `width` rows of one owner each, and their owners.
 
-    Minus one stands for nothing.
+    Args:
+        member: what is added, positions of rows.
+        owner: the sum that each belongs to, ascending.
+        width: number of columns of the table; -1 in it stands for nothing.
     """
     first = np.append(True, owner[1:] != owner[:-1])
     begin = np.maximum.accumulate(np.where(first, np.arange(len(owner)), 0))
@@ -127,8 +133,8 @@ def _parts(member, owner, width):
     return table, owner[opens]
 
 
-def _width(count):
-    """Width of the tables that read least, for sums of `count` rows."""
+def _best_table_width(count):
+    """Return the width with which tables read least, for sums of `count` rows."""
 
     def read(width):
         left, total = count[count > 1], 0
@@ -138,20 +144,20 @@ def _width(count):
             left = left[left > 1]
         return total
 
-    return min(range(2, min(max(count.max(initial=0), 2), _WIDEST) + 1), key=read)
+    return min(range(2, min(max(count.max(initial=0), 2), _MOST_COLUMNS) + 1), key=read)
 
 
-def _at(array, positions):
-    """Rows of an array; any row where there is none."""
+def _rows_at(array, positions):
+    """Return rows of an array; any row at positions past its end."""
     return jnp.asarray(array).at[positions].get(mode="clip")
 
 
-def _there(array, positions):
-    """Rows of an array, zero where there is none."""
-    rows = _at(array, positions)
-    return jnp.where(_wide(positions < len(array), rows), rows, jnp.zeros((), rows.dtype))
+def _rows_at_or_zero(array, positions):
+    """Return rows of an array; zero at positions past its end."""
+    rows = _rows_at(array, positions)
+    return jnp.where(_mask_of_rows(positions < len(array), rows), rows, jnp.zeros((), rows.dtype))
 
 
-def _wide(mask, rows):
-    """A mask of positions with axes of length 1 for those of rows."""
+def _mask_of_rows(mask, rows):
+    """Reshape a mask of positions so that it broadcasts over the entries of rows."""
     return mask.reshape(*mask.shape, *(1,) * (rows.ndim - mask.ndim))

@@ -18,81 +18,83 @@ import numpy as np
 from .jax_internals import register_host_function
 from .types import Array
 
-Function = Callable[..., Sequence[np.ndarray]]
-Family = Callable[..., Function]
+HostFunction = Callable[..., Sequence[np.ndarray]]
+HostFunctionFamily = Callable[..., HostFunction]
 
 PREFIX = "jaxcable: "
 """Names by which programs call host functions begin so."""
 _FAMILIES: dict[str, Any] = {}  # by module and qualified name
 
 
-def family(make: Family) -> Family:
-    """Register a function that makes a host function from words, and keeps it.
+def host_function_family(make: HostFunctionFamily) -> HostFunctionFamily:
+    """Register a function that makes NumPy functions from words; it makes each of them once.
 
-    A program that is kept on disk knows the words only, and the family by its module and name.
+    A compiled program on disk knows only the words, and the family by its module and name.
 
     Raises:
         ValueError: the module has another family of this name.
     """
-    name = _name(make)
+    name = _family_name(make)
     known = _FAMILIES.get(name)
     if known is None:
         _FAMILIES[name] = functools.cache(make)
     elif known.__wrapped__.__code__ != make.__code__:  # the same one if its module is reloaded
         raise ValueError(
-            f"family: {name} is registered already, and compiled programs may call it; "
-            "give the new one another name, or start Python anew"
+            f"host_function_family: {name} is registered already, and compiled programs may call "
+            "it; give the new one another name, or restart Python"
         )
     return _FAMILIES[name]
 
 
-def _name(make):
-    """The name of a family."""
+def _family_name(make):
+    """Return the name by which a family is registered: its module and qualified name."""
     return f"{make.__module__}.{make.__qualname__}"
 
 
-def _named(words):
-    """A family and its words, as one text, by which programs call it; `_made` reads it."""
+def _call_name(words):
+    """Join a family and its words to the name that programs call; `_function_of_name` splits it."""
     family, *words = words
-    if not callable(family) or _name(family) not in _FAMILIES:
-        raise ValueError(f"words[0] = {family!r}: expected a function registered by `family`")
+    if not callable(family) or _family_name(family) not in _FAMILIES:
+        raise ValueError(f"words[0] = {family!r}: expected a host function family")
     if any("," in word for word in words):
-        raise ValueError(f"words = {words}: a word has no comma")
-    return PREFIX + ", ".join((_name(family), *words))
+        raise ValueError(f"words = {words}: a word must not contain a comma")
+    return PREFIX + ", ".join((_family_name(family), *words))
 
 
-def tell(words: Sequence[Family | str], *arguments: Array) -> None:
-    """Call a NumPy function of arrays without results; under `jax.vmap` for every case.
+def call_without_results(words: Sequence[HostFunctionFamily | str], *arguments: Array) -> None:
+    """Call a NumPy function for its side effects; under `jax.vmap`, once for every case.
 
     Args:
-        words, arguments: as for `call`.
+        words, arguments: as for `call_on_host`.
     """
-    name = _named(words)
-    if jax.default_backend() == "cpu" and is_known(name):
+    name = _call_name(words)
+    if jax.default_backend() == "cpu" and register_call(name):
         none = jax.ffi.ffi_call(name, (), has_side_effect=True, vmap_method="sequential")
         none(*arguments)
     else:
-        jax.debug.callback(_made(name), *arguments)
+        jax.debug.callback(_function_of_name(name), *arguments)
 
 
-def call(
-    words: Sequence[Family | str], shapes: Sequence[jax.ShapeDtypeStruct], *arguments: Array
+def call_on_host(
+    words: Sequence[HostFunctionFamily | str],
+    shapes: Sequence[jax.ShapeDtypeStruct],
+    *arguments: Array,
 ) -> tuple[Array, ...]:
-    """Results of a NumPy function of arrays, called by a compiled program.
+    """Call a NumPy function of arrays from a compiled program, and return its results.
 
     Under `jax.vmap` arguments and results have further leading axes; those of an argument that does
     not change in the batch have length 1.
 
     Args:
-        words: a `family`, and what it makes the function from. The function returns a
+        words: a `host_function_family`, and what it makes the function from. The function returns a
             sequence of arrays; it must not call jax.
         shapes: `jax.ShapeDtypeStruct` of every result.
         arguments: arrays.
     """
-    name = _named(words)
-    if jax.default_backend() == "cpu" and is_known(name):
+    name = _call_name(words)
+    if jax.default_backend() == "cpu" and register_call(name):
         return tuple(jax.ffi.ffi_call(name, tuple(shapes), vmap_method="expand_dims")(*arguments))
-    function = _made(name)
+    function = _function_of_name(name)
 
     def converted(*arrays):
         results = function(*(np.asarray(array) for array in arrays))
@@ -102,13 +104,13 @@ def call(
     return jax.pure_callback(converted, tuple(shapes), *arguments, vmap_method="expand_dims")
 
 
-def _made(name):
-    """The function of a name."""
+def _function_of_name(name):
+    """Return the NumPy function of a name that `_call_name` has made."""
     family, *words = name.removeprefix(PREFIX).split(", ")
     return _FAMILIES[family](*words)
 
 
 @functools.cache
-def is_known(name: str) -> bool:
-    """Make the function of a name known to XLA; False if XLA's interface is another one."""
-    return register_host_function(name, _made(name))
+def register_call(name: str) -> bool:
+    """Register the NumPy function of a name with XLA; return False if XLA has no such interface."""
+    return register_host_function(name, _function_of_name(name))

@@ -10,20 +10,22 @@ from ..elements import Bars, Beams, Cables
 from ..loads import SelfWeight
 from ..model.structure import Structure
 from ..model.supports import pinned, restrained
-from .parts import (
+from .building_blocks import (
     STEEL,
     STEEL_WEIGHT,
     STRAND,
-    STRESS,
+    STRAND_STRESS,
     Scene,
-    chain,
-    downward,
-    hollow,
+    chain_links,
+    downward_loads,
+    hollow_steel_section,
     require_positive,
 )
 
 _PIER = 4.0  # height of the deck above the feet of the pylons, m
-_ROUNDS = 50  # of statics; weights of cables and hangers are little beside that of the deck
+# Rounds of statics, which correct the weights of cables and hangers. With the default numbers each
+# reduces the error by 1e4, and the sixth changes nothing; a lighter deck needs more.
+_N_ROUNDS = 50
 
 
 def suspension_footbridge(
@@ -35,37 +37,41 @@ def suspension_footbridge(
     dead: float = 4e3,
     planks: float = 1e3,
 ) -> Scene:
-    """Suspension footbridge in one plane: cables over two pylons, hangers, a girder.
+    """Return a suspension footbridge in one plane: cables over two pylons, hangers, a girder.
 
-    Pylons rock on their feet; frames beside them keep their tops in the plane. Cables and hangers
-    have the lengths at which the girder is straight and level under the dead load, by statics: the
-    part ``H (z_k - z_{k-1}) / a - H (z_{k+1} - z_k) / a`` of the thrust H in the cables bears what
-    hangs at their node k, where hangers are `a` apart. Where all of it is the deck, this is the
-    parabola with ``H = dead span^2 / (8 sag)``.
+    The pylons are hinged at their feet; frames beside them keep their tops in the plane. Lengths of
+    cables and hangers follow from statics: under the dead load the girder is straight and level. If
+    H is the thrust of the cables and `a` the distance of hangers, the load at node k of the cables
+    is ``H (z_k - z_{k-1}) / a - H (z_{k+1} - z_k) / a``. For the deck alone, this is the parabola
+    with ``H = dead span^2 / (8 sag)``.
 
-    In stages, the cables hang free first. Segments of the deck are hung from the middle on, in
-    turn to both sides, with open joints: the cables have another shape at every stage. When all
-    hang, the joints are closed, and the girder is unstressed where it is then; last, the planks are
-    laid, of which the girder bears a part by its stiffness. Without stages all is there at once,
-    and ends in the same state. The scene is not taken from a publication.
+    In stages:
+
+    - First the cables hang freely.
+    - Segments of the deck are hung from the middle outward, with open joints; the cables change
+      their shape at every stage.
+    - When all hang, the joints are closed: the girder is unstressed in the shape that it has then.
+    - Last the planks are laid; the girder carries a part of them by its bending stiffness.
+
+    Without stages everything is there at once, and the end state is the same. The scene is not
+    taken from a publication.
 
     Args:
         n: number of segments of the deck, even.
 
     Options:
-        stages: whether the bridge is erected, or stands when it is loaded.
-        span: between the pylons, m; the cables are anchored a third of it behind them.
-        sag: of the cables, m; the shortest hangers are 1 m long.
+        stages: whether the bridge is erected in stages; else all of it is there from the start.
+        span: distance of the pylons, m; the cables are anchored a third of it behind them.
+        sag: sag of the cables, m; the shortest hangers are 1 m long.
         dead: weight of the deck with its girder, N/m.
         planks: weight of the planks, N/m.
 
     Returns:
-        `Scene` with the groups "pylons", "cables", "hangers" and "girder". Nodes: both anchors,
-        both feet, both tops, then those of the cables, then those of the girder, which begins and
-        ends at abutments.
+        `Scene` with the groups "pylons", "cables", "hangers" and "girder". Order of nodes: both
+        anchors, both feet, both tops, the cables, the girder from abutment to abutment.
 
     Raises:
-        ValueError: `n` is odd, or less than 4; a size that is not positive.
+        ValueError: `n` is odd or less than 4; a size or weight that is not positive.
 
     Example:
         >>> structure, phases = jc.scenes.suspension_footbridge(6)
@@ -78,7 +84,7 @@ def suspension_footbridge(
         raise ValueError(f"n = {n}: must be even, and at least 4")
     require_positive(span=span, sag=sag, dead=dead, planks=planks)
     x = np.linspace(-span / 2, span / 2, n + 1)
-    height, posts, strands, hung = _statics(x, span, sag, dead)
+    height, posts, strands, hung = _bridge_statics(x, span, sag, dead)
     back = x[-1] + span / 3
     nodes = np.zeros((2 * n + 6, 3))
     nodes[:6, 0] = [-back, back, x[0], x[-1], x[0], x[-1]]
@@ -88,17 +94,17 @@ def suspension_footbridge(
     hangers = np.column_stack([on_cable, on_deck[1:-1]])
     elements = {
         "pylons": Bars([[2, 4], [3, 5]], **posts),
-        "cables": Cables(chain([0, 4, *on_cable, 5, 1]), **strands),
+        "cables": Cables(chain_links([0, 4, *on_cable, 5, 1]), **strands),
         "hangers": Cables(hangers, **hung),
-        "girder": Beams(chain(on_deck), **hollow(0.4, 0.5, 0.01)),
+        "girder": Beams(chain_links(on_deck), **hollow_steel_section(0.4, 0.5, 0.01)),
     }
     abutments = restrained(on_deck[:1], "xyz", "x") + restrained(on_deck[-1:], "yz", "x")
     supports = pinned([0, 1, 2, 3]) + restrained([4, 5], "y") + abutments
     structure = Structure(nodes, elements, supports=supports)
-    laid = downward(on_deck[1:-1], planks * span / n)
+    laid = downward_loads(on_deck[1:-1], planks * span / n)
     segment = dead * span / n
     if not stages:
-        deck = downward(on_deck[1:-1], segment)
+        deck = downward_loads(on_deck[1:-1], segment)
         return Scene(structure, [Phase(loads=[SelfWeight(), deck]), Phase(loads=laid)])
     nothing = {"pylons": None, "cables": None, "girder": None}
     phases, middle = [Phase(loads=SelfWeight())], n // 2
@@ -111,17 +117,22 @@ def suspension_footbridge(
             Phase(
                 adds=None if adds is None else {**nothing, "hangers": adds},
                 placed="attached",
-                loads=downward(on_deck[at], 0.5 * segment * halves),
+                loads=downward_loads(on_deck[at], 0.5 * segment * halves),
             )
         )
     return Scene(structure, [*phases, Phase(adds="girder"), Phase(loads=laid)])
 
 
-def _statics(x, span, sag, dead):
-    """Heights of the cables' nodes, and the numbers of pylons, cables and hangers, dicts."""
+def _bridge_statics(x, span, sag, dead):
+    """Find the shape and the lengths by statics.
+
+    Returns:
+        Heights of the nodes of the cables, [n + 1], m, then dicts with stiffness, unstressed length
+        and weight of pylons, cables and hangers.
+    """
     a = x[1] - x[0]
     load = dead * a * np.ones(len(x) - 2)
-    for _ in range(_ROUNDS):
+    for _ in range(_N_ROUNDS):
         # heights for a thrust of 1: second differences are the loads over the thrust
         bent = np.linalg.solve(
             (2 * np.eye(len(load)) - np.eye(len(load), k=1) - np.eye(len(load), k=-1)) / a, load
@@ -133,9 +144,9 @@ def _statics(x, span, sag, dead):
         chord = np.hypot(np.diff(ends), np.diff(heights))
         # the backstays hold the same thrust, as pylons rock
         force = thrust * chord / np.diff(ends)
-        area = 1.5 * dead * span**2 / (8 * sag) / STRESS
+        area = 1.5 * dead * span**2 / (8 * sag) / STRAND_STRESS
         slack = chord / (1 + force / (STRAND * area))
-        thin = dead * a / STRESS
+        thin = dead * a / STRAND_STRESS
         pull = dead * a + 0.5 * STEEL_WEIGHT * thin * height[1:-1]
         short = height[1:-1] / (1 + pull / (STRAND * thin))
         own = STEEL_WEIGHT * area * slack[1:-1]

@@ -7,12 +7,12 @@ import jax.numpy as jnp
 from ..common.types import Array, Float, Int
 from .law import Law, Memory, Numbers, Values
 
-FAR = 1.0
-"""Strain beyond the last corner up to which a law without end is sampled."""
+SAMPLED_BEYOND = 1.0
+"""Strain beyond the last corner up to which a law without end is sampled: it is linear there."""
 
 
-def inverse(law: Law, stress: Numbers, memory: Memory = None) -> Values:
-    """Strain at `stress` on the rising branch from zero; NaN above the peak of `law`.
+def invert_curve(law: Law, stress: Numbers, memory: Memory = None) -> Values:
+    """Return the strain at `stress` on the rising branch from zero; NaN above the peak of `law`.
 
     Exact: the curve is evaluated at its corners and inverted linearly between two of them. On a
     plateau the result is the strain at which the plateau begins.
@@ -23,9 +23,9 @@ def inverse(law: Law, stress: Numbers, memory: Memory = None) -> Values:
     corners = jnp.broadcast_to(corners, (*stress.shape, corners.shape[-1]))
     ends = jnp.stack(
         [
-            jnp.maximum(low, jnp.min(corners, -1, initial=0.0) - FAR),
+            jnp.maximum(low, jnp.min(corners, -1, initial=0.0) - SAMPLED_BEYOND),
             jnp.zeros_like(stress),
-            jnp.minimum(high, jnp.max(corners, -1, initial=0.0) + FAR),
+            jnp.minimum(high, jnp.max(corners, -1, initial=0.0) + SAMPLED_BEYOND),
         ],
         axis=-1,
     )
@@ -52,13 +52,13 @@ def inverse(law: Law, stress: Numbers, memory: Memory = None) -> Values:
     outer = jnp.where(tension, upper, lower)
     inner = jnp.clip(jnp.where(tension, outer - 1, outer + 1), 0, last)
 
-    v0, v1, e0, e1 = (picked(v, k) for v in (curve, strains) for k in (inner, outer))
+    v0, v1, e0, e1 = (value_at_index(v, k) for v in (curve, strains) for k in (inner, outer))
     flat = v1 == v0
     # measured from the inner end, which is zero for small stresses: small strains keep their digits
     strain = e0 + (stress - v0) * jnp.where(flat, 0.0, e1 - e0) / jnp.where(flat, 1.0, v1 - v0)
     return jnp.where(jnp.any(reached, axis=-1), strain, jnp.nan)
 
 
-def picked(values: Float[Array, "*shape n"], index: Int[Array, "*shape 1"]) -> Values:
-    """The value at an index on the last axis."""
+def value_at_index(values: Float[Array, "*shape n"], index: Int[Array, "*shape 1"]) -> Values:
+    """Return the values at an index on the last axis."""
     return jnp.take_along_axis(values, index, axis=-1)[..., 0]

@@ -1,0 +1,245 @@
+"""The linear equations of a step of nets of straight and sliding cables.
+
+Mixed steps (`tension_unknowns`), interior steps and finishing steps (both `conic_interior_point`)
+differ in the numbers of one form: a spring of every cable along the change of its length, and one
+of every piece across it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+from jax import lax
+
+from .. import linear
+from ..common.tree import copy, pytree
+from ..common.types import Array, ArrayLike, Bool, Float, PyTree
+from ..linear import Matrix
+from ..mechanics import pieces
+from ..mechanics.assembly import System
+from ..mechanics.pulls import Pulls, held
+from ..numerics.cones import norm, scaling, wide
+from ..spaces.space import Motion
+from .newton_step import largest
+
+_BLOCKED = 0.05  # a step of which a smaller fraction is taken is blocked by the boundary
+_NET_STIFFNESS = 1e-4  # stiffness c that decides which cables are active, over tension per length
+_MAX_MOTION = 0.5  # largest relative motion of the ends of a piece in a finishing step, in lengths
+# Largest stiffness of a cable in finishing steps: tension per length over so many roundings (eps),
+# and the factor by which it grows with each step. Above it, rounding would hide what tensions
+# resist.
+_STIFFNESS_LIMIT, _LIMIT_GROWTH = 64.0, 4.0
+_MIN_SHIFT = 32.0  # least Levenberg shift over tension per length, in roundings (eps)
+_SHIFT = 1e-6  # Levenberg shift over tension per length
+
+
+@pytree
+class ConicEquations:
+    """Linear equations of a step of a net of straight and sliding cables.
+
+    They lead to the tensions ``base_tension + slope`` times the change of length. That is the sum
+    over the pieces of a cable of ``r c`` times the change of their vectors.
+
+    Attributes:
+        unknowns: `tension_unknowns.TensionUnknowns` with the numbers that its mode begins with.
+        base_tension, slope: tensions without a change of length, and k, [n], N and N/m.
+        vector: X of every piece, [n_piece, 3], m.
+        stiff, across, ratio, spring: `numerics.cones.Scaling`, or what takes its place.
+        rhs: right side, [n_free], N.
+        guess: tensions for the geometric stiffness of pieces, [n], N.
+        jacked: which cables have a tension that does not follow their length, [n], or None.
+        load: largest dead load at a node or force of a jack, N.
+        length: of elements, m.
+    """
+
+    unknowns: PyTree[Array]
+    base_tension: Float[Array, " n"]
+    slope: Float[Array, " n"]
+    vector: Float[Array, "n_piece 3"]
+    stiff: Float[Array, " n_piece"]
+    across: Float[Array, "n_piece 3"]
+    ratio: Float[Array, " n_piece"]
+    spring: Float[Array, " n_piece"]
+    rhs: Float[Array, " n_free"]
+    guess: Float[Array, " n"]
+    jacked: Bool[Array, " n"] | None
+    load: Float[Array, ""]
+    length: Float[Array, ""]
+
+    @classmethod
+    def at_point(
+        cls,
+        unknowns: Any,
+        system: System,
+        x: Motion,
+        pulls: Pulls,
+        residual: Float[Array, " n_free"],
+        guess: Float[Array, " n"],
+        load: Float[Array, ""],
+        length: Float[Array, ""],
+    ) -> ConicEquations:
+        """Return the equations of the next step from x, for the present mode.
+
+        Args:
+            unknowns: `tension_unknowns.TensionUnknowns`.
+            system: `System`.
+            x: the point.
+            pulls, residual: those of the system at x.
+            guess, load, length: as of `ConicEquations`.
+        """
+        vector = pieces.vectors(system, x)
+        piece_length = norm(vector)
+        piece_length = jnp.where(piece_length > 0, piece_length, 1.0)
+        none = jnp.zeros_like(piece_length)
+        mixed = cls(
+            unknowns=unknowns,
+            base_tension=pulls.tension,
+            slope=pulls.slope,
+            vector=vector,
+            stiff=pieces.repeated(system, guess) / piece_length,
+            across=vector / wide(piece_length, vector),
+            ratio=jnp.ones_like(piece_length),
+            spring=none,
+            rhs=-residual,
+            guess=guess,
+            jacked=held(system),
+            load=load,
+            length=length,
+        )
+        given = system, x, pulls, piece_length
+        return lax.cond(
+            unknowns.has_interior_matrix,
+            lambda: mixed._with_interior_matrix(*given),
+            lambda: mixed,
+        )
+
+    def _with_interior_matrix(self, system, x, pulls, piece_length):
+        """Return the equations of an interior or a finishing step, from these of a mixed step.
+
+        `pulls` are those at x, `piece_length` [n_piece], m, the lengths of pieces.
+        """
+        unknowns = self.unknowns
+        inner = unknowns.interior_point
+        inner = lax.cond(
+            unknowns.is_new_mode, lambda: inner.at_start(self, system, x), lambda: inner
+        )
+        new = copy(self, unknowns=copy(unknowns, interior_point=inner))
+        guess = jnp.where(unknowns.is_interior, inner.tension, unknowns.guess)
+        under = pulls.under(system, jnp.maximum(guess, 0.0))
+        given = system, guess, under.gap, under.compliance
+        ways = (
+            (lambda: new._interior_equations(*given)),
+            (lambda: new._finish_equations(*given, piece_length)),
+        )
+        new, pull = lax.cond(unknowns.is_interior, *ways)
+        unbalanced = system.external_force(x) - pieces.at_nodes(system, pull)
+        return copy(new, rhs=system.space.collected(unbalanced, x))
+
+    def _interior_equations(self, system, tension, spare_length, compliance):
+        """Return the equations of an interior step, and V without motion, [n_piece, 3], N.
+
+        At `tension`, straight cables could be longer by `spare_length`, whose derivative is
+        `compliance`.
+        """
+        inner = self.unknowns.interior_point
+        single = pieces.repeated(system, tension)
+        points = inner.length_slack + norm(self.vector), self.vector, single, inner.pull
+        scaled = scaling(*points, inner.length_slack, inner.force_slack)
+        lacks = spare_length - pieces.total(system, inner.length_slack)
+        slope = 1 / (compliance + pieces.total(system, scaled.spring))
+        if self.jacked is not None:
+            slope = jnp.where(self.jacked, 0.0, slope)
+        wider = pieces.total(system, scaled.spring * (inner.corrector_tension - single))
+        base = tension + slope * (wider - lacks)
+        away = pieces.repeated(system, base) - inner.corrector_tension
+        pull = wide(scaled.ratio * away, inner.pull) * scaled.across - inner.corrector_pull
+        return copy(self, base_tension=base, slope=slope, **scaled._asdict()), pull
+
+    def _finish_equations(self, system, guess, spare_length, compliance, piece_length):
+        """Return the equations of a finishing step, and forces without motion, [n_piece, 3], N.
+
+        `guess` are tensions that may be negative; other arguments as of `_interior_equations`.
+        """
+        unknowns, eps = self.unknowns, jnp.finfo(spare_length.dtype).eps
+        force_per_length = unknowns.interior_point.force_scale / self.length
+        net_stiffness = _NET_STIFFNESS * force_per_length / unknowns.finish_threshold
+        positive = jnp.maximum(guess, 0.0)
+        lacks = spare_length + compliance * (guess - positive)
+        stiff = jnp.where(compliance > 0, 1 / compliance, self.slope)  # 0 on a plateau of the law
+        # rounding of more would hide what the tensions resist; a softer law ends at the same point
+        growth = _LIMIT_GROWTH ** unknowns.steps_in_mode.astype(spare_length.dtype)
+        most = force_per_length * (growth / (_STIFFNESS_LIMIT * eps))
+        stiff = jnp.minimum(stiff, most)
+        active = guess > jnp.minimum(net_stiffness, stiff) * lacks
+        inactive = none = jnp.zeros_like(spare_length)
+        if self.jacked is not None:
+            active, inactive = active & ~self.jacked, jnp.where(self.jacked, self.base_tension, 0.0)
+        base = lax.select(active, positive - stiff * spare_length, inactive)
+        tension = lax.select(active, positive, inactive)
+        new = copy(
+            self,
+            base_tension=base,
+            slope=lax.select(active, stiff, none),
+            stiff=pieces.repeated(system, tension) / piece_length,
+            guess=tension,
+        )
+        return new, wide(pieces.repeated(system, base), self.across) * self.across
+
+    def matrix(self, system: System, x: Motion, residual: Float[Array, ""]) -> Matrix:
+        """Return the matrix of the equations, regularized; `residual` is the largest, N."""
+        unknowns = self.unknowns
+        blocks = pieces.matrices(system, self.slope, self.stiff, self.across, self.ratio)
+        matrix = system.tangent(x, [*blocks])
+        size = largest(linear.diagonal(matrix))
+        force = jnp.max(self.guess) + self.load
+        # rounding of the forces then moves nodes without stiffness by some part of a length only
+        least = _MIN_SHIFT * jnp.finfo(force.dtype).eps * force
+        shift = jnp.maximum(_SHIFT * jnp.minimum(residual, force), least) / self.length
+        shift = jnp.where(unknowns.is_interior, 0.0, shift)
+        eps, tiny = jnp.finfo(size.dtype).eps, jnp.finfo(size.dtype).tiny
+        rounding = unknowns.min_shift_in_eps * (eps * size) + tiny
+        return linear.plus_diagonal(matrix, jnp.maximum(shift, rounding))
+
+    def take_step(
+        self,
+        system: System,
+        x: Motion,
+        step: Float[Array, " n_free"],
+        definite: Bool[Array, ""],
+    ) -> tuple[Any, Float[Array, ""], Bool[ArrayLike, ""]]:
+        """Return the state after a step, the fraction that is taken, if it was a predictor.
+
+        Args:
+            system: `System`.
+            x: the point.
+            step: solution of the equations.
+            definite: whether their matrix is.
+        """
+        unknowns = self.unknowns
+        moved = pieces.differences(system, system.space.spread(x, step))
+        across = jnp.sum(self.across * moved, axis=-1)
+        now = self.base_tension + self.slope * pieces.total(system, self.ratio * across)
+
+        def newton_step():
+            far = jnp.max(norm(moved)) / (_MAX_MOTION * self.length)
+            fraction = jnp.where(unknowns.is_finishing, 1 / jnp.maximum(far, 1.0), 1.0)
+            guess = jnp.where(unknowns.is_finishing, now, jnp.maximum(now, 0.0))
+            after = copy(unknowns, guess=guess, steps_in_mode=unknowns.steps_in_mode + 1)
+            return after, fraction, jnp.zeros((), bool)
+
+        def interior_step():
+            given = self, system, now, across, moved, definite
+            inner, fraction, predicted = unknowns.interior_point.take_half_step(*given)
+            blocked = unknowns.blocked_steps
+            short = jnp.where(fraction < _BLOCKED, blocked + 1, jnp.minimum(blocked, 0))
+            after = copy(
+                unknowns,
+                interior_point=inner,
+                blocked_steps=jnp.where(predicted, blocked, short),
+                steps_in_mode=unknowns.steps_in_mode + ~predicted,
+            )
+            return after, fraction, predicted
+
+        after, fraction, predicted = lax.cond(unknowns.is_interior, interior_step, newton_step)
+        return copy(after, is_new_mode=jnp.zeros((), bool)), fraction, predicted

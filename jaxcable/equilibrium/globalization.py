@@ -1,0 +1,119 @@
+"""Globalization of Newton's method: two small strategies, independent of each other.
+
+Each is a pytree of numbers with ``initial`` for its first value and ``update`` for the value after
+an iteration of `newton.equilibrate`. They change the steps, never the equilibrium that is found.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax.typing import DTypeLike
+
+from ..common.tree import pytree
+from ..common.types import Array, Bool, Float, Int
+from .newton_step import largest
+
+_KAPPA = 1e-3  # initial shift: harmless in a taut net, a step of 1000 lengths in a slack one
+_KAPPA_MIN, _KAPPA_MAX = 1e-10, 1e14  # bounds that keep the shift a usable float
+# Residual after a step over that before, at most, where the step may lead uphill: a small decrease
+# is asked for, so that such steps cannot creep without end.
+_MAX_RATIO = 0.9
+# Full Newton steps that are tried first, at most: enough for an iteration that converges by them,
+# and few enough to lose where it does not.
+_FULL_STEPS = 20
+ASTRAY = 10.0  # displacement, in structure sizes, at which full steps count as failed
+
+
+@pytree
+class LevenbergShift:
+    """Levenberg shift ``kappa |R| / l`` on the tangent, which vanishes with the residual.
+
+    Attributes:
+        kappa: scalar, in |R| / length.
+    """
+
+    kappa: Float[Array, ""]
+
+    @classmethod
+    def initial(cls, dtype: DTypeLike) -> LevenbergShift:
+        """Return the first shift."""
+        return cls(jnp.asarray(_KAPPA, dtype))
+
+    def value(self, residual: Float[Array, ""], length: Float[Array, ""]) -> Float[Array, ""]:
+        """Return the shift, N/m, for the largest `residual`, N, and the structure's `length`, m."""
+        return self.kappa * residual / length
+
+    def update(self, accepted: Bool[Array, ""], fraction: Float[Array, ""]) -> LevenbergShift:
+        """Return the next shift: smaller after a full step, larger after a short one or none.
+
+        Args:
+            accepted: whether a step was taken.
+            fraction: the fraction of it that was taken, in (0, 1].
+        """
+        factor = jnp.where(fraction >= 1, 0.1, jnp.where(fraction < 0.1, 10.0, 1.0))
+        kappa = self.kappa * jnp.where(accepted, factor, 100.0)
+        return LevenbergShift(jnp.clip(kappa, _KAPPA_MIN, _KAPPA_MAX))
+
+
+@pytree
+class FullStepPhase:
+    """First phase of an iteration: full Newton steps without line search, up to 20.
+
+    If they fail, the iteration starts again from its first point, with line search.
+
+    Attributes:
+        is_on: whether the iteration takes full steps without line search.
+        may_go_uphill: whether, after this phase, the symmetric part of an unsymmetric tangent is
+            not positive definite, so that the step need not be a descent direction: it is tried
+            whole, and taken if it decreases the residual. None where all tangents are symmetric.
+    """
+
+    is_on: Bool[Array, ""]
+    may_go_uphill: Bool[Array, ""] | None = None
+
+    @classmethod
+    def initial(cls, may_be_unsymmetric: bool) -> FullStepPhase:
+        """Return the state at the start of an iteration: full steps are on."""
+        return cls(jnp.ones((), bool), jnp.zeros((), bool) if may_be_unsymmetric else None)
+
+    def accept(
+        self,
+        searched: tuple[Bool[Array, ""], Bool[Array, ""]],
+        finite: Bool[Array, ""],
+        residuals: tuple[Float[Array, " n_free"], Float[Array, " n_free"]],
+    ) -> tuple[Bool[Array, ""], Bool[Array, ""]]:
+        """Decide whether a point is accepted, and whether a shorter step is tried if not.
+
+        Args:
+            searched: what the line search decides on both; it has no say on full steps.
+            finite: whether the forces at the point are finite.
+            residuals: before the step and at the point, N.
+        """
+        fine, again = searched
+        fine, again = jnp.where(self.is_on, finite, fine), again & ~self.is_on
+        if self.may_go_uphill is None:
+            return fine, again
+        before, after = map(largest, residuals)
+        falls = finite & (after < _MAX_RATIO * before)
+        return jnp.where(self.may_go_uphill, falls, fine), again & ~self.may_go_uphill
+
+    def update(
+        self,
+        accepted: Bool[Array, ""],
+        largest_displacement: Float[Array, ""],
+        steps: Int[Array, ""],
+        extent: Float[Array, ""],
+        converged: Bool[Array, ""],
+    ) -> tuple[FullStepPhase, Bool[Array, ""]]:
+        """Return the state after a step, and whether the iteration starts again.
+
+        Args:
+            accepted: whether a step was taken, to a point with finite forces.
+            largest_displacement: largest displacement at that point, m.
+            steps: Newton steps so far, this one included.
+            extent: size of the structure, m.
+            converged: whether the point is an equilibrium.
+        """
+        astray = largest_displacement > ASTRAY * extent
+        is_on = self.is_on & accepted & ~astray & (steps < _FULL_STEPS)
+        return FullStepPhase(is_on, self.may_go_uphill), self.is_on & ~is_on & ~converged

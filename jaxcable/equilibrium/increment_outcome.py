@@ -1,0 +1,131 @@
+"""What an increment ends with: its outcome, and the status that says why it has failed."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from ..common import status
+from ..common.tree import pytree, where
+from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..linear.sparse import Factored
+from ..mechanics.assembly import System
+from ..mechanics.pieces import along_chain
+from .newton_state import NewtonState
+from .newton_step import largest
+
+_MET = 1e-6  # length over initial length at which two nodes have met
+# Residual over its rounding up to which the status is AT_ROUNDING: an iteration that rounding stops
+# ends near the rounding, not below it.
+_NEAR_ROUNDING = 8.0
+
+
+@pytree
+class Outcome:
+    """Outcome of an increment.
+
+    Attributes:
+        x: the point reached; if the increment failed, the point that it began with.
+        code: status.
+        steps: number of Newton steps.
+        factorizations: of the tangent; with sparse matrices there can be fewer than steps.
+        residual: largest unbalanced force at a free degree of freedom, N.
+        scale: the force that the residual is compared with, N.
+        rounding: largest residual that the rounding of displacements leaves at a free degree of
+            freedom, N; 0 if no element states any (`abilities.Rounding`).
+        equilibrated: whether the increment was iterated to equilibrium.
+        stable: whether the tangent at x is known to have no negative eigenvalue.
+    """
+
+    x: Float[Array, "n_row n_motion"]
+    code: Int[Array, ""]
+    steps: Int[Array, ""]
+    factorizations: Int[Array, ""]
+    residual: Float[Array, ""]
+    scale: Float[Array, ""]
+    rounding: Float[Array, ""]
+    equilibrated: Bool[Array, ""]
+    stable: Bool[Array, ""]
+
+    @property
+    def log_row(self) -> Float[Array, " n_log"]:
+        """All fields but the point, an array: the first eight numbers of `solution.LOG`."""
+        noted = (self.code, self.steps, self.factorizations, self.residual, self.scale)
+        rest = (self.rounding, self.equilibrated, self.stable)
+        return jnp.stack([jnp.asarray(x, self.x.dtype) for x in (*noted, *rest)])
+
+
+def _find_failure_cause(system, end, residual, rounding):
+    """Return the status of an iteration: COLLAPSED or AT_ROUNDING if that is why it stopped.
+
+    `residual` and `rounding` are the largest, N.
+    """
+    ends = [(system.nodes[g.links], end.x[g.links][..., :3]) for g in system.groups]
+    pieces = [along_chain(at) for at, _ in ends], [along_chain(sum(at)) for at in ends]
+    before, after = (
+        jnp.concatenate([jnp.sum(piece**2, axis=-1).reshape(-1) for piece in of]) for of in pieces
+    )
+    met = jnp.any((before > 0) & (after <= _MET**2 * before))
+    stuck = end.code == status.NOT_CONVERGED
+    code = jnp.where(stuck & met, status.COLLAPSED, end.code)
+    if end.rounding is not None:
+        near = is_at_rounding(system, residual, rounding)
+        code = jnp.where(stuck & near & ~met, status.AT_ROUNDING, code)
+    return code
+
+
+def is_at_rounding(
+    system: System, residual: Float[Array, ""], rounding: Float[Array, ""]
+) -> Bool[Array, ""]:
+    """Return whether a residual is as small as rounding allows; both the largest, N."""
+    # in a net the matrix, which has no fine part, is what cannot tell less than this apart
+    plain = jnp.finfo(rounding.dtype).eps if system.is_net else 1.0
+    return residual <= _NEAR_ROUNDING * rounding / plain
+
+
+def make_outcome(
+    system: System,
+    end: NewtonState,
+    x: Float[Array, "n_row n_motion"],
+    active: Bool[ArrayLike, ""],
+    ruptured: Bool[ArrayLike, ""],
+    factored: Factored | None,
+) -> Outcome:
+    """Return the outcome of an increment from the end of its iteration.
+
+    Args:
+        system: `System`.
+        end: `NewtonState` in which the iteration has ended.
+        x: motion that it began with.
+        active: False if an earlier increment has failed.
+        ruptured: whether it ended beyond the end of a law's curve.
+        factored: what was factored at its start.
+    """
+    forces = largest(end.residual), _largest_rounding(end)
+    code = jnp.maximum(_find_failure_cause(system, end, *forces), status.OK)
+    if system.breaks:
+        ruptured = active & (code != status.NONFINITE) & ruptured
+        code = jnp.where(ruptured, status.MATERIAL_FAILURE, code)
+    good = active & (code == status.OK)
+    x = where(good, end.x, x)
+    if factored is None or end.factored is None:
+        count = end.steps
+    else:
+        count = end.factored.count - factored.count
+    # after an earlier failure nothing was evaluated
+    residual, rounding = (jnp.where(active, force, jnp.nan) for force in forces)
+    stable = good & end.stable
+    return Outcome(x, code, end.steps, count, residual, end.scale, rounding, good, stable)
+
+
+def _largest_rounding(end):
+    """Return the largest residual that the rounding of displacements leaves, N.
+
+    It is that of the displacements at the end of an iteration or, where that is more, of those that
+    it began with.
+    """
+    if end.rounding is None:
+        return jnp.zeros_like(end.scale)
+    rounding = end.rounding
+    if end.start_rounding is not None:
+        rounding = jnp.maximum(rounding, end.start_rounding)
+    return jnp.max(rounding, initial=0.0)

@@ -1,0 +1,104 @@
+"""Axial forces predicted by the last step, so that stiff bars that turn converge.
+
+A step sideways lengthens a bar in second order. Where EA is large, its force EA e at the next point
+is then larger than the true one by orders of magnitude: the geometric stiffness N/l resists the
+next step, and the line search allows tiny steps only. Nets of cables have their tensions as
+unknowns (`tension_unknowns`). In all other structures, but for nets beyond a peak of their law,
+every bar and cable has a predicted force N^ beside its force N: that at the end of the last step,
+linearized at the start of that step,
+
+    (K + sum of (N^ - N)/l (I - n n^T)) p = -R,      N^_new = N + k n.p,
+
+with the chord's direction n and length l, and k the derivative of N by l. The residual R is the
+true one, so that the iteration ends in equilibrium. The line search sees forces cut to 3 |N^_new|:
+the exact penalty of the constraint l = L(N) in the sense of sequential quadratic programming, of
+which p is a descent direction where the matrix is positive definite. At the end N^ = N, and the
+iteration is Newton's.
+
+Predicted forces can cycle, for example where a cable alternates between slack and taut: every 40
+such steps are followed by 10 of Newton's own with the line search on true forces.
+
+Source: Magisano, Leonetti, Garcea, "How to improve efficiency and robustness of the Newton method
+in geometrically non-linear structural problem discretized via displacement-based finite elements"
+(2017); Nocedal, Wright, "Numerical optimization" (2006), chapter 18, for the penalty.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.typing import DTypeLike
+
+from ..common.tree import copy, pytree
+from ..common.types import Array, Bool, Float, Int
+from ..mechanics.assembly import System
+from ..mechanics.chords import Chords, tension_only
+
+_CYCLE = 50, 40  # steps of a cycle, and how many of them have predicted forces
+# Largest force in the line search, over the predicted one: from 2 to 5 alike in the bank of bars.
+_MAX_OF_PREDICTED = 3.0
+# Force that the line search never cuts, over the largest load at a node: without it, bars with a
+# predicted force near zero could take no load in the search.
+_NEVER_CUT = 1e-3
+
+
+@pytree
+class PredictedForces:
+    """Predicted axial forces of all elements with two ends and no rotations.
+
+    Attributes:
+        force: N^ of every element with a chord, [n], N.
+        cut_off: size of the force beyond which the line search cuts it, [n], N.
+        is_known: whether the last step has predicted N^; if not, the current forces are used.
+    """
+
+    force: Float[Array, " n"]
+    cut_off: Float[Array, " n"]
+    is_known: Bool[Array, ""]
+
+    @classmethod
+    def initial(cls, system: System, dtype: DTypeLike) -> PredictedForces:
+        """Return the state before any force is predicted."""
+        n = len(tension_only(system.groups))
+        return cls(jnp.zeros(n, dtype), jnp.full(n, jnp.inf, dtype), jnp.zeros((), bool))
+
+    def excess_force(self, force: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Return the part of a force that the line search cuts, [n], N."""
+        return force - lax.clamp(-self.cut_off, force, self.cut_off)
+
+    def geometric_forces(self, chords: Chords, predicting: Bool[Array, ""]) -> Float[Array, " n"]:
+        """Return forces for the geometric stiffness, [n], N: predicted ones if `predicting`."""
+        return jnp.where(predicting & self.is_known, self.force, chords.force)
+
+    def for_step(
+        self, system: System, force: Float[Array, " n"], predicting: Bool[Array, ""]
+    ) -> PredictedForces:
+        """Return the predicted forces and their cut-off for a step.
+
+        Args:
+            system: `System`.
+            force: forces to which the step leads by its linear equations, [n], N.
+            predicting: whether the step has predicted forces; else the line search uses true ones.
+        """
+        least = np.where(tension_only(system.groups), 0.0, -np.inf).astype(force.dtype)
+        force = jnp.maximum(force, least)
+        load = jnp.max(system.space.size(system.load))
+        cut_off = jnp.maximum(_MAX_OF_PREDICTED * jnp.abs(force), _NEVER_CUT * load)
+        cut_off = jnp.where(predicting, cut_off, jnp.inf)
+        return copy(self, force=force, cut_off=cut_off, is_known=predicting)
+
+
+def is_prediction_step(steps: Int[Array, ""]) -> Bool[Array, ""]:
+    """Return whether the step after so many is one with predicted forces."""
+    cycle, predicted = _CYCLE
+    return steps % cycle < predicted
+
+
+def step_fraction_within_length(squared_motion: Float[Array, ""]) -> Float[Array, ""]:
+    """Return the fraction of a step that moves no element's ends apart by more than its length.
+
+    Args:
+        squared_motion: largest square of their relative motion over the length (`Chords.turn`).
+    """
+    return lax.rsqrt(jnp.maximum(squared_motion, 1.0))

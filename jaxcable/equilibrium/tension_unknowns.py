@@ -1,0 +1,271 @@
+"""TensionUnknowns of cables as unknowns beside the displacements, so that stiff nets converge.
+
+A step sideways lengthens a cable in second order. Where EA is large, the force EA e at the next
+point is then larger than the true tension by orders of magnitude, and so is the geometric stiffness
+N/l that resists the next step sideways: the iteration creeps. Two remedies keep the tension N of
+every cable as a number of its own, which follows the linear equations of a step. Both solve one
+system of the size of the tangent per step,
+
+    (sum of k g g^T + N hess(l)) p = F - sum of B g,     N_new = B + k g.p,     g = grad(l),
+
+with the length l of a cable (over all pieces of a sliding one) and its elastic law N = D(l).
+
+*Mixed*: ``B = D(l)``, ``k = D'(l)``: Newton's method, but where D(l) exceeds it by far with the
+geometric stiffness of the tension that the step before predicts (Magisano, Leonetti, Garcea 2017).
+Few steps, often; no guarantee.
+
+*Interior*: an interior-point method, whose number of steps hardly depends on EA/N: a second-order
+cone for every straight piece of linear cables (`conic_interior_point`), or in nets with hanging
+cables and other laws, and in float32, a bound on every length (`interior_point`).
+
+The iteration is mixed as long as the residual falls; then interior, from the start of the
+increment; then it is finished by mixed steps, or with cones by finishing steps of their own,
+because interior steps become inaccurate where slack and taut cannot be told apart; and if all of
+this fails, it goes on by plain Newton steps with a line search. Nets with cones begin with the
+interior iteration where no cable has tension, because mixed steps do not help there, and leave
+mixed steps early.
+
+Source: Magisano, Leonetti, Garcea, "How to improve efficiency and robustness of the Newton method
+in geometrically non-linear structural problem discretized via displacement-based finite elements"
+(2017).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from ..common.tree import copy, pytree, where
+from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..mechanics.assembly import System
+from ..mechanics.pieces import all_fit_cones
+from ..mechanics.pulls import Pulls, held, rest_lengths
+from ..spaces.space import Motion
+from .conic_equations import ConicEquations
+from .conic_interior_point import ConicInteriorPoint
+from .interior_point import InteriorPoint, LengthBoundEquations
+from .newton_step import largest
+
+MIXED, INTERIOR, FINISH, SEARCH = range(4)
+
+# Steps within which the residual must halve, and all steps, of a mode: mixed, finishing, and
+# finishing with cones (there all mixed steps, too). A mode that makes progress may go on for long,
+# one that does not costs little more than its patience.
+_PATIENCE, _MAX_STEPS = (8, 4, 14), (60, 20, 25)
+_EARLY = 5, 0.3  # with cones: steps after which a residual over this part of the scale ends a mode
+_SLACK = 1e-3  # tension over load up to which cables are slack at the start
+_MAX_SHIFTS = 3  # times that a matrix gets a larger shift until it is definite
+# Tension over (predicted tension + load) up to which it makes the geometric stiffness itself: only
+# far above the predicted one it comes from a step sideways.
+_OWN_TENSION = 3.0
+_FIRST_STEPS = 2  # steps whose residuals count as the start: what starts in balance must leave it
+_STUCK_BLOCKED = -4  # blocked steps to begin with after a stuck finish: it takes that many more
+
+
+@pytree
+class TensionUnknowns:
+    """Tensions as unknowns, and the mode in which the iteration solves for them.
+
+    Attributes:
+        mode: `MIXED`, `INTERIOR`, `FINISH` or `SEARCH`.
+        guess: tensions for the geometric stiffness of mixed steps, [n], N, of all groups.
+        interior_point: state of the interior-point method.
+        is_new_mode: whether the mode begins at its next step.
+        best_residual: smallest residual since the mode began, N.
+        steps_since_halved, steps_in_mode: steps since the residual was halved, and since the mode
+            began; after finishing steps that have failed, the latter goes on.
+        blocked_steps: interior steps in succession that a bound has blocked.
+        finish_threshold: `FinishDecision.remaining` from which finishing steps are tried.
+        finishes: how often they were tried.
+        interior_motion: point of the interior iteration, while finishing steps are tried.
+        indefinite_count: how often rounding has left a matrix of the mode indefinite.
+    """
+
+    mode: Int[Array, ""]
+    guess: Float[Array, " n"]
+    interior_point: ConicInteriorPoint | InteriorPoint
+    is_new_mode: Bool[Array, ""]
+    best_residual: Float[Array, ""]
+    steps_since_halved: Int[Array, ""]
+    steps_in_mode: Int[Array, ""]
+    blocked_steps: Int[Array, ""]
+    finish_threshold: Float[Array, ""]
+    finishes: Int[Array, ""]
+    interior_motion: Motion
+    indefinite_count: Int[Array, ""]
+
+    @classmethod
+    def initial(cls, system: System, x: Motion) -> TensionUnknowns:
+        """Return the state at the start of an increment: mixed steps, nothing known."""
+        zero, first = jnp.zeros((), x.dtype), jnp.int32(0)
+        # in float32 the slacks of cones lose their digits before the iteration can be finished
+        cones = all_fit_cones(system) and jnp.finfo(x.dtype).eps < 1e-12
+        kind = ConicInteriorPoint if cones else InteriorPoint
+        return cls(
+            mode=jnp.int32(MIXED),
+            guess=jnp.zeros_like(rest_lengths(system)),
+            interior_point=kind.zeros(system, x),
+            is_new_mode=jnp.ones((), bool),
+            best_residual=jnp.full_like(zero, jnp.inf),
+            steps_since_halved=first,
+            steps_in_mode=first,
+            blocked_steps=first,
+            finish_threshold=jnp.full_like(zero, kind.initial_threshold),
+            finishes=first,
+            interior_motion=x,
+            indefinite_count=first,
+        )
+
+    @property
+    def has_cones(self) -> bool:
+        """Whether the interior-point method has a cone for every piece, known on the host."""
+        return isinstance(self.interior_point, ConicInteriorPoint)
+
+    @property
+    def uses_line_search(self) -> Bool[Array, ""]:
+        """Whether steps are plain Newton steps with a line search."""
+        return self.mode == SEARCH
+
+    @property
+    def is_interior(self) -> Bool[Array, ""]:
+        """Whether steps are those of the interior-point method."""
+        return self.mode == INTERIOR
+
+    @property
+    def is_finishing(self) -> Bool[Array, ""]:
+        """Whether steps are finishing steps of an interior iteration."""
+        return self.mode == FINISH
+
+    @property
+    def has_interior_matrix(self) -> Bool[Array, ""]:
+        """Whether matrices are those of interior steps, or of finishing steps with cones.
+
+        They differ too much from each other for conjugate gradients with an earlier factor.
+        """
+        return (self.is_interior | self.is_finishing) if self.has_cones else self.is_interior
+
+    @property
+    def awaits_corrector(self) -> Bool[ArrayLike, ""]:
+        """Whether a predictor step has been made, and its corrector is the next step."""
+        point = self.interior_point
+        if not isinstance(point, ConicInteriorPoint):
+            return False
+        return self.is_interior & point.has_predicted
+
+    @property
+    def min_shift_in_eps(self) -> Int[Array, ""]:
+        """Least shift of the matrix, in roundings (eps) of its largest stiffness.
+
+        It is what rounding may make of a zero stiffness; larger after indefinite matrices.
+        """
+        return jnp.where(self.uses_line_search, 1, self.indefinite_count**6)  # 0, 1, 64, 729
+
+    def switch_mode(
+        self,
+        x: Motion,
+        begin: Motion,
+        finite: Bool[Array, ""],
+        residual: Float[Array, ""],
+        scale: Float[Array, ""],
+        astray: Bool[Array, ""],
+        length: Float[Array, ""],
+    ) -> tuple[TensionUnknowns, Motion, Bool[Array, ""]]:
+        """Choose the mode after a step: the same, interior, finishing, or line search.
+
+        Args:
+            x, begin: the point reached, and the start of the increment.
+            finite: whether the step led to finite forces.
+            residual, scale: largest residual at x and the force it is compared with, N.
+            astray: whether the point is far from the structure.
+            length: of elements, m.
+
+        Returns:
+            The state, the point to go on from, whether this is another one than x.
+        """
+        mixed, finishing, interior = self.mode == MIXED, self.is_finishing, self.is_interior
+        halved = finite & (self.is_new_mode | (residual < 0.5 * self.best_residual))
+        starts = mixed & (self.steps_in_mode <= _FIRST_STEPS)
+        best = jnp.where(halved | starts, residual, self.best_residual)
+        since = jnp.where(halved, 0, self.steps_since_halved + 1)
+        lost = astray | ~finite
+        if self.has_cones:
+            early = (self.steps_in_mode >= _EARLY[0]) & (residual > _EARLY[1] * scale)
+            early = early | (since >= jnp.where(mixed, _PATIENCE[0], _PATIENCE[2]))
+            lost = lost | early | (self.steps_in_mode >= _MAX_STEPS[2])
+        else:
+            pairs = _PATIENCE[:2], _MAX_STEPS[:2]
+            patience, longest = (jnp.where(mixed, *pair) for pair in pairs)
+            lost = lost | (since >= patience) | (self.steps_in_mode >= longest)
+        begins, returns = mixed & lost, finishing & lost
+        given = self, finite, since, residual / scale, length
+        finish = self.interior_point.decide_finish(*given)
+        finishes = interior & finish.now
+        searches = returns & (self.finishes >= self.interior_point.max_finishes)
+        if finish.failed is not None:
+            searches = searches | (interior & finish.failed)
+        mode = jnp.where(finishes, FINISH, self.mode)  # fewer kernels than `jnp.select`
+        mode = jnp.where(searches, SEARCH, jnp.where(begins | returns, INTERIOR, mode))
+        changed = mode != self.mode
+        count = self.finishes + 1
+        if finish.final is not None:
+            count = jnp.where(finish.final, self.interior_point.max_finishes, count)
+        blocked = jnp.where(finish.stuck, _STUCK_BLOCKED, 0)
+        threshold = 0.1 * jnp.minimum(self.finish_threshold, finish.remaining)
+        after = copy(
+            self,
+            mode=mode,
+            guess=where(finishes, self.interior_point.tension, self.guess),
+            is_new_mode=(begins | searches) | (self.is_new_mode & ~changed),
+            best_residual=jnp.where(changed, residual, best),
+            steps_since_halved=jnp.where(changed, 0, since),
+            steps_in_mode=jnp.where(changed & ~returns, 0, self.steps_in_mode),
+            blocked_steps=jnp.where(finishes, blocked, self.blocked_steps),
+            finish_threshold=jnp.where(finishes, threshold, self.finish_threshold),
+            finishes=jnp.where(finishes, count, self.finishes),
+            interior_motion=where(finishes, x, self.interior_motion),
+            indefinite_count=jnp.where(changed, 0, self.indefinite_count),
+        )
+        x = where(begins, begin, where(returns, self.interior_motion, x))
+        return after, x, begins | returns
+
+    def repeat_if_indefinite(
+        self, after: TensionUnknowns, definite: Bool[Array, ""]
+    ) -> tuple[TensionUnknowns, Bool[Array, ""]]:
+        """Return the state after a step, and whether to repeat the step with a larger shift.
+
+        It is repeated if its matrix was not `definite`, which rounding may have made of a zero
+        stiffness; otherwise the state is `after`.
+        """
+        again = ~definite & (self.indefinite_count < _MAX_SHIFTS) & ~self.uses_line_search
+        return where(again, copy(self, indefinite_count=self.indefinite_count + 1), after), again
+
+    def step_equations(
+        self,
+        system: System,
+        x: Motion,
+        pulls: Pulls,
+        residual: Float[Array, " n_free"],
+        length: Float[Array, ""],
+    ) -> ConicEquations | LengthBoundEquations:
+        """Return the linear equations of the next step from x.
+
+        Args:
+            system: `System`.
+            x: the point.
+            pulls, residual: those of the system at x.
+            length: of elements, m.
+        """
+        load, tension = jnp.max(jnp.abs(system.external_force(x)), initial=0.0), pulls.tension
+        if (jacked := held(system)) is not None:
+            load = jnp.maximum(load, jnp.max(jnp.where(jacked, tension, 0.0)))
+        guess = where(self.is_new_mode | self.uses_line_search, tension, self.guess)
+        guess = jnp.where(tension <= _OWN_TENSION * (guess + load), tension, guess)
+        best = jnp.where(self.is_new_mode, largest(residual), self.best_residual)
+        unknowns = copy(self, best_residual=best)
+        kind: Any = LengthBoundEquations
+        if self.has_cones:
+            kind = ConicEquations
+            slack = self.is_new_mode & (self.mode == MIXED) & (jnp.max(tension) <= _SLACK * load)
+            unknowns = copy(unknowns, mode=jnp.where(slack, INTERIOR, self.mode))
+        return kind.at_point(unknowns, system, x, pulls, residual, guess, load, length)

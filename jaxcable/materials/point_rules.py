@@ -1,0 +1,159 @@
+"""Rules for the points of a law: its strains and stresses, known numbers and traced ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..common import checks
+from ..common.rules import Rule
+from ..common.types import ArrayLike, Float
+
+
+def point_rules(
+    strain: Float[ArrayLike, " n"], stress: Float[ArrayLike, " n"], unloading: str
+) -> list[Rule]:
+    """Return the rules of strains and stresses, [n] each; the first broken one names the error."""
+    values = strain, stress
+    found = [
+        Rule("strain", strain, lambda e: abs(e) == np.inf, "must be finite"),
+        Rule("strain", strain, lambda e: e[1:] <= e[:-1], _order_message),
+        Rule("strain", strain, lambda e: (e[0] > 0) | (e[-1] <= 0), _range_message),
+        Rule("stress", values, _misses_origin, _origin_message),
+        Rule("stress", values, _is_flat_at_origin, _origin_slope_message),
+        Rule("stress", values, lambda e, s: s * e < 0, _sign_message),
+    ]
+    if unloading == "elastic":
+        found += [
+            Rule(
+                "stress",
+                values,
+                _convex_corners,
+                lambda index, *_: _concavity_message([index[0] + 1]),
+            ),
+            Rule("stress", values, _falling_segments, _concavity_message),
+            Rule("stress", values, _unequal_slopes, _unequal_slopes_message),
+        ]
+    return found
+
+
+def warn_if_percent(strain: Float[np.ndarray, " n"]) -> None:
+    """Warn if strains, [n], look like percentages."""
+    if np.abs(strain).max() > 1:
+        k = int(np.abs(strain).argmax())
+        text = f"strain[{k}] = {strain[k]:.6g}: more than 1; it is a ratio, not a percentage"
+        checks.suspect(text)
+
+
+def insert_origin(
+    e: Float[np.ndarray, " n"], s: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """Return the points in NumPy, with the origin inserted if it lies within a segment."""
+    if np.isnan(e).any() or (e == 0).any():
+        return e, s
+    k = int(np.searchsorted(e, 0.0))
+    return np.insert(e, k, 0.0), np.insert(s, k, 0.0)
+
+
+def _relative_tolerance(dtype):
+    """Return the relative difference up to which two stated numbers count as one.
+
+    Numbers are stated with some digits only; float32 keeps seven of them.
+    """
+    return 1e-9 if np.finfo(dtype).eps < 1e-12 else 1e-4
+
+
+def _segment_slopes(e, s):
+    """Return the slopes between neighboring points, Pa."""
+    return (s[1:] - s[:-1]) / (e[1:] - e[:-1])
+
+
+def _stress_at_origin(e, s):
+    """Return the stress of the curve at zero strain."""
+    segment = (e[:-1] <= 0) & (e[1:] > 0)
+    return (segment * (s[:-1] - e[:-1] * _segment_slopes(e, s))).sum()
+
+
+def _misses_origin(e, s):
+    # a point at zero strain must have exactly zero stress; between two points there is rounding
+    """Tell whether the curve misses the origin."""
+    stated = (e == 0).any()
+    return abs(_stress_at_origin(e, s)) > _relative_tolerance(s.dtype) * abs(s).max() * ~stated
+
+
+def _origin_message(_, e, s):
+    """Say by how much the curve misses the origin."""
+    if (e == 0).any():
+        k = int((e == 0).argmax())
+        return f"stress[{k}] = {s[k]}: at zero strain the stress must be zero"
+    value = _stress_at_origin(e, s)
+    return f"stress: the curve has {value:.6g} Pa at zero strain; it must pass the origin"
+
+
+def _is_flat_at_origin(e, s):
+    """Return the segments, [n - 1], that touch the origin and do not rise."""
+    return (e[:-1] <= 0) & (e[1:] >= 0) & (_segment_slopes(e, s) <= 0)
+
+
+def _origin_slope_message(index, e, s):
+    """Say that the slope at the origin must be positive."""
+    slope = _segment_slopes(e, s)[index]
+    return f"stress: the slope at the origin, {slope:.6g} Pa, must be positive"
+
+
+def _order_message(index, e):
+    """Say that a strain must be above the one before it."""
+    k = index[0] + 1
+    return f"strain[{k}] = {e[k]}: must be above strain[{k - 1}] = {e[k - 1]}"
+
+
+def _range_message(_, e):
+    """Say that the strains must contain the origin."""
+    return f"strain: goes from {e[0]} to {e[-1]}; the points must pass the origin"
+
+
+def _sign_message(index, e, s):
+    """Say that a stress has another sign than its strain."""
+    return f"stress[{index[0]}] = {s[index]}: of the other sign than its strain, {e[index]}"
+
+
+def _convex_corners(e, s):
+    """Return the corners, [n - 2], at which slopes rise going away from the origin."""
+    slopes, corners = _segment_slopes(e, s), e[1:-1]
+    drops = (slopes[1:] - slopes[:-1]) * (1 - 2 * (corners > 0))
+    return (drops < -_relative_tolerance(s.dtype) * slopes.max()) & (corners != 0)
+
+
+def _falling_segments(e, s):
+    """Return the segments, [n - 1], whose stress falls."""
+    slopes = _segment_slopes(e, s)
+    return slopes < -_relative_tolerance(s.dtype) * slopes.max()
+
+
+def _concavity_message(index, *_):
+    """Say that elastic unloading needs a concave curve."""
+    return (
+        f"stress[{index[0]}]: elastic unloading needs a concave curve: slopes that fall away from "
+        'the origin and not below zero; use unloading="reversible"'
+    )
+
+
+def _unequal_slopes(e, s):
+    """Return the segments, counted from the origin, whose slopes in the two branches differ."""
+    slopes = _segment_slopes(e, s)
+    count = len(slopes)
+    number = np.arange(count)
+    pull, push = (e[1:] <= 0).sum() + number, (e < 0).sum() - 1 - number
+    difference = abs(slopes[pull % count] - slopes[push % count])
+    # slopes computed from stated points have rounding errors
+    paired = (pull < count) & (push >= 0)
+    return paired & (difference > 1e3 * _relative_tolerance(s.dtype) * slopes.max())
+
+
+def _unequal_slopes_message(index, e, s):
+    """Say that elastic unloading needs equal slopes in tension and compression."""
+    slopes, k = _segment_slopes(e, s), index[0]
+    pull, push = slopes[(e[1:] <= 0).sum() + k], slopes[(e < 0).sum() - 1 - k]
+    return (
+        "stress: elastic unloading needs equal slopes in tension and compression; "
+        f"segment {k} from the origin has {pull:.6g} and {push:.6g} Pa"
+    )
