@@ -52,11 +52,11 @@ def machine():
 
 def write(path, content, dpi=130):
     """Write a text, or a picture of matplotlib, completely or not at all."""
-    from jaxcable.common.writing import written
+    from jaxcable.common.writing import atomic_write
 
     path.parent.mkdir(exist_ok=True)
     text = isinstance(content, str)
-    with written(path, "w" if text else "wb") as stream:
+    with atomic_write(path, "w" if text else "wb") as stream:
         if text:
             stream.write(content)
         else:

@@ -12,11 +12,11 @@ analysis, derivatives, pictures and reports then treat it as they treat those of
 | linear solver | `Solver`, `Analysis`, `NumericFactor` | `register_solver` |
 
 Elements, states, laws and loads are pytrees: decorate them by `pytree`, which makes them frozen
-dataclasses whose fields are arrays; fields with topology are `Indices`. `copy` changes fields
+dataclasses whose fields are arrays; fields with topology are `Indices`. `copy_with` changes fields
 without the constructor. `register` lets files hold a class. Results of an element are named by
 `Result`, statements of phases that it knows alone by `Statement`. A constructor converts numbers
-(`floats`, `per_element`) and refuses those that break a rule (`refuse`); with a method ``rules()``
-an analysis also ends in INVALID_INPUT where traced numbers break one.
+(`as_floats`, `floats_per_element`) and refuses those that break a rule (`refuse_if_broken`); with a
+method ``rules()`` an analysis also ends in INVALID_INPUT where traced numbers break one.
 
 The classes in `tests/extensions` of the source are complete: springs, links, a membrane, a rope
 over a saddle, laws with memory, a wind load, a solver.
@@ -36,9 +36,10 @@ Example:
     ...
     ...     def __post_init__(self):
     ...         count = len(self.links)
-    ...         extend.put(self, links=extend.Indices(self.links))
-    ...         extend.put(self, stiffness=extend.per_element(self.stiffness, count, "stiffness"))
-    ...         extend.refuse(self.rules())
+    ...         extend.set_fields(self, links=extend.Indices(self.links))
+    ...         values = extend.floats_per_element(self.stiffness, count, "stiffness")
+    ...         extend.set_fields(self, stiffness=values)
+    ...         extend.refuse_if_broken(self.rules())
     ...
     ...     def rules(self):
     ...         return [extend.not_negative("stiffness", self.stiffness)]
@@ -67,9 +68,9 @@ Example:
     ValueError: stiffness[0] = -1.0: must not be negative
 """
 
-from .common.checks import floats, integers, per_element
-from .common.rules import Rule, not_negative, positive, refuse
-from .common.tree import Indices, copy, put, pytree
+from .common.checks import as_floats, as_indices, floats_per_element
+from .common.rules import Rule, not_negative, positive, refuse_if_broken
+from .common.tree import Indices, copy_with, pytree, set_fields
 from .elements.abilities import (
     Bending,
     Jacked,
@@ -132,17 +133,17 @@ __all__ = [
     "Statement",
     "Straight",
     "Uniaxial",
+    "as_floats",
+    "as_indices",
     "check",
-    "copy",
-    "floats",
-    "integers",
+    "copy_with",
+    "floats_per_element",
     "not_negative",
-    "per_element",
     "positive",
-    "put",
     "pytree",
-    "refuse",
+    "refuse_if_broken",
     "register",
     "register_solver",
     "rotations",
+    "set_fields",
 ]

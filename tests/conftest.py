@@ -20,7 +20,7 @@ FUSED = "FUSED_LOOPS" in os.environ
 if FUSED:
     from jaxcable.common import fusion
 
-    assert fusion.ask()
+    assert fusion.request_fused_loops()
 
 import choose_tests
 import jax

@@ -100,18 +100,20 @@ def kept_many(cases):
     import jax
 
     import jaxcable as jc
-    from jaxcable.common.compilation import MOST
+    from jaxcable.common.compilation import MOST_PROGRAMS
 
     jax.config.update("jax_enable_x64", True)
     say = record.Record("kept_programs_many")
-    say(f"\n{cases.nets} nets of different shape, each analysed once by jc.solve; {MOST} programs")
+    say(
+        f"\n{cases.nets} nets of different shape, each analysed once by jc.solve; {MOST_PROGRAMS} programs"
+    )
     say("are known at a time. Memory of the process, and its memory maps (65 530 are allowed)\n")
     say(f"{'nets':>6}{'MB':>8}{'maps':>8}")
     for k in range(cases.nets + 1):
         if k:
             net = jc.scenes.saddle(3 + (k - 1) % 25, 3 + (k - 1) // 25, load=100.0)
             assert int(jc.solve(*net).status) == 0
-        if k in (0, 1, 10, MOST) or k % 100 == 0:
+        if k in (0, 1, 10, MOST_PROGRAMS) or k % 100 == 0:
             say("{:6}{:8.0f}{:8}".format(k, *resident()))
     jc.forget_programs()
     gc.collect()

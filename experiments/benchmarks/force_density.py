@@ -72,7 +72,7 @@ def ours(structure, load, solver):
 def compare(n, record):
     """One net: all programs by turns."""
     structure, load, q = net(n)
-    mine = ["superlu", *(["pardiso"] if linear.named("pardiso").available() else [])]
+    mine = ["superlu", *(["pardiso"] if linear.solver_named("pardiso").is_installed() else [])]
     functions = {solver: ours(structure, load, solver) for solver in mine}
     rows = [jax.block_until_ready(jnp.asarray(row)) for row in q]
     with tempfile.TemporaryDirectory() as folder:

@@ -26,7 +26,7 @@ import numpy as np
 from record import Record
 
 import jaxcable as jc
-from jaxcable.spaces.freedoms import number_freedoms
+from jaxcable.spaces.dof_map import make_dof_map
 
 from .measure import by_turns, clock, quartiles
 
@@ -69,7 +69,7 @@ def default_solver(structure):
     """Name of the solver that this machine chooses."""
     fixed = structure.fixed(structure.supports)
     links = tuple((group.links, group.n_freedom, ()) for group in structure.groups)
-    return number_freedoms(fixed, None, links).pattern.solver.name
+    return make_dof_map(fixed, None, links).pattern.solver.name
 
 
 def reference(n):

@@ -130,8 +130,8 @@ def _dome(span, rise, sectors, rings, struts, staggered):
         tops: numbers of the hub's top and of the top nodes of the rings, [1 + n_ring sectors].
         areas: roof area in plan carried by each of these nodes, m2.
     """
-    checks.whole(sectors, "sectors", least=3)
-    checks.whole(rings, "rings")
+    checks.require_whole_number(sectors, "sectors", least=3)
+    checks.require_whole_number(rings, "rings")
     require_positive(span=span, rise=rise)
     radius = 0.5 * span * np.arange(rings + 2) / (rings + 1)  # hub, rings, anchors
     sphere = (radius[-1] ** 2 + rise**2) / (2 * rise)

@@ -88,7 +88,7 @@ def cable_truss(
     for name, value, known in (("form", form, FORMS), ("loaded", loaded, LOADED)):
         if value not in known:
             raise ValueError(f"{name} = {value!r}: expected one of {', '.join(known)}")
-    checks.whole(panels, "panels", least=3)
+    checks.require_whole_number(panels, "panels", least=3)
     concave = form == "biconcave"
     require_positive(**{"span": span, "sags[0]": sags[0], "sags[1]": sags[1]})
     if not (gap > 0 or (gap == 0 and not concave)):

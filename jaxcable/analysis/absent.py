@@ -87,7 +87,7 @@ def loads_that_never_act(
             part = acting.part or {}
             acts = [presence.present[n][k:] & _loaded(part.get(n)) for n in on]
             if not any(np.any(one) for one in acts):
-                checks.suspect(
+                checks.warn_user(
                     f"loads of phases[{earlier + k}]: {acting} acts on elements that are not "
                     "there, neither in this phase nor in a later one"
                 )
@@ -95,13 +95,13 @@ def loads_that_never_act(
 
 def _loaded(factors):
     """Which elements a load acts on by its factors, [n_elem, ...] or None: all if not known."""
-    known = checks.concrete(factors)
+    known = checks.array_if_known(factors)
     return True if known is None else (known != 0).reshape(len(known), -1).any(axis=1)
 
 
 def _states_nothing(name, given):
     """Whether a statement is an increment that is known to be zero."""
-    values = checks.concrete(given.values if isinstance(given, Only) else given)
+    values = checks.array_if_known(given.values if isinstance(given, Only) else given)
     return name in INCREMENTS and values is not None and not np.any(values)
 
 
@@ -111,14 +111,14 @@ def _judge_scalar(name, label, concerned, there):
     if name == "temperature" or any(isinstance(own, jax.core.Tracer) for own in known):
         return
     if not any(own.any() for own in known):
-        checks.suspect(f"{label}: none of the elements that it is for is there in this phase")
+        checks.warn_user(f"{label}: none of the elements that it is for is there in this phase")
 
 
 def _named_absent(label, where, given, group, there) -> bool | Bool[jax.Array, ""]:
     """Whether a statement for a group names absent elements; ValueError if that is known."""
     hint = "state it in the phase that adds it, or later"
     if isinstance(given, Only):
-        lost = given.chosen(len(group.links), label) & ~there
+        lost = given.element_mask(len(group.links), label) & ~there
         if isinstance(lost, jax.core.Tracer):
             return jnp.any(lost)
         if lost.any():
@@ -143,7 +143,7 @@ def _judge_array(name, label, where, given, present, later):
         present: elements that are there in this phase and in all later ones, [n, n_elem] bool.
         later: statements for the group in the later phases, dicts from name to `Stated`.
     """
-    values = None if isinstance(given, Only) else checks.concrete(given)
+    values = None if isinstance(given, Only) else checks.array_if_known(given)
     known = values is not None and not isinstance(present, jax.core.Tracer)
     if name == "temperature" or not known or np.ndim(values) < 1:
         return
@@ -160,7 +160,7 @@ def _judge_array(name, label, where, given, present, later):
     if lost.any():
         k = int(lost.argmax())
         shown = ", ".join(f"{number:.6g}" for number in np.atleast_1d(values[k]))
-        checks.suspect(
+        checks.warn_user(
             f"{label}{where}[{k}] = {shown}: the element is not there in this phase, and "
             "the phase that adds it states nothing for it: the number has no effect"
         )

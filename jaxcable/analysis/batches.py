@@ -19,7 +19,7 @@ from jax import lax
 from jax.sharding import Mesh, PartitionSpec
 
 from ..common import checks
-from ..common.fusion import fuses
+from ..common.fusion import are_loops_fused
 from ..common.types import Array, PyTree
 
 _AXIS = "cases"
@@ -69,7 +69,7 @@ def batched(
         [-0.1 -0.2 -0.5]
     """
     if chunk is not None:
-        checks.whole(chunk, "chunk")
+        checks.require_whole_number(chunk, "chunk")
     if devices is not None and len(devices) == 0:
         raise ValueError("devices: expected at least one, or None")
     one_by_one = jax.vmap(function)
@@ -106,7 +106,7 @@ def batched(
 
     def checked(*cases):
         count = _count(cases)
-        if devices is not None or not fuses() or not _concrete(cases):
+        if devices is not None or not are_loops_fused() or not _concrete(cases):
             return run(*cases)
         workers = _cores()
         rounds = -(-count // (workers * (chunk or _CHUNK)))

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from ..common import checks
-from ..common.selection import Named, Only, Selection
+from ..common.selection import Only, Selection, WholeGroups
 from ..common.types import PyTree
 from ..elements.abilities import components_of
 from ..model.structure import Structure
@@ -41,7 +41,7 @@ def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
         )
 
     def is_one(x):
-        return x is None or isinstance(x, Named | Only | Selection)
+        return x is None or isinstance(x, WholeGroups | Only | Selection)
 
     # a list is first taken as a branch of the tree of groups, then as the values of one group
     for is_leaf in (is_one, lambda x: is_one(x) or is_values(x)):
@@ -81,7 +81,7 @@ def _filled(value, numbers, name):
             if key not in numbers:
                 raise ValueError(
                     f"{name}: no group {key!r} in the structure's elements"
-                    f"{checks.meant(key, numbers)}"
+                    f"{checks.suggest_names(key, numbers)}"
                 )
         return {key: _filled(value.get(key), own, name) for key, own in numbers.items()}
     if type(value) in (list, tuple) and type(value) is type(numbers) and len(value) == len(numbers):

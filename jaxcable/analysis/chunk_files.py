@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ..common.writing import put_arrays, written
+from ..common.writing import atomic_write, write_npz
 
 ANEW = "delete this file and run the study again, which computes these cases anew"
 
@@ -48,8 +48,8 @@ def digest_of(description: Mapping[str, Any]) -> str:
 def write(path: Path, arrays: Mapping[str, np.ndarray], identity: Identity) -> None:
     """Write the results of a chunk, as a whole or not at all."""
     comment = f"jaxcable study {identity.study} chunk {identity.chunk}".encode()
-    with written(path, "wb") as stream:
-        put_arrays(stream, arrays, comment=comment)
+    with atomic_write(path, "wb") as stream:
+        write_npz(stream, arrays, comment=comment)
 
 
 def told(results: Mapping[str, np.ndarray]) -> dict[str, tuple[tuple[int, ...], str]]:

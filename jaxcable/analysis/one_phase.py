@@ -10,18 +10,18 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..common import status
-from ..common.tree import copy, fill, thaw, where
+from ..common.tree import copy_with, merge_indices, select_tree, split_indices
 from ..common.types import Array, Bool, Float, Int
 from ..equilibrium import incremental, newton
 from ..equilibrium.newton import Newton
-from ..linear.sparse import Factored
+from ..linear.sparse import FactoredMatrix
 from ..mechanics.carry import Carry
 from ..mechanics.ramp import Ramp
 from ..mechanics.reading import Reading, read
 from ..numerics import implicit
-from ..numerics.rooted import told
+from ..numerics.implicit_root import with_deferred_derivative
 from ..spaces import space_of
-from ..spaces.translations import coarse, is_fine, refined
+from ..spaces.translations import append_low_part, drop_low_part, has_low_part
 from .phase_results import LOG, Path
 from .results import element_fields
 
@@ -33,7 +33,8 @@ class Ended(NamedTuple):
         code, stable: status so far, and whether the end of the phase is stable.
         begin: `Carry` that its increments begin with.
         carry: `Carry` after the last good increment; the one before the phase if none is good.
-        point: (motion of the carry, marks) as `bare` and `marks` of `implicit.attach_apart`.
+        point: (motion of the carry, marks) as `bare` and `marks` of
+            `implicit.attach_derivative_with_marks`.
         factor: load factor of the last good increment, 0 if there is none.
         seen: `Reading` of the last good increment.
         path, log: `Path`, and the numbers `LOG` of every increment, [n_inc, 10].
@@ -49,7 +50,7 @@ class Ended(NamedTuple):
     seen: Reading | None
     path: Path
     log: Float[Array, "n_inc 10"]
-    factored: Factored | None
+    factored: FactoredMatrix | None
 
 
 def run_phase(
@@ -80,8 +81,8 @@ def run_phase(
     carry, bare = _end(ramp, factor, (x, bare), valid, before, memory)
     moved = xs[..., :3] - ramp.begin.motion[None, :, :3]
     path, counts = _path(readings, moved, good, good | ~live)
-    motion = space_of(ramp.groups).kept(jnp.where(good[:, None, None], xs, jnp.nan))
-    path = copy(path, motion=motion)
+    motion = space_of(ramp.groups).stored_motion(jnp.where(good[:, None, None], xs, jnp.nan))
+    path = copy_with(path, motion=motion)
     code, stable = log[-1, 0].astype(jnp.int32), LOG.index("stable")
     if not isinstance(method, Newton):
         end, here = lax.stop_gradient((ramp.at(factor, memory), x))
@@ -96,8 +97,9 @@ def _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tel
     """The increments by Newton's method, with the derivative of the end or of all of them.
 
     Returns:
-        The ramp; the last point as `implicit.attach_apart` returns it; points, readings and log of
-        all increments; memory of laws at the end; `Reading` of the end; what was factored.
+        The ramp; the last point as `implicit.attach_derivative_with_marks` returns it; points,
+        readings and log of all increments; memory of laws at the end; `Reading` of the end; what
+        was factored.
     """
     (factors, live), method, _ = given
     frozen = lax.stop_gradient(ramp)
@@ -106,18 +108,20 @@ def _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tel
     xs, log, readings = jax.tree.map(lambda x: x[1:], whole)
     factors, good = factors[1:], (log[:, 0] == status.OK) & live[1:]
     valid, factor = _reached(good, count, factors.dtype)
-    ramp = implicit.gate(valid, ramp)
+    ramp = implicit.stop_gradient_unless(valid, ramp)
     x = xs[-1]  # the point stays where it was when an increment fails
     if memory is None:
         tol, worth = newton.adjoint_effort(method, ramp.at(factor), factors.dtype)
-        point = implicit.attach_apart(ramp.at(factor), x, valid, factored, tol, worth)
+        point = implicit.attach_derivative_with_marks(
+            ramp.at(factor), x, valid, factored, tol, worth
+        )
         if differentiate_path:
-            attach = jax.vmap(lambda f, x, ok: implicit.attach(ramp.at(f), x, ok))
+            attach = jax.vmap(lambda f, x, ok: implicit.attach_derivative(ramp.at(f), x, ok))
             xs = attach(factors, xs, good)
             readings = jax.vmap(lambda f, x: _reading(ramp.at(f), x))(factors, xs)
     else:
-        problem = thaw((ramp, factors, xs, good))
-        x, memory = told(_followed, (x, memory), problem)
+        problem = split_indices((ramp, factors, xs, good))
+        x, memory = with_deferred_derivative(_followed, (x, memory), problem)
         point = x, x, None
         if differentiate_path:
             readings, xs, *_ = _follow(ramp, factors, xs, good, True)
@@ -165,7 +169,7 @@ def _follow(ramp, factors, xs, good, converges):
         factor, x, ok = increment
         system = ramp.at(factor, memory)
         if converges:
-            x = implicit.attach(system, x, ok)
+            x = implicit.attach_derivative(system, x, ok)
         last = jnp.where(ok, x, last)
         seen = read(system, x)
         return (ramp.settle(system, x, seen.strains, ok, memory), last), (seen.of_path, x)
@@ -177,21 +181,22 @@ def _follow(ramp, factors, xs, good, converges):
 
 def _followed(problem):
     """Last point and memory of a phase whose laws have a memory, see `_follow`."""
-    *_, memory, last = _follow(*fill(*problem), True)
+    *_, memory, last = _follow(*merge_indices(*problem), True)
     return last, memory
 
 
 def _end(ramp, factor, points, valid, before, memory=None):
     """Carry and bare motion at the end of a phase; those `before` it if no increment is good.
 
-    `points` are the motion with its derivative, and the bare one, see `implicit.attach_apart`.
+    `points` are the motion with its derivative, and the bare one, see
+    `implicit.attach_derivative_with_marks`.
     """
     motion, bare = points
-    after = copy(ramp.leave(factor, coarse(motion), memory), loads=None), bare
-    begun = refined(before.motion) if is_fine(bare) else before.motion
-    before = copy(before, loads=None), begun
-    carry, bare = where(valid, after, before)
-    return copy(carry, loads=ramp.begin.loads), bare
+    after = copy_with(ramp.leave(factor, drop_low_part(motion), memory), loads=None), bare
+    begun = append_low_part(before.motion) if has_low_part(bare) else before.motion
+    before = copy_with(before, loads=None), begun
+    carry, bare = select_tree(valid, after, before)
+    return copy_with(carry, loads=ramp.begin.loads), bare
 
 
 def _path(readings, moved, good, finite):
@@ -205,7 +210,7 @@ def _path(readings, moved, good, finite):
 
     values = {"displacement": moved, **element_fields(readings.found)}
     path = Path(*(None,) * len(dataclasses.fields(Path)))
-    path = copy(path, **jax.tree.map(known, values))
+    path = copy_with(path, **jax.tree.map(known, values))
     return path, jnp.where(
         good[:, None], jnp.stack([readings.n_slack, readings.n_loose], axis=1), -1
     )

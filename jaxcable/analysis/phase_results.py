@@ -8,7 +8,7 @@ from typing import ClassVar, overload
 import jax
 import numpy as np
 
-from ..common.tree import computed, copy, pytree
+from ..common.tree import apply_numpy_or_jax, copy_with, pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
 from .results import ElementResults, Results
 
@@ -187,15 +187,17 @@ class PhaseResults(Sequence[PhaseResult]):
         end, path = _taken(self.ends, (*batch, k)), _taken(self.paths, increments)
         noted = {name: self._noted(name, increments) for name in LOG if name != "scale"}
         noted["stable"] = noted["stable"] if self.watched else None
-        path = copy(
+        path = copy_with(
             path,
-            load_factor=computed(lambda np, log: _factors(np, log[increments]), self.log),
-            relative_residual=computed(lambda np, log: _relative(np, log[increments]), self.log),
+            load_factor=apply_numpy_or_jax(lambda np, log: _factors(np, log[increments]), self.log),
+            relative_residual=apply_numpy_or_jax(
+                lambda np, log: _relative(np, log[increments]), self.log
+            ),
             **noted,
         )
         last = (*batch, k, count - 1)
         status, stable = self._noted("status", last), self._noted("stable", last)
-        return copy(end, status=status, stable=stable, path=path)
+        return copy_with(end, status=status, stable=stable, path=path)
 
     def _noted(self, name, at):
         """One column of the log, at an index of its leading axes, in its type."""
@@ -205,7 +207,7 @@ class PhaseResults(Sequence[PhaseResult]):
             values = log[at][..., column]
             return values if kind is None else values.astype(kind)
 
-        return computed(read, self.log)
+        return apply_numpy_or_jax(read, self.log)
 
     @property
     def verdicts(self) -> tuple[Int[Array, " n_phase"], Bool[Array, " n_phase"]]:
@@ -220,7 +222,7 @@ def _taken(tree, at):
 
     def take(x):
         if id(x) not in found:
-            found[id(x)] = computed(lambda np, x: x[at], x)
+            found[id(x)] = apply_numpy_or_jax(lambda np, x: x[at], x)
         return found[id(x)]
 
     return jax.tree.map(take, tree)

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.rules import refuse
-from ..common.selection import Named, Only, Selection
+from ..common.rules import refuse_if_broken
+from ..common.selection import Only, Selection, WholeGroups
 from ..common.tree import pytree, replace
 from ..common.types import ArrayLike, Bool, Float, PyTree
 from ..elements.abilities import (
@@ -179,18 +179,18 @@ class Phase:
         if self.increments < 1:
             raise ValueError(f"increments = {self.increments}: a phase has at least 1 increment")
         if self.supports is not None and not isinstance(self.supports, Supports):
-            kind = checks.kind(self.supports, "pinned(nodes)")
+            kind = checks.describe_type(self.supports, "pinned(nodes)")
             raise ValueError(f"supports: expected pinned(nodes) or Supports(mask), got {kind}")
         as_list(self.loads)
         self._check_own()
         for name, given in all_stated(self).items():
             for leaf in jax.tree.leaves(given):
-                checks.floats(leaf, name)
+                checks.as_floats(leaf, name)
 
     def _check_own(self):
         """Raise ValueError if `own` is no dict of statements that `Phase` does not have itself."""
         if self.own is not None and not isinstance(self.own, Mapping):
-            kind = checks.kind(self.own, '{"clamped": values}')
+            kind = checks.describe_type(self.own, '{"clamped": values}')
             raise ValueError(f"own: expected a dict of statements by name, got {kind}")
         fields = {field.name for field in dataclasses.fields(self)}
         for name in self.own or ():
@@ -232,13 +232,13 @@ def restated(phase: Phase, name: str, given: PyTree[Any]) -> Phase:
 
 
 def by_name(value: Any) -> Any:
-    """What a phase adds or removes, with keys of groups as `Named`; None if it is empty."""
+    """What a phase adds or removes, with keys of groups as `WholeGroups`; None if it is empty."""
     if isinstance(value, list | tuple | dict) and not value:
         return None
     if isinstance(value, str):
-        return Named(value)
+        return WholeGroups(value)
     if isinstance(value, list | tuple) and value and all(isinstance(v, str) for v in value):
-        return Named(value)
+        return WholeGroups(value)
     return value
 
 
@@ -342,23 +342,23 @@ def _checked(value, group, name, structure):
         raise ValueError("temperature: the group has no expansion coefficient; give expansion=...")
     count, components = len(group.links), components_of(group, name)
     if isinstance(value, Only):
-        chosen = value.chosen(count, name)
+        chosen = value.element_mask(count, name)
         given = _per_element(value.values, len(value.elements), name, components)
-        value = value.spread(np.zeros((count, *given.shape[1:])))
+        value = value.merged_with(np.zeros((count, *given.shape[1:])))
     else:
         chosen = None
         value = given = _per_element(value, count, name, components)
-    refuse(value_rules(name, given, group))
-    refuse(capacity_rules(name, value, group, group.capacity))
-    refuse(span_rules(name, group, structure.nodes, chosen))
+    refuse_if_broken(value_rules(name, given, group))
+    refuse_if_broken(capacity_rules(name, value, group, group.capacity))
+    refuse_if_broken(span_rules(name, group, structure.nodes, chosen))
     return Stated(value, chosen)
 
 
 def _per_element(value, count, name, components):
     """Values as floats [n_elem], or [n_elem, n_component]; one number is for all of them."""
     if not components:
-        return checks.per_element(value, count, name)
-    array, shape = checks.floats(value, name), (count, len(components))
+        return checks.floats_per_element(value, count, name)
+    array, shape = checks.as_floats(value, name), (count, len(components))
     if array.shape not in ((), shape):
         raise ValueError(
             f"{name}: expected a scalar or shape {shape}, for every element "
@@ -373,7 +373,7 @@ def as_phases(structure: Structure, phases: Phase | Sequence[Phase] | None) -> l
     if isinstance(structure, tuple) and structure and isinstance(structure[0], Structure):
         raise ValueError("structure: got a scene; unpack it: solve(*scene)")
     if not isinstance(structure, Structure):
-        kind = checks.kind(structure, "Structure(nodes, elements, supports)")
+        kind = checks.describe_type(structure, "Structure(nodes, elements, supports)")
         raise ValueError(f"structure: expected a Structure, got {kind}")
     if phases is None:
         raise ValueError("phases: missing; give a list such as [Phase(pretension=200.0)]")
@@ -384,7 +384,7 @@ def as_phases(structure: Structure, phases: Phase | Sequence[Phase] | None) -> l
     for k, phase in enumerate(phases):
         if not isinstance(phase, Phase):
             hint = "; loads go into a phase: Phase(loads=...)" if isinstance(phase, Load) else ""
-            kind = checks.kind(phase, "Phase(...)")
+            kind = checks.describe_type(phase, "Phase(...)")
             raise ValueError(f"phases[{k}]: expected a Phase, got {kind}{hint}")
     if not phases:
         raise ValueError("phases: an analysis needs at least one phase")

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks, status
-from ..common.fusion import fuses
-from ..common.rules import kept, rules_of
-from ..common.tree import cast, copy, once, thaw
+from ..common.fusion import are_loops_fused
+from ..common.rules import are_rules_kept, collect_rules
+from ..common.tree import cast_floats, computed_once, copy_with, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..elements.abilities import Secant
 from ..elements.element import Element
@@ -34,7 +34,7 @@ from ..model.structure import Structure, place_rules
 from ..model.supports import Fixed
 from ..model.topology import require_same
 from ..spaces import space_of
-from ..spaces.freedoms import gathering, number_freedoms
+from ..spaces.dof_map import make_dof_map, with_assembly
 from .absent import loads_that_never_act, require_present
 from .phases import Phase, as_phases
 from .presence import attached_of, presence_of
@@ -50,7 +50,7 @@ class Prepared(NamedTuple):
     """An analysis, checked and ready for the compiled core.
 
     Attributes:
-        thawed, arrays: nodes, groups, carry and `Schedule`, as `thaw` splits them.
+        thawed, arrays: nodes, groups, carry and `Schedule`, as `split_indices` splits them.
         method: `Newton` or `Incremental`.
         code: status of `start`.
         fixed: freedoms held before the first phase and in each phase, a tuple of `Fixed`.
@@ -132,16 +132,16 @@ def prepare(
     if any(phase.loads is not None or phase.sag is not None for phase in phases):
         weighed = any(isinstance(stack.load, SelfWeight) for stack in everything)
         plausibility.weights(structure.named_groups(), weighed)
-    freedoms, changes, before = numbering(sets, numbered, idle)
+    dof_map, changes, before = numbering(sets, numbered, idle)
     together = statements if bundles.plain else [bundles.statements(each) for each in statements]
-    nodes = structure.nodes if rows is None else structure.nodes[rows.node]
+    nodes = structure.nodes if rows is None else structure.nodes[rows.node_of_row]
     shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
     schedule = Schedule(
         number=np.arange(len(phases), dtype=np.int32),
         statements=stated(together, bundled),
         added_load=on_rows(nodal, "nodal_forces", shape, dtype),
         moved=on_rows(movements, "steps", shape, dtype),
-        freedoms=freedoms,
+        dof_map=dof_map,
         changes=changes,
         before=before,
         loads=stacks,
@@ -152,9 +152,9 @@ def prepare(
         attached=attached,
         sound=None if presence is None else presence.sound,
     )
-    thawed, arrays = thaw((nodes, bundled, carry, schedule))
+    thawed, arrays = split_indices((nodes, bundled, carry, schedule))
     warns = _may_warn(bundled, carry, everything, _alone(nodal))
-    count = len(freedoms.free)
+    count = len(dof_map.free)
     return Prepared(thawed, arrays, method, code, tuple(sets), everything, bundles, count, warns)
 
 
@@ -178,7 +178,7 @@ def _method(structure, method):
     return method
 
 
-@once
+@computed_once
 def _bundles(structure):
     """The `Bundles` of a structure; they do not depend on its numbers."""
     return Bundles.of(structure.rows()[1])
@@ -230,7 +230,7 @@ def _numbered(structure, method, stacks, groups, bundles, convex):
         (nodes, 3, ()) for stack in followers for nodes in stack.touches(groups, bundles)
     )
 
-    straight = fuses() and not space.rotates
+    straight = are_loops_fused() and not space.rotates
     symmetric = space.symmetric and not followers and all(group.symmetric for group in groups)
 
     def number(fixed):
@@ -238,9 +238,13 @@ def _numbered(structure, method, stacks, groups, bundles, convex):
         solver = method.linear_solver
         coupled = (*links, *pressed)
         settings = solver, symmetric, structure.rigid, space, convex, paired
-        found = number_freedoms(fixed, rows, coupled, *settings)
+        found = make_dof_map(fixed, rows, coupled, *settings)
         ends = tuple(group.links for group in groups)
-        return gathering(found, ends, rows is None and not space.rotates) if fuses() else found
+        return (
+            with_assembly(found, ends, rows is None and not space.rotates)
+            if are_loops_fused()
+            else found
+        )
 
     return number
 
@@ -251,7 +255,7 @@ def _may_warn(groups, carry, stacks, nodal):
         return False
     rotate = any(group.rotates for group in groups)
     moments = rotate and any(load.has_moments for of_phase in nodal for load in of_phase)
-    before = None if carry is None else checks.concrete(carry.nodal_load)
+    before = None if carry is None else checks.array_if_known(carry.nodal_load)
     moments_before = before is not None and bool(np.any(before[:, 3:]))
     following = any(stack.follows for stack in stacks)
     return not (moments_before or following or moments)
@@ -259,7 +263,7 @@ def _may_warn(groups, carry, stacks, nodal):
 
 def _always_convex(groups, stacks):
     """Whether the energy is known to be convex: cables, and no loads that slide along or follow."""
-    tension_only = all(g.tension_only and g.rising and g.symmetric for g in groups)
+    tension_only = all(g.tension_only and g.monotone and g.symmetric for g in groups)
     slides = stacks and any(group.slides for group in groups)
     return tension_only and not slides and not any(stack.follows for stack in stacks)
 
@@ -294,12 +298,12 @@ def _no_method(method):
         return "Phase; phases go into one list: solve(structure, [first, second])"
     if isinstance(method, Solution | State):
         return f"{type(method).__name__}; an earlier solution goes by name: start=..."
-    return checks.kind(method, "Newton()")
+    return checks.describe_type(method, "Newton()")
 
 
 def in_precision_of(nodes: Float[ArrayLike, "n_row 3"], tree: PyTree[Any]) -> PyTree[Any]:
     """A tree with all floats in the dtype of the nodes."""
-    return cast(tree, jnp.asarray(nodes).dtype)
+    return cast_floats(tree, jnp.asarray(nodes).dtype)
 
 
 def ready(parameters: Frame, bundles: Bundles) -> Frame:
@@ -313,22 +317,22 @@ def ready(parameters: Frame, bundles: Bundles) -> Frame:
     if carry is None:
         carry = unloaded(nodes, groups)
     else:
-        carry = copy(carry, states=_warm(groups, bundles, carry.states))
+        carry = copy_with(carry, states=_warm(groups, bundles, carry.states))
     if schedule.first is not None:
         parts = zip(groups, carry.states, schedule.first, strict=True)
         states = [group.partly(state, jnp.asarray(first)) for group, state, first in parts]
-        carry = copy(carry, states=states)
-    if carry.bearing is None and schedule.freedoms.axes is not None:
-        carry = copy(carry, bearing=space_of(groups).rotations(carry.motion))
+        carry = copy_with(carry, states=states)
+    if carry.support_rotation is None and schedule.dof_map.axes is not None:
+        carry = copy_with(carry, support_rotation=space_of(groups).rotations(carry.motion))
     begun = nodes + carry.motion[:, :3]
     loads = [*carry.loads, *schedule.loads]
     loads = loads if bundles.plain else [stack.bundled(bundles) for stack in loads]
-    carry = copy(
+    carry = copy_with(
         carry,
         loads=loads,
         amounts=[*carry.amounts, *(stack.idle(begun, dtype) for stack in schedule.loads)],
     )
-    groups = [group.extended() for group in groups]
+    groups = [group.extrapolated() for group in groups]
     return nodes, groups, carry, schedule
 
 
@@ -343,7 +347,7 @@ def _warm(groups, bundles, states):
         if group.expansion is not None or any(states[k].warmth is not None for k in members):
             for k in members:
                 if states[k].warmth is None and isinstance(group, Prestressed):
-                    found[k] = copy(states[k], warmth=jnp.ones_like(states[k].rest_length))
+                    found[k] = copy_with(states[k], warmth=jnp.ones_like(states[k].rest_length))
     return bundles.together(found)
 
 
@@ -360,17 +364,17 @@ def verdicts(parameters: Frame, *others: Any) -> tuple[Bool[Array, ""], Int[Arra
             INVALID_INPUT, [n_phase].
     """
     nodes, groups, _, schedule = parameters
-    structure_ok = kept(
-        [*rules_of(groups), *(r for group in groups for r in place_rules(nodes, group))]
+    structure_ok = are_rules_kept(
+        [*collect_rules(groups), *(r for group in groups for r in place_rules(nodes, group))]
     )
-    good = jnp.broadcast_to(structure_ok & kept(rules_of(others)), len(schedule))
+    good = jnp.broadcast_to(structure_ok & are_rules_kept(collect_rules(others)), len(schedule))
     if schedule.sound is not None:
         good = good & schedule.sound
     if jax.tree.leaves(schedule.statements):
         good = good & jax.vmap(lambda own: keeps_rules(own, groups, nodes))(schedule.statements)
     for added in (schedule.added_load, schedule.moved):
         if added is not None and added.amplitude is not None:
-            good = good & jax.vmap(lambda own: kept(own.rules()))(added.amplitude)
+            good = good & jax.vmap(lambda own: are_rules_kept(own.rules()))(added.amplitude)
     for stack in schedule.loads:
         broken = jnp.zeros(len(schedule), jnp.int32).at[stack.phase].add(~stack.keeps_rules())
         good = good & (broken == 0)
@@ -395,5 +399,5 @@ def _begin(structure, start):
                 "start: which supports a traced .last had is not known; use the solution itself"
             )
         fixed = last.fixed[int(last.phase) + 1]
-    carry = copy(last.carry, loads=[continued(stack) for stack in last.carry.loads])
+    carry = copy_with(last.carry, loads=[continued(stack) for stack in last.carry.loads])
     return carry, code, fixed

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.selection import Named, Only, Selection
+from ..common.selection import Only, Selection, WholeGroups
 from ..common.types import Array, ArrayLike, Bool
 from ..elements.element import Element
 from ..elements.element_state import ElementState
@@ -60,7 +60,7 @@ class Presence(NamedTuple):
             groups: the groups of `self` with links that are rows of motion.
         """
         (rows, _), width = structure.rows(), structure.space.n_freedom
-        n_row = structure.n_node if rows is None else len(rows.node)
+        n_row = structure.n_node if rows is None else len(rows.node_of_row)
         pack = _package([*self.first, *self.present])
         shape = 1 + len(self.present[0]), n_row, width
         touched = pack.zeros(shape, bool)
@@ -79,9 +79,9 @@ class Presence(NamedTuple):
 def _shared(touched, structure, rows, pack):
     """Touched freedoms, where hinged ends touch their nodes, and carried nodes their carriers."""
     if rows is not None:
-        more = np.arange(structure.n_node, len(rows.node))
+        more = np.arange(structure.n_node, len(rows.node_of_row))
         ends = more[~rows.inner[more]]  # they move with their nodes, and need no hold
-        node = rows.node[ends]
+        node = rows.node_of_row[ends]
         if pack is jnp:
             touched = touched.at[:, node, :3].max(touched[:, ends, :3])
             touched = touched.at[:, ends, :3].set(True)
@@ -199,17 +199,17 @@ def _masks(value: Any, structure, name):
     counts = [len(group.links) for group in structure.groups]
     if value is None:
         return [np.zeros(count, bool) for count in counts]
-    if isinstance(value, Named):
+    if isinstance(value, WholeGroups):
         return _named(value, structure, name)
     found = []
     for given, count in zip(spread(value, structure, name), counts, strict=True):
         if given is None:
             found.append(np.zeros(count, bool))
         elif isinstance(given, Selection):
-            found.append(given.chosen(count, name))
+            found.append(given.element_mask(count, name))
         elif isinstance(given, Only):
             raise ValueError(f"{name}: only(...) has values here; give only(elements)")
-        elif isinstance(given, Named):
+        elif isinstance(given, WholeGroups):
             raise ValueError(f"{name}: give keys of groups alone, not inside of a tree")
         else:
             found.append(_mask(given, count, name))
@@ -238,7 +238,7 @@ def _named(value, structure, name):
             keys = numbers if isinstance(numbers, dict) else ()
             raise ValueError(
                 f"{name} = {key!r}: no such key in the structure's elements"
-                f"{checks.meant(key, keys)}"
+                f"{checks.suggest_names(key, keys)}"
             ) from None
         for k in chosen:
             found[k] = np.ones_like(found[k])

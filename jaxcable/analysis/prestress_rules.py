@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..common.rules import Rule, kept, not_negative, positive
+from ..common.rules import Rule, are_rules_kept, not_negative, positive
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import STATEMENTS, statements_of
 from ..elements.element import Element
@@ -28,18 +28,18 @@ def keeps_rules(
         groups: element groups, before `extended`.
         nodes: initial positions of the rows, [n_row, 3].
     """
-    all_kept = kept([])
+    all_kept = are_rules_kept([])
     for group, own in zip(groups, statements, strict=True):
         for name, stated in own.items():
             rules = value_rules(name, stated.values, group)
             if np.ndim(stated.values) > 1:  # a law of one strain says nothing of them
                 chosen = None if stated.chosen is None else stated.chosen[:, None]
-                all_kept = all_kept & kept(rules, chosen)
+                all_kept = all_kept & are_rules_kept(rules, chosen)
                 continue
             capacity = functools.partial(of_each, "capacity", group)
             rules += capacity_rules(name, stated.values, group, capacity)
             rules += span_rules(name, group, nodes)
-            all_kept = all_kept & kept(rules, stated.chosen)
+            all_kept = all_kept & are_rules_kept(rules, stated.chosen)
     return all_kept
 
 
@@ -102,7 +102,7 @@ def capacity_rules(
 
     `capacity` returns the smallest and the largest force of every element.
     """
-    if name not in ("pretension", "jacking") or not group.breaks:
+    if name not in ("pretension", "jacking") or not group.has_rupture:
         return []
     text = "above what its law can carry; a pretension must lie within the curve"
 

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from ..common.tree import copy, pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, Float, PyTree
 
 _FIELDS = {
@@ -114,11 +114,11 @@ def per_element(
     there = [name for name in _PER_ELEMENT if fields.get(name) is not None]
     others = {name: function(values) for name, values in (part.results or {}).items()}
     changes |= {name: function(fields[name]) for name in there}
-    return copy(part, **changes, results=others)
+    return copy_with(part, **changes, results=others)
 
 
 def with_peaks(part: Part) -> Part:
     """A copy whose groups without peak tensions have their tensions (the same arrays) as such."""
     fields = vars(part)
     pairs = zip(fields["tension"], fields["peak_tension"], strict=True)
-    return copy(part, peak_tension=[own if peak is None else peak for own, peak in pairs])
+    return copy_with(part, peak_tension=[own if peak is None else peak for own, peak in pairs])

@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..common.tree import copy, pytree, stacked
+from ..common.tree import copy_with, pytree, stack_trees
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import Element
 from ..elements.prestress import Stated
@@ -22,7 +22,7 @@ from ..loads.varying import Amplitude, together
 from ..mechanics.load_stacks import LoadStack
 from ..mechanics.ramp import Added, PhaseData
 from ..model.supports import Fixed
-from ..spaces.freedoms import Freedoms
+from ..spaces.dof_map import DofMap
 
 
 @pytree(static=("increments", "n_node"))
@@ -32,9 +32,9 @@ class Schedule:
     Attributes:
         number: numbers of the phases.
         statements, added_load, moved: as in `PhaseData`.
-        freedoms: numbering of all unknowns, without the axis of phases.
-        changes: fields of `freedoms` that change from phase to phase, by name, or None.
-        before: fields of `freedoms` as the supports before every phase have them, by name; None if
+        dof_map: numbering of all unknowns, without the axis of phases.
+        changes: fields of `dof_map` that change from phase to phase, by name, or None.
+        before: fields of `dof_map` as the supports before every phase have them, by name; None if
             the supports never change.
         loads: element loads of all phases, list of `LoadStack`.
         increments: number of increments of every phase, a tuple.
@@ -50,7 +50,7 @@ class Schedule:
     statements: list[dict[str, Stated]]
     added_load: Added | None
     moved: Added | None
-    freedoms: Freedoms
+    dof_map: DofMap
     changes: dict[str, PyTree[ArrayLike]] | None
     before: dict[str, ArrayLike] | None
     loads: list[LoadStack]
@@ -79,9 +79,9 @@ class Schedule:
     def of(self, row: tuple[Any, ...]) -> PhaseData:
         """The `PhaseData` of one phase from its entry in `rows`."""
         number, statements, added, moved, changes, before, present, attached = row
-        freedoms = self.freedoms if changes is None else copy(self.freedoms, **changes)
-        was = None if before is None else copy(self.freedoms.of_supports, **before)
-        return PhaseData(number, statements, added, moved, freedoms, was, present, attached)
+        dof_map = self.dof_map if changes is None else copy_with(self.dof_map, **changes)
+        was = None if before is None else copy_with(self.dof_map.without_unknowns, **before)
+        return PhaseData(number, statements, added, moved, dof_map, was, present, attached)
 
     def phase(self, k: int) -> PhaseData:
         """The `PhaseData` of the phase `k`."""
@@ -107,10 +107,10 @@ def stated(
             parts = [phase[k].get(name, nothing) for phase in statements]
             if any(part.chosen is not None for part in parts):
                 parts = [
-                    copy(part, chosen=np.ones(count, bool)) if part.chosen is None else part
+                    copy_with(part, chosen=np.ones(count, bool)) if part.chosen is None else part
                     for part in parts
                 ]
-            of_group[name] = stacked(parts)
+            of_group[name] = stack_trees(parts)
         found.append(of_group)
     return found
 
@@ -141,27 +141,27 @@ def on_rows(
     varying = [[load for load in some if load[1] is not None] for some in loads]
     most = max(map(len, varying))
     if not most:
-        return Added(stacked(sums))
+        return Added(stack_trees(sums))
     values, amplitudes = [], []
     for proportional, some in zip(sums, varying, strict=True):
         arrays = [getattr(load, method)(shape, dtype) for load, _ in some]
         padding = most - len(some)  # with loads of zero
-        values.append(stacked([proportional, *arrays, *[zero] * padding]))
+        values.append(stack_trees([proportional, *arrays, *[zero] * padding]))
         amplitudes += [None, *(own for _, own in some), *[None] * padding]
     rows = len(loads), most + 1, -1
-    return Added(stacked(values), jax.tree.map(lambda x: x.reshape(rows), together(amplitudes)))
+    return Added(stack_trees(values), jax.tree.map(lambda x: x.reshape(rows), together(amplitudes)))
 
 
 def numbering(
     sets: Sequence[Fixed],
-    numbered: Callable[[Fixed], Freedoms],
+    numbered: Callable[[Fixed], DofMap],
     idle: Bool[ArrayLike, "1+n_phase n_row n_freedom"] | None = None,
-) -> tuple[Freedoms, dict[str, PyTree[ArrayLike]] | None, dict[str, ArrayLike] | None]:
+) -> tuple[DofMap, dict[str, PyTree[ArrayLike]] | None, dict[str, ArrayLike] | None]:
     """Numbering of the unknowns of all phases, and what supports change of it.
 
     Args:
         sets: held freedoms before the first phase and in every phase, `Fixed`.
-        numbered: function from a `Fixed` to the `Freedoms` that it leaves.
+        numbered: function from a `Fixed` to the `DofMap` that it leaves.
         idle: freedoms that no element touches before the first phase and in every phase; None if
             elements neither come nor go. They are held.
 
@@ -170,22 +170,24 @@ def numbering(
     """
     was, now = sets[:-1], sets[1:]
     if idle is None and all(fixed == now[0] for fixed in now):
-        freedoms, changes = numbered(now[0]), None
+        dof_map, changes = numbered(now[0]), None
     else:  # a freedom is unknown if any phase leaves it free
         always = np.logical_and.reduce([fixed.array for fixed in now])
-        freedoms = numbered(Fixed(always, now[0].axes))
+        dof_map = numbered(Fixed(always, now[0].axes))
         changes = _held(now)
         if idle is not None:
             changes |= {"fixed": changes["fixed"] | idle[1:], "supported": changes["fixed"]}
-        changes["bound"] = changes["fixed"].reshape(len(now), -1)[:, np.asarray(freedoms.free)]
+        changes["temporarily_fixed"] = changes["fixed"].reshape(len(now), -1)[
+            :, np.asarray(dof_map.free)
+        ]
         spins = _spins([fixed.spins for fixed in now])
         if spins is not None:
-            changes["spins"] = spins
+            changes["free_spins"] = spins
     if idle is not None:
         before = _held(was)
         held = {"fixed": before["fixed"] | idle[:-1], "supported": before["fixed"]}
-        return freedoms, changes, before | held
-    return freedoms, changes, None if was == now else _held(was)
+        return dof_map, changes, before | held
+    return dof_map, changes, None if was == now else _held(was)
 
 
 def _held(sets):
@@ -197,7 +199,7 @@ def _held(sets):
 
 
 def _spins(spins):
-    """`Freedoms.spins` of every phase, padded and stacked; None if no phase has free spins."""
+    """`DofMap.free_spins` of every phase, padded and stacked; None if no phase has free spins."""
     found = [some for some in spins if some is not None]
     if not found:
         return None

@@ -11,19 +11,19 @@ from jax import lax
 
 from .. import linear
 from ..common import status
-from ..common.compilation import program
-from ..common.progress import Increment, listener, tell
-from ..common.tree import copy, fill, pytree
+from ..common.compilation import jit_program
+from ..common.progress import Increment, as_listener, report_progress
+from ..common.tree import copy_with, merge_indices, pytree
 from ..common.types import Array, Bool, Int
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
-from ..linear.sparse import Factored
+from ..linear.sparse import FactoredMatrix
 from ..mechanics.carry import Carry, knowing
 from ..mechanics.reading import Reading, read
 from ..model import plausibility
 from ..model.structure import Structure
 from ..numerics import implicit, scaled
-from ..numerics.one_function import as_one
+from ..numerics.single_kernel import as_single_kernel
 from .one_phase import run_phase
 from .phase_results import PhaseResult, PhaseResults
 from .phases import Phase
@@ -93,7 +93,7 @@ def solve(
         >>> print(f"{1 / rate:.1f} N/m")
         -14600.0 N/m
     """
-    listen = listener(progress)
+    listen = as_listener(progress)
     task = prepare(structure, phases, method, start, to_end=True)
     core = task.thawed, task.arrays, task.method, task.code
     static = {"differentiate_path": differentiate_path, "listen": listen, "bundles": task.bundles}
@@ -103,15 +103,15 @@ def solve(
     return arranged(structure, solution, task)
 
 
-@functools.partial(program, static=("differentiate_path", "listen", "bundles", "alone"))
+@functools.partial(jit_program, static=("differentiate_path", "listen", "bundles", "alone"))
 def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles, alone):
     """The compiled core. Results of elements are lists over groups."""
     through = functools.partial(_through, differentiate_path, listen, bundles)
-    pattern = thawed[-1].freedoms.pattern
+    pattern = thawed[-1].dof_map.pattern
     # a program of its own hands over as many results as there are; one function gains nothing
     whole = listen is None and not alone
     if whole and pattern is not None and pattern.solver.fused:
-        through = as_one(through)
+        through = as_single_kernel(through)
     return through(thawed, arrays, method, code)
 
 
@@ -123,16 +123,16 @@ def analysed(thawed, arrays, method, code, bundles):
 
 def _through(differentiate_path, listen, bundles, thawed, arrays, method, code):
     """The phases of an analysis, in one loop."""
-    parameters = fill(thawed, arrays)
+    parameters = merge_indices(thawed, arrays)
     structure_ok, codes = verdicts(parameters, method)
     nodes, groups, carry, schedule = ready(parameters, bundles)
     # unsound input has no state: block its gradient so that a batch is not polluted with NaN
     sound = _finite((nodes, groups)) & structure_ok
-    frame = implicit.gate(sound, (nodes, groups))
+    frame = implicit.stop_gradient_unless(sound, (nodes, groups))
     loads, counts = carry.loads, jnp.asarray(schedule.increments, jnp.int32)
     factors = jnp.asarray(schedule.factors, nodes.dtype)
     teller = None if listen is None else _teller(listen, len(schedule))
-    touched = implicit.touch(parameters)
+    touched = implicit.gradient_probe(parameters)
 
     def phase(run, scanned):
         arrays_of_phase, verdict, *steps = scanned
@@ -140,48 +140,50 @@ def _through(differentiate_path, listen, bundles, thawed, arrays, method, code):
         code = status.first_failure(run.code, verdict)
         before = knowing(run.carry, loads, data.number)
         sane = sound & _finite((before, data)) & (code == status.OK)
-        problem = implicit.gate(sane, (nodes, groups, before, data))
-        factored = run.factored if schedule.changes is None else linear.forgotten(run.factored)
+        problem = implicit.stop_gradient_unless(sane, (nodes, groups, before, data))
+        factored = run.factored if schedule.changes is None else linear.without_factor(run.factored)
         tell = None if teller is None else functools.partial(teller, data.number, steps[0])
         fresh = run.reached.number < 0
         given = method, code, differentiate_path, factored, run.seen, fresh, tell
         done = run_phase(problem, before, steps, *given)
         code, carry = done.code, done.carry
-        path = copy(done.path, displacement=done.path.displacement[:, : schedule.n_node])
+        path = copy_with(done.path, displacement=done.path.displacement[:, : schedule.n_node])
         reached = run.reached.after(data, done.factor)
         end = state_of(frame, carry, done.point, reached, schedule, done.seen)
         end = _unless(sound, end, touched)
         moved = end.displacement - done.begin.motion[: schedule.n_node, :3]
-        result = _unless(code == status.OK, copy(end, displacement=moved), touched)
+        result = _unless(code == status.OK, copy_with(end, displacement=moved), touched)
         began = [state.memory for state in done.begin.states]
         began = None if all(memory is None for memory in began) else began
         given = {"status": None, "stable": None, "path": None, "began": began}
         result = PhaseResult(**given, **common_fields(result))
-        left = copy(carry, loads=None)
+        left = copy_with(carry, loads=None)
         run = _Run(code, done.stable, left, end, done.factored, reached, done.seen)
         return run, (result, path, done.log)
 
-    start, reached = copy(carry, loads=None), Reached.none(schedule, nodes.dtype)
+    start, reached = copy_with(carry, loads=None), Reached.none(schedule, nodes.dtype)
     end = _blank(lambda: state_of(frame, carry, (carry.motion, None), reached, schedule))
     factored = seen = None
     if isinstance(method, Newton):
-        factored = linear.nothing_factored(schedule.freedoms.pattern, nodes.dtype)
+        factored = linear.no_factored_matrix(schedule.dof_map.pattern, nodes.dtype)
         seen = _blank(lambda: read(system_of(frame, carry, reached, schedule), carry.motion))
     run = _Run(code, jnp.zeros((), bool), start, end, factored, reached, seen)
     run, (ends, paths, log) = lax.scan(phase, run, (schedule.rows, codes, counts, factors))
     if not differentiate_path and isinstance(method, Newton):
-        paths = implicit.undifferentiated(paths, touched)
+        paths = implicit.with_nan_derivative(paths, touched)
     known = [stack.until(run.reached.number) for stack in _all_loads(parameters)]
     states = bundles.apart(run.carry.states)
-    carry = copy(run.carry, states=states, loads=[jax.tree.leaves(stack.load) for stack in known])
+    carry = copy_with(
+        run.carry, states=states, loads=[jax.tree.leaves(stack.load) for stack in known]
+    )
     ends, paths = _apart(bundles, ends, axis=1), _apart(bundles, paths, axis=2)
     watched = isinstance(method, Newton) and method.watch
     solution = Solution(
         status=run.code,
         stable=run.stable,
-        last=copy(_apart(bundles, run.end), carry=carry),
+        last=copy_with(_apart(bundles, run.end), carry=carry),
         phases=PhaseResults(ends, paths, log, schedule.increments, watched),
-        **implicit.nan_beside(run.code == status.OK, common_fields(run.end), touched),
+        **implicit.nan_unless_probed(run.code == status.OK, common_fields(run.end), touched),
     )
     return _apart(bundles, solution)
 
@@ -212,7 +214,8 @@ class _Run:
         code, stable: status so far, and whether the end of the last phase is stable.
         carry: `Carry`, without the loads, which do not change.
         end: the `State` that belongs to `carry`.
-        factored: the last matrix that a sparse solve has factorised, see `linear.solve_next`.
+        factored: the last matrix that a sparse solve has factorised, see
+            `linear.solve_reusing_factor`.
         reached: `states.Reached`.
         seen: `Reading` of the last converged increment.
     """
@@ -221,18 +224,18 @@ class _Run:
     stable: Bool[Array, ""]
     carry: Carry
     end: State
-    factored: Factored | None
+    factored: FactoredMatrix | None
     reached: Reached
     seen: Reading | None
 
 
 def _unless(ok, end, touched):
     """A `State` whose results are NaN unless `ok`."""
-    return copy(end, **implicit.nan_beside(ok, common_fields(end), touched))
+    return copy_with(end, **implicit.nan_unless_probed(ok, common_fields(end), touched))
 
 
 def _teller(listen, phases):
-    """The function `tell` of `newton.march`, which reports increments to the listener."""
+    """The function `report_progress` of `newton.march`, which reports increments to the listener."""
 
     def news(number, count, factor, outcome):
         traced = {
@@ -242,10 +245,10 @@ def _teller(listen, phases):
             "load_factor": factor,
             "iterations": outcome.steps,
             "residual": outcome.residual,
-            "relative_residual": scaled.relative(outcome.residual, outcome.scale),
+            "relative_residual": scaled.relative_residual(outcome.residual, outcome.scale),
             "status": outcome.code,
         }
-        tell(listen, Increment, {"phases": phases}, lax.stop_gradient(traced))
+        report_progress(listen, Increment, {"phases": phases}, lax.stop_gradient(traced))
 
     return news
 

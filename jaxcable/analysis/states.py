@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..common.tree import copy, fill, pytree, thaw, where
+from ..common.tree import copy_with, merge_indices, pytree, select_tree, split_indices
 from ..common.types import Array, Float, Int
 from ..elements.element import Element
 from ..mechanics.assembly import System
@@ -17,7 +17,7 @@ from ..mechanics.elementwise import each
 from ..mechanics.ramp import PhaseData
 from ..model.structure import Structure
 from ..model.topology import topology_of
-from ..numerics.rooted import told
+from ..numerics.implicit_root import with_deferred_derivative
 from .preparation import Prepared
 from .results import Part, element_fields, per_element, with_peaks
 from .schedule import Schedule
@@ -48,9 +48,9 @@ class Reached:
 
     def after(self, data: PhaseData, factor: Float[Array, ""]) -> Reached:
         """The `Reached` after a phase that came to `factor`; 0 if no increment has converged."""
-        held = {name: getattr(data.freedoms, name) for name in self.held}
+        held = {name: getattr(data.dof_map, name) for name in self.held}
         new = Reached(data.number, factor, held)
-        return where(factor > 0, new, self)
+        return select_tree(factor > 0, new, self)
 
 
 def system_of(
@@ -60,8 +60,8 @@ def system_of(
     schedule: Schedule,
 ) -> System:
     """The system of a carry with the supports of `reached`, without numbering of unknowns."""
-    freedoms = copy(schedule.freedoms.of_supports, **reached.held)
-    return make_system(*frame, carry, None, freedoms)
+    dof_map = copy_with(schedule.dof_map.without_unknowns, **reached.held)
+    return make_system(*frame, carry, None, dof_map)
 
 
 def state_of(frame, carry, point, reached, schedule, seen=None):
@@ -70,32 +70,32 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
     Args:
         frame: (nodes, groups).
         carry: `Carry`.
-        point: (motion of the carry, marks) as `bare` and `marks` of `implicit.attach_apart`; marks
-            may be None.
+        point: (motion of the carry, marks) as `bare` and `marks` of
+            `implicit.attach_derivative_with_marks`; marks may be None.
         reached: `Reached`.
         schedule: `Schedule`.
         seen: `Reading` of the carry's motion, without derivatives; None to read it now.
     """
     nodes, groups = frame
     system = system_of(frame, carry, reached, schedule)
-    (motion, marks), n_node, freedoms = point, schedule.n_node, system.freedoms
+    (motion, marks), n_node, dof_map = point, schedule.n_node, system.dof_map
     space = system.space
     beside, within = _marked(system, marks)
 
     def summed(values, marked=True):  # a hinged end passes its force to its node
         if marked and marks is not None:
             values = values + beside[:, None]
-        if freedoms.rows is None:
+        if dof_map.node_of_row is None:
             return values
-        return jnp.zeros_like(values[:n_node]).at[freedoms.rows].add(values)
+        return jnp.zeros_like(values[:n_node]).at[dof_map.node_of_row].add(values)
 
     displacement = carry.motion[:n_node, :3]
-    problem = thaw((system, motion))
+    problem = split_indices((system, motion))
     if seen is None:
         found = _read(problem)
     else:
         found = {name: seen.found[name] for name in (*seen.of_ends, "end_forces")}
-        found = told(_read, found, problem)
+        found = with_deferred_derivative(_read, found, problem)
     reactions = summed(system.reactions(motion, found.pop("end_forces")))
     follow = system.followers is not None or any(group.slides for group in groups)
     load = summed(_acting(system, motion), follow)  # dead loads do not depend on the motion
@@ -117,13 +117,13 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
 
 def _read(problem):
     """What elements tell at the end of a phase, by name, from a thawed (system, motion)."""
-    system, motion = fill(*problem)
+    system, motion = merge_indices(*problem)
     names = [name for name, result in system.results().items() if result.ends]
     return system.reading(motion, *names, "end_forces")
 
 
 def _marked(system, marks):
-    """Spread the marks of rows over elements and neighbouring rows (`implicit.attach_apart`).
+    """Spread the marks of rows over elements and neighbouring rows.
 
     Marks are zero; their derivative is NaN where there is no derivative.
 
@@ -168,7 +168,9 @@ def on_nodes(structure: Structure, part: Part, per_node: Sequence[str] = ("displ
     """
     if structure.rows()[0] is None:
         return part
-    return copy(part, **{name: getattr(part, name)[:, : structure.n_node] for name in per_node})
+    return copy_with(
+        part, **{name: getattr(part, name)[:, : structure.n_node] for name in per_node}
+    )
 
 
 def arranged(structure: Structure, solution: Solution, task: Prepared) -> Solution:
@@ -187,15 +189,17 @@ def arranged(structure: Structure, solution: Solution, task: Prepared) -> Soluti
     carry = solution.last.carry
     stacks: Any = carry.loads  # of leaves each
     loads = [
-        copy(stack, load=jax.tree.unflatten(jax.tree.structure(stack.load), leaves), amplitude=None)
+        copy_with(
+            stack, load=jax.tree.unflatten(jax.tree.structure(stack.load), leaves), amplitude=None
+        )
         for stack, leaves in zip(task.loads, stacks, strict=True)
     ]
     return arrange(
         solution,
-        phases=copy(solution.phases, ends=ends, paths=paths),
+        phases=copy_with(solution.phases, ends=ends, paths=paths),
         last=arrange(
             solution.last,
-            carry=copy(carry, loads=loads),
+            carry=copy_with(carry, loads=loads),
             fixed=task.fixed,
             topology=topology_of(structure),
         ),

@@ -22,9 +22,9 @@ import jax
 import numpy as np
 
 from ..common import checks, digest
-from ..common.fusion import fuses
+from ..common.fusion import are_loops_fused
 from ..common.types import Array, Float, Int, PyTree
-from ..common.writing import create
+from ..common.writing import create_if_absent
 from . import chunk_files
 from .batches import batched
 from .chunk_files import ANEW, Identity
@@ -137,7 +137,7 @@ class Study:
             parts.append(results)
         for name in names:
             if name not in parts[0]:
-                raise ValueError(f"no result {name!r}{checks.meant(name, parts[0])}")
+                raise ValueError(f"no result {name!r}{checks.suggest_names(name, parts[0])}")
         return {name: np.concatenate([part[name] for part in parts]) for name in names or parts[0]}
 
 
@@ -193,7 +193,7 @@ def streamed(
         >>> study.missing, study.load("sag")["sag"].tolist()
         ([], [0.0, 2.5, 5.0, 7.5, 10.0])
     """
-    checks.whole(chunk, "chunk")
+    checks.require_whole_number(chunk, "chunk")
     some, count, known_cases = _cases(cases, n_case)
     rank, processes = _share(share)
     study = Study(Path(folder), count, chunk)
@@ -226,7 +226,7 @@ def _cases(cases, n_case):
     if callable(cases):
         if n_case is None:
             raise ValueError("n_case: missing; a function of cases does not tell their number")
-        checks.whole(n_case, "n_case")
+        checks.require_whole_number(n_case, "n_case")
         numbers = np.unique(np.linspace(0, n_case - 1, min(n_case, _PROBED)).astype(int))
         probed = jax.tree.map(np.asarray, cases(numbers))
         if _counts(probed) != {len(numbers)}:
@@ -258,8 +258,8 @@ def _dtype(leaf):
 def _share(share):
     """Number of this process and number of processes, checked."""
     rank, processes = share
-    checks.whole(rank, "share[0]", least=0)
-    checks.whole(processes, "share[1]")
+    checks.require_whole_number(rank, "share[0]", least=0)
+    checks.require_whole_number(processes, "share[1]")
     if rank >= processes:
         raise ValueError(f"share = {tuple(share)}: processes are numbered from 0 to share[1] - 1")
     return rank, processes
@@ -300,7 +300,7 @@ def _begin(study, compute, shapes, cases, made_by):
         "jaxcable": _version("jaxcable"),
         "jax": jax.__version__,
         "backend": jax.default_backend(),
-        "fuse_loops": fuses(),
+        "fuse_loops": are_loops_fused(),
         "function": digest.of_function(compute, shapes),
     }
     path = study.folder / _STUDY
@@ -314,7 +314,7 @@ def _begin(study, compute, shapes, cases, made_by):
                     "what it is; take another folder, or move that file away"
                 )
         study.folder.mkdir(parents=True, exist_ok=True)
-        create(path, json.dumps(told, indent=1).encode() + b"\n")
+        create_if_absent(path, json.dumps(told, indent=1).encode() + b"\n")
     known = _description(path)
     if "function" not in known:
         raise ValueError(

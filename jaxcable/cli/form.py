@@ -14,7 +14,7 @@ import numpy as np
 from ..analysis.by_group import spread
 from ..analysis.phases import ABSOLUTE, Phase
 from ..common import status
-from ..common.progress import SHOW, compiling
+from ..common.progress import SHOW, announce_compilation
 from ..common.selection import Only
 from ..common.tree import replace
 from ..files import save_scene
@@ -59,7 +59,7 @@ def run(options: Namespace) -> None:
     print(f"loads in the form: {acting.told}")
     stated: dict[str, Any]
     try:
-        with compiling(None if options.quiet else SHOW):
+        with announce_compilation(None if options.quiet else SHOW):
             if options.tension is not None:
                 tension = inputs.values(options.tension, structure, "--tension")
                 form = find_form(structure, tension, acting.loads, length=lengths)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ..common import writing
 from ..common.checks import InputWarning, UnstableWarning
-from ..common.interrupt import leave
+from ..common.interrupt import exit_interrupted
 from ..common.status import AnalysisError
 from ..files import FileError
 from ..plots.style import MADE_BY
@@ -67,7 +67,7 @@ def guarded(command: Callable[[Namespace], int | None], options: Namespace) -> i
         while thread.is_alive():
             thread.join(0.1)
     except KeyboardInterrupt:
-        leave()  # compiled programs cannot be stopped otherwise
+        exit_interrupted()  # compiled programs cannot be stopped otherwise
     (result,) = outcome
     return result if isinstance(result, int) else _exit_status(result)
 

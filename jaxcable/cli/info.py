@@ -14,7 +14,7 @@ from ..files.doubts import counted, doubts, place
 from ..loads import as_list
 from ..loads.faces import areas
 from ..model.parts import groups_by_name
-from ..spaces.freedoms import number_freedoms
+from ..spaces.dof_map import make_dof_map
 from ..stiffness.vibration import STANDARD_GRAVITY
 from . import inputs
 
@@ -48,8 +48,8 @@ def _scene(structure, phases):
         f"{int(clamped.sum())} against rotation"
     )
     rows, _ = structure.rows()
-    freedoms = number_freedoms(structure.fixed(structure.supports), rows, rigid=structure.rigid)
-    print(f"unknowns: {len(freedoms.free)}")
+    dof_map = make_dof_map(structure.fixed(structure.supports), rows, rigid=structure.rigid)
+    print(f"unknowns: {len(dof_map.free)}")
     named = groups_by_name(structure)
     for (label, group), lengths in zip(named, inputs.lengths(structure), strict=True):
         sizes, kind, unit = lengths, "lengths", "m"

@@ -8,7 +8,7 @@ from argparse import Namespace
 from importlib import resources
 from pathlib import Path
 
-from ..common.writing import written_together
+from ..common.writing import atomic_write_together
 from ..files import scene_schema
 from ..files.layout import laid_out
 from . import outputs
@@ -41,7 +41,7 @@ def run(options: Namespace) -> None:
     if not schema.exists() or (options.force and _is_scene_schema(schema)):
         texts[schema] = laid_out(scene_schema()) + "\n"
     require_writable(*texts)
-    with written_together() as begin:
+    with atomic_write_together() as begin:
         for path, text in texts.items():
             begin(path).write(text)
     name, picture = shlex.quote(str(scene)), shlex.quote(str(scene.with_suffix(".png")))

@@ -175,7 +175,7 @@ def _solve(commands):
     text = "increments with this many corrections instead of equilibrium iterations"
     command.add_argument("--corrections", type=_up_to(20), metavar="N", help=text)
     text = "default: by size"
-    command.add_argument("--linear-solver", choices=linear.offered(), help=text)
+    command.add_argument("--linear-solver", choices=linear.selectable_solver_names(), help=text)
 
 
 def _plot(commands):

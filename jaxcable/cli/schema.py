@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from pathlib import Path
 
-from ..common.writing import written
+from ..common.writing import atomic_write
 from ..files import scene_schema
 from ..files.layout import laid_out
 from . import outputs
@@ -18,6 +18,6 @@ def run(options: Namespace) -> None:
     if options.save is None:
         print(text)
         return
-    with written(options.save) as stream:
+    with atomic_write(options.save) as stream:
         stream.write(text + "\n")
     print(f'wrote {options.save}; in a scene beside it: "$schema": "{Path(options.save).name}"')

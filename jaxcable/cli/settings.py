@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import jax
 import matplotlib
 
-from ..common import fusion, keeping
+from ..common import fusion, program_store
 from .guard import say
 
 _PRECISION = "jax_enable_x64"
@@ -25,13 +25,13 @@ def of_command(quiet: bool, whole_process: bool) -> Iterator[None]:
             fuse loops. It reads its flags once and keeps them: this one is not taken back.
     """
     if whole_process:
-        fusion.ask()
+        fusion.request_fused_loops()
         matplotlib.use("Agg")  # pictures go to files; no display is needed
     double = getattr(jax.config, _PRECISION)
-    with warnings.catch_warnings(), keeping.restored():
+    with warnings.catch_warnings(), program_store.restore_kept_programs():
         with warnings.catch_warnings(record=True) as refused:
             warnings.simplefilter("always", RuntimeWarning)
-            keeping.keep_programs()
+            program_store.keep_programs()
         # of files that another process is just writing; `keep_programs` says so in the block only
         text = "Error (reading|writing) persistent compilation cache entry"
         warnings.filterwarnings("ignore", text)

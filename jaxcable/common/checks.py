@@ -58,7 +58,7 @@ class UnstableWarning(UserWarning):
     """
 
 
-def suspect(text: str, kind: type[Warning] = InputWarning) -> None:
+def warn_user(text: str, kind: type[Warning] = InputWarning) -> None:
     """Issue a warning that points at the user's line, the first one outside of this package."""
     if not _SUSPECTS.get():
         return
@@ -86,12 +86,12 @@ def without_warnings() -> Iterator[None]:
         _SUSPECTS.reset(token)
 
 
-def concrete(x: ArrayLike | None) -> np.ndarray | None:
+def array_if_known(x: ArrayLike | None) -> np.ndarray | None:
     """Return `x` as a NumPy array, or None if it is None or a traced array."""
     return None if x is None or isinstance(x, jax.core.Tracer) else np.asarray(x)
 
 
-def floats(value: Float[ArrayLike, " ..."], name: str) -> Float[ArrayLike, " ..."]:
+def as_floats(value: Float[ArrayLike, " ..."], name: str) -> Float[ArrayLike, " ..."]:
     """Return `value` as an array of floats; integers become the default float type.
 
     Lists and numbers become NumPy arrays, arrays of jax stay theirs. ValueError names the argument
@@ -124,19 +124,19 @@ def _describe_content(array, value):
     return type(value).__name__ if array.dtype == object else array.dtype
 
 
-def scalar(value: Float[ArrayLike, ""], name: str) -> Float[ArrayLike, ""]:
+def as_scalar(value: Float[ArrayLike, ""], name: str) -> Float[ArrayLike, ""]:
     """Return `value` as a float; raise ValueError if it is an array with axes."""
-    number = floats(value, name)
+    number = as_floats(value, name)
     if number.ndim:
         raise ValueError(f"{name}: expected a scalar, got shape {number.shape}")
     return number
 
 
-def shaped(
+def floats_of_shape(
     value: Float[ArrayLike, " ..."], name: str, *shapes: tuple[int, ...], hint: str = ""
 ) -> Float[ArrayLike, " ..."]:
     """Return `value` as floats; raise ValueError unless its shape is one of `shapes`."""
-    array = floats(value, name)
+    array = as_floats(value, name)
     if array.shape not in shapes:
         words = ["a scalar"] * (() in shapes)
         words += ["shape " + " or ".join(str(shape) for shape in shapes if shape)]
@@ -144,19 +144,19 @@ def shaped(
     return array
 
 
-def one_of(value: str, name: str, known: Sequence[str]) -> None:
-    """Raise ValueError unless `value` is one of the words in `known`."""
+def require_one_of(value: str, name: str, known: Sequence[str]) -> None:
+    """Raise ValueError unless `value` is one of the words in `require_known_nodes`."""
     if value not in known:
         raise ValueError(f"{name} = {value!r}: expected one of {', '.join(known)}")
 
 
-def per_element(
+def floats_per_element(
     value: Float[ArrayLike, " n_elem"] | None, n_elem: int, name: str
 ) -> Float[ArrayLike, " n_elem"] | None:
     """Return `value`, a scalar or [n_elem], as floats [n_elem]; None stays None."""
     if value is None:
         return None
-    array = floats(value, name)
+    array = as_floats(value, name)
     if array.shape not in ((), (n_elem,)):
         raise ValueError(
             f"{name}: expected a scalar or shape ({n_elem},), one value per element, "
@@ -169,7 +169,7 @@ def per_element(
     return array
 
 
-def mask(value: ArrayLike) -> Bool[np.ndarray, " ..."] | None:
+def as_boolean_mask(value: ArrayLike) -> Bool[np.ndarray, " ..."] | None:
     """Return `value` as a NumPy array if it holds booleans only; None if it holds anything else."""
     try:
         array = np.asarray(value)
@@ -178,7 +178,7 @@ def mask(value: ArrayLike) -> Bool[np.ndarray, " ..."] | None:
     return array if array.dtype == bool else None
 
 
-def integers(
+def as_indices(
     value: Int[ArrayLike, " ..."], name: str, width: int | None = None, things: str = "node"
 ) -> Int[np.ndarray, " ..."]:
     """Return indices of `things` as a NumPy array of int32, [n] or [n, width]; refuse all else."""
@@ -210,7 +210,7 @@ def integers(
     return array.astype(np.int32)
 
 
-def whole(value: Any, name: str, least: int = 1) -> None:
+def require_whole_number(value: Any, name: str, least: int = 1) -> None:
     """Raise ValueError unless `value` is a whole number of at least `least`."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise ValueError(f"{name} = {value!r}: expected a whole number of at least {least}")
@@ -223,7 +223,7 @@ def holds_boolean(value: Any) -> bool:
     return isinstance(value, bool | np.bool_)
 
 
-def known(numbers: Int[np.ndarray, " ..."], n_node: int, name: str) -> None:
+def require_known_nodes(numbers: Int[np.ndarray, " ..."], n_node: int, name: str) -> None:
     """Raise ValueError for the first of `numbers` that is no node of the structure.
 
     Args:
@@ -242,14 +242,14 @@ def known(numbers: Int[np.ndarray, " ..."], n_node: int, name: str) -> None:
         )
 
 
-def kind(thing: object, example: str) -> str:
+def describe_type(thing: object, example: str) -> str:
     """Name the type of `thing` for an error message; of a class say that it should be called."""
     if isinstance(thing, type):
         return f"the class {thing.__name__} itself; call it, as in {example}"
     return type(thing).__name__
 
 
-def meant(name: object, names: Iterable[object]) -> str:
+def suggest_names(name: object, names: Iterable[object]) -> str:
     """Return the end of a message on an unknown name: the known names and the most similar one."""
     known = list(names)
     near = difflib.get_close_matches(str(name), [str(one) for one in known], n=1)

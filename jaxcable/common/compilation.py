@@ -13,14 +13,14 @@ from typing import Any
 
 import jax
 
-from .jax_internals import is_tracing, quick_options
-from .keeping import argument_signature, load_or_compile
-from .progress import compiling
+from .jax_internals import is_tracing, quick_compile_options
+from .program_store import argument_signature, load_or_compile
+from .progress import announce_compilation
 
-# Unknowns up to which a program is compiled with `quick_options`: it is as fast for some hundred,
-# and up to half as slow again for thousands.
+# Unknowns up to which a program is compiled with `quick_compile_options`: it is as fast for some
+# hundred, and up to half as slow again for thousands.
 _QUICK_UNKNOWNS = 400
-MOST = 32
+MOST_PROGRAMS = 32
 """Programs of a function that are known at the same time, so that a process does not grow."""
 _SETTINGS = (
     *("jax_enable_x64", "jax_default_device", "jax_default_matmul_precision"),
@@ -30,14 +30,14 @@ _DEBUG_SETTINGS = "jax_disable_jit", "jax_debug_nans", "jax_debug_infs"
 """Settings by which jax runs every operation by itself, or checks it."""
 
 
-def program(function, static=()):
+def jit_program(function, static=()):
     """Compile a function as `jax.jit` does; it takes one more argument, ``size``: its unknowns.
 
     A program with few unknowns is compiled quickly. Called by itself, the function is compiled here
-    and not by `jax.jit`: the last `MOST` programs are known, and no more; they may come from disk
-    (`keeping`). Inside of another program the function is compiled as part of that program, and
-    `size` is ignored. A function with a static argument ``alone`` is told whether it is called by
-    itself.
+    and not by `jax.jit`: the last `MOST_PROGRAMS` programs are known, and no more; they may come
+    from disk (`program_store`). Inside of another program the function is compiled as part of that
+    program, and `size` is ignored. A function with a static argument ``alone`` is told whether it
+    is called by itself.
 
     Args:
         function: its arguments are pytrees of arrays.
@@ -49,11 +49,11 @@ def program(function, static=()):
     @functools.wraps(function)
     def run(*arguments, size, **options):
         leaves, tree = jax.tree.flatten(arguments)
-        alone = by_itself(leaves)
+        alone = is_top_level_call(leaves)
         if "alone" in static:
             options["alone"] = alone
         if not alone or any(getattr(jax.config, name, False) for name in _DEBUG_SETTINGS):
-            with without_collection():
+            with without_garbage_collection():
                 return plain(*arguments, **options)
         small = size <= _QUICK_UNKNOWNS
         key = (
@@ -69,7 +69,7 @@ def program(function, static=()):
             compiled = _compile_or_load(function, arguments, leaves, options, small)
         with lock:
             known[key] = compiled  # as the last one
-            while len(known) > MOST:
+            while len(known) > MOST_PROGRAMS:
                 known.popitem(last=False)
         return compiled(*leaves)
 
@@ -89,11 +89,11 @@ def _compile_or_load(function, arguments, leaves, options, small):
         return function(*tree.unflatten(leaves), **options)
 
     def compiled():
-        quick = quick_options() if small else None
-        with compiling(options.get("listen")):
+        quick = quick_compile_options() if small else None
+        with announce_compilation(options.get("listen")):
             return jax.jit(own, compiler_options=quick).trace(*leaves).lower().compile()
 
-    with without_collection():
+    with without_garbage_collection():
         return load_or_compile(compiled, words, arguments, options)
 
 
@@ -138,7 +138,7 @@ def program_settings() -> tuple[Any, ...]:
 
 
 @contextlib.contextmanager
-def without_collection() -> Iterator[None]:
+def without_garbage_collection() -> Iterator[None]:
     """Pause Python's garbage collector of cyclic references during a block.
 
     To trace a program makes a million objects, hardly any of them garbage; the collector would take
@@ -162,7 +162,7 @@ _lock = threading.Lock()
 _enabled: list[bool] = []  # whether the collector ran when each of the threads that trace came
 
 
-def by_itself(leaves: Sequence[Any]) -> bool:
+def is_top_level_call(leaves: Sequence[Any]) -> bool:
     """Tell whether a call with these arrays is a program of its own, not a part of another one."""
     if any(isinstance(x, jax.core.Tracer) for x in leaves):
         return False

@@ -15,7 +15,13 @@ import warnings
 import jax
 import jaxlib
 
-from .jax_internals import TESTED, fusion_flag, has_xla_started, missing, xla_flags_in_effect
+from .jax_internals import (
+    TESTED,
+    fusion_flag,
+    has_xla_started,
+    warn_missing_feature,
+    xla_flags_in_effect,
+)
 
 _BYTES = 1_000_000_000  # more than a loop over any net touches: no limit in effect
 
@@ -43,11 +49,11 @@ def fuse_loops() -> None:
     refused = _reason_against_fusion()
     if refused:
         warnings.warn(f"fuse_loops: {refused}", RuntimeWarning, stacklevel=2)
-    elif ask() and has_xla_started() is None:
-        missing("started")
+    elif request_fused_loops() and has_xla_started() is None:
+        warn_missing_feature("started")
 
 
-def ask() -> bool:
+def request_fused_loops() -> bool:
     """Set the flags by which XLA fuses loops; return False if that is impossible or too late."""
     if _reason_against_fusion():
         return False
@@ -55,12 +61,12 @@ def ask() -> bool:
         with contextlib.suppress(AttributeError):  # it is not in every version of jax
             jax.config.update("jax_cpu_enable_async_dispatch", False)
         flag = fusion_flag(_BYTES)
-        if flag is not None and not fuses():
+        if flag is not None and not are_loops_fused():
             os.environ["XLA_FLAGS"] = _add_flag_option(os.environ.get("XLA_FLAGS", ""), *flag)
     return True
 
 
-def fuses() -> bool:
+def are_loops_fused() -> bool:
     """Tell whether XLA's flags ask for fused loops of any size."""
     flag = fusion_flag(_BYTES)
     return flag is not None and flag[1] in xla_flags_in_effect()
@@ -74,7 +80,7 @@ def _reason_against_fusion():
             f"XLA's option is known for jaxlib {first} up to {end} only, and an unknown option "
             f"would end this process; this is jaxlib {jaxlib.__version__}, and nothing is changed"
         )
-    if fuses():
+    if are_loops_fused():
         return None
     if has_xla_started():
         return "jax has already computed something and reads no more flags; call it earlier"

@@ -19,7 +19,7 @@ UNFINISHED_FILES: list[str] = []
 """Names of files that are being written: an interrupted process removes them."""
 
 
-def leave(*_: Any) -> NoReturn:
+def exit_interrupted(*_: Any) -> NoReturn:
     """End the process with a one-line message, and remove files that are not written completely."""
     for name in UNFINISHED_FILES:
         with contextlib.suppress(OSError):
@@ -37,4 +37,4 @@ def is_command_line() -> bool:
 
 
 if is_command_line() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-    signal.signal(signal.SIGINT, leave)
+    signal.signal(signal.SIGINT, exit_interrupted)

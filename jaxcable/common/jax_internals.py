@@ -1,17 +1,17 @@
 """Names of jax and XLA that may change from version to version, each with what replaces it.
 
 Everything that the package takes from jax beyond its documented interface is here, as are the
-options of XLA. A name that is missing costs speed, never a result: `missing` says once what is
-lost. The names were there in jax 0.10 to 0.12 (`TESTED`), if nothing else is said. When jax 0.10 is
-no longer supported, some of it is needless, with its guards:
+options of XLA. A name that is missing costs speed, never a result: `warn_missing_feature` says once
+what is lost. The names were there in jax 0.10 to 0.12 (`TESTED`), if nothing else is said. When jax
+0.10 is no longer supported, some of it is needless, with its guards:
 
-- `primitive` for roots: since jax 0.12 `lax.custom_root` has its second derivatives in the
+- `define_primitive` for roots: since jax 0.12 `lax.custom_root` has its second derivatives in the
   reverse mode of a `lax.scan`, too. It stays for functions as a whole (`custom_vmap` has no
   reverse mode, jax-ml/jax#9073) and for linear maps (`linear_call` has no `jax.vmap`,
   jax-ml/jax#13283).
 - `register_host_function`: jax keeps programs with callbacks since jax-ml/jax#38405; but a callback
   makes arrays of jax, for which a busy program can wait for ever.
-- `quick_options`: XLA has no older emitters since jax 0.12.
+- `quick_compile_options`: XLA has no older emitters since jax 0.12.
 
 `program_serializer`, `jax_settings`, `reset_jax_cache` and `without_jax_cache` are needless once
 jax keeps programs by a key that is known before they are traced.
@@ -54,7 +54,7 @@ _LOSSES = {
 _warned_features: set[str] = set()
 
 
-def missing(feature: str) -> None:
+def warn_missing_feature(feature: str) -> None:
     """Warn, once in a process, what is lost because jax lacks a feature, a key of `_LOSSES`."""
     if feature not in _warned_features:
         _warned_features.add(feature)
@@ -77,7 +77,7 @@ _jaxpr_tools = _import_names("jax.extend.core", "Primitive", "ClosedJaxpr", "jax
 _rule_modules = _import_names("jax.interpreters", "ad", "batching", "mlir")
 
 
-def primitive(
+def define_primitive(
     name: str,
     evaluated: Callable[..., Any],
     shape: Callable[..., Any],
@@ -119,7 +119,7 @@ def primitive(
     return made if all(used) else None
 
 
-def is_zero(tangent: Any) -> bool:
+def is_zero_tangent(tangent: Any) -> bool:
     """Tell, within a rule, whether a tangent or cotangent is jax's symbolic zero, no array."""
     return isinstance(tangent, _rule_modules[0].Zero)
 
@@ -129,12 +129,12 @@ def zero_tangent(x: Any) -> Any:
     return _rule_modules[0].Zero(jax.typeof(x).to_tangent_aval())
 
 
-def as_array(tangent: Any) -> Any:
+def instantiate_tangent(tangent: Any) -> Any:
     """Return, within a rule, a tangent as an array, also if it is a symbolic zero."""
     return _rule_modules[0].instantiate_zeros(tangent)
 
 
-def is_sought(argument: Any) -> bool:
+def is_undefined_primal(argument: Any) -> bool:
     """Tell, within a rule of the transpose, whether the cotangent of this argument is asked for."""
     return _rule_modules[0].is_undefined_primal(argument)
 
@@ -144,22 +144,24 @@ def abstract_array(x: Any) -> Any:
     return jax.core.ShapedArray(x.shape, x.dtype)
 
 
-def opened(function: Callable[[Any], Any], x: Any) -> tuple[Callable[[Any, Any], Any], Any]:
+def convert_closure(
+    function: Callable[[Any], Any], x: Any
+) -> tuple[Callable[[Any, Any], Any], Any]:
     """Convert a closure: return a function of x and of the captured values, and these values."""
     if _jaxpr_tools is None:
         converted, values = jax.closure_convert(function, x)
         return lambda x, values: converted(x, *values), values
     program = jax.make_jaxpr(function)(x)
-    return lambda x, values: closed(program.jaxpr, values)(x)[0], program.consts
+    return lambda x, values: bind_constants(program.jaxpr, values)(x)[0], program.consts
 
 
-def closed(jaxpr: Any, constants: Sequence[Any]) -> Callable[..., Any]:
+def bind_constants(jaxpr: Any, constants: Sequence[Any]) -> Callable[..., Any]:
     """Return the function that a jaxpr computes with the given constants."""
     _, make, function = _jaxpr_tools
     return function(make(jaxpr, constants))
 
 
-def function_of(program: Any) -> Callable[..., Any]:
+def function_of_jaxpr(program: Any) -> Callable[..., Any]:
     """Return the function that a jaxpr of `jax.make_jaxpr` computes."""
     return _jaxpr_tools[2](program)
 
@@ -202,7 +204,7 @@ def has_xla_started() -> bool | None:
 
 
 @functools.cache
-def quick_options() -> dict[str, Any] | None:
+def quick_compile_options() -> dict[str, Any] | None:
     """Return options with which XLA compiles small programs in half the time, or None.
 
     XLA's older emitters of CPU code are as fast for some hundred unknowns, and take up to half as

@@ -15,7 +15,7 @@ import numpy as np
 _IMMUTABLE = (type(None), bool, int, float, complex, str, bytes, jax.Array, np.generic)
 
 
-def owned(value: Any, is_owner: type | tuple[type, ...] = ()) -> Any:
+def owned_copy(value: Any, is_owner: type | tuple[type, ...] = ()) -> Any:
     """Copy the NumPy arrays, lists and dicts of a pytree; the copies of arrays are read-only.
 
     Arrays of jax, which nobody can change, are not copied, nor are arrays that are such copies.
@@ -30,15 +30,15 @@ def owned(value: Any, is_owner: type | tuple[type, ...] = ()) -> Any:
     if isinstance(value, _IMMUTABLE) or hasattr(kind, "_all_fields") or isinstance(value, is_owner):
         return value
     if kind is dict:
-        return {key: owned(item, is_owner) for key, item in value.items()}
+        return {key: owned_copy(item, is_owner) for key, item in value.items()}
     if kind is list or kind is tuple:
-        return kind([owned(item, is_owner) for item in value])
+        return kind([owned_copy(item, is_owner) for item in value])
     if isinstance(value, np.ndarray):  # a subclass, such as a file in memory
         return _read_only_copy(value)
     leaves, tree = jax.tree.flatten(value, is_leaf=lambda x: x is not value)
     if len(leaves) == 1 and leaves[0] is value:
         return value
-    return jax.tree.unflatten(tree, [owned(leaf, is_owner) for leaf in leaves])
+    return jax.tree.unflatten(tree, [owned_copy(leaf, is_owner) for leaf in leaves])
 
 
 def _is_read_only(array):

@@ -103,8 +103,8 @@ class ProgramFolder:
     def write(self, key: str, text: bytes) -> None:
         """Write a file completely or not at all: the folder may be full, or read-only.
 
-        Not by `writing.written`: only the user may read it, and a file that is lost when the power
-        fails is compiled anew, so that nothing waits for the disk.
+        Not by `writing.atomic_write`: only the user may read it, and a file that is lost when the
+        power fails is compiled anew, so that nothing waits for the disk.
         """
         name = None
         try:

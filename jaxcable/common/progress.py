@@ -194,7 +194,7 @@ SHOW = Printer()
 """The listener for ``progress=True``: always the same object, so that nothing is recompiled."""
 
 
-def listener(progress: bool | Callable[[Any], object] | None) -> Callable[[Any], object] | None:
+def as_listener(progress: bool | Callable[[Any], object] | None) -> Callable[[Any], object] | None:
     """Return the function to call with reports of progress, or None if there is none to call.
 
     Args:
@@ -215,8 +215,8 @@ def listener(progress: bool | Callable[[Any], object] | None) -> Callable[[Any],
 
 
 @contextlib.contextmanager
-def hearing(listen: Callable[[Any], object] | None) -> Iterator[None]:
-    """Set, for a block, the listener of `compiling` where that is given none."""
+def with_compile_listener(listen: Callable[[Any], object] | None) -> Iterator[None]:
+    """Set, for a block, the listener of `announce_compilation` where that is given none."""
     token = _COMPILE_LISTENER.set(listen)
     try:
         yield
@@ -225,10 +225,11 @@ def hearing(listen: Callable[[Any], object] | None) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def compiling(listen: Callable[[Any], object] | None) -> Iterator[None]:
+def announce_compilation(listen: Callable[[Any], object] | None) -> Iterator[None]:
     """Print "compiling" if the block takes long and nothing has been reported meanwhile.
 
-    Nothing is printed unless `listen`, or else the listener set by `hearing`, is a `Printer`.
+    Nothing is printed unless `listen`, or else the listener set by `with_compile_listener`, is a
+    `Printer`.
     """
     listen = _COMPILE_LISTENER.get() if listen is None else listen
     if not isinstance(listen, Printer):
@@ -249,7 +250,7 @@ def compiling(listen: Callable[[Any], object] | None) -> Iterator[None]:
         timer.cancel()
 
 
-def tell(
+def report_progress(
     listen: Callable[[Any], object],
     kind: type[Increment] | type[Step] | type[Trial],
     known: Mapping[str, Any],
@@ -288,6 +289,6 @@ def _make_reporter(listen, kind, known, names):
 
 @host_calls.host_function_family
 def make_printing_reporter(kind, field, number, *names):
-    """Return the NumPy function that prints a report with `SHOW`; called by `tell`."""
+    """Return the NumPy function that prints a report with `SHOW`; called by `report_progress`."""
     kinds = {cls.__name__: cls for cls in (Increment, Step, Trial)}
     return _make_reporter(SHOW, kinds[kind], {field: int(number)}, names)

@@ -3,7 +3,8 @@
 A constructor cannot look at a number that is being traced. An object with rules therefore lists
 them in ``rules()``: its constructor refuses known numbers that break a rule (`refuse`), and the
 compiled core of an analysis, in which all numbers are traced, ends in a status if one is broken
-(`kept`). Functions that only compute numbers, outside of any analysis, return NaN (`or_nan`).
+(`are_rules_kept`). Functions that only compute numbers, outside of any analysis, return NaN
+(`nan_if_broken`).
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .checks import concrete
-from .tree import Each
+from .checks import array_if_known
+from .tree import PerElement
 from .types import Array, ArrayLike, Bool, Float, PyTree
 
 
@@ -55,7 +56,9 @@ def not_negative(
     return Rule(name, values, lambda v: v < 0, text)
 
 
-def whole(name: str, values: ArrayLike | None, text: str = "expected a whole number") -> Rule:
+def whole_number(
+    name: str, values: ArrayLike | None, text: str = "expected a whole number"
+) -> Rule:
     """Return the rule that numbers have no fraction."""
 
     def broken(v):
@@ -65,13 +68,13 @@ def whole(name: str, values: ArrayLike | None, text: str = "expected a whole num
     return Rule(name, values, broken, text)
 
 
-def refuse(rules: Sequence[Rule]) -> None:
+def refuse_if_broken(rules: Sequence[Rule]) -> None:
     """Raise ValueError for the first rule that known numbers break, naming argument and index.
 
     Traced numbers and NaN pass.
     """
     for rule in rules:
-        values: list[Any] = [concrete(v) for v in _values_as_tuple(rule.values)]
+        values: list[Any] = [array_if_known(v) for v in _values_as_tuple(rule.values)]
         if any(value is None for value in values):
             continue
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -86,7 +89,9 @@ def refuse(rules: Sequence[Rule]) -> None:
         raise ValueError(f"{rule.name}{where}{shown}: {rule.text}")
 
 
-def kept(rules: Sequence[Rule], among: Bool[ArrayLike, " ..."] | None = None) -> Bool[Array, ""]:
+def are_rules_kept(
+    rules: Sequence[Rule], among: Bool[ArrayLike, " ..."] | None = None
+) -> Bool[Array, ""]:
     """Return whether traced numbers keep all rules, a scalar bool.
 
     Args:
@@ -102,18 +107,18 @@ def kept(rules: Sequence[Rule], among: Bool[ArrayLike, " ..."] | None = None) ->
     return sound
 
 
-def or_nan(rule: Rule) -> Float[ArrayLike, " ..."]:
+def nan_if_broken(rule: Rule) -> Float[ArrayLike, " ..."]:
     """Return the values of a rule; refuse known ones that break it, replace traced ones by NaN."""
-    refuse([rule])
+    refuse_if_broken([rule])
     values = _values_as_tuple(rule.values)
-    if all(concrete(v) is not None for v in values):
+    if all(array_if_known(v) is not None for v in values):
         return values[0]
     return jnp.where(rule.broken(*values), jnp.nan, values[0])
 
 
-def rules_of(tree: PyTree[Any]) -> list[Rule]:
+def collect_rules(tree: PyTree[Any]) -> list[Rule]:
     """Collect the rules of all objects in a tree of pytree objects, lists, tuples and dicts."""
-    if isinstance(tree, Each):
+    if isinstance(tree, PerElement):
         return [_rule_of_each_element(tree)]
     rules = tree.rules() if hasattr(tree, "rules") else []
     if dataclasses.is_dataclass(tree):
@@ -124,15 +129,17 @@ def rules_of(tree: PyTree[Any]) -> list[Rule]:
         parts = tree.values()
     else:
         parts = []
-    return [*rules, *(rule for part in parts for rule in rules_of(part))]
+    return [*rules, *(rule for part in parts for rule in collect_rules(part))]
 
 
 def _rule_of_each_element(tree):
-    """Return a rule for `Each`: an element breaks it if its object breaks any of its own."""
+    """Return a rule for `PerElement`: an element breaks it if its object breaks any of its own."""
     leaves, shape = jax.tree.flatten(tree.every)
 
     def broken(*leaves):
-        return jax.vmap(lambda *one: ~kept(rules_of(jax.tree.unflatten(shape, one))))(*leaves)
+        return jax.vmap(
+            lambda *one: ~are_rules_kept(collect_rules(jax.tree.unflatten(shape, one)))
+        )(*leaves)
 
     return Rule("every", tuple(leaves), broken, "breaks a rule of its class")
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import checks
-from .tree import Indices, put, pytree
+from .tree import Indices, pytree, set_fields
 from .types import Array, ArrayLike, Bool, Float, Int
 
 
@@ -29,19 +29,19 @@ class _ElementSubset:
                 "elements: a selection of elements is topology and cannot be traced; pass NumPy "
                 "integers or booleans, or trace the values: jnp.where(mask, values, others)"
             )
-        mask = checks.mask(elements)
+        mask = checks.as_boolean_mask(elements)
         if mask is not None:
             if mask.ndim != 1:
                 raise ValueError(f"elements: expected booleans [n_elem], got shape {mask.shape}")
-            put(self, count=len(mask))
+            set_fields(self, count=len(mask))
             elements = np.flatnonzero(mask)
-        elements = checks.integers(elements, "elements", things="element")
+        elements = checks.as_indices(elements, "elements", things="element")
         if len(np.unique(elements)) < len(elements):
             repeated = np.flatnonzero(np.bincount(elements) > 1)[0]
             raise ValueError(f"elements: element {repeated} is named twice")
-        put(self, elements=Indices(elements))
+        set_fields(self, elements=Indices(elements))
 
-    def chosen(self, n_elem: int, name: str) -> Bool[np.ndarray, " n_elem"]:
+    def element_mask(self, n_elem: int, name: str) -> Bool[np.ndarray, " n_elem"]:
         """Return a mask [n_elem], NumPy, of the elements; ValueError if the group lacks one."""
         if self.count not in (None, n_elem):
             raise ValueError(
@@ -102,20 +102,20 @@ class Only(_ElementSubset):
 
     def __post_init__(self):
         self._set_element_indices()
-        values, count = checks.floats(self.values, "values"), len(self.elements)
+        values, count = checks.as_floats(self.values, "values"), len(self.elements)
         if values.ndim < 2 or len(values) != count:  # components are checked by the group
-            checks.per_element(values, count, "values")
+            checks.floats_per_element(values, count, "values")
         # one value for all stays one: a search then has one unknown (`design.tune`)
-        put(self, values=values)
+        set_fields(self, values=values)
 
-    def spread(self, others: Float[ArrayLike, " n_elem"]) -> Float[Array, " n_elem"]:
+    def merged_with(self, others: Float[ArrayLike, " n_elem"]) -> Float[Array, " n_elem"]:
         """Return an array [n_elem] with the values at their elements, and `others` elsewhere."""
         values = jnp.asarray(self.values)
         return jnp.asarray(others, values.dtype).at[self.elements.array].set(values)
 
 
 @pytree(static=("names",))
-class Named:
+class WholeGroups:
     """Whole groups of elements, by their keys in the structure's elements.
 
     Args:
@@ -129,7 +129,7 @@ class Named:
 
     def __post_init__(self):
         names = (self.names,) if isinstance(self.names, str) else tuple(self.names)
-        put(self, names=names)
+        set_fields(self, names=names)
         if not names:
             raise ValueError("names: an empty list names no group")
 
@@ -157,9 +157,9 @@ def only(
     Example:
         >>> stated = jc.only([0, 3], 200.0)
         >>> phase = jc.Phase(pretension=stated)  # the other elements keep their state
-        >>> print(stated.spread(np.zeros(5)))
+        >>> print(stated.merged_with(np.zeros(5)))
         [200.   0.   0. 200.   0.]
-        >>> print(jc.only([0, 3]).chosen(5, "elements"))
+        >>> print(jc.only([0, 3]).element_mask(5, "elements"))
         [ True False False  True False]
     """
     return Selection(elements) if values is None else Only(elements, values)

@@ -1,9 +1,9 @@
 """Frozen dataclasses as pytrees, with topology kept apart from numbers.
 
 Numbers (coordinates, stiffness, loads) are leaves. Topology (numbers of nodes, supports) is static
-metadata in an `Indices`, hashed by digest. Before the compiled core is entered, `thaw` takes the
-index arrays out of the metadata, so that they become arguments: two nets of equal shape then share
-one compilation, and no index array becomes a constant of a program.
+metadata in an `Indices`, hashed by digest. Before the compiled core is entered, `split_indices`
+takes the index arrays out of the metadata, so that they become arguments: two nets of equal shape
+then share one compilation, and no index array becomes a constant of a program.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .owned import owned
+from .owned import owned_copy
 from .summary import summarize
 from .types import Array, ArrayLike, Bool, Float, Int, PyTree
 
@@ -89,7 +89,7 @@ def pytree(
 ) -> Any:
     """Make `cls` a frozen dataclass and a pytree, whose leaves are all fields but those named here.
 
-    Constructors keep read-only copies of NumPy arrays, lists and dicts (`owned`). Unlike with
+    Constructors keep read-only copies of NumPy arrays, lists and dicts (`owned_copy`). Unlike with
     `jax.tree_util.register_dataclass`, unflattening does not run `__post_init__`: constructors may
     validate values, while transformations may put any leaf in a field.
 
@@ -116,7 +116,7 @@ def pytree(
         construct(obj, *arguments, **options)
         values = obj.__dict__
         for name in data:
-            values[name] = owned(values[name])
+            values[name] = owned_copy(values[name])
 
     cls.__init__ = init
 
@@ -137,7 +137,7 @@ def pytree(
     return cls
 
 
-def once(function: Callable[[Any], _T]) -> Callable[[Any], _T]:
+def computed_once(function: Callable[[Any], _T]) -> Callable[[Any], _T]:
     """Decorate a function of one immutable object, so that its result is stored in the object."""
     name = f"_{function.__name__}_once"
 
@@ -151,12 +151,12 @@ def once(function: Callable[[Any], _T]) -> Callable[[Any], _T]:
     return kept
 
 
-def put(obj: object, **values: Any) -> None:
+def set_fields(obj: object, **values: Any) -> None:
     """Set fields of an object of a frozen class, in its constructor."""
     vars(obj).update(values)
 
 
-def copy(obj: _T, **changes: Any) -> _T:
+def copy_with(obj: _T, **changes: Any) -> _T:
     """Copy a `pytree` object with some fields changed, without running its constructor."""
     new, values = object.__new__(type(obj)), obj.__dict__
     fields = type(obj)._all_fields  # type: ignore[attr-defined]  # an object of a `pytree` class
@@ -165,7 +165,7 @@ def copy(obj: _T, **changes: Any) -> _T:
 
 
 @pytree
-class Each:
+class PerElement:
     """One object for every element, such as a law or a section; its leaves have an axis [n_elem].
 
     An element group has it in the place of a single object that all its elements share.
@@ -177,14 +177,16 @@ class Each:
     every: PyTree[Float[Array, "n_elem ..."]]
 
 
-def kind(obj: Any) -> Any:
-    """Return the object with the static members: `obj`, or all objects of `Each` as one."""
-    return obj.every if isinstance(obj, Each) else obj
+def template_of(obj: Any) -> Any:
+    """Return the object with the static members: `obj`, or all objects of `PerElement` as one."""
+    return obj.every if isinstance(obj, PerElement) else obj
 
 
-def changed(function: Callable[[Any], Any], obj: Any) -> Any:
+def apply_to_each(function: Callable[[Any], Any], obj: Any) -> Any:
     """Return ``function(obj)``; for `Each` apply the function to the object of every element."""
-    return Each(jax.vmap(function)(obj.every)) if isinstance(obj, Each) else function(obj)
+    return (
+        PerElement(jax.vmap(function)(obj.every)) if isinstance(obj, PerElement) else function(obj)
+    )
 
 
 def replace(obj: _T, **changes: Any) -> _T:
@@ -208,11 +210,11 @@ def replace(obj: _T, **changes: Any) -> _T:
         >>> jc.replace(phases[1], increments=4).increments
         4
     """
-    fields = dataclasses.fields(obj)  # type: ignore[arg-type]  # as in `copy`
+    fields = dataclasses.fields(obj)  # type: ignore[arg-type]  # as in `copy_with`
     unknown = set(changes) - {f.name for f in fields if f.init}
     if unknown:
         raise ValueError(f"replace: {type(obj).__name__} has no field {sorted(unknown)[0]!r}")
-    return dataclasses.replace(obj, **changes)  # type: ignore[type-var]  # as in `copy`
+    return dataclasses.replace(obj, **changes)  # type: ignore[type-var]  # as in `copy_with`
 
 
 def _has_index_fields(obj):
@@ -220,12 +222,12 @@ def _has_index_fields(obj):
     return bool(getattr(type(obj), "_index_fields", ()))
 
 
-def plain(indices: Indices | Int[ArrayLike, " ..."]) -> Int[ArrayLike, " ..."]:
+def index_array(indices: Indices | Int[ArrayLike, " ..."]) -> Int[ArrayLike, " ..."]:
     """Return the index array: that of `Indices`, or the array that replaces them in a program."""
     return indices.array if isinstance(indices, Indices) else indices
 
 
-def places(array: Int[ArrayLike, " ..."]) -> Int[np.ndarray, " ..."]:
+def unsigned_indices(array: Int[ArrayLike, " ..."]) -> Int[np.ndarray, " ..."]:
     """Return indices as unsigned integers, so that programs need no code for negative ones.
 
     Arrays with negative entries, and arrays that are not signed integers, are returned unchanged.
@@ -236,15 +238,15 @@ def places(array: Int[ArrayLike, " ..."]) -> Int[np.ndarray, " ..."]:
     return array.astype(np.uint32)
 
 
-def thaw(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
+def split_indices(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
     """Split `tree` into a tree with slots in the place of `Indices`, and the list of index arrays.
 
-    In a tree that `fill` has made, index arrays take the place of `Indices`.
+    In a tree that `merge_indices` has made, index arrays take the place of `Indices`.
     """
     arrays = []
 
     def slot(value):
-        arrays.append(places(value.array) if isinstance(value, Indices) else value)
+        arrays.append(unsigned_indices(value.array) if isinstance(value, Indices) else value)
         return _IndexSlot(len(arrays) - 1)
 
     def visit(obj):
@@ -260,20 +262,20 @@ def thaw(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
         values = vars(obj)
         if _has_index_fields(obj):
             names = (name for name in obj._index_fields if values[name] is not None)
-            return copy(obj, **{name: slot(values[name]) for name in names})
+            return copy_with(obj, **{name: slot(values[name]) for name in names})
         if _NO_INDICES in values:
             return obj
         changes = {name: visit(values[name]) for name in obj._data_fields}
         changes = {name: value for name, value in changes.items() if value is not values[name]}
         if changes:
-            return copy(obj, **changes)
+            return copy_with(obj, **changes)
         values[_NO_INDICES] = True  # it need not be searched again
         return obj
 
     return visit(tree), arrays
 
 
-def cast(tree: _T, dtype: Any) -> _T:
+def cast_floats(tree: _T, dtype: Any) -> _T:
     """Return a tree of jax arrays, with all floats converted to `dtype`."""
 
     def cast_leaf(x):
@@ -283,21 +285,21 @@ def cast(tree: _T, dtype: Any) -> _T:
     return jax.tree.map(cast_leaf, tree)
 
 
-def fill(tree: _T, arrays: Sequence[Int[ArrayLike, " ..."]]) -> _T:
-    """Undo `thaw`: put index arrays, which may be traced, into the slots of a tree."""
+def merge_indices(tree: _T, arrays: Sequence[Int[ArrayLike, " ..."]]) -> _T:
+    """Undo `split_indices`: put index arrays, which may be traced, into the slots of a tree."""
 
     def visit(obj):
         if not _has_index_fields(obj):
             return obj
         values = {n: getattr(obj, n) for n in obj._index_fields}
-        return copy(
+        return copy_with(
             obj, **{n: arrays[v.number] for n, v in values.items() if isinstance(v, _IndexSlot)}
         )
 
     return jax.tree.map(visit, tree, is_leaf=_has_index_fields)
 
 
-def stacked(trees: Sequence[_T]) -> _T:
+def stack_trees(trees: Sequence[_T]) -> _T:
     """Stack the leaves of trees of equal structure, by NumPy unless one is traced."""
 
     def stack(*leaves):
@@ -309,7 +311,7 @@ def stacked(trees: Sequence[_T]) -> _T:
     return jax.tree.map(stack, *trees)
 
 
-def where(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
+def select_tree(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
     """Return the pytree `new` where the condition holds, else `old`."""
 
     def one(a, b):
@@ -321,7 +323,7 @@ def where(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
     return jax.tree.map(one, new, old)
 
 
-def joined(arrays: Sequence[ArrayLike]) -> ArrayLike:
+def concatenate(arrays: Sequence[ArrayLike]) -> ArrayLike:
     """Concatenate arrays, by NumPy unless one is traced or on another device."""
     if all(isinstance(x, np.ndarray) or _is_on_host(x) for x in arrays):
         return np.concatenate([np.asarray(x) for x in arrays])
@@ -335,7 +337,7 @@ def _is_on_host(x):
     return len(x.devices()) == 1 and next(iter(x.devices())).platform == "cpu"
 
 
-def computed(function: Callable[[Any, Any], Any], x: ArrayLike) -> ArrayLike:
+def apply_numpy_or_jax(function: Callable[[Any, Any], Any], x: ArrayLike) -> ArrayLike:
     """Return ``function(numpy, x)`` for a known array on the host, else ``function(jax.numpy, x)``.
 
     If `x` is a JAX array, so is the result, on the same device. NumPy is preferred because JAX

@@ -23,7 +23,7 @@ from .interrupt import UNFINISHED_FILES
 
 
 @contextlib.contextmanager
-def written(path: str | PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
+def atomic_write(path: str | PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
     """Open a file for writing that appears at `path` when the block ends, and not if it fails.
 
     Args:
@@ -33,18 +33,18 @@ def written(path: str | PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
     Raises:
         OSError: the folder is missing, or the file cannot be written.
     """
-    with written_together() as begin:
+    with atomic_write_together() as begin:
         yield begin(path, mode)
 
 
 @contextlib.contextmanager
-def written_together() -> Iterator[Callable[..., IO[Any]]]:
+def atomic_write_together() -> Iterator[Callable[..., IO[Any]]]:
     """Write several files, which appear when the block ends; none of them if the block fails.
 
     Each appears as a whole. They are renamed one after the other when all are complete: a process
     that is stopped between two renames leaves the first of them new, and the others as they were.
-    The block gets a function of the arguments of `written` that opens the stream of the next file;
-    the stream before it is complete then.
+    The block gets a function of the arguments of `atomic_write` that opens the stream of the next
+    file; the stream before it is complete then.
     """
     staged: list[tuple[str, Path]] = []
     streams: list[IO[Any]] = []
@@ -99,12 +99,12 @@ def resolve_write_target(path: str | PathLike[str]) -> Path:
 
 
 def require_writable(path: str | PathLike[str]) -> None:
-    """Raise OSError if `written` could not write this file; leave nothing behind."""
+    """Raise OSError if `atomic_write` could not write this file; leave nothing behind."""
     with _temporary_file(resolve_write_target(path), path) as (handle, _):
         os.close(handle)
 
 
-def create(path: str | PathLike[str], content: bytes) -> bool:
+def create_if_absent(path: str | PathLike[str], content: bytes) -> bool:
     """Write a file unless it exists already; return whether it was written.
 
     Of several processes that create the same file, one does.
@@ -126,7 +126,7 @@ def create(path: str | PathLike[str], content: bytes) -> bool:
         return True
 
 
-def put_arrays(
+def write_npz(
     stream: IO[bytes],
     arrays: Mapping[str, np.ndarray],
     compressed: bool = False,

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.rules import Rule, or_nan, positive, refuse
+from ..common.rules import Rule, nan_if_broken, positive, refuse_if_broken
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..model.structure import Structure
 
@@ -21,8 +21,10 @@ def check_tolerance(tol: Float[ArrayLike, ""] | None, default: float) -> Float[A
     """
     if tol is None:
         return default
-    tol = checks.scalar(tol, "tol")
-    refuse([Rule("tol", tol, lambda v: ~((v >= 0) & (v < 1)), "must be at least 0 and below 1")])
+    tol = checks.as_scalar(tol, "tol")
+    refuse_if_broken(
+        [Rule("tol", tol, lambda v: ~((v >= 0) & (v < 1)), "must be at least 0 and below 1")]
+    )
     return tol
 
 
@@ -34,20 +36,20 @@ def is_valid_tolerance(tol: Float[ArrayLike, ""]) -> Bool[Array, ""]:
 
 def check_width(width: Float[ArrayLike, ""]) -> Float[ArrayLike, ""]:
     """Return the width of a smoothing, checked to be positive; NaN if a traced one is not."""
-    return or_nan(positive("width", checks.scalar(width, "width")))
+    return nan_if_broken(positive("width", checks.as_scalar(width, "width")))
 
 
 def require_result(solution: Any, name: str) -> None:
     """Raise ValueError unless `solution` has the result `name`."""
     if not hasattr(solution, name):
-        got = checks.kind(solution, "solve(structure, phases)")
+        got = checks.describe_type(solution, "solve(structure, phases)")
         raise ValueError(f"solution: expected a Solution, got {got}, which has no {name}")
 
 
 def require_structure(structure: Any) -> None:
     """Raise ValueError unless `structure` is a `Structure`."""
     if not isinstance(structure, Structure):
-        got = checks.kind(structure, "Structure(nodes, elements, supports)")
+        got = checks.describe_type(structure, "Structure(nodes, elements, supports)")
         raise ValueError(f"structure: expected a Structure, got {got}")
 
 
@@ -79,7 +81,7 @@ def broadcast_to_elements(
         ValueError: another pytree structure, or another number of elements.
     """
     if isinstance(value, list | tuple) and isinstance(tree, jax.Array | np.ndarray):
-        value = checks.floats(value, name)
+        value = checks.as_floats(value, name)
     try:
         value = jax.tree.broadcast(value, tree)
     except ValueError:
@@ -91,7 +93,7 @@ def broadcast_to_elements(
 
     def checked(path, one, of):
         where = name + jax.tree_util.keystr(path)
-        one = checks.floats(one, where)
+        one = checks.as_floats(one, where)
         fits = one.ndim <= of.ndim and one.shape == of.shape[of.ndim - one.ndim :]
         if not fits:
             raise ValueError(

@@ -78,7 +78,7 @@ def check_params(
         raise ValueError(f"{name}: there are no parameters; expected at least one array of floats")
 
     def as_array(path, x):
-        x = checks.floats(x, name + jax.tree_util.keystr(path))
+        x = checks.as_floats(x, name + jax.tree_util.keystr(path))
         # a weak type would compile a second time
         return jnp.asarray(x, jax.dtypes.canonicalize_dtype(x.dtype))
 
@@ -118,7 +118,7 @@ def broadcast_to_params(
     if isinstance(value, list | tuple) and jax.tree_util.treedef_is_leaf(
         jax.tree.structure(params)
     ):
-        value = checks.floats(value, name)
+        value = checks.as_floats(value, name)
     value = jax.tree.map(lambda v: absent if v is None else v, value, is_leaf=lambda v: v is None)
     try:
         tree = jax.tree.broadcast(value, params)
@@ -130,13 +130,13 @@ def broadcast_to_params(
 
     def fill(path, v, x):
         where = name + jax.tree_util.keystr(path)
-        v = checks.floats(v, where)
+        v = checks.as_floats(v, where)
         if v.shape not in ((), x.shape):
             raise ValueError(f"{where}: expected a scalar or shape {x.shape}, got {v.shape}")
         if positive:
             text = "must be positive and finite"
             sound = _rules.Rule(where, v, lambda v: ~((v > 0) & (v < np.inf)), text)
-            v = _rules.or_nan(sound)
+            v = _rules.nan_if_broken(sound)
         return jnp.broadcast_to(jnp.asarray(v, x.dtype), x.shape)
 
     return jax.tree_util.tree_map_with_path(fill, tree, params)
@@ -167,7 +167,7 @@ def make_bounds(bounds: tuple[Any, Any] | None, params: PyTree[Float[Array, " ..
     )
 
     def check(path, x, low, high):
-        x, low, high = (checks.concrete(v) for v in (x, low, high))
+        x, low, high = (checks.array_if_known(v) for v in (x, low, high))
         entry = jax.tree_util.keystr(path)
         if low is None or high is None:
             return
@@ -224,5 +224,5 @@ def check_call_arguments(
         raise ValueError(f"{name}: expected a function, got {type(function).__name__}")
     if not isinstance(args, tuple | list):
         raise ValueError(f"args: expected a tuple of arguments, got {type(args).__name__}")
-    checks.whole(steps, counted)
+    checks.require_whole_number(steps, counted)
     return tuple(args)

@@ -92,14 +92,16 @@ def confidence(
         0 100143 +- 1340 N
     """
     if not isinstance(fit, Fit):
-        raise ValueError(f"fit: expected the result of fit, got {checks.kind(fit, 'fit(...)')}")
+        raise ValueError(
+            f"fit: expected the result of fit, got {checks.describe_type(fit, 'fit(...)')}"
+        )
     if np.ndim(fit.status):
         raise ValueError(f"fit: a batch of shape {np.shape(fit.status)}; give one of its fits")
-    if not 0 < checks.scalar(level, "level") < 1:
+    if not 0 < checks.as_scalar(level, "level") < 1:
         raise ValueError(f"level = {level}: must be between 0 and 1")
-    if not 0 <= checks.scalar(rcond, "rcond") < 1:
+    if not 0 <= checks.as_scalar(rcond, "rcond") < 1:
         raise ValueError(f"rcond = {rcond}: must be at least 0 and below 1")
-    if deviation is not None and not 0 < checks.scalar(deviation, "deviation") < np.inf:
+    if deviation is not None and not 0 < checks.as_scalar(deviation, "deviation") < np.inf:
         raise ValueError(f"deviation = {deviation}: must be positive and finite")
     from scipy import special  # slow to import
 

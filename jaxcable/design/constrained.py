@@ -13,7 +13,7 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import checks, status
-from ..common.progress import Step, compiling, listener
+from ..common.progress import Step, announce_compilation, as_listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .bounds import broadcast_to_params, check_call_arguments, prepare_search
@@ -143,9 +143,9 @@ def minimize_subject_to(
         converged: 250.00 mm2
     """
     args = check_call_arguments(problem, args, rounds, "problem", "rounds")
-    checks.whole(steps, "steps")
+    checks.require_whole_number(steps, "steps")
     params, box, tol = prepare_search(params, bounds, tol)
-    solve, listen, program = solver_named(solver), listener(progress), _programs(problem)
+    solve, listen, program = solver_named(solver), as_listener(progress), _programs(problem)
     start, back = ravel_pytree(params)
     least = box.typical_sizes(start)
     step = least
@@ -162,7 +162,7 @@ def minimize_subject_to(
 
     limits = np.asarray(box.lower, float), np.asarray(box.upper, float)
     search = _ConstrainedSearch(evaluate, limits, sizes, float(tol), int(steps), listen)
-    with compiling(listen):  # most of the time before the first report
+    with announce_compilation(listen):  # most of the time before the first report
         search.evaluate_at(np.asarray(start, float))
     end, code, count = search.run(solve, np.asarray(step, float), int(rounds))
     multipliers, residual = search.multipliers_and_residual(end)

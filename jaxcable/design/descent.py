@@ -17,8 +17,8 @@ from jax import lax
 from jax.flatten_util import ravel_pytree
 
 from ..common import status
-from ..common.progress import Step, tell
-from ..common.tree import pytree, where
+from ..common.progress import Step, report_progress
+from ..common.tree import pytree, select_tree
 from ..common.types import Array, Bool, Float, Int, PyTree
 from .bounds import BoxBounds
 from .minimum_criteria import MinimumCriteria
@@ -218,8 +218,8 @@ class Descent:
         near |= measure == 0
         was_short = self.criteria.step_is_short(moved, s.current.x)
         point = AcceptedPoint(s.trial, value, gradient, inside, measure, at_rest)
-        current = where(accepted, point, s.current)
-        best = where(accepted & ~(current.loss >= s.best.loss), current, s.best)
+        current = select_tree(accepted, point, s.current)
+        best = select_tree(accepted & ~(current.loss >= s.best.loss), current, s.best)
         s = s._replace(
             current=current,
             best=best,
@@ -239,7 +239,7 @@ class Descent:
         if listen is not None:
             news = {"number": jnp.maximum(s.n_accepted, 0), "failures": s.failures}
             news |= {"loss": value, "gradient_norm": measure}
-            lax.cond(logged, lambda: tell(listen, Step, known, news), lambda: None)
+            lax.cond(logged, lambda: report_progress(listen, Step, known, news), lambda: None)
 
         tries = jnp.where(accepted, 0, s.n_refused + 1)
         # restart the optimizer when its step leads nowhere, or when other entries are blocked than
@@ -346,7 +346,7 @@ class Descent:
         if not self.has_line_search:
             return *self._optimizer_step(s, s.optimizer), s.memory_is_fresh
         anew = self._fresh_optimizer_state(s.current.x)
-        step, state = self._optimizer_step(s, where(s.memory_is_fresh, anew, s.optimizer))
+        step, state = self._optimizer_step(s, select_tree(s.memory_is_fresh, anew, s.optimizer))
         downward = s.current.inside @ step < 0  # if not, the memory of the curvature is misleading
         step, state = lax.cond(
             downward, lambda: (step, state), lambda: self._optimizer_step(s, anew)

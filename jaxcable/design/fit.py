@@ -13,8 +13,8 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import checks
-from ..common.compilation import program
-from ..common.progress import Trial, compiling, listener, tell
+from ..common.compilation import jit_program
+from ..common.progress import Trial, announce_compilation, as_listener, report_progress
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from .bounds import check_call_arguments, prepare_search, search_status
@@ -144,8 +144,8 @@ def fit(
     """
     args = check_call_arguments(residuals, args, steps, "residuals")
     params, box, tol = prepare_search(params, bounds, tol)
-    listen = listener(progress)
-    with compiling(listen):  # most of the time before the first report
+    listen = as_listener(progress)
+    with announce_compilation(listen):  # most of the time before the first report
         return _programs(residuals, int(steps), listen)(params, args, box, tol)
 
 
@@ -170,7 +170,7 @@ def _compile_fit(reference, steps, listen):
         def iterate(state):
             state = search.advance(state, values_and_jacobian(flattened, state.trial, count))
             if listen is not None:
-                tell(listen, Trial, {"count": steps}, progress_numbers(state))
+                report_progress(listen, Trial, {"count": steps}, progress_numbers(state))
             return state
 
         end = lax.while_loop(lambda s: s.running, iterate, search.initial_state(start, count))
@@ -194,7 +194,7 @@ def fit_on_host(
         params, bounds, steps, tol: as for `fit`.
         listen: function of a `progress.Trial`, or None.
     """
-    checks.whole(steps, "steps")
+    checks.require_whole_number(steps, "steps")
     params, box, tol = prepare_search(params, bounds, tol)
     start, _ = ravel_pytree(params)
     search, found = LevenbergMarquardt(box, tol, int(steps)), evaluate(start)
@@ -211,7 +211,7 @@ def fit_on_host(
         found = evaluate(state.trial)
 
 
-@program
+@jit_program
 def _advance_compiled(search, state, found):
     """Return the state of a search after the evaluation `found`; a compiled program."""
     return search.advance(state, found)

@@ -13,8 +13,8 @@ from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase, as_phases, restated
 from ..analysis.presence import presence_of
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
-from ..common import checks, memory
-from ..common.rules import Rule, not_negative, or_nan
+from ..common import checks, memory_limit
+from ..common.rules import Rule, nan_if_broken, not_negative
 from ..common.selection import only
 from ..common.tree import replace
 from ..common.types import Array, ArrayLike, Float, PyTree
@@ -85,7 +85,7 @@ def influence(
         [0.416667 0.416667 0.416667]
     """
     if not callable(of) and of not in _OF:
-        there = checks.meant(of, _OF)
+        there = checks.suggest_names(of, _OF)
         raise ValueError(f"of = {of!r}: expected a function or the name of a result{there}")
     require_structure(structure)
     phases = as_phases(structure, phases) if isinstance(phases, Phase) or phases else []
@@ -109,7 +109,7 @@ def influence(
         return found
 
     n_of = _count_entries(jax.eval_shape(final, value))
-    memory.require(
+    memory_limit.require_memory(
         _COPIES * n_of * _count_entries(value) * jnp.zeros(0).dtype.itemsize,
         f"influence: a dense matrix of {n_of} results by {_count_entries(value)} values",
         "give a function of fewer results as `of`, or jc.only(...) of fewer values",
@@ -141,7 +141,7 @@ def _input_and_setter(structure, phases, wrt, phase, start):
     own = dict.fromkeys(name for each in phases for name in each.own or ())
     known = (*INCREMENTS, *ABSOLUTE, *own)
     if wrt not in known:
-        there = checks.meant(wrt, (*known, "load", "nodes"))
+        there = checks.suggest_names(wrt, (*known, "load", "nodes"))
         raise ValueError(f"wrt = {wrt!r}: no input{there}")
     if wrt not in INCREMENTS:
         for number in range(len(phases)) if phase is None else [phase]:
@@ -280,9 +280,9 @@ def adjustment(
         [0.2 0.2]
     """
     for name, tree in (("jacobian", jacobian), ("change", change), ("like", like)):
-        jax.tree.map(lambda x, name=name: checks.floats(x, name), tree)
+        jax.tree.map(lambda x, name=name: checks.as_floats(x, name), tree)
     text = "must be at least 0 and below 1"
-    rcond = or_nan(Rule("rcond", rcond, lambda v: ~((v >= 0) & (v < 1)), text))
+    rcond = nan_if_broken(Rule("rcond", rcond, lambda v: ~((v >= 0) & (v < 1)), text))
     like = change if like is None else like
     matrix = flat_matrix(jacobian, like)
     wanted = ravel_pytree(change)[0]
@@ -330,7 +330,7 @@ def propagate_tolerances(
         raise ValueError(
             "tolerance: expected arrays, one number for each input of the influence matrix"
         )
-    tolerance = jax.tree.map(lambda leaf: or_nan(not_negative("tolerance", leaf)), tolerance)
+    tolerance = jax.tree.map(lambda leaf: nan_if_broken(not_negative("tolerance", leaf)), tolerance)
     for entry in jax.tree.leaves(jacobian, is_leaf=is_entry):
         for part, one in zip(jax.tree.leaves(entry), jax.tree.leaves(tolerance), strict=False):
             inputs = jnp.shape(part)[jnp.ndim(part) - jnp.ndim(one) :]

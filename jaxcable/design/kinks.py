@@ -14,7 +14,7 @@ import jax.numpy as jnp
 
 from ..analysis.solution import Solution, State
 from ..common import status
-from ..common.tree import fill, thaw
+from ..common.tree import merge_indices, split_indices
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.abilities import Uniaxial
 from ..mechanics.elementwise import each
@@ -66,18 +66,18 @@ def slack_distance(
                 "axis (ability `Uniaxial`)"
             )
     rows, groups = structure.rows()
-    nodes = jnp.asarray(structure.nodes if rows is None else structure.nodes[rows.node])
+    nodes = jnp.asarray(structure.nodes if rows is None else structure.nodes[rows.node_of_row])
     same = len(groups) == len(solution.carry.states)
     if not same or len(nodes) != len(solution.carry.motion):
         raise ValueError("solution: is of another structure")
-    thawed, arrays = thaw((groups, solution.carry.states, nodes, solution.carry.motion))
+    thawed, arrays = split_indices((groups, solution.carry.states, nodes, solution.carry.motion))
     return structure.arrange(_strain_above_slack(thawed, arrays))
 
 
 @jax.jit
 def _strain_above_slack(thawed, arrays):
     """Return the cables' strains minus their strains of zero force, [n_elem] or None by group."""
-    groups, states, nodes, motion = fill(thawed, arrays)
+    groups, states, nodes, motion = merge_indices(thawed, arrays)
     found = []
     for group, state in zip(groups, states, strict=True):
         if not group.tension_only:

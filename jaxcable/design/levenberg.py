@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..common import status
-from ..common.tree import pytree, where
+from ..common.tree import pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..linear import unbatched
 from .bounds import BoxBounds
@@ -136,7 +136,7 @@ class LevenbergMarquardt:
         reduced = s.damping * jnp.maximum(_LEAST_FACTOR, 1 - (2 * gain - 1) ** 3)
         damping = jnp.where(accepted, jnp.where(begun, reduced, s.damping), s.damping * s.growth)
         new, old = (s.trial, residual, jacobian), (s.x, s.residual, s.jacobian)
-        x, residual, jacobian = where(accepted, new, old)
+        x, residual, jacobian = select_tree(accepted, new, old)
         size = jnp.maximum(s.size, jnp.linalg.norm(jacobian, axis=0))
         blocked = self.box.blocked_entries(x, residual @ jacobian)
         no_influence = self.lacks_influence(x, residual, jacobian)

@@ -14,7 +14,7 @@ from ..analysis.results import ElementResults
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks
-from ..common.tree import pytree, stacked
+from ..common.tree import pytree, stack_trees
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
@@ -79,7 +79,7 @@ def solve_cases(
                     f"cases[{k}]: differs from cases[0] in more than numbers; give all cases the "
                     "same kinds of loads on the same nodes, zero where there is none"
                 )
-        cases = stacked(cases)
+        cases = stack_trees(cases)
     return jax.vmap(lambda case: solve(structure, [case], method, start=first))(cases)
 
 
@@ -177,14 +177,14 @@ def utilization(
         if force is None:  # a group without axial forces
             found.append(None)
             continue
-        force = jnp.asarray(checks.floats(force, f"tension: group {len(found)}"))
+        force = jnp.asarray(checks.as_floats(force, f"tension: group {len(found)}"))
         if force.shape[-1:] != (len(group.links),):
             raise ValueError(
                 f"tension: group {len(found)} has {len(group.links)} elements, the forces have "
                 f"shape {force.shape}"
             )
         limit = group.strength
-        if limit is None and group.breaks:
+        if limit is None and group.has_rupture:
             low, high = group.capacity()
             limit = jnp.where(force < 0, -low, high)
         size = force if group.tension_only else jnp.abs(force)

@@ -13,8 +13,8 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import status
-from ..common.progress import Step, compiling, listener
-from ..common.tree import pytree, where
+from ..common.progress import Step, announce_compilation, as_listener
+from ..common.tree import pytree, select_tree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .bounds import broadcast_to_params, check_call_arguments, prepare_search, search_status
 from .descent import Descent, History
@@ -171,8 +171,8 @@ def minimize(
     params, box, tol = prepare_search(params, bounds, tol)
     if scale is not None or optimizer is not None:
         scale = broadcast_to_params(scale, params, "scale", absent=1.0, positive=True)
-    listen = listener(progress)
-    with compiling(listen):  # most of the time before the first report
+    listen = as_listener(progress)
+    with announce_compilation(listen):  # most of the time before the first report
         program = _programs(loss, optimizer, int(steps), listen)
         return program(params, args, box, scale, tol)
 
@@ -198,7 +198,7 @@ def _compile_minimize(reference, optimizer, steps, listen):
 
         end = lax.while_loop(lambda s: s.running, iterate, descent.initial_state(start))
         converged = (end.code == status.OK) | (end.code == status.STATIONARY)
-        point = where(converged, end.current, end.best)
+        point = select_tree(converged, end.current, end.best)
         return refuse_derivative(
             Design(
                 params=back(point.x),

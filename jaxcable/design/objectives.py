@@ -13,7 +13,7 @@ import numpy as np
 
 from ..analysis.solution import Solution, State
 from ..common import checks
-from ..common.rules import or_nan, positive
+from ..common.rules import nan_if_broken, positive
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .arguments import broadcast_to_elements, check_width, require_result, result_of_phase
 
@@ -41,7 +41,7 @@ def smooth_max(
         >>> print(f"{jc.design.smooth_max(jnp.ones(3), width=0.1):.4f}")  # 1 + 0.1 log(3)
         1.1099
     """
-    values = jax.tree.map(lambda v: checks.floats(v, "values"), values)
+    values = jax.tree.map(lambda v: checks.as_floats(v, "values"), values)
     if not any(np.size(v) for v in jax.tree.leaves(values)):
         raise ValueError("values: are empty; expected at least one number")
     return _smooth_max_compiled(values, check_width(width))
@@ -72,7 +72,7 @@ def smooth_min(
         >>> print(f"{jc.design.smooth_min(jnp.ones(3), width=0.1):.4f}")  # 1 - 0.1 log(3)
         0.8901
     """
-    values = jax.tree.map(lambda v: -checks.floats(v, "values"), values)
+    values = jax.tree.map(lambda v: -checks.as_floats(v, "values"), values)
     return -smooth_max(values, width)
 
 
@@ -120,10 +120,10 @@ def shape_distance(
     require_result(solution, "positions")
     found = solution.positions
     if nodes is not None:
-        nodes = checks.integers(nodes, "nodes")
-        checks.known(nodes, found.shape[-2], "nodes")
+        nodes = checks.as_indices(nodes, "nodes")
+        checks.require_known_nodes(nodes, found.shape[-2], "nodes")
         found = found[..., nodes, :]
-    positions = checks.floats(positions, "positions")
+    positions = checks.as_floats(positions, "positions")
     if positions.shape not in (found.shape[-2:], found.shape):
         raise ValueError(
             f"positions: expected shape {found.shape[-2:]}, one per node, got {positions.shape}"
@@ -248,7 +248,8 @@ def material_use(
     require_result(solution, "peak_tension")
     stress = broadcast_to_elements(stress, solution.peak_tension, "stress")
     stress = jax.tree_util.tree_map_with_path(
-        lambda path, value: or_nan(positive("stress" + jax.tree_util.keystr(path), value)), stress
+        lambda path, value: nan_if_broken(positive("stress" + jax.tree_util.keystr(path), value)),
+        stress,
     )
 
     def volume(force, length, stress):

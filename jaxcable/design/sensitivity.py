@@ -21,8 +21,8 @@ from ..analysis.preparation import prepare
 from ..analysis.solution import Solution, State
 from ..analysis.solver import analysed
 from ..analysis.states import arranged
-from ..common.compilation import program
-from ..common.tree import copy
+from ..common.compilation import jit_program
+from ..common.tree import copy_with
 from ..common.types import Array, Float, Int
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
@@ -77,7 +77,7 @@ def measure_with_jacobian(
         solution, ends = _solve_with_tangents(core, changes, **given, size=task.n_free)
 
         def measured(phases, solution=solution):
-            return measure(arranged(structure, copy(solution, phases=phases), task))
+            return measure(arranged(structure, copy_with(solution, phases=phases), task))
 
         found, column = _measure_with_derivatives(measured, names, solution.phases, ends)
         columns.append(column)
@@ -89,7 +89,7 @@ def _core_arguments(task):
     return task.thawed, task.arrays, task.method, task.code
 
 
-@functools.partial(program, static=("bundles", "moving", "names"))
+@functools.partial(jit_program, static=("bundles", "moving", "names"))
 def _solve_with_tangents(core, changes, bundles, moving, names):
     """Solve; return also the changes of `phases.ends` for given changes of the leaves `moving`.
 
@@ -124,7 +124,7 @@ def _split_floats(ends, names):
     def back(floats):
         floats = iter(floats)
         replaced = [next(floats) if own else x for own, x in zip(real, leaves, strict=True)]
-        return copy(ends, **shape.unflatten(replaced))
+        return copy_with(ends, **shape.unflatten(replaced))
 
     return [x for own, x in zip(real, leaves, strict=True) if own], back
 
@@ -135,8 +135,8 @@ def _measure_with_derivatives(measure, names, phases, changes):
 
     def value(floats):
         # paths have no derivatives (`solve`): those by the ends are NaN, too
-        paths = implicit.undifferentiated(phases.paths, floats)
-        return measure(copy(phases, ends=back(floats), paths=paths))
+        paths = implicit.with_nan_derivative(phases.paths, floats)
+        return measure(copy_with(phases, ends=back(floats), paths=paths))
 
     found, push = jax.linearize(value, floats)
     return found, jax.vmap(push)(changes)

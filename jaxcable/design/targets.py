@@ -15,8 +15,8 @@ from ..analysis.phase_results import PhaseResult
 from ..analysis.results import NAMES
 from ..analysis.solution import Solution
 from ..common import checks
-from ..common.owned import owned
-from ..common.rules import Rule, or_nan
+from ..common.owned import owned_copy
+from ..common.rules import Rule, nan_if_broken
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 
 Part: TypeAlias = "int | slice | EllipsisType | Int[ArrayLike, ' n'] | Bool[ArrayLike, ' n']"
@@ -81,17 +81,17 @@ class Target:
         if not callable(self.of) and not isinstance(self.of, str):
             got = type(self.of).__name__
             raise ValueError(f"of: expected the name of a result or a function, got {got}")
-        value = checks.floats(self.value, "value")
+        value = checks.as_floats(self.value, "value")
         if isinstance(self.phase, bool) or not isinstance(self.phase, int | np.integer):
             raise ValueError(f"phase = {self.phase!r}: expected the number of a phase")
         finite = Rule("value", value, lambda v: ~(abs(v) < np.inf), "must be finite")
-        object.__setattr__(self, "value", owned(or_nan(finite)))
-        object.__setattr__(self, "at", owned(_check_index(self.at)))
+        object.__setattr__(self, "value", owned_copy(nan_if_broken(finite)))
+        object.__setattr__(self, "at", owned_copy(_check_index(self.at)))
         usual = 1.0 if callable(self.of) else WITHIN.get(self.of, 1.0)
-        within = checks.scalar(usual if self.within is None else self.within, "within")
+        within = checks.as_scalar(usual if self.within is None else self.within, "within")
         text = "must be positive and finite"
         rule = Rule("within", within, lambda v: ~((v > 0) & (v < np.inf)), text)
-        object.__setattr__(self, "within", owned(or_nan(rule)))
+        object.__setattr__(self, "within", owned_copy(nan_if_broken(rule)))
 
     def measured_values(self, solution: Solution) -> Float[Array, " n"]:
         """Return the entries of a solution's result that the target concerns, [n]."""
@@ -119,7 +119,7 @@ class Target:
             found = result.told.get(self.of)
             if found is None:
                 known = [one for one in NAMES if one != "results"]
-                there = checks.meant(self.of, dict.fromkeys([*known, *result.told]))
+                there = checks.suggest_names(self.of, dict.fromkeys([*known, *result.told]))
                 raise ValueError(f"{name}: a phase has no such result{there}")
         if self.on is not None:
             if not isinstance(found, dict | list | tuple):
@@ -128,14 +128,14 @@ class Target:
             try:
                 found = found[self.on]
             except (KeyError, IndexError, TypeError):
-                there = checks.meant(self.on, _group_keys(found))
+                there = checks.suggest_names(self.on, _group_keys(found))
                 raise ValueError(f"on = {self.on!r}: not a group{there}") from None
         if found is None:
             whose = "this structure" if self.on is None else f"group {self.on!r}"
             raise ValueError(f"{name}: {whose} has no such result")
         if isinstance(found, dict | list | tuple):
             text = "there are several groups; give the key of one by `on`"
-            raise ValueError(f"{name}: {text}{checks.meant('', _group_keys(found))}")
+            raise ValueError(f"{name}: {text}{checks.suggest_names('', _group_keys(found))}")
         if not isinstance(found, jax.Array | np.ndarray | np.generic | float):
             raise ValueError(f"{name}: expected an array of floats, got {type(found).__name__}")
         found = jnp.asarray(found)
@@ -197,7 +197,7 @@ def require_targets(targets: Sequence[Any], count: int) -> None:
     for number, target in enumerate(targets):
         if not isinstance(target, Target):
             raise ValueError(
-                f"targets[{number}]: expected a Target, got {checks.kind(target, 'Target(...)')}"
+                f"targets[{number}]: expected a Target, got {checks.describe_type(target, 'Target(...)')}"
             )
         if not -count <= target.phase < count:
             raise ValueError(

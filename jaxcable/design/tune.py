@@ -16,9 +16,9 @@ from ..analysis.phases import Phase, all_stated, as_phases, restated
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, status
-from ..common.compilation import by_itself
-from ..common.progress import Trial, hearing, listener
-from ..common.tree import copy, pytree, replace, where
+from ..common.compilation import is_top_level_call
+from ..common.progress import Trial, as_listener, with_compile_listener
+from ..common.tree import copy_with, pytree, replace, select_tree
 from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements import Bars, Cables
 from ..elements.abilities import STATEMENTS
@@ -181,7 +181,7 @@ def tune(
     phases = as_phases(structure, phases)
     if not isinstance(targets, Target | list | tuple):
         raise ValueError(
-            f"targets: expected a list of Target, got {checks.kind(targets, 'Target(...)')}"
+            f"targets: expected a list of Target, got {checks.describe_type(targets, 'Target(...)')}"
         )
     targets = [targets] if isinstance(targets, Target) else list(targets)
     values = _check_unknowns(phases, unknowns)
@@ -193,20 +193,20 @@ def tune(
             found[k] = restated(found[k], name, value)
         return found
 
-    listen, solution, spent = listener(progress), None, jnp.int32(0)
+    listen, solution, spent = as_listener(progress), None, jnp.int32(0)
     seeks = _make_search(phases_with, targets, bounds, method, start, (steps, tol, listen))
     pressing = _with_bars_for_cables(structure) if smooth and start is None else None
-    with hearing(listen):
+    with with_compile_listener(listen):
         if pressing is not None:
             found = seeks(pressing, values)
             spent = found.steps
-            reached = where(found.status == status.OK, found.params, values)
+            reached = select_tree(found.status == status.OK, found.params, values)
             with contextlib.suppress(ValueError):  # forces below zero, which bars take
                 solution = solve(structure, phases_with(reached), method, start=start)
                 values = reached
         if solution is None or not _cables_act_like_bars(targets, solution, found):
             found = seeks(structure, values)
-            found = copy(found, steps=spent + found.steps)
+            found = copy_with(found, steps=spent + found.steps)
             solution = solve(structure, phases_with(found.params), method, start=start)
     deviation = deviations(targets, solution)
     allowed = [target.within for target in targets]
@@ -242,7 +242,7 @@ def _make_search(phases_with, targets, bounds, method, start, options):
     def seek(structure, values):
         flat, back = ravel_pytree(values)
         given = structure, phases_with(values), [t.value for t in targets], bounds, start
-        if not by_itself(jax.tree.leaves(given)) or flat.size > _MAX_FORWARD:
+        if not is_top_level_call(jax.tree.leaves(given)) or flat.size > _MAX_FORWARD:
 
             def residuals(values):
                 solution = solve(structure, phases_with(values), method, start=start)
@@ -327,7 +327,7 @@ def _check_unknowns(phases, unknowns):
             )
         known = [*STATEMENTS, *(phases[k].own or ())]
         if name not in known:
-            there = checks.meant(name, known)
+            there = checks.suggest_names(name, known)
             raise ValueError(f"unknowns[{number}] = {name!r}: not a prestress input{there}")
         if unknown in unknowns[:number]:
             raise ValueError(f"unknowns[{number}] = {unknown!r}: is there twice")

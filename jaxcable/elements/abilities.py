@@ -4,8 +4,8 @@ Other abilities are attributes of `Element`, because they depend on a law or a l
 
 | attribute | methods that an element must then have |
 |---|---|
-| `remembers` | `size`, `initial_memory`; `settle` and `section_strain`, a result, or `settled` |
-| `breaks` | `beyond`; `section_strain`, a result; `extended` if forces end at rupture |
+| `remembers` | `size`, `initial_memory`; `commit_memory` and `section_strain`, a result, or `settled` |
+| `has_rupture` | `is_ruptured`; `section_strain`, a result; `extrapolated` if forces end at rupture |
 | `tension_only` | `is_slack`, `at_kink` |
 | `rotates` | `end_forces_about` |
 | `slides` | `slid` |

@@ -21,11 +21,19 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.rules import Rule, not_negative, or_nan, positive, refuse
-from ..common.tree import Indices, changed, copy, kind, plain, pytree, replace
+from ..common.rules import Rule, nan_if_broken, not_negative, positive, refuse_if_broken
+from ..common.tree import (
+    Indices,
+    apply_to_each,
+    copy_with,
+    index_array,
+    pytree,
+    replace,
+    template_of,
+)
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.rotations import cross
-from ..numerics.vectors import inner
+from ..numerics.vectors import scalar_product
 from ..sections import Section
 from .abilities import Bending, Rounding
 from .beam_axes import LEANING_SINE, VERTICAL_SINE, is_isotropic, is_known_anisotropic
@@ -119,13 +127,13 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         if not isinstance(self.section, Section):
             raise ValueError("section: missing; a group of beams needs a Section")
         for name in ("torsional_stiffness", "rest_length", "weight", "expansion", "strength"):
-            put(self, name, checks.per_element(getattr(self, name), n_elem, name))
+            put(self, name, checks.floats_per_element(getattr(self, name), n_elem, name))
         if self.torsional_stiffness is None and self.section.torsion is None:
             raise ValueError(
                 "torsional_stiffness: missing; this section has no known torsion constant"
             )
         if self.up is not None:
-            up = checks.floats(self.up, "up")
+            up = checks.as_floats(self.up, "up")
             if up.shape not in ((3,), (n_elem, 3)):
                 raise ValueError(f"up: expected shape (3,) or ({n_elem}, 3), got {up.shape}")
             pack = jnp if isinstance(up, jax.Array) else np
@@ -138,7 +146,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
                 f"points = {self.points!r}: expected an integer from 3 to {_MAX_POINTS}"
             )
         self._check_hinges()
-        refuse(self.rules())
+        refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
         """Return the rules that the numbers of the group must keep, see `common.rules`."""
@@ -150,7 +158,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         """Return the rule that `up` is not along an element, for positions [n_node, 3]."""
         if self.up is None:
             return []
-        links = plain(self.links)
+        links = index_array(self.links)
         chord = nodes[links[:, 1]] - nodes[links[:, 0]]
 
         def along(up, chord):
@@ -188,7 +196,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
             springs = np.zeros((count, 2, 3))
             partly = (hinges.any(axis=2) != hinges.all(axis=2)).any()
         else:
-            springs, partly = checks.floats(springs, "springs"), True
+            springs, partly = checks.as_floats(springs, "springs"), True
             if springs.shape not in ((), (2, 3), (count, 2, 3)):
                 raise ValueError(
                     f"springs: expected a scalar or shape (2, 3) or ({count}, 2, 3), "
@@ -196,9 +204,9 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
                 )
             pack = jnp if isinstance(springs, jax.Array) else np
             springs = pack.broadcast_to(springs, (count, 2, 3))
-        put(self, "springs", or_nan(_torsion_rule(springs, hinges)) if partly else None)
+        put(self, "springs", nan_if_broken(_torsion_rule(springs, hinges)) if partly else None)
         if not partly:
-            refuse([_torsion_rule(springs, hinges)])
+            refuse_if_broken([_torsion_rule(springs, hinges)])
 
     def check(self, nodes: Float[np.ndarray, "n_node 3"]) -> None:
         """Raise ValueError if positions [n_node, 3] leave default axes of an element unclear."""
@@ -224,20 +232,20 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         sine = jnp.sqrt(jnp.sum(chord[:, :2] ** 2, axis=1) / jnp.sum(chord**2, axis=1))
         leaning = (sine >= VERTICAL_SINE) & (sine < LEANING_SINE)
         unknown = leaning & ~of_each("bends_isotropically", self)
-        return copy(state, rest_length=jnp.where(unknown, jnp.nan, state.rest_length))
+        return copy_with(state, rest_length=jnp.where(unknown, jnp.nan, state.rest_length))
 
     def partly(self, state: AxialState, present: Bool[Array, " n_elem"]) -> AxialState:
         """Return the state of a group with activation: activated beams may be joined with kinks."""
         kinks = state.kinks
         if kinks is None:
             kinks = jnp.zeros((len(state.rest_length), 2, 3), state.rest_length.dtype)
-        return copy(state, present=present, kinks=kinks)
+        return copy_with(state, present=present, kinks=kinks)
 
     def found(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """Return the state of a beam activated here: straight, joined to its ends as they are."""
         state = super().found(state, ends, motion)
-        _, pose = self._axes_and_pose(copy(state, kinks=None), ends, motion)
-        return copy(state, kinks=pose.rotations)
+        _, pose = self._axes_and_pose(copy_with(state, kinks=None), ends, motion)
+        return copy_with(state, kinks=pose.rotations)
 
     def at_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
@@ -265,7 +273,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         for row, column in self.field_indices:
             idle[:, row, column] = False
             if row == 1:  # fibres on one line do not resist bending along this line
-                places = checks.concrete((self.section.z, self.section.y)[column])
+                places = checks.array_if_known((self.section.z, self.section.y)[column])
                 idle[:, row, column] = places is not None and np.ptp(places) == 0
         if self.springs is not None:
             idle[:, -2:] = ~self.hinges.array
@@ -285,7 +293,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         ends = jnp.asarray(nodes)[jnp.asarray(self.links.array)[:, :2]]
 
         def one(up, ends):
-            return copy(self, up=up).axes(ends)
+            return copy_with(self, up=up).axes(ends)
 
         return jax.vmap(one)(self.up, ends)
 
@@ -296,22 +304,24 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
     @property
     def remembers(self) -> bool:  # type: ignore[override]  # read only
         """Whether a law of the fibres has history variables."""
-        return kind(self.section).remembers
+        return template_of(self.section).remembers
 
     @property
-    def breaks(self) -> bool:  # type: ignore[override]  # read only
+    def has_rupture(self) -> bool:  # type: ignore[override]  # read only
         """Whether a law of the fibres has a rupture strain."""
-        return kind(self.section).breaks
+        return template_of(self.section).has_rupture
 
     def initial_memory(self) -> PyTree[Float[Array, "n_elem n_point n_fibre n_memory"]] | None:
         """Return the history variables of elements not strained yet, per law, or None."""
         if not self.remembers:
             return None
-        return kind(self.section).initial_memory((len(self.links), self.points))
+        return template_of(self.section).initial_memory((len(self.links), self.points))
 
-    def extended(self) -> Self:
+    def extrapolated(self) -> Self:
         """Return the group with laws continued beyond their rupture strains."""
-        return copy(self, section=changed(lambda section: section.reduced(), self.section))
+        return copy_with(
+            self, section=apply_to_each(lambda section: section.for_analysis(), self.section)
+        )
 
     def capacity(self) -> tuple[float | Scalar, float | Scalar]:
         """Return the smallest and the largest axial force without bending, N."""
@@ -337,7 +347,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
     def axes(self, ends: Ends) -> Float[Array, "3 3"]:
         """Return the initial axes [3, 3]: ``axes[0]`` along it, then the section's y and z."""
         chord = ends[1] - ends[0]
-        along = chord / jnp.sqrt(inner(chord, chord))
+        along = chord / jnp.sqrt(scalar_product(chord, chord))
         if self.up is None:
             upright = along[0] ** 2 + along[1] ** 2 < VERTICAL_SINE**2
             up: Float[ArrayLike, " 3"] = jnp.where(
@@ -345,8 +355,8 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
             )
         else:
             up = self.up
-        z = up - inner(up, along) * along
-        z = z / jnp.sqrt(inner(z, z))
+        z = up - scalar_product(up, along) * along
+        z = z / jnp.sqrt(scalar_product(z, z))
         return jnp.stack([along, cross(z, along), z])
 
     def deflected(

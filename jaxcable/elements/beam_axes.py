@@ -19,7 +19,7 @@ LEANING_SINE = 0.1
 
 def is_known_anisotropic(section: Section) -> bool:
     """Return whether the bending stiffness of a section is known to depend on the direction."""
-    if any(checks.concrete(leaf) is None for leaf in jax.tree.leaves(section)):
+    if any(checks.array_if_known(leaf) is None for leaf in jax.tree.leaves(section)):
         return False  # traced numbers are judged by `start`
     with jax.ensure_compile_time_eval():
         return not bool(is_isotropic(section))

@@ -18,14 +18,14 @@ import numpy as np
 
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..numerics.rotations import (
-    angles,
-    conjugate,
-    exp_stereographic,
-    inverse,
-    moment_of_stereographic,
-    product,
+    compose,
+    conjugate_moment,
+    from_stereographic,
+    invert,
+    moment_conjugate_to_stereographic,
+    move_node_by_series,
     rotate,
-    turning,
+    rotation_vector,
 )
 from . import bending, corotation
 from .bending import cross_products, split_strains
@@ -33,8 +33,8 @@ from .element import Ends, Forces, Motion, Scalar
 from .inner_unknowns import InnerUnknowns
 from .prestress import AxialState, stretch
 
-_FINITE_STEP = turning, conjugate
-_FIRST_ORDER_STEP = partial(turning, order=1), partial(conjugate, order=1)
+_FINITE_STEP = move_node_by_series, conjugate_moment
+_FIRST_ORDER_STEP = partial(move_node_by_series, order=1), partial(conjugate_moment, order=1)
 
 
 class BeamElement(InnerUnknowns):
@@ -55,7 +55,7 @@ class BeamElement(InnerUnknowns):
         turns = [motion[k, 3:] for k in (0, 1)]
         if self.springs is not None:  # the ends turn against their nodes
             turns = [
-                product(turn, exp_stereographic(joint @ axes))
+                compose(turn, from_stereographic(joint @ axes))
                 for turn, joint in zip(turns, self._joint_rotations(state, motion), strict=True)
             ]
         return axes, corotation.pose(axes, ends, motion[:2, :3], jnp.stack(turns), state.kinks)
@@ -133,9 +133,9 @@ class BeamElement(InnerUnknowns):
             inner.append(unbalanced[1] * 32 / length**2)
         if self.springs is not None:
             for k, joint in enumerate(self._joint_rotations(state, motion)):
-                moment = axes @ rotate(inverse(motion[k, 3:]), moments[k])
-                moment = moment_of_stereographic(joint, moment)
-                angle, pull_back = jax.vjp(angles, joint)
+                moment = axes @ rotate(invert(motion[k, 3:]), moments[k])
+                moment = moment_conjugate_to_stereographic(joint, moment)
+                angle, pull_back = jax.vjp(rotation_vector, joint)
                 inner.append((moment + pull_back(self.springs[k] * angle)[0]) / (4 * length))
         return pull, moments, jnp.concatenate(inner) if inner else jnp.zeros(0, pull.dtype)
 
@@ -191,7 +191,7 @@ class BeamElement(InnerUnknowns):
         forces = None
         if not self.section.is_elastic:
             at = self.section_strain(state, ends, motion)
-            force, stiffness = self.section.linearized(*split_strains(at), state.memory)
+            force, stiffness = self.section.forces_and_tangent(*split_strains(at), state.memory)
 
             def forces(strain):
                 return force + jnp.einsum("pij,pj->pi", stiffness, strain - at)
@@ -240,7 +240,7 @@ class BeamElement(InnerUnknowns):
 
         def moved(step):
             steps = step[:12].reshape(2, 6)
-            new = jax.vmap(lambda m, s: turning(m, s, order=1))(motion[:2], steps)
+            new = jax.vmap(lambda m, s: move_node_by_series(m, s, order=1))(motion[:2], steps)
             if self.inner:
                 new = jnp.concatenate([new, motion[2:].at[self._inner_indices].add(step[12:])])
             _, pose, field, _ = self._deformation(state, ends, new)
@@ -268,7 +268,7 @@ class BeamElement(InnerUnknowns):
         if load is not None:
             total = total - length * load @ bending.mean_deflection(field, pose.rotations, length)
         if self.springs is not None:
-            turned = jax.vmap(angles)(self._joint_rotations(state, motion))
+            turned = jax.vmap(rotation_vector)(self._joint_rotations(state, motion))
             total = total + 0.5 * jnp.sum(self.springs * turned**2)
         return total
 
@@ -359,7 +359,7 @@ class BeamElement(InnerUnknowns):
     def size(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Return the sum of the absolute forces of all fibres, mean over the element, N."""
         strains = split_strains(self.section_strain(state, ends, motion))
-        size = self.section.size(*strains, state.memory)
+        size = self.section.absolute_force(*strains, state.memory)
         return jnp.asarray(bending.lobatto(self.points)[1], size.dtype) @ size
 
     def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
@@ -375,14 +375,14 @@ class BeamElement(InnerUnknowns):
         each = jnp.concatenate([jnp.stack([both, both]), rows])
         return 8 * jnp.finfo(force.dtype).eps * moved * each
 
-    def settle(
+    def commit_memory(
         self,
         strain: Float[Array, "n_point 3"],
         memory: PyTree[Float[Array, "n_point n_fibre n_memory"]],
         duration: float = 0.0,
     ) -> PyTree[Float[Array, "n_point n_fibre n_memory"]]:
         """Return the history variables after an increment to section strains [n_point, 3]."""
-        return self.section.settle(*split_strains(strain), memory, duration)
+        return self.section.commit_memory(*split_strains(strain), memory, duration)
 
     def fibre_stress(
         self,
@@ -392,6 +392,6 @@ class BeamElement(InnerUnknowns):
         """Return the stress of every fibre, [n_point, n_fibre], Pa, at section strains."""
         return self.section.fibre_stress(*split_strains(strain), memory)
 
-    def beyond(self, strain: Float[Array, "n_point 3"]) -> Bool[Array, ""]:
+    def is_ruptured(self, strain: Float[Array, "n_point 3"]) -> Bool[Array, ""]:
         """Return whether section strains [n_point, 3] take a fibre beyond its rupture strain."""
-        return jnp.any(self.section.beyond(*split_strains(strain)))
+        return jnp.any(self.section.is_ruptured(*split_strains(strain)))

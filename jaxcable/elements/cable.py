@@ -10,7 +10,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from ..common.tree import copy, pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float
 from ..materials import Parallel
 from . import fine
@@ -74,7 +74,7 @@ class TensionOnly(Straight, Pulling):
     ) -> tuple[AxialState, Ends, Motion]:
         """Rebase the cable after a motion with a low-order part, see `Pulling`."""
         elongation, places = fine.brought(state.elongation, ends, motion, wanted)
-        return copy(state, elongation=elongation), places, jnp.zeros_like(places)
+        return copy_with(state, elongation=elongation), places, jnp.zeros_like(places)
 
     def room(self, state: AxialState, tension: Scalar, shape: Scalar) -> Room:
         """Return the length under a tension less that at a strain, `shape`."""
@@ -120,7 +120,7 @@ class TensionOnly(Straight, Pulling):
 
 def _with_unit_force(state):
     """Return the state of an element whose jack force is 1 N."""
-    return copy(state, jack_force=jnp.ones_like(state.rest_length), jacked=None)
+    return copy_with(state, jack_force=jnp.ones_like(state.rest_length), jacked=None)
 
 
 @pytree(indices=("links",))

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, PyTree
-from ..numerics.vectors import inner
+from ..numerics.vectors import scalar_product
 from . import hanging, hanging_sag, hanging_springs
 from .abilities import Pull, Room, Rounding, Sagging
 from .cable import TensionOnly
@@ -262,4 +262,4 @@ def squared_length_excess(state: AxialState, ends: Ends, motion: Motion) -> Scal
     """Return ``|chord|^2 - L0^2``, computed without this subtraction, m2."""
     start, w = ends[1] - ends[0], motion[1] - motion[0]
     length = stretch(ends, jnp.zeros_like(ends))[3]
-    return state.elongation * (length + state.rest_length) + inner(2 * start + w, w)
+    return state.elongation * (length + state.rest_length) + scalar_product(2 * start + w, w)

@@ -17,7 +17,7 @@ from .stated import Statement
 
 REQUIRED_METHODS = {
     "remembers": ("size", "initial_memory"),
-    "breaks": ("beyond",),
+    "has_rupture": ("is_ruptured",),
     "tension_only": ("is_slack", "at_kink"),
     "rotates": ("end_forces_about",),
     "slides": ("slid",),
@@ -55,9 +55,9 @@ def _missing_abilities(group):
     if not group.remembers and not _has_default(kind, "settled"):
         yield "settled: it is only asked where remembers = True"
     by_strain = group.remembers and _has_default(kind, "settled")
-    if by_strain and _has_default(kind, "settle"):
-        yield "remembers = True needs a method `settle`, or `settled`"
-    for attribute, needs in (("remembers", by_strain), ("breaks", group.breaks)):
+    if by_strain and _has_default(kind, "commit_memory"):
+        yield "remembers = True needs a method `commit_memory`, or `settled`"
+    for attribute, needs in (("remembers", by_strain), ("has_rupture", group.has_rupture)):
         if needs and SECTION_STRAIN.name not in names:
             yield f"{attribute} = True needs the result `{SECTION_STRAIN.name}`"
     for name in names:

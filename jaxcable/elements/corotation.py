@@ -29,17 +29,17 @@ import jax.numpy as jnp
 from ..common.tree import pytree
 from ..common.types import Array, Float
 from ..numerics.rotations import (
+    compose,
     cross,
-    from_stereographic,
-    inverse,
-    matrix,
-    middle,
-    moment_of_spin,
-    product,
-    shortest,
-    stereographic,
+    halfway_rotation,
+    invert,
+    moment_conjugate_to_spin,
+    shortest_rotation,
+    small_rotation_vector,
+    to_matrix,
+    to_stereographic,
 )
-from ..numerics.vectors import inner
+from ..numerics.vectors import scalar_product
 from .element import Scalar
 from .element_state import Pressures
 from .prestress import stretch
@@ -56,8 +56,8 @@ class Pose:
         chord: direction b of the chord, [3].
         axes: axes of the element after its rotation, [3, 3], one in each row of the matrix.
         half_rotation: half of the rotation between the ends, quaternion [4].
-        end_rotations: rotations of the ends relative to the frame, `stereographic`, along its axes,
-            [2, 3].
+        end_rotations: rotations of the ends relative to the frame, `to_stereographic`, along its
+            axes, [2, 3].
         rotations: `end_rotations` as rotation vectors, less those of the unstressed element, [2,
             3], rad.
     """
@@ -84,21 +84,21 @@ def pose(
     `kinks` are the rotations [2, 3] at which the element is unstressed; None where they are zero.
     """
     vector, length, change, _ = stretch(ends, displacements)
-    halfway = middle(*quaternions)
+    halfway = halfway_rotation(*quaternions)
     # a small rotation is a difference of directions: take both as changes of the initial axis
     turned = 2 * cross(halfway[1:], axes[0])
     turned = halfway[0] * turned + cross(halfway[1:], turned)
     swung = (displacements[1] - displacements[0] - change * axes[0]) / length
     mean, chord = axes[0] + turned, vector / length
-    frame = product(shortest(mean, chord, swung - turned), halfway)
-    back = inverse(frame)
-    turns = jax.vmap(lambda q: axes @ stereographic(product(back, q)))(quaternions)
-    half = product(quaternions[1], inverse(halfway))
+    frame = compose(shortest_rotation(mean, chord, swung - turned), halfway)
+    back = invert(frame)
+    turns = jax.vmap(lambda q: axes @ to_stereographic(compose(back, q)))(quaternions)
+    half = compose(quaternions[1], invert(halfway))
     half = jnp.where(half[0] < 0, -half, half)
-    rotations = jax.vmap(from_stereographic)(turns)
+    rotations = jax.vmap(small_rotation_vector)(turns)
     if kinks is not None:
         rotations = rotations - kinks
-    turned = axes @ matrix(frame).T
+    turned = axes @ to_matrix(frame).T
     return Pose(length, change, mean, chord, turned, half, turns, rotations)
 
 
@@ -146,10 +146,10 @@ def end_forces(
         torque: moment T of loads that do not turn with the frame, see the module, [3], N m. Its
             components, and those of the moments, are along the turned axes.
     """
-    by_spin = jax.vmap(moment_of_spin)(pose.end_rotations, moments)
+    by_spin = jax.vmap(moment_conjugate_to_spin)(pose.end_rotations, moments)
     first, second = by_spin @ pose.axes
     onto = first + second + torque @ pose.axes
-    along = inner(onto, pose.chord) / (1 + inner(pose.mean, pose.chord))
+    along = scalar_product(onto, pose.chord) / (1 + scalar_product(pose.mean, pose.chord))
     shared = along * (pose.mean + pose.chord)
     skew = cross(pose.half_rotation[1:], shared) / (2 * pose.half_rotation[0])
     pull = force * pose.chord - cross(onto - along * pose.mean, pose.chord) / pose.length

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common.rules import Rule
-from ..common.tree import Each
+from ..common.tree import PerElement
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.vectors import chord_lengths
 from ..sections import Section
@@ -101,13 +101,13 @@ class Element(abc.ABC):
             definite (see `PhaseResult`), and `natural_frequencies`, `buckling_factor` and `modes`
             raise ValueError.
         tension_only: whether an element carries tension only.
-        rising: whether its force is known not to fall with strain (no softening). The energy of
-            groups that are `tension_only` and `rising` is convex.
+        monotone: whether its force is known not to fall with strain (no softening). The energy of
+            groups that are `tension_only` and `monotone` is convex.
         remembers: whether its state has history variables (`memory`), because its laws depend on
-            earlier increments; then it has `size`, `initial_memory`, and either `settle` and
+            earlier increments; then it has `size`, `initial_memory`, and either `commit_memory` and
             `SECTION_STRAIN` among its results, or `settled`.
-        breaks: whether its law has a rupture strain; then it has `beyond`, and `SECTION_STRAIN`
-            among its results.
+        has_rupture: whether its law has a rupture strain; then it has `is_ruptured`, and
+            `SECTION_STRAIN` among its results.
         shaped_by_load: whether its state contains the `ElementLoad` along it.
         paired: whether its forces depend on the relative displacement of its two ends only, so that
             its tangent is ``[[B, -B], [-B, B]]``.
@@ -134,9 +134,9 @@ class Element(abc.ABC):
     has_length: bool = False
     symmetric: bool = True
     tension_only: bool = False
-    rising: bool = False
+    monotone: bool = False
     remembers: bool = False
-    breaks: bool = False
+    has_rupture: bool = False
     shaped_by_load: bool = False
     paired: bool = False
     slides: bool = False
@@ -171,7 +171,7 @@ class Element(abc.ABC):
         values = {name: value for name, value in values.items() if value is not None}
         fields = dataclasses.fields(self)  # type: ignore[arg-type]  # a group is a `pytree`
         others = {field.name: getattr(self, field.name) for field in fields}
-        return values | {name: x.every for name, x in others.items() if isinstance(x, Each)}
+        return values | {name: x.every for name, x in others.items() if isinstance(x, PerElement)}
 
     @abc.abstractmethod
     def start(self, ends: Float[Array, "n_elem n_end 3"]) -> ElementState:
@@ -213,11 +213,11 @@ class Element(abc.ABC):
         """Return the history variables of elements that have not been strained yet, or None."""
         return None
 
-    def extended(self) -> Self:
+    def extrapolated(self) -> Self:
         """Return the group with laws continued beyond their rupture strains, for an iteration."""
         return self
 
-    def risen(self) -> Self:
+    def without_softening(self) -> Self:
         """Return the group without softening, with which an iteration begins."""
         return self
 
@@ -344,7 +344,9 @@ class Element(abc.ABC):
         """Return the sum of the absolute forces of an element's parts, N; if it `remembers`."""
         return jnp.zeros((), motion.dtype)
 
-    def settle(self, strain: Array, memory: PyTree[Array], duration: float = 0.0) -> PyTree[Array]:
+    def commit_memory(
+        self, strain: Array, memory: PyTree[Array], duration: float = 0.0
+    ) -> PyTree[Array]:
         """Return the history variables after an increment of a `duration`, s, to a `strain`."""
         return memory
 
@@ -361,9 +363,9 @@ class Element(abc.ABC):
         history variables.
         """
         strain = self.section_strain(state, ends, motion)  # type: ignore[attr-defined]  # a result
-        return self.settle(strain, state.memory, duration)
+        return self.commit_memory(strain, state.memory, duration)
 
-    def beyond(self, strain: Array) -> Bool[Array, ""]:
+    def is_ruptured(self, strain: Array) -> Bool[Array, ""]:
         """Return whether a strain is beyond the rupture strain of the law."""
         return jnp.zeros((), bool)
 

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import jax
 import jax.numpy as jnp
 
-from ..common.tree import copy, pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, PyTree
 
 Pressures: TypeAlias = 'dict[str, list[tuple[Float[Array, " n_elem"], Float[Array, "n_elem 3"]]]]'
@@ -50,10 +50,10 @@ class ElementLoad:
         if line is not None:
             line = line / rest_length[:, None]
         if pressures is None or self.pressures is None:
-            return copy(self, line=line)
+            return copy_with(self, line=line)
         axes = {per: [axis for _, axis in pairs] for per, pairs in self.pressures.items()}
         pairs = {per: list(zip(p, axes[per], strict=True)) for per, p in pressures.items()}
-        return copy(self, line=line, pressures=pairs)
+        return copy_with(self, line=line, pressures=pairs)
 
 
 class ElementState:
@@ -114,4 +114,4 @@ def with_fields(state: OwnState, **changes: Any) -> Any:
                 f"{type(state).__name__}: a state of elements without the field `{name}`, which "
                 "this analysis has to set"
             )
-    return copy(state, **changes)
+    return copy_with(state, **changes)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..common.types import Array, Bool, Float
-from ..numerics import exact
+from ..numerics import compensated
 
 
 @jax.jit  # one function in a program, however often it is called
@@ -49,13 +49,13 @@ def brought(
 
 def _elongation_remainder(elongation, ends, motion, change, longer):
     """Return the exact elongation less `longer`, from the length changes of pieces, [n, 1]."""
-    chord, (step, lost) = (exact.two_sum(at[1:], -at[:-1]) for at in (ends, motion[:, :3]))
-    moved = exact.two_sum(step, lost + _differences(motion[:, 3:]))
-    more = exact.lengthened(chord, moved, change)
+    chord, (step, lost) = (compensated.two_sum(at[1:], -at[:-1]) for at in (ends, motion[:, :3]))
+    moved = compensated.two_sum(step, lost + _differences(motion[:, 3:]))
+    more = compensated.elongation_correction(chord, moved, change)
     if len(more) == 1:
-        return (exact.two_sum(elongation[None, None], change)[1] + more)[0, 0]
+        return (compensated.two_sum(elongation[None, None], change)[1] + more)[0, 0]
     terms = [change[:, 0], jnp.stack([elongation, -longer, jnp.sum(more)])]
-    return exact.total(jnp.concatenate(terms))
+    return compensated.compensated_sum(jnp.concatenate(terms))
 
 
 def _differences(places):

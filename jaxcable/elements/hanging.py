@@ -27,8 +27,8 @@ import jax
 import jax.numpy as jnp
 
 from ..common.types import Array, Float
-from ..numerics.roots import rising_root
-from ..numerics.vectors import inner
+from ..numerics.roots import bracketed_root
+from ..numerics.vectors import scalar_product
 from .element import Scalar
 from .hanging_terms import (
     magnitude_and_direction,
@@ -61,10 +61,10 @@ def hang(
         without load is slack.
     """
     weight, unit = magnitude_and_direction(load)
-    across = chord - inner(chord, unit) * unit
+    across = chord - scalar_product(chord, unit) * unit
     # for a chord along the load: negligible elsewhere, and its square does not underflow
     tiny = jnp.finfo(chord.dtype).tiny ** 0.45
-    across2 = inner(across, across) / rest_length**2 + tiny
+    across2 = scalar_product(across, across) / rest_length**2 + tiny
     excess = excess / rest_length**2
     omega = weight * rest_length / stiffness
     empty = (omega == 0) & (excess < 0)
@@ -119,7 +119,9 @@ def _solve_tension_unknown(omega, across2, excess):
     tiny = jnp.finfo(omega.dtype).tiny
     low = jnp.log(jnp.full_like(omega, 1e3 * tiny))  # above underflow after rounding
     high = jnp.log(2 + 2 * jnp.sqrt(jnp.maximum(1 + excess, 0.0)) + omega)
-    return base + jnp.exp(rising_root(balance, jnp.log(jnp.maximum(added, 1e3 * tiny)), low, high))
+    return base + jnp.exp(
+        bracketed_root(balance, jnp.log(jnp.maximum(added, 1e3 * tiny)), low, high)
+    )
 
 
 def _first_guess(omega, across2, excess):
@@ -174,14 +176,14 @@ def stored_energy(
     the cable, without the shares of this load at the ends. The complementary energy is the integral
     of ``|T|^2/(2 EA) + |T|`` over the unstressed length.
     """
-    weight2 = inner(load, load)
+    weight2 = scalar_product(load, load)
     heavy = weight2 > 0
-    along = inner(force, load)
+    along = scalar_product(force, load)
     along2 = along**2 / jnp.where(heavy, weight2, 1.0)
-    across2 = jnp.maximum(inner(force, force) - along2, 0.0)
+    across2 = jnp.maximum(scalar_product(force, force) - along2, 0.0)
     some = jnp.where(tau > 0, tau, 1.0)
     integral = 0.5 * (tau + along2 / some + across2 * (1 + theta_coth_less_1(theta)) / some)
-    square = inner(force, force) + weight2 * rest_length**2 / 12
+    square = scalar_product(force, force) + weight2 * rest_length**2 / 12
     return force @ chord - rest_length * (0.5 * square / stiffness + integral)
 
 
@@ -203,7 +205,7 @@ def positions_along(
     here = first - jnp.outer(arc[:, 0], load)
     mean = 0.5 * (first + here)
     both = _row_norms(first) + _row_norms(here)
-    weight2 = inner(load, load)
+    weight2 = scalar_product(load, load)
     unit = load / jnp.sqrt(jnp.where(weight2 > 0, weight2, 1.0))
     along = jnp.outer(mean @ unit, unit)
     c = jnp.sqrt(weight2) * arc / jnp.where(both > 0, both, 1.0)

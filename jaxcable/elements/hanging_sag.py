@@ -19,8 +19,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from ..common.types import Array, Float
-from ..numerics.roots import rising_root
-from ..numerics.vectors import inner
+from ..numerics.roots import bracketed_root
+from ..numerics.vectors import scalar_product
 from .element import Scalar
 from .hanging import hang
 from .hanging_terms import cosh_less_1, magnitude_and_direction, sinhc_less_1
@@ -41,9 +41,9 @@ def midspan_sag(
         stiffness: EA, N.
     """
     weight, unit = magnitude_and_direction(load)
-    along = inner(force, unit)
+    along = scalar_product(force, unit)
     across = force - along * unit
-    level = jnp.sqrt(inner(across, across))
+    level = jnp.sqrt(scalar_product(across, across))
     size, soft = level / weight, level / stiffness
     steep = along / level  # slope in the middle of the unstressed length
     mean = jnp.arcsinh(steep / jnp.cosh(theta))
@@ -57,7 +57,7 @@ def midspan_sag(
 
     guess = soft * apart / (1 + soft * jnp.cosh(mean))
     bracket = jnp.full_like(guess, -0.5), jnp.full_like(guess, 1.5)
-    shift = middle * rising_root(balance, guess, *bracket)
+    shift = middle * bracketed_root(balance, guess, *bracket)
     shape = jnp.cosh(mean) * cosh_less_1(theta)
     shape = shape - 2 * jnp.sinh(mean + 0.5 * shift) * jnp.sinh(0.5 * shift)
     stretch = jnp.cosh(2 * mean) * cosh_less_1(2 * theta)
@@ -80,7 +80,7 @@ def strain_at_sag(
         stiffness: EA, N.
         sag: distance from the chord at midspan, along the load, positive, m.
     """
-    length2 = inner(chord, chord)
+    length2 = scalar_product(chord, chord)
     length = jnp.sqrt(length2)
 
     def mismatch(u):
@@ -90,14 +90,14 @@ def strain_at_sag(
         return jnp.log(midspan_sag(force, theta, load, stiffness) / sag)
 
     weight, unit = magnitude_and_direction(load)
-    across = chord - inner(chord, unit) * unit
-    slope = jnp.sqrt(inner(across, across)) / length
+    across = chord - scalar_product(chord, unit) * unit
+    slope = jnp.sqrt(scalar_product(across, across)) / length
     ratio = sag / length
     shallow = jnp.log1p(8 / 3 * (ratio * slope) ** 2)
     taut = jnp.log1p(weight * length / (8 * ratio * stiffness))
     deep = jnp.log1p(2 * ratio)
     guess = jnp.minimum(shallow, deep) - taut
-    return jnp.expm1(-rising_root(mismatch, guess, guess - 5 - 2 * taut, deep + 5))
+    return jnp.expm1(-bracketed_root(mismatch, guess, guess - 5 - 2 * taut, deep + 5))
 
 
 def _sinhc(t):

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 
 from ..common.tree import pytree
 from ..common.types import Array, Float
-from ..numerics.vectors import inner
+from ..numerics.vectors import scalar_product
 from .element import Scalar
 from .hanging_terms import (
     magnitude_and_direction,
@@ -61,7 +61,7 @@ def hanging_under_tension(
 ) -> HangingUnderTension:
     """`HangingUnderTension` at ``tau - |q| L0/2``; other arguments as of `hang`."""
     weight, unit = magnitude_and_direction(load)
-    across = chord - inner(chord, unit) * unit
+    across = chord - scalar_product(chord, unit) * unit
     omega, excess = weight * rest_length / stiffness, excess / rest_length**2
     least = tension / stiffness
     strain, theta = mean_strain_and_theta(least, omega)
@@ -76,7 +76,7 @@ def hanging_under_tension(
 
     u = jnp.log(jnp.where(tension > 0, least, 1.0))
     rising, falling = jax.jvp(rise, (u,), (jnp.ones_like(u),))
-    half = 0.5 * inner(across, across) / rest_length
+    half = 0.5 * scalar_product(across, across) / rest_length
     return HangingUnderTension(
         stiffness / rest_length * (spring * chord + further * (chord - across)),
         (chord / (1 + strain) ** 2 + rising * across) / rest_length,

@@ -5,13 +5,13 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from ..common.types import Array, Float
-from ..numerics.vectors import inner
+from ..numerics.vectors import scalar_product
 from .element import Scalar
 
 
 def magnitude_and_direction(load: Float[Array, " 3"]) -> tuple[Scalar, Float[Array, " 3"]]:
     """Return the magnitude of a load [3], N/m, and its direction [3], zero without load."""
-    weight2 = inner(load, load)
+    weight2 = scalar_product(load, load)
     heavy = weight2 > 0
     weight = jnp.where(heavy, jnp.sqrt(jnp.where(heavy, weight2, 1.0)), 0.0)
     return weight, load / jnp.where(heavy, weight, 1.0)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.tree import kind
+from ..common.tree import template_of
 from ..common.types import Array, ArrayLike, Float, Int
 from ..sections import Section
 from .abilities import Bending
@@ -52,7 +52,7 @@ class InnerUnknowns(Bending):
     @property
     def _n_field_rows(self) -> int:
         """Number of rows for strains along the axis; three integration points cannot resolve P2."""
-        if kind(self.section).is_elastic:
+        if template_of(self.section).is_elastic:
             return 0
         return 1 if self.points < 4 else 2
 

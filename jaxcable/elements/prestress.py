@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.tree import Indices, copy, pytree
+from ..common.tree import Indices, copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..numerics.vectors import inner
+from ..numerics.vectors import scalar_product
 from .abilities import STATEMENTS, Prestressable
 from .element import Ends, Motion, Scalar
 from .element_state import ElementLoad, ElementState
@@ -94,7 +94,7 @@ class Prestressed(Prestressable):
         """Interpolate the state at a load factor; NaN where a shortening exceeds the length."""
         mixed = super().between(start, end, factor)
         length = jnp.where(mixed.rest_length > 0, mixed.rest_length, jnp.nan)
-        return copy(mixed, rest_length=length)
+        return copy_with(mixed, rest_length=length)
 
     def start(self, ends: Float[Array, "n_elem n_end 3"]) -> AxialState:
         """Return the state before the first phase; default: initial chords are unstressed."""
@@ -118,7 +118,7 @@ class Prestressed(Prestressable):
         """Return a state with unstressed lengths of one chord, or of two where `slack`."""
         chord = self.chord(ends)
         longer = jnp.where(slack, chord, 0.0)
-        return copy(self.start(ends), rest_length=chord + longer, elongation=-longer)
+        return copy_with(self.start(ends), rest_length=chord + longer, elongation=-longer)
 
     def found(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """Return the state of an element activated here: unstressed, or with its `rest_length`."""
@@ -131,7 +131,7 @@ class Prestressed(Prestressable):
         if self.rest_length is not None:
             rest_length, elongation = self.rest_length, start - self.rest_length
         warmth = None if state.warmth is None else jnp.ones_like(state.warmth)
-        return copy(
+        return copy_with(
             state,
             rest_length=rest_length,
             elongation=elongation,
@@ -177,7 +177,7 @@ class Prestressed(Prestressable):
             change = rest_length / warmth * strain
             rest_length, elongation = rest_length + change, elongation - change
             warmth = warmth + strain
-        return copy(
+        return copy_with(
             state,
             rest_length=rest_length,
             elongation=elongation,
@@ -213,8 +213,8 @@ def stretch(ends: Ends, motion: Motion) -> tuple[Float[Array, " 3"], Scalar, Sca
     """Return the present chord vector and length, its change (no subtraction), initial length."""
     chord, w = ends[1] - ends[0], motion[1] - motion[0]
     vector = chord + w
-    start, length = jnp.sqrt(inner(chord, chord)), jnp.sqrt(inner(vector, vector))
-    return vector, length, inner(2 * chord + w, w) / (length + start), start
+    start, length = jnp.sqrt(scalar_product(chord, chord)), jnp.sqrt(scalar_product(vector, vector))
+    return vector, length, scalar_product(2 * chord + w, w) / (length + start), start
 
 
 def jacked_or(
@@ -228,7 +228,7 @@ def jacked_or(
 
 def element(group: Any, properties: Mapping[str, PyTree[Array]]) -> Any:
     """Return the group as one element, inside vmap over `properties`."""
-    return copy(group, links=None, **properties)
+    return copy_with(group, links=None, **properties)
 
 
 def of_each(method: str, group: Any, *arguments: PyTree[Array], **shared: Any) -> PyTree[Array]:
@@ -244,7 +244,7 @@ def checked_links(links: Int[ArrayLike, "n_elem 2"]) -> Indices:
     """Return links [n_elem, 2] as `Indices`; ValueError for equal ends and repeated links."""
     if isinstance(links, Indices):
         return links
-    links = checks.integers(links, "links", width=2)
+    links = checks.as_indices(links, "links", width=2)
     if len(links) == 0:
         raise ValueError("links: a group needs at least one element")
     same = links[:, 0] == links[:, 1]

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..common import checks
 from ..common.rules import Rule
-from ..common.tree import Indices, plain, pytree
+from ..common.tree import Indices, index_array, pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from .abilities import Jacked, Rounding
 from .cable import TensionOnly
@@ -74,7 +74,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
         """Return the rule that no two successive nodes of a cable coincide; nodes [n_node, 3]."""
-        links = plain(self.links)
+        links = index_array(self.links)
 
         def same(ends, links):
             return (ends[:, 1:] == ends[:, :-1]).all(axis=2) & (links[:, 1:] != links[:, :-1])
@@ -208,7 +208,7 @@ def _chains_as_indices(chains):
     if not isinstance(chains, list | tuple | np.ndarray):
         raise ValueError(f"links: expected a list of chains, got {type(chains).__name__}")
     chains = [
-        np.atleast_1d(checks.integers(chain, f"links[{k}]")) for k, chain in enumerate(chains)
+        np.atleast_1d(checks.as_indices(chain, f"links[{k}]")) for k, chain in enumerate(chains)
     ]
     if not chains:
         raise ValueError("links: a group needs at least one element")

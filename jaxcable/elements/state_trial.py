@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.tree import copy
+from ..common.tree import copy_with
 from .abilities import Sagging, components_of, statements_of
 from .element import Element
 from .element_state import OwnState
@@ -49,7 +49,7 @@ def activation_faults(group: Element, state: OwnState, ends: Any, motion: Any) -
     words = "a state like that of `start`"
     begins = group.partly(state, jnp.ones(len(group.links), bool))
     if group.remembers:
-        begins = copy(begins, memory=group.initial_memory())
+        begins = copy_with(begins, memory=group.initial_memory())
     try:
         wrong = _describe_difference(begins, of_each("found", group, begins, ends, motion))
     except Exception as error:  # of the author's code

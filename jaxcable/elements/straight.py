@@ -17,11 +17,11 @@ import jax
 import jax.numpy as jnp
 
 from ..common import checks
-from ..common.rules import Rule, not_negative, positive, refuse
-from ..common.tree import changed, copy, kind, pytree
+from ..common.rules import Rule, not_negative, positive, refuse_if_broken
+from ..common.tree import apply_to_each, copy_with, pytree, template_of
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..materials import Elastic, Parallel
-from ..materials.law import Law, uniaxial
+from ..materials.law import Law, require_law
 from ..sections import Section
 from .abilities import Uniaxial
 from .axial import Axial
@@ -62,7 +62,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         links = checked_links(self.links)
         object.__setattr__(self, "links", links)
         for name in self.per_element:
-            value = checks.per_element(getattr(self, name), len(links), name)
+            value = checks.floats_per_element(getattr(self, name), len(links), name)
             object.__setattr__(self, name, value)
         given = [self.axial_stiffness, self.area if self.law is None else self.law, self.section]
         if sum(value is not None for value in given) > 1:
@@ -75,12 +75,12 @@ class Straight(Axial, Prestressed, Uniaxial):
                 "axial_stiffness: missing; give axial_stiffness, or area with law, or section"
             )
         if self.law is not None:
-            uniaxial(self.law, "law")
+            require_law(self.law, "law")
         if self.section is not None and not isinstance(self.section, Section):
             raise ValueError(f"section: {type(self.section).__name__} is not a Section")
         if self.compliance is not None:
             self._check_compliance()
-        refuse(self.rules())
+        refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
         """Return the rules that the numbers of the group must keep, see `common.rules`."""
@@ -89,7 +89,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         rules += [not_negative(name, getattr(self, name)) for name in ("weight", "compliance")]
         laws = () if self.compliance is None or self.section is None else self._laws
         for k, law in enumerate(laws if len(laws) > 1 else ()):
-            stress = law.falls()
+            stress = law.softening_stresses()
             if stress is not None:
                 text = (
                     f"section.laws[{k}] softens; with a spring in series (compliance) it would "
@@ -100,7 +100,7 @@ class Straight(Axial, Prestressed, Uniaxial):
 
     def _check_compliance(self):
         """Raise ValueError for a compliance beside a law of points in several elements."""
-        if len(self._laws) == 1 and len(self.links) > 1 and self.breaks:
+        if len(self._laws) == 1 and len(self.links) > 1 and self.has_rupture:
             raise ValueError(
                 "compliance: beside a law of points only in groups of one element; change the law "
                 "instead: strain + compliance area stress at each point"
@@ -138,14 +138,18 @@ class Straight(Axial, Prestressed, Uniaxial):
                 return self.axial_stiffness, None, None
             stiffness = self.axial_stiffness / (1 + self.compliance * self.axial_stiffness)
             return stiffness, None, None
-        return None, law if self.compliance is None else law.softened(self.compliance * area), area
+        return (
+            None,
+            law if self.compliance is None else law.in_series_with_spring(self.compliance * area),
+            area,
+        )
 
     @property
     def _laws(self):
         """Laws of the material; only static fields are defined if elements have a law each."""
         if self.section is not None:
-            return kind(self.section).laws
-        return () if self.law is None else (kind(self.law),)
+            return template_of(self.section).laws
+        return () if self.law is None else (template_of(self.law),)
 
     @property
     def remembers(self) -> bool:  # type: ignore[override]  # read only
@@ -153,14 +157,14 @@ class Straight(Axial, Prestressed, Uniaxial):
         return any(law.n_memory for law in self._laws)
 
     @property
-    def breaks(self) -> bool:  # type: ignore[override]  # read only
+    def has_rupture(self) -> bool:  # type: ignore[override]  # read only
         """Whether its law has a rupture strain."""
-        return any(law.breaks for law in self._laws)
+        return any(law.has_rupture for law in self._laws)
 
     @property
-    def rising(self) -> bool:  # type: ignore[override]  # read only
+    def monotone(self) -> bool:  # type: ignore[override]  # read only
         """Whether its force is known not to fall with strain (no softening)."""
-        return all(law.rising for law in self._laws)
+        return all(law.monotone for law in self._laws)
 
     # --- the group
 
@@ -168,23 +172,25 @@ class Straight(Axial, Prestressed, Uniaxial):
         """Return history variables of elements not strained yet, [n_elem, n_memory], or None."""
         if not self.remembers:
             return None
-        area = self.area if self.section is None else kind(self.section).area
+        area = self.area if self.section is None else template_of(self.section).area
         count = sum(law.n_memory for law in self._laws)
         return jnp.zeros((len(self.links), count), jnp.asarray(area).dtype)
 
-    def extended(self) -> Self:
+    def extrapolated(self) -> Self:
         """Return the group with its law continued beyond the rupture strain, for an iteration."""
         if self.section is not None:
-            return copy(self, section=changed(lambda part: part.reduced(), self.section))
+            return copy_with(
+                self, section=apply_to_each(lambda part: part.for_analysis(), self.section)
+            )
         if self.law is None:
             return self
-        return copy(self, law=changed(lambda part: part.extended(), self.law))
+        return copy_with(self, law=apply_to_each(lambda part: part.extrapolated(), self.law))
 
-    def risen(self) -> Self:
-        """Return the group with a law without softening, see `Law.risen`."""
-        if self.rising or self.law is None:
+    def without_softening(self) -> Self:
+        """Return the group with a law without softening, see `Law.without_softening`."""
+        if self.monotone or self.law is None:
             return self
-        return copy(self, law=changed(lambda part: part.risen(), self.law))
+        return copy_with(self, law=apply_to_each(lambda part: part.without_softening(), self.law))
 
     def stiffness_along(self) -> Float[ArrayLike, " n_elem"] | None:
         """Return the axial stiffness EA if the law is linear, [n_elem], N; None otherwise."""
@@ -199,7 +205,7 @@ class Straight(Axial, Prestressed, Uniaxial):
 
     def capacity(self) -> tuple[float | Float[Array, " n_elem"], float | Float[Array, " n_elem"]]:
         """Return the smallest and the largest axial force, N, scalars or [n_elem]."""
-        if not self.breaks:
+        if not self.has_rupture:
             return -jnp.inf, jnp.inf
         area, law = (self.area, self.law) if self.section is None else self.section.axial()
         low, high = law.capacity
@@ -225,7 +231,7 @@ class Straight(Axial, Prestressed, Uniaxial):
     def has_result(self, name: str, state: AxialState) -> bool:
         """Return whether it has a result; strains only with fibres, rupture or history."""
         if name == "section_strain":
-            return self.section is not None or self.breaks or self.remembers
+            return self.section is not None or self.has_rupture or self.remembers
         return super().has_result(name, state)
 
     def strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
@@ -278,13 +284,13 @@ class Straight(Axial, Prestressed, Uniaxial):
     def size(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Return the sum of the absolute forces of the law's parts, N: the scale of rounding."""
         _, law, area = self._section()
-        return area * law.size_at(self.section_strain(state, ends, motion), state.memory)
+        return area * law.stress_scale_at(self.section_strain(state, ends, motion), state.memory)
 
-    def settle(
+    def commit_memory(
         self, strain: Scalar, memory: Float[Array, " n_memory"], duration: float = 0.0
     ) -> Float[Array, " n_memory"]:
         """Return the history variables after an increment of a `duration`, s, to a `strain`."""
-        return self._section()[1].settle(strain, memory, duration)
+        return self._section()[1].commit_memory(strain, memory, duration)
 
     def fibre_stress(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
@@ -294,13 +300,15 @@ class Straight(Axial, Prestressed, Uniaxial):
         if self.section is None:
             return law.stress_at(strain, memory)
         several = isinstance(law, Parallel)
-        stress = law.stresses(strain, memory) if several else [law.stress_at(strain, memory)]
+        stress = (
+            law.stress_of_each_law(strain, memory) if several else [law.stress_at(strain, memory)]
+        )
         counts = self.section.counts
         return jnp.concatenate([jnp.full(n, s) for n, s in zip(counts, stress, strict=True)])
 
-    def beyond(self, strain: Scalar) -> Bool[Array, ""]:
+    def is_ruptured(self, strain: Scalar) -> Bool[Array, ""]:
         """Return whether `strain` is beyond the rupture strain of the law."""
-        return self._section()[1].beyond(strain)
+        return self._section()[1].is_ruptured(strain)
 
     # --- prestress
 
@@ -310,7 +318,9 @@ class Straight(Axial, Prestressed, Uniaxial):
         rest_length = length / (1 + strain)
         pair = jnp.stack([rest_length, rest_length * strain - change])
         pair = jacked_or(state, pair, lambda: jnp.stack([state.rest_length, state.elongation]))
-        return copy(state, rest_length=pair[0], elongation=pair[1], jack_force=None, jacked=None)
+        return copy_with(
+            state, rest_length=pair[0], elongation=pair[1], jack_force=None, jacked=None
+        )
 
 
 def _decreases(stress):

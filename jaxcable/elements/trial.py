@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common.tree import Indices
-from ..numerics.rotations import IDENTITY, turned
+from ..numerics.rotations import IDENTITY, move_node
 from .abilities import Jacked, Sagging
 from .element import Element, Result
 from .element_state import ElementState
@@ -250,7 +250,7 @@ class _MethodTrial:
         size = jnp.max(jnp.abs(forces))
 
         def moved(motion, step):
-            return jax.vmap(turned)(motion, step) if group.rotates else motion + step
+            return jax.vmap(move_node)(motion, step) if group.rotates else motion + step
 
         def about(one, *at):
             return jax.jacfwd(lambda step: one.end_forces_about(*at, step))(still)
@@ -353,4 +353,4 @@ def _random_motion(group, nodes, ends):
     if not group.rotates:
         return still + step
     turn = jnp.broadcast_to(jnp.asarray(IDENTITY, nodes.dtype), (len(nodes), 4))
-    return jax.vmap(turned)(jnp.concatenate([still, turn], axis=1), jnp.asarray(step))
+    return jax.vmap(move_node)(jnp.concatenate([still, turn], axis=1), jnp.asarray(step))

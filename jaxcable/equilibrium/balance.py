@@ -98,7 +98,7 @@ class ConvergenceCriterion:
                 proportional to the load factor.
         """
         if largest_added is None:
-            load = jnp.max(system.space.size(system.load - load_at_start)) / factor
+            load = jnp.max(system.space.force_norm(system.load - load_at_start)) / factor
         else:
             load = jnp.where(factor > 0, largest_added, 0.0)
         return cls(earlier_residual, jnp.where(load > 0, load, jnp.inf))

@@ -13,13 +13,13 @@ import jax.numpy as jnp
 from jax import lax
 
 from .. import linear
-from ..common.tree import copy, pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..linear import Matrix
 from ..mechanics import pieces
 from ..mechanics.assembly import System
 from ..mechanics.pulls import Pulls, held
-from ..numerics.cones import norm, scaling, wide
+from ..numerics.cones import nesterov_todd_scaling, norm, repeat_for_vectors
 from ..spaces.space import Motion
 from .newton_step import largest
 
@@ -45,7 +45,7 @@ class ConicEquations:
         unknowns: `tension_unknowns.TensionUnknowns` with the numbers that its mode begins with.
         base_tension, slope: tensions without a change of length, and k, [n], N and N/m.
         vector: X of every piece, [n_piece, 3], m.
-        stiff, across, ratio, spring: `numerics.cones.Scaling`, or what takes its place.
+        stiff, across, ratio, spring: `numerics.cones.ConeScaling`, or what takes its place.
         rhs: right side, [n_free], N.
         guess: tensions for the geometric stiffness of pieces, [n], N.
         jacked: which cables have a tension that does not follow their length, [n], or None.
@@ -98,7 +98,7 @@ class ConicEquations:
             slope=pulls.slope,
             vector=vector,
             stiff=pieces.repeated(system, guess) / piece_length,
-            across=vector / wide(piece_length, vector),
+            across=vector / repeat_for_vectors(piece_length, vector),
             ratio=jnp.ones_like(piece_length),
             spring=none,
             rhs=-residual,
@@ -124,7 +124,7 @@ class ConicEquations:
         inner = lax.cond(
             unknowns.is_new_mode, lambda: inner.at_start(self, system, x), lambda: inner
         )
-        new = copy(self, unknowns=copy(unknowns, interior_point=inner))
+        new = copy_with(self, unknowns=copy_with(unknowns, interior_point=inner))
         guess = jnp.where(unknowns.is_interior, inner.tension, unknowns.guess)
         under = pulls.under(system, jnp.maximum(guess, 0.0))
         given = system, guess, under.gap, under.compliance
@@ -134,7 +134,7 @@ class ConicEquations:
         )
         new, pull = lax.cond(unknowns.is_interior, *ways)
         unbalanced = system.external_force(x) - pieces.at_nodes(system, pull)
-        return copy(new, rhs=system.space.collected(unbalanced, x))
+        return copy_with(new, rhs=system.space.restrict(unbalanced, x))
 
     def _interior_equations(self, system, tension, spare_length, compliance):
         """Return the equations of an interior step, and V without motion, [n_piece, 3], N.
@@ -145,7 +145,7 @@ class ConicEquations:
         inner = self.unknowns.interior_point
         single = pieces.repeated(system, tension)
         points = inner.length_slack + norm(self.vector), self.vector, single, inner.pull
-        scaled = scaling(*points, inner.length_slack, inner.force_slack)
+        scaled = nesterov_todd_scaling(*points, inner.length_slack, inner.force_slack)
         lacks = spare_length - pieces.total(system, inner.length_slack)
         slope = 1 / (compliance + pieces.total(system, scaled.spring))
         if self.jacked is not None:
@@ -153,8 +153,11 @@ class ConicEquations:
         wider = pieces.total(system, scaled.spring * (inner.corrector_tension - single))
         base = tension + slope * (wider - lacks)
         away = pieces.repeated(system, base) - inner.corrector_tension
-        pull = wide(scaled.ratio * away, inner.pull) * scaled.across - inner.corrector_pull
-        return copy(self, base_tension=base, slope=slope, **scaled._asdict()), pull
+        pull = (
+            repeat_for_vectors(scaled.ratio * away, inner.pull) * scaled.across
+            - inner.corrector_pull
+        )
+        return copy_with(self, base_tension=base, slope=slope, **scaled._asdict()), pull
 
     def _finish_equations(self, system, guess, spare_length, compliance, piece_length):
         """Return the equations of a finishing step, and forces without motion, [n_piece, 3], N.
@@ -177,14 +180,14 @@ class ConicEquations:
             active, inactive = active & ~self.jacked, jnp.where(self.jacked, self.base_tension, 0.0)
         base = lax.select(active, positive - stiff * spare_length, inactive)
         tension = lax.select(active, positive, inactive)
-        new = copy(
+        new = copy_with(
             self,
             base_tension=base,
             slope=lax.select(active, stiff, none),
             stiff=pieces.repeated(system, tension) / piece_length,
             guess=tension,
         )
-        return new, wide(pieces.repeated(system, base), self.across) * self.across
+        return new, repeat_for_vectors(pieces.repeated(system, base), self.across) * self.across
 
     def matrix(self, system: System, x: Motion, residual: Float[Array, ""]) -> Matrix:
         """Return the matrix of the equations, regularized; `residual` is the largest, N."""
@@ -199,7 +202,7 @@ class ConicEquations:
         shift = jnp.where(unknowns.is_interior, 0.0, shift)
         eps, tiny = jnp.finfo(size.dtype).eps, jnp.finfo(size.dtype).tiny
         rounding = unknowns.min_shift_in_eps * (eps * size) + tiny
-        return linear.plus_diagonal(matrix, jnp.maximum(shift, rounding))
+        return linear.add_to_diagonal(matrix, jnp.maximum(shift, rounding))
 
     def take_step(
         self,
@@ -217,7 +220,7 @@ class ConicEquations:
             definite: whether their matrix is.
         """
         unknowns = self.unknowns
-        moved = pieces.differences(system, system.space.spread(x, step))
+        moved = pieces.differences(system, system.space.prolong(x, step))
         across = jnp.sum(self.across * moved, axis=-1)
         now = self.base_tension + self.slope * pieces.total(system, self.ratio * across)
 
@@ -225,7 +228,7 @@ class ConicEquations:
             far = jnp.max(norm(moved)) / (_MAX_MOTION * self.length)
             fraction = jnp.where(unknowns.is_finishing, 1 / jnp.maximum(far, 1.0), 1.0)
             guess = jnp.where(unknowns.is_finishing, now, jnp.maximum(now, 0.0))
-            after = copy(unknowns, guess=guess, steps_in_mode=unknowns.steps_in_mode + 1)
+            after = copy_with(unknowns, guess=guess, steps_in_mode=unknowns.steps_in_mode + 1)
             return after, fraction, jnp.zeros((), bool)
 
         def interior_step():
@@ -233,7 +236,7 @@ class ConicEquations:
             inner, fraction, predicted = unknowns.interior_point.take_half_step(*given)
             blocked = unknowns.blocked_steps
             short = jnp.where(fraction < _BLOCKED, blocked + 1, jnp.minimum(blocked, 0))
-            after = copy(
+            after = copy_with(
                 unknowns,
                 interior_point=inner,
                 blocked_steps=jnp.where(predicted, blocked, short),
@@ -242,4 +245,4 @@ class ConicEquations:
             return after, fraction, predicted
 
         after, fraction, predicted = lax.cond(unknowns.is_interior, interior_step, newton_step)
-        return copy(after, is_new_mode=jnp.zeros((), bool)), fraction, predicted
+        return copy_with(after, is_new_mode=jnp.zeros((), bool)), fraction, predicted

@@ -44,19 +44,19 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 from jax import lax
 
-from ..common.tree import copy, pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..mechanics import pieces
 from ..mechanics.assembly import System
 from ..mechanics.pulls import rest_lengths
 from ..numerics.cones import (
-    Scaling,
-    correction,
+    ConeScaling,
+    inverse_step_to_boundary,
+    lorentz_products,
     norm,
-    products,
-    rate_to_boundary,
-    slack_after,
-    wide,
+    repeat_for_vectors,
+    second_order_corrector,
+    slack_after_step,
 )
 from ..spaces.space import Motion
 from .finish_decision import FinishDecision
@@ -101,7 +101,7 @@ class ConicInteriorPoint:
 
     initial_threshold: ClassVar[float] = 1.0  # m over that from which finishing steps are tried
     max_finishes: ClassVar[int] = 3  # how often finishing steps are tried
-    # as `limit` of `linear.solve_next`: -1 because pivots may have few digits
+    # as `limit` of `linear.solve_reusing_factor`: -1 because pivots may have few digits
     min_cg_limit: ClassVar[int] = -1
 
     @classmethod
@@ -127,7 +127,7 @@ class ConicInteriorPoint:
         """
         size, base, load = norm(equations.vector), equations.base_tension, equations.load
         load = jnp.where(load > 0, load, _UNLOADED * jnp.max(base))
-        loads = jnp.sum(jnp.abs(system.space.collected(system.external_force(x), x)))
+        loads = jnp.sum(jnp.abs(system.space.restrict(system.external_force(x), x)))
         tension = jnp.full_like(base, jnp.maximum(load, jnp.sqrt(load * loads)))
         if equations.jacked is not None:
             least = jnp.finfo(x.dtype).eps * load  # a jack may have no force
@@ -135,7 +135,7 @@ class ConicInteriorPoint:
         rest = rest_lengths(system)
         slack = _INITIAL_SLACK * rest + jnp.maximum(rest - pieces.total(system, size), 0.0)
         slack, of_pieces = pieces.shared(system, slack), pieces.repeated(system, tension)
-        return copy(
+        return copy_with(
             self,
             tension=tension,
             pull=jnp.zeros_like(self.pull),
@@ -197,25 +197,31 @@ class ConicInteriorPoint:
         after = pieces.repeated(system, tension)
         away, longer = after - self.corrector_tension, equations.ratio * across
         wider = pieces.real(system, longer - equations.spring * away)
-        along = wide(equations.ratio * away - equations.stiff * across, v)
-        pull = along * equations.across + wide(equations.stiff, v) * moved - self.corrector_pull
+        along = repeat_for_vectors(equations.ratio * away - equations.stiff * across, v)
+        pull = (
+            along * equations.across
+            + repeat_for_vectors(equations.stiff, v) * moved
+            - self.corrector_pull
+        )
         more, change = after - before, pull - v
-        first = rate_to_boundary(u, at, self.length_slack, wider, moved)
-        second = rate_to_boundary(before, v, self.force_slack, more, change)
+        first = inverse_step_to_boundary(u, at, self.length_slack, wider, moved)
+        second = inverse_step_to_boundary(before, v, self.force_slack, more, change)
         inside = jnp.where(self.has_predicted, _TO_BOUNDARY, 1.0)
         rate = jnp.maximum(first, second)
         fraction = inside / jnp.maximum(rate, inside)
-        beyond = products(wider, moved, more, change)
+        beyond = lorentz_products(wider, moved, more, change)
         mean = pieces.mean(system, beyond)
         product = self.product + fraction * (self.target - self.product + fraction * mean)
 
         def predict():
             left = jnp.maximum(_MIN_CENTERING, product / self.product)
             m = jnp.minimum(left * left * left, 1.0) * self.product
-            scaled = Scaling(equations.stiff, equations.across, equations.ratio, equations.spring)
+            scaled = ConeScaling(
+                equations.stiff, equations.across, equations.ratio, equations.spring
+            )
             second, steps = (before, v, self.force_slack), (wider, moved, more, change)
-            force, back = correction(scaled, second, steps, m - beyond)
-            new = copy(
+            force, back = second_order_corrector(scaled, second, steps, m - beyond)
+            new = copy_with(
                 self,
                 corrector_tension=force,
                 corrector_pull=back,
@@ -225,12 +231,12 @@ class ConicInteriorPoint:
             return new, jnp.zeros_like(fraction)
 
         def correct():
-            return copy(
+            return copy_with(
                 self,
                 tension=self.tension + fraction * (tension - self.tension),
                 pull=v + fraction * change,
-                length_slack=slack_after(at, self.length_slack, wider, moved, fraction),
-                force_slack=slack_after(v, self.force_slack, more, change, fraction),
+                length_slack=slack_after_step(at, self.length_slack, wider, moved, fraction),
+                force_slack=slack_after_step(v, self.force_slack, more, change, fraction),
                 corrector_tension=jnp.zeros_like(u),
                 corrector_pull=jnp.zeros_like(v),
                 has_predicted=~self.has_predicted,

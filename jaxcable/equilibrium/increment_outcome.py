@@ -5,9 +5,9 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from ..common import status
-from ..common.tree import pytree, where
+from ..common.tree import pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..linear.sparse import Factored
+from ..linear.sparse import FactoredMatrix
 from ..mechanics.assembly import System
 from ..mechanics.pieces import along_chain
 from .newton_state import NewtonState
@@ -88,7 +88,7 @@ def make_outcome(
     x: Float[Array, "n_row n_motion"],
     active: Bool[ArrayLike, ""],
     ruptured: Bool[ArrayLike, ""],
-    factored: Factored | None,
+    factored: FactoredMatrix | None,
 ) -> Outcome:
     """Return the outcome of an increment from the end of its iteration.
 
@@ -102,11 +102,11 @@ def make_outcome(
     """
     forces = largest(end.residual), _largest_rounding(end)
     code = jnp.maximum(_find_failure_cause(system, end, *forces), status.OK)
-    if system.breaks:
+    if system.has_rupture:
         ruptured = active & (code != status.NONFINITE) & ruptured
         code = jnp.where(ruptured, status.MATERIAL_FAILURE, code)
     good = active & (code == status.OK)
-    x = where(good, end.x, x)
+    x = select_tree(good, end.x, x)
     if factored is None or end.factored is None:
         count = end.steps
     else:

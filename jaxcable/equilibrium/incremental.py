@@ -25,7 +25,7 @@ from jax import lax
 
 from .. import linear
 from ..common import checks, status
-from ..common.rules import Rule, refuse
+from ..common.rules import Rule, refuse_if_broken
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..mechanics.ramp import Ramp
@@ -81,11 +81,11 @@ class Incremental:
             raise ValueError(f"corrections = {self.corrections!r}: expected a whole number >= 0")
         if self.stiffness not in ("tangent", "secant"):
             raise ValueError(f'stiffness = {self.stiffness!r}: expected "tangent" or "secant"')
-        tol = checks.floats(self.tol, "tol")
+        tol = checks.as_floats(self.tol, "tol")
         if tol.shape != ():
             raise ValueError(f"tol: expected one number, got an array of shape {tol.shape}")
-        refuse(self.rules())
-        linear.check(self.linear_solver)
+        refuse_if_broken(self.rules())
+        linear.check_solver_name(self.linear_solver)
 
     def rules(self) -> list[Rule]:
         """Return the rule of `tol`, see `common.rules`; a NaN breaks it."""
@@ -142,7 +142,7 @@ def _solve_increment(ramp, factor, x, method, code, memory, first):
         point, newton = lax.stop_gradient(begin), Newton(linear_solver=method.linear_solver)
         found, _ = equilibrate(frozen, point, newton, active & ~regular)
         iterated = found.equilibrated
-        x = jnp.where(iterated, implicit.attach(system, found.x, iterated), x)
+        x = jnp.where(iterated, implicit.attach_derivative(system, found.x, iterated), x)
         return x, iterated, jnp.where(iterated, found.steps, 1)
 
     def keep(x):
@@ -164,8 +164,8 @@ def _solve_increment(ramp, factor, x, method, code, memory, first):
         (~regular, status.SINGULAR),
         (unbalanced > method.tol * jnp.where(load > 0, load, scale), status.DRIFTED),
     ]
-    if system.breaks:
-        outcomes.insert(1, (frozen.beyond(reached), status.MATERIAL_FAILURE))
+    if system.has_rupture:
+        outcomes.insert(1, (frozen.is_ruptured(reached), status.MATERIAL_FAILURE))
     new = jnp.select([hit for hit, _ in outcomes], [code for _, code in outcomes], status.OK)
     code = status.first_failure(code, jnp.asarray(new, jnp.int32))
     good = code == status.OK
@@ -187,15 +187,15 @@ def _solve_linear_step(system, x, ramp, method):
         function, numbers, back = system.chart(x)
         residual, linearized = jax.linearize(function, numbers)
         # supports are where this increment has them, as in the residual
-        tangent = lax.stop_gradient(system).tangent(lax.stop_gradient(system.place(x)))
+        tangent = lax.stop_gradient(system).tangent(lax.stop_gradient(system.impose_supports(x)))
         factor = linear.factorize(tangent)
-        rhs = implicit.gate(factor.regular, residual)
-        return back(numbers - factor.or_identity().solve(rhs, linearized)), factor.regular
+        rhs = implicit.stop_gradient_unless(factor.regular, residual)
+        return back(numbers - factor.identity_if_singular().solve(rhs, linearized)), factor.regular
     # the secant form begins at the geometry at the start of the phase
-    origin = system.place(ramp.begin.motion)
-    matrix = system.secant(origin, system.place(x))
+    origin = system.impose_supports(ramp.begin.motion)
+    matrix = system.secant(origin, system.impose_supports(x))
     factor = linear.factorize(matrix)
-    rhs = implicit.gate(factor.regular, system.residual(origin))
-    matrix = implicit.gate(factor.regular, matrix)
-    step = factor.or_identity().solve(-rhs, lambda v: matrix @ v)
+    rhs = implicit.stop_gradient_unless(factor.regular, system.residual(origin))
+    matrix = implicit.stop_gradient_unless(factor.regular, matrix)
+    step = factor.identity_if_singular().solve(-rhs, lambda v: matrix @ v)
     return system.move(origin, step), factor.regular

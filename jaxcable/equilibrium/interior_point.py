@@ -26,7 +26,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .. import linear
-from ..common.tree import copy, pytree, where
+from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear import Matrix
 from ..mechanics.assembly import System
@@ -68,7 +68,7 @@ class InteriorPoint:
     # relative residual from which finishing steps are tried
     initial_threshold: ClassVar[float] = 1e-5
     max_finishes: ClassVar[int] = 5  # how often finishing steps are tried
-    min_cg_limit: ClassVar[int] = 0  # as `limit` of `linear.solve_next`
+    min_cg_limit: ClassVar[int] = 0  # as `limit` of `linear.solve_reusing_factor`
 
     @classmethod
     def zeros(cls, system: System, x: Motion) -> InteriorPoint:
@@ -150,7 +150,7 @@ class LengthBoundEquations:
             compliance=none,
             load=load,
             length=length,
-            unknowns=copy(unknowns, guess=guess),
+            unknowns=copy_with(unknowns, guess=guess),
         )
         interior = mixed._interior_equations
         return lax.cond(unknowns.is_interior, lambda: interior(system, x, pulls), lambda: mixed)
@@ -162,12 +162,12 @@ class LengthBoundEquations:
         least, most = (part * first for part in _FIRST_TENSION)
         # a first guess only: steps change it freely
         start = jnp.clip(pulls.tension, least, most)
-        tension = where(unknowns.is_new_mode, start, unknowns.interior_point.tension)
+        tension = select_tree(unknowns.is_new_mode, start, unknowns.interior_point.tension)
         under = pulls.under(system, tension)
         first_slack = jnp.maximum(under.gap, _FIRST_SLACK * rest_lengths(system))
         if under.sag is not None:
             first_slack = jnp.maximum(first_slack, under.sag)
-        slack = where(unknowns.is_new_mode, first_slack, unknowns.interior_point.length_slack)
+        slack = select_tree(unknowns.is_new_mode, first_slack, unknowns.interior_point.length_slack)
         product = jnp.where(free, tension * under.spare(slack), 0.0)
         centering = unknowns.interior_point.centering
         centering = jnp.where(unknowns.is_new_mode, _FIRST_CENTERING, centering)
@@ -177,7 +177,7 @@ class LengthBoundEquations:
         width = jnp.where(width > 0, width, 1.0)
         base = tension + (target - tension * under.gap) / width
         base = jnp.where(free, base, self.base_tension)
-        return copy(
+        return copy_with(
             self,
             base_tension=base,
             slope=jnp.where(free, tension / width, self.slope),
@@ -185,7 +185,7 @@ class LengthBoundEquations:
             rhs=-under.residual(system, x, base),
             spare_length=under.gap,
             compliance=under.compliance,
-            unknowns=copy(
+            unknowns=copy_with(
                 unknowns, interior_point=InteriorPoint(tension, slack, centering, damping)
             ),
         )
@@ -198,14 +198,16 @@ class LengthBoundEquations:
     ) -> Matrix:
         """Return the matrix of the equations, regularized; `residual` is the largest, N."""
         unknowns = self.unknowns
-        tensions = where(unknowns.is_interior, unknowns.interior_point.tension, unknowns.guess)
+        tensions = select_tree(
+            unknowns.is_interior, unknowns.interior_point.tension, unknowns.guess
+        )
         matrix = system.tangent(x, [*stiffness(system, x, self.unit_forces, self.slope, tensions)])
         size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
         eps, tiny = jnp.finfo(x.dtype).eps, jnp.finfo(x.dtype).tiny
         rounding = unknowns.min_shift_in_eps * (eps * size) + tiny
         shift = _SHIFT * jnp.minimum(residual, jnp.max(tensions) + self.load) / self.length
         shift = jnp.where(unknowns.is_interior, unknowns.interior_point.damping, shift)
-        return linear.plus_diagonal(matrix, jnp.maximum(shift, rounding))
+        return linear.add_to_diagonal(matrix, jnp.maximum(shift, rounding))
 
     def take_step(
         self,
@@ -215,17 +217,17 @@ class LengthBoundEquations:
         definite: Bool[Array, ""],
     ) -> tuple[Any, Float[Array, ""], Bool[ArrayLike, ""]]:
         """Return the state after a step, the fraction that is taken, and False: no predictor."""
-        spread, unknowns = system.space.spread(x, step), self.unknowns
+        spread, unknowns = system.space.prolong(x, step), self.unknowns
         longer = lengthened(system, self.unit_forces, spread)
         now = self.base_tension + self.slope * longer
-        mixed = copy(unknowns, guess=jnp.maximum(now, 0.0)), jnp.ones_like(self.length)
+        mixed = copy_with(unknowns, guess=jnp.maximum(now, 0.0)), jnp.ones_like(self.length)
         after, fraction = lax.cond(
             unknowns.is_interior,
             lambda: self._take_interior_step(now, longer, jnp.max(turned(system, spread))),
             lambda: mixed,
         )
         new, count = jnp.zeros((), bool), unknowns.steps_in_mode + 1
-        return copy(after, is_new_mode=new, steps_in_mode=count), fraction, jnp.zeros((), bool)
+        return copy_with(after, is_new_mode=new, steps_in_mode=count), fraction, jnp.zeros((), bool)
 
     def _take_interior_step(self, tension, longer, motion):
         """Return the state after an interior step, and the fraction of it that is taken.
@@ -255,7 +257,7 @@ class LengthBoundEquations:
             centering=jnp.maximum((1 - shorter) ** 2, _MIN_CENTERING),
             damping=self._next_damping(far),
         )
-        after = copy(unknowns, interior_point=inner, blocked_steps=blocked.astype(jnp.int32))
+        after = copy_with(unknowns, interior_point=inner, blocked_steps=blocked.astype(jnp.int32))
         return after, fraction
 
     def _next_damping(self, was_too_long):

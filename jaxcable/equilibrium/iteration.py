@@ -8,13 +8,13 @@ from jax import lax
 
 from .. import linear
 from ..common import status
-from ..common.tree import copy, where
+from ..common.tree import copy_with, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..linear.sparse import Factored
+from ..linear.sparse import FactoredMatrix
 from ..mechanics.assembly import System
 from ..mechanics.chords import Chords, have_chords, relative
 from ..mechanics.pulls import Pulls, loaded
-from ..numerics.search import Search
+from ..numerics.line_search import LineSearch
 from .balance import ConvergenceCriterion, IterationSettings, is_stagnant, limit
 from .globalization import ASTRAY, FullStepPhase, LevenbergShift
 from .newton_state import NewtonState
@@ -59,23 +59,23 @@ class EquilibriumSearch:
         self.system, self.method = system, method
         self.judges_stability, self.only_evaluates = judges_stability, only_evaluates
         self.criterion = criterion if jnp.finfo(x.dtype).eps < 1e-12 else None
-        self.begin = system.place(system.refined(x))
+        self.begin = system.impose_supports(system.refined(x))
         self.tol = limit(method, x.dtype)
         self.length, self.extent = system.length_scale(), system.extent()
         self.is_net = system.is_net
         self.may_be_unstable = not system.always_convex
         self.is_loaded = loaded(system, self.begin) if self.is_net else None
         # a net beyond the peak of a law finds where its curve ends by the true forces
-        softens = not self.is_net and system.risen().is_net
+        softens = not self.is_net and system.without_softening().is_net
         self.predicts = not self.is_net and not softens and have_chords(system.groups)
         self.convex = system.convex
         tension_only = system.may_be_convex and not self.is_net
         self.has_full_steps = tension_only or system.may_be_unsymmetric
 
-    def initial_state(self, factored: Factored | None) -> NewtonState:
+    def initial_state(self, factored: FactoredMatrix | None) -> NewtonState:
         """Return the state before the first evaluation, which is at the start itself."""
         zero = jnp.zeros((), self.begin.dtype)
-        still = jnp.zeros(self.system.freedoms.free.shape[0], zero.dtype)
+        still = jnp.zeros(self.system.dof_map.free.shape[0], zero.dtype)
         no = jnp.zeros((), bool)
         *_, rounding, elements = jax.tree.map(
             lambda a: jnp.zeros(a.shape, a.dtype),
@@ -91,7 +91,7 @@ class EquilibriumSearch:
             rounding=rounding,
             elements=elements,
             step=still,
-            search=Search.init(zero),
+            search=LineSearch.init(zero),
             stays_at_x=~no,
             has_no_step=no,
             shift=LevenbergShift.initial(zero.dtype),
@@ -131,7 +131,7 @@ class EquilibriumSearch:
             accepted: whether a step was taken.
             search_over: whether the search along the step has ended.
         """
-        x = where(
+        x = select_tree(
             state.stays_at_x, state.x, self.system.move(state.x, state.search.length * state.step)
         )
         residual, scale, rounding, elements = self._evaluate_forces(x, state.steps, exact)
@@ -145,13 +145,13 @@ class EquilibriumSearch:
             fine, again = jnp.where(searching, fine, finite), again & searching
         fine, again = fine | state.stays_at_x, again & ~state.stays_at_x
 
-        new = copy(
+        new = copy_with(
             state,
-            x=where(fine, x, state.x),
-            residual=where(fine, residual, state.residual),
-            scale=where(fine, scale, state.scale),
-            rounding=where(fine, rounding, state.rounding),
-            elements=where(fine, elements, state.elements),
+            x=select_tree(fine, x, state.x),
+            residual=select_tree(fine, residual, state.residual),
+            scale=select_tree(fine, scale, state.scale),
+            rounding=select_tree(fine, rounding, state.rounding),
+            elements=select_tree(fine, elements, state.elements),
             search=search,
         )
         return new, state.search.length, fine & ~state.has_no_step, ~again
@@ -185,7 +185,7 @@ class EquilibriumSearch:
         slope = residual @ state.step
         if state.predicted is None:
             return slope
-        chords, spread = elements[1], self.system.space.spread(x, state.step)
+        chords, spread = elements[1], self.system.space.prolong(x, state.step)
         longer = chords.elongation(relative(self.system, spread))
         return slope - state.predicted.excess_force(chords.force) @ longer
 
@@ -210,18 +210,18 @@ class EquilibriumSearch:
         finite = jnp.all(jnp.isfinite(state.residual)) & jnp.isfinite(state.scale)
         code = jnp.where(first, jnp.where(finite, status.OK, status.NONFINITE), state.code)
         start_residual = jnp.where(first, largest(state.residual), state.start_residual)
-        state = copy(state, code=code.astype(jnp.int32), start_residual=start_residual)
+        state = copy_with(state, code=code.astype(jnp.int32), start_residual=start_residual)
         if self.is_net:
             # forces that rounding hides are not found; without any load they may all be lost
             known = jnp.where(self.is_loaded, _MAX_ROUNDING * state.scale, jnp.inf)
             # a net that is under load has others to be judged by
             released = _RELEASED_ROUNDINGS * jnp.finfo(state.scale.dtype).eps * state.scale
             released = jnp.where(first & ~self.is_loaded, released, state.released)
-            state = copy(state, released=released)
+            state = copy_with(state, released=released)
             granted = jnp.maximum(jnp.minimum(state.rounding, known), state.released)
         elif state.rounding is not None:
             rounding = jnp.where(first, state.rounding, state.start_rounding)
-            state = copy(state, start_rounding=rounding)
+            state = copy_with(state, start_rounding=rounding)
             granted = jnp.maximum(state.rounding, state.start_rounding)
         else:
             granted = jnp.zeros_like(state.residual)
@@ -235,7 +235,7 @@ class EquilibriumSearch:
         met, lost = self.criterion.compare_with_load(*given)
         ends = converged & (met | is_stagnant(stagnant) | (state.steps >= self.method.max_steps))
         code = jnp.where(ends & lost, status.AT_ROUNDING, state.code)
-        return copy(state, stagnant_steps=stagnant, code=code.astype(jnp.int32)), ends
+        return copy_with(state, stagnant_steps=stagnant, code=code.astype(jnp.int32)), ends
 
     def _update_strategies(self, state, fraction, accepted, search_over, converged):
         """Update shift, full steps, mode and status after an evaluation.
@@ -249,24 +249,24 @@ class EquilibriumSearch:
         moved = search_over & (~state.stays_at_x | state.has_no_step)
         spent = search_over & ~converged & (state.steps >= self.method.max_steps)
         again = jnp.zeros((), bool)
-        shift = where(moved, state.shift.update(accepted, fraction), state.shift)
+        shift = select_tree(moved, state.shift.update(accepted, fraction), state.shift)
         x, full_steps = state.x, state.full_steps
         reach = self.system.reach(x)
         if self.has_full_steps:
             given = accepted, reach, state.steps, self.extent, converged
             new, again = full_steps.update(*given)
-            full_steps, again = where(moved, new, full_steps), moved & again
-            x, shift = where(again, (self.begin, LevenbergShift.initial(x.dtype)), (x, shift))
+            full_steps, again = select_tree(moved, new, full_steps), moved & again
+            x, shift = select_tree(again, (self.begin, LevenbergShift.initial(x.dtype)), (x, shift))
         unknowns = state.tension_unknowns
         if self.is_net:
-            shift = where(unknowns.uses_line_search, shift, LevenbergShift.initial(x.dtype))
+            shift = select_tree(unknowns.uses_line_search, shift, LevenbergShift.initial(x.dtype))
             astray = reach > ASTRAY * self.extent
             size = largest(state.residual), state.scale
             given = x, self.begin, accepted, *size, astray, self.length
             new, point, elsewhere = unknowns.switch_mode(*given)
             may_switch = moved & ~converged & ~state.tension_unknowns.uses_line_search
-            unknowns, again = where(may_switch, new, unknowns), may_switch & elsewhere
-            x = where(may_switch, point, x)
+            unknowns, again = select_tree(may_switch, new, unknowns), may_switch & elsewhere
+            x = select_tree(may_switch, point, x)
         farthest = _NET_RUNAWAY if self.is_net else _RUNAWAY
         runaway = search_over & (reach > farthest * self.extent) & ~again
         code = jnp.where((state.code == status.OK) & runaway, status.MECHANISM, state.code)
@@ -274,7 +274,7 @@ class EquilibriumSearch:
         reevaluate = again & ~stop
         stuck = stop & (code == status.OK)
         judging = converged & self.judges_stability & ~self.convex
-        after = copy(
+        after = copy_with(
             state,
             x=x,
             stays_at_x=reevaluate,
@@ -295,7 +295,7 @@ class EquilibriumSearch:
             if self.is_net:
                 known, size = (state.elements, state.residual, self.length), largest(state.residual)
                 equations = unknowns.step_equations(self.system, state.x, *known)
-                state = copy(state, tension_unknowns=equations.unknowns)
+                state = copy_with(state, tension_unknowns=equations.unknowns)
                 rhs, is_full = equations.rhs, ~unknowns.uses_line_search
                 matrix = equations.matrix(self.system, state.x, size)
                 shift = jnp.where(is_full, 0.0, state.shift.value(size, self.length))
@@ -304,7 +304,7 @@ class EquilibriumSearch:
                 if self.has_full_steps:
                     is_full = state.full_steps.is_on & ~converged
                 matrix, shift, predicting, slopes = self._step_matrix(state, is_full, converged)
-            matrix = linear.plus_diagonal(matrix, shift)
+            matrix = linear.add_to_diagonal(matrix, shift)
             given = self.system, matrix, state, rhs, self.tol, wanted
             step, definite, factored = newton_direction(*given)
             again, stays = jnp.zeros((), bool), converged
@@ -312,12 +312,12 @@ class EquilibriumSearch:
                 given = self.system, state.x, step, definite
                 after, fraction, predictor = equations.take_step(*given)
                 if factored is not None:  # a corrector has the factor of its predictor
-                    count = where(
+                    count = select_tree(
                         state.tension_unknowns.awaits_corrector,
                         state.factored.count,
                         factored.count,
                     )
-                    factored = copy(factored, count=count)
+                    factored = copy_with(factored, count=count)
                 stays = converged | predictor
                 unknowns, again = state.tension_unknowns.repeat_if_indefinite(after, definite)
                 again = again | predictor
@@ -330,17 +330,17 @@ class EquilibriumSearch:
             if self.system.may_be_unsymmetric:
                 unsure = self.system.unsymmetric() & ~definite
                 usable = usable | unsure
-                full_steps = copy(full_steps, may_go_uphill=unsure & ~is_full)
+                full_steps = copy_with(full_steps, may_go_uphill=unsure & ~is_full)
             usable = usable & jnp.isfinite(slope) & ~stays
-            return copy(
+            return copy_with(
                 state,
                 step=jnp.where(usable, step, 0.0),
-                search=Search.init(slope),
+                search=LineSearch.init(slope),
                 stays_at_x=~usable,
                 has_no_step=~usable & ~again,
                 full_steps=full_steps,
                 tension_unknowns=unknowns,
-                predicted=where(usable, predicted, state.predicted),
+                predicted=select_tree(usable, predicted, state.predicted),
                 steps=state.steps + ~stays,
                 factored=factored,
                 stable=state.stable | (converged & definite),
@@ -385,7 +385,7 @@ class EquilibriumSearch:
         `slopes` are derivatives of axial forces by lengths, [n], N/m; the work is in J.
         """
         chords, system = state.elements[1], self.system
-        apart = relative(system, system.space.spread(state.x, step))
+        apart = relative(system, system.space.prolong(state.x, step))
         longer = chords.elongation(apart)
         predicted = state.predicted.for_step(system, chords.force + slopes * longer, predicting)
         fraction = jnp.where(predicting, step_fraction_within_length(chords.turn(apart)), 1.0)

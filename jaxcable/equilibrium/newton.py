@@ -26,7 +26,7 @@ in it. For all others:
    residual, or else the shift grows.)
 4. Sparse matrices: the factor of an earlier step, increment or phase serves as preconditioner of
    conjugate gradients, which stop at the residual that Newton's method leaves anyway. A new factor
-   is made where they do not reach it in a few steps (`linear.solve_next`).
+   is made where they do not reach it in a few steps (`linear.solve_reusing_factor`).
 5. Stability: where the energy need not be convex, one more iteration at the equilibrium factorises
    the tangent without a step.
 
@@ -45,14 +45,14 @@ from jax.typing import DTypeLike
 
 from .. import linear
 from ..common import checks, status
-from ..common.rules import Rule, refuse, whole
-from ..common.tree import copy, pytree, where
+from ..common.rules import Rule, refuse_if_broken, whole_number
+from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..linear.sparse import Factored
+from ..linear.sparse import FactoredMatrix
 from ..mechanics.assembly import System
 from ..mechanics.ramp import Ramp
 from ..mechanics.reading import Reading, read
-from ..spaces.translations import coarse
+from ..spaces.translations import drop_low_part
 from .balance import ConvergenceCriterion, IterationSettings, limit
 from .increment_outcome import Outcome, is_at_rounding, make_outcome
 from .iteration import EquilibriumSearch
@@ -101,11 +101,11 @@ class Newton:
     def __post_init__(self):
         for name in ("tol", "max_steps"):
             value = getattr(self, name)
-            if value is not None and jnp.ndim(checks.floats(value, name)) != 0:
+            if value is not None and jnp.ndim(checks.as_floats(value, name)) != 0:
                 shape = jnp.shape(value)
                 raise ValueError(f"{name}: expected one number, got an array of shape {shape}")
-        refuse(self.rules())
-        linear.check(self.linear_solver)
+        refuse_if_broken(self.rules())
+        linear.check_solver_name(self.linear_solver)
         if not isinstance(self.watch, bool):
             raise ValueError(f"watch = {self.watch!r}: expected True or False")
 
@@ -116,7 +116,7 @@ class Newton:
             Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive"),
             Rule("tol", self.tol, lambda v: v >= 1, large),
             Rule("max_steps", self.max_steps, lambda v: ~(v > 0), "must be positive"),
-            whole("max_steps", self.max_steps),
+            whole_number("max_steps", self.max_steps),
         ]
 
 
@@ -135,9 +135,9 @@ def equilibrate(
     x: Float[Array, "n_row n_motion"],
     method: Newton,
     active: Bool[ArrayLike, ""],
-    factored: Factored | None = None,
+    factored: FactoredMatrix | None = None,
     judges_stability: Bool[ArrayLike, ""] = False,
-) -> tuple[Outcome, Factored | None]:
+) -> tuple[Outcome, FactoredMatrix | None]:
     """Bring `system` to equilibrium from `x`.
 
     Args:
@@ -151,14 +151,14 @@ def equilibrate(
 
     Returns:
         `Outcome`, and what is factored now. Not differentiable: its derivative is added by
-        `implicit.attach`.
+        `implicit.attach_derivative`.
     """
     if factored is None:
-        factored = linear.nothing_factored(system.freedoms.pattern, x.dtype)
+        factored = linear.no_factored_matrix(system.dof_map.pattern, x.dtype)
     end = _iterate_until_done(system, x, method, active, factored, judges_stability)
     # the iteration may pass beyond the end of a law's curve, the equilibrium must not be there
-    ruptured = system.breaks and system.beyond(end.x)
-    end = copy(end, x=end.x[:, : x.shape[1]])  # with a fine part only if x has one
+    ruptured = system.has_rupture and system.is_ruptured(end.x)
+    end = copy_with(end, x=end.x[:, : x.shape[1]])  # with a fine part only if x has one
     return make_outcome(system, end, x, active, ruptured, factored), end.factored
 
 
@@ -174,7 +174,7 @@ def _iterate_until_done(
 ):
     """Return the `NewtonState` in which Newton's method ends; options as of `EquilibriumSearch`.
 
-    Nets with softening laws begin with laws that do not soften (`Law.risen`), which
+    Nets with softening laws begin with laws that do not soften (`Law.without_softening`), which
     make their energy convex. If this equilibrium is below the peaks of all laws, it is the one that
     is wanted. If it is beyond a peak, no equilibrium is below all peaks: then the iteration goes on
     from it with the laws as they are.
@@ -182,12 +182,12 @@ def _iterate_until_done(
 
     def iterate(system, x, active, factored, steps):
         search = EquilibriumSearch(system, x, method, judges_stability, criterion, only_evaluates)
-        start = copy(search.initial_state(factored), steps=steps)
+        start = copy_with(search.initial_state(factored), steps=steps)
         end = lax.while_loop(lambda it: active & ~it.done, search.iterate, start)
         carried = search.carried_residual(end.scale, end.steps)
-        return copy(end, residual=end.residual + carried)
+        return copy_with(end, residual=end.residual + carried)
 
-    convex, none = system.risen(), jnp.int32(0)
+    convex, none = system.without_softening(), jnp.int32(0)
     if system.is_net or not convex.is_net:
         return iterate(system, x, active, factored, none)
 
@@ -197,12 +197,12 @@ def _iterate_until_done(
         apart, size = (jnp.max(jnp.concatenate(forces)) for forces in zip(*apart, strict=True))
         return apart <= limit(method, x.dtype) * size
 
-    x = coarse(x)
+    x = drop_low_part(x)
     # from beyond a peak the branch is followed on which the increment before has ended
     starts_convex = active & is_below_peaks(x) & ~jnp.asarray(only_evaluates)
     first = iterate(convex, x, starts_convex, factored, none)
     found = active & (first.code == status.OK)
-    at = where(found, coarse(first.x), x)
+    at = select_tree(found, drop_low_part(first.x), x)
     below = found & is_below_peaks(at)
     # an iteration that has found nothing does not count
     steps = jnp.where(found, first.steps, 0)
@@ -213,9 +213,11 @@ def _iterate_until_done(
     code = jnp.where(near, status.AT_ROUNDING, end.code)
     code = jnp.where(found & lost, status.BEYOND_PEAK, code)
     # whether a curve has ended is judged where the load leads, not where the iteration got lost
-    end = copy(end, code=code, x=where(found & lost, at, end.x))
+    end = copy_with(end, code=code, x=select_tree(found & lost, at, end.x))
     known = ("residual", "scale", "code", "steps", "stable")
-    return copy(end, **{k: where(below, getattr(first, k), getattr(end, k)) for k in known})
+    return copy_with(
+        end, **{k: select_tree(below, getattr(first, k), getattr(end, k)) for k in known}
+    )
 
 
 def is_stable(system: System, x: Float[Array, "n_row n_motion"]) -> Bool[Array, ""]:
@@ -224,7 +226,7 @@ def is_stable(system: System, x: Float[Array, "n_row n_motion"]) -> Bool[Array, 
         return jnp.ones((), bool)
     matrix = system.tangent(x)
     return system.convex | linear.is_definite(
-        linear.plus_diagonal(matrix, zero_eigenvalue_bound(matrix))
+        linear.add_to_diagonal(matrix, zero_eigenvalue_bound(matrix))
     )
 
 
@@ -234,7 +236,7 @@ def march(
     increments: tuple[Float[Array, " n"], Bool[Array, " n"]],
     method: Newton,
     code: Int[Array, ""],
-    factored: Factored | None,
+    factored: FactoredMatrix | None,
     last_reading: Reading,
     is_first: Bool[Array, ""],
     report: Callable[[Float[Array, ""], Outcome], None] | None = None,
@@ -244,7 +246,7 @@ def march(
     Reading,
     Reading,
     PyTree[Any],
-    Factored | None,
+    FactoredMatrix | None,
 ]:
     """Bring a phase to equilibrium at every load factor, each time from the point before.
 
@@ -285,28 +287,28 @@ def march(
         given = method, active | only_evaluates, factored, judges, criterion, only_evaluates
         end = _iterate_until_done(system, x, *given)
         begins, ended = is_first & at_start, active & (end.code <= status.OK)
-        motion, ruptured = where(begins, first, end.x), False
+        motion, ruptured = select_tree(begins, first, end.x), False
         reading = lax.cond(
             begins | ended,
             lambda: read(_with_states_of_start(system, begun, factor), motion),
             lambda: last_reading,
         )
-        if system.breaks:
+        if system.has_rupture:
             ruptured = jnp.any(system.broken(reading.strains))
         outcome = make_outcome(system, end, x, active, ruptured, factored)
-        if system.breaks:
-            reading = where(begins | outcome.equilibrated, reading, last_reading)
+        if system.has_rupture:
+            reading = select_tree(begins | outcome.equilibrated, reading, last_reading)
         code = status.first_failure(code, outcome.code)
         if memory is not None:
             good = outcome.equilibrated
             memory = ramp.settle(system, motion, reading.strains, good, memory)
-        outcome = copy(outcome, code=code)
+        outcome = copy_with(outcome, code=code)
         if report is not None:
             lax.cond(live, lambda: report(factor, outcome), lambda: None)
         carry = outcome.x, code, memory, end.factored, reading, end.residual
         return carry, (outcome.x, outcome.log_row, reading.of_path)
 
-    none = jnp.zeros(ramp.freedoms.free.shape[0], x.dtype)
+    none = jnp.zeros(ramp.dof_map.free.shape[0], x.dtype)
     start = x, code, ramp.memory, factored, last_reading, none
     carry, (xs, log, readings) = lax.scan(solve_increment, start, increments)
     _, _, memory, factored, last_reading, _ = carry
@@ -322,9 +324,9 @@ def _with_states_of_start(system, begun, factor):
     for now, then in zip(system.states, begun.states, strict=True):
         if now.jack_force is not None:
             jacked = jnp.ones(now.jack_force.shape, bool) if now.jacked is None else now.jacked
-            now = copy(now, jacked=jacked)
-            then = copy(
+            now = copy_with(now, jacked=jacked)
+            then = copy_with(
                 then, jack_force=jnp.zeros_like(now.jack_force), jacked=jnp.zeros_like(jacked)
             )
-        states.append(where(factor > 0, now, then))
-    return copy(system, states=states)
+        states.append(select_tree(factor > 0, now, then))
+    return copy_with(system, states=states)

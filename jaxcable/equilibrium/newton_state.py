@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
-from ..linear.sparse import Factored
-from ..numerics.search import Search
+from ..linear.sparse import FactoredMatrix
+from ..numerics.line_search import LineSearch
 from .globalization import FullStepPhase, LevenbergShift
 from .predicted_forces import PredictedForces
 from .tension_unknowns import TensionUnknowns
@@ -20,7 +20,7 @@ class NewtonState:
         rounding: error that rounding leaves in the residual, N; None if no element states any.
         elements: what elements give together with their forces at x: `Pulls` of a net,
             else tangents (`System.linearized`) and `Chords`.
-        step, search: the step from x, and which fraction of it is tried next (`search.Search`).
+        step, search: the step from x, and which fraction of it is tried next (`search.LineSearch`).
         stays_at_x: whether the next evaluation is at x itself: at the start, when the iteration
             starts again, and when no usable step was found.
         has_no_step: whether the reason for `stays_at_x` is that no usable step was found.
@@ -32,7 +32,7 @@ class NewtonState:
         stagnant_steps: steps that met the criterion of forces without halving the residual.
         steps: number of Newton steps so far.
         code: status so far; negative before the first evaluation.
-        factored: last matrix that a sparse solve has factorised (`linear.solve_next`).
+        factored: last matrix that a sparse solve has factorised (`linear.solve_reusing_factor`).
         released, start_rounding: residuals that rounding at the first point excuses, N: a structure
             that is released ends with the rounding of the forces that it began with. One for all
             unknowns of a net, or one for each (`System.rounding`) of others; else None.
@@ -46,7 +46,7 @@ class NewtonState:
     rounding: Float[Array, " n_free"] | None
     elements: PyTree[Float[Array, "n_elem ..."]]
     step: Float[Array, " n_free"]
-    search: Search
+    search: LineSearch
     stays_at_x: Bool[Array, ""]
     has_no_step: Bool[Array, ""]
     shift: LevenbergShift
@@ -57,7 +57,7 @@ class NewtonState:
     stagnant_steps: Int[Array, ""]
     steps: Int[Array, ""]
     code: Int[Array, ""]
-    factored: Factored | None
+    factored: FactoredMatrix | None
     released: Float[Array, ""] | None
     start_rounding: Float[Array, " n_free"] | None
     stable: Bool[Array, ""]

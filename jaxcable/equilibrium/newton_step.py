@@ -11,7 +11,7 @@ from jax import lax
 from .. import linear
 from ..common.types import Array, Bool, Float
 from ..linear import Matrix
-from ..linear.sparse import Factored
+from ..linear.sparse import FactoredMatrix
 from ..mechanics.assembly import System
 
 CG_LIMIT = 12  # conjugate gradient steps that cost as much as a factorisation
@@ -30,7 +30,7 @@ def newton_direction(
     rhs: Float[Array, " n_free"],
     tol: Float[Array, ""],
     wanted: Bool[Array, ""],
-) -> tuple[Float[Array, " n_free"], Bool[Array, ""], Factored | None]:
+) -> tuple[Float[Array, " n_free"], Bool[Array, ""], FactoredMatrix | None]:
     """Solve the linear equations of a Newton step.
 
     Args:
@@ -57,7 +57,7 @@ def newton_direction(
         similar = similar & ~state.tension_unknowns.has_interior_matrix
         min_limit = state.tension_unknowns.interior_point.min_cg_limit
     limit = jnp.where(similar, CG_LIMIT, min_limit)
-    step, definite, factored = linear.solve_next(
+    step, definite, factored = linear.solve_reusing_factor(
         matrix, rhs, state.factored, forcing, limit, wanted
     )
     if system.may_be_unsymmetric:

@@ -30,7 +30,7 @@ import numpy as np
 from jax import lax
 from jax.typing import DTypeLike
 
-from ..common.tree import copy, pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..mechanics.assembly import System
 from ..mechanics.chords import Chords, tension_only
@@ -83,10 +83,10 @@ class PredictedForces:
         """
         least = np.where(tension_only(system.groups), 0.0, -np.inf).astype(force.dtype)
         force = jnp.maximum(force, least)
-        load = jnp.max(system.space.size(system.load))
+        load = jnp.max(system.space.force_norm(system.load))
         cut_off = jnp.maximum(_MAX_OF_PREDICTED * jnp.abs(force), _NEVER_CUT * load)
         cut_off = jnp.where(predicting, cut_off, jnp.inf)
-        return copy(self, force=force, cut_off=cut_off, is_known=predicting)
+        return copy_with(self, force=force, cut_off=cut_off, is_known=predicting)
 
 
 def is_prediction_step(steps: Int[Array, ""]) -> Bool[Array, ""]:

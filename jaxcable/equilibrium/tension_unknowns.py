@@ -36,7 +36,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from ..common.tree import copy, pytree, where
+from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..mechanics.assembly import System
 from ..mechanics.pieces import all_fit_cones
@@ -212,10 +212,10 @@ class TensionUnknowns:
             count = jnp.where(finish.final, self.interior_point.max_finishes, count)
         blocked = jnp.where(finish.stuck, _STUCK_BLOCKED, 0)
         threshold = 0.1 * jnp.minimum(self.finish_threshold, finish.remaining)
-        after = copy(
+        after = copy_with(
             self,
             mode=mode,
-            guess=where(finishes, self.interior_point.tension, self.guess),
+            guess=select_tree(finishes, self.interior_point.tension, self.guess),
             is_new_mode=(begins | searches) | (self.is_new_mode & ~changed),
             best_residual=jnp.where(changed, residual, best),
             steps_since_halved=jnp.where(changed, 0, since),
@@ -223,10 +223,10 @@ class TensionUnknowns:
             blocked_steps=jnp.where(finishes, blocked, self.blocked_steps),
             finish_threshold=jnp.where(finishes, threshold, self.finish_threshold),
             finishes=jnp.where(finishes, count, self.finishes),
-            interior_motion=where(finishes, x, self.interior_motion),
+            interior_motion=select_tree(finishes, x, self.interior_motion),
             indefinite_count=jnp.where(changed, 0, self.indefinite_count),
         )
-        x = where(begins, begin, where(returns, self.interior_motion, x))
+        x = select_tree(begins, begin, select_tree(returns, self.interior_motion, x))
         return after, x, begins | returns
 
     def repeat_if_indefinite(
@@ -238,7 +238,9 @@ class TensionUnknowns:
         stiffness; otherwise the state is `after`.
         """
         again = ~definite & (self.indefinite_count < _MAX_SHIFTS) & ~self.uses_line_search
-        return where(again, copy(self, indefinite_count=self.indefinite_count + 1), after), again
+        return select_tree(
+            again, copy_with(self, indefinite_count=self.indefinite_count + 1), after
+        ), again
 
     def step_equations(
         self,
@@ -259,13 +261,13 @@ class TensionUnknowns:
         load, tension = jnp.max(jnp.abs(system.external_force(x)), initial=0.0), pulls.tension
         if (jacked := held(system)) is not None:
             load = jnp.maximum(load, jnp.max(jnp.where(jacked, tension, 0.0)))
-        guess = where(self.is_new_mode | self.uses_line_search, tension, self.guess)
+        guess = select_tree(self.is_new_mode | self.uses_line_search, tension, self.guess)
         guess = jnp.where(tension <= _OWN_TENSION * (guess + load), tension, guess)
         best = jnp.where(self.is_new_mode, largest(residual), self.best_residual)
-        unknowns = copy(self, best_residual=best)
+        unknowns = copy_with(self, best_residual=best)
         kind: Any = LengthBoundEquations
         if self.has_cones:
             kind = ConicEquations
             slack = self.is_new_mode & (self.mode == MIXED) & (jnp.max(tension) <= _SLACK * load)
-            unknowns = copy(unknowns, mode=jnp.where(slack, INTERIOR, self.mode))
+            unknowns = copy_with(unknowns, mode=jnp.where(slack, INTERIOR, self.mode))
         return kind.at_point(unknowns, system, x, pulls, residual, guess, load, length)

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..analysis.phases import Phase
 from ..common.checks import holds_boolean
-from ..common.selection import Named, Only, Selection
+from ..common.selection import Only, Selection, WholeGroups
 from ..common.tree import Indices
 from ..elements import Bars, Beams, Cables, Catenaries, SlidingCables
 from ..elements.element import Element
@@ -113,7 +113,7 @@ def encode(value: Any, where: str, implied: type | None = None) -> Any:
         raise ValueError(f"{where}: is being traced; write files outside of jit")
     if isinstance(value, Indices):
         return value.array.tolist()
-    if isinstance(value, Named):  # keys of groups: a text, or several
+    if isinstance(value, WholeGroups):  # keys of groups: a text, or several
         return value.names[0] if len(value.names) == 1 else list(value.names)
     if TYPES.get(type(value).__name__) is type(value):
         return _encode_object(value, where, implied)

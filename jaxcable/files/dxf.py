@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..common.compilation import without_collection
+from ..common.compilation import without_garbage_collection
 from .arcs import curve
 from .lines import Polyline, net_of
 from .nets import Net
@@ -101,7 +101,7 @@ def read_dxf(
         text = data.decode("cp1252", "replace")
     with Omissions(path) as table:
         try:
-            with without_collection():  # a drawing has no garbage while it is read
+            with without_garbage_collection():  # a drawing has no garbage while it is read
                 # lines may end as Windows ends them, which the parser leaves to its stream
                 document = ezdxf.read(io.StringIO(text, newline=None))
                 unit = document.header.get("$INSUNITS", 0)

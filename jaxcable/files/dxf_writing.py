@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.solution import Solution
-from ..common.writing import written
+from ..common.writing import atomic_write
 from ..elements import Bars
 from ..model.parts import faces, groups_by_name
 from ..model.structure import Structure
@@ -97,6 +97,6 @@ def save_dxf(
             document.header.custom_vars.append(SUPPORTS, layer)
         for k in np.flatnonzero(mask):
             space.add_point(points[k], dxfattribs={"layer": layer})
-    with written(path) as stream:
+    with atomic_write(path) as stream:
         document.write(stream)
     return [path]

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..analysis.phases import Phase
 from ..common import checks
-from ..common.owned import owned
+from ..common.owned import owned_copy
 from ..common.types import ArrayLike, Bool, Float, Int
 from ..elements import Bars, Cables
 from ..loads import NodalLoads
@@ -66,7 +66,7 @@ class Net:
 
     def __post_init__(self):
         for field in dataclasses.fields(self):
-            object.__setattr__(self, field.name, owned(getattr(self, field.name)))
+            object.__setattr__(self, field.name, owned_copy(getattr(self, field.name)))
 
     def scene(
         self,
@@ -216,7 +216,7 @@ class Net:
         held[self.links[rest].ravel()] = True
         found = crossings.crossings(self.nodes, self.links[chosen], held, tolerance, gap)
         if found.apart:
-            checks.suspect(
+            checks.warn_user(
                 f"split: {found.apart} places where links cross or touch in plan are left: their "
                 f"heights differ by more than {gap:g} of the shorter link"
             )
@@ -288,7 +288,7 @@ class Net:
             numbers = [word for word in words if not isinstance(word, str)]
             words, ends = numbers, len(numbers) < len(words)
         if words is not None:
-            fixed |= pinned(checks.integers(words, "anchors")).fixed(len(self.nodes))[:, :3]
+            fixed |= pinned(checks.as_indices(words, "anchors")).fixed(len(self.nodes))[:, :3]
         if ends:
             self._refuse_gaps(fixed)
             fixed[np.bincount(self.links.ravel(), minlength=len(self.nodes)) == 1] = True
@@ -327,7 +327,7 @@ class Net:
                 f"{doubts.place(self.nodes[node])}, reach no support by links: {hint}"
             )
         for text in told:
-            checks.suspect(text)
+            checks.warn_user(text)
 
 
 def _known(names, groups, what):

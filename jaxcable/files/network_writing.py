@@ -12,7 +12,7 @@ import numpy as np
 from ..analysis.solution import Solution
 from ..common import checks
 from ..common.types import ArrayLike, Int
-from ..common.writing import written
+from ..common.writing import atomic_write
 from ..model.parts import groups_by_name, per_group, pieces
 from ..model.structure import Structure
 from .at_end import end_state, file_path, of_all_elements
@@ -85,7 +85,7 @@ def save_network(
         kind, data = "Mesh", _mesh(nodes, edges, faces)
     whole = {"dtype": f"compas.datastructures/{kind}", "data": {"attributes": {}, **data}}
     text = json.dumps(whole, allow_nan=False)
-    with written(path) as stream:
+    with atomic_write(path) as stream:
         stream.write(text + "\n")
     table.warn()
     return [path]
@@ -136,8 +136,8 @@ def _mesh(nodes, edges, faces):
     array = np.asarray(faces)
     if array.ndim != 2 or array.shape[1] not in (3, 4):
         raise ValueError(f"faces: expected node numbers [n, 3] or [n, 4], got {array.shape}")
-    array = checks.integers(array, "faces", width=array.shape[1])
-    checks.known(array, len(nodes), "faces")
+    array = checks.as_indices(array, "faces", width=array.shape[1])
+    checks.require_known_nodes(array, len(nodes), "faces")
     rings = [list(dict.fromkeys(face)) for face in array.tolist()]  # triangles repeat a node
     pairs = [pair for ring in rings for pair in zip(ring, ring[1:] + ring[:1], strict=True)]
     sides = {tuple(sorted(pair)) for pair in pairs}

@@ -17,7 +17,7 @@ import numpy as np
 from ..analysis.presence import idle_of
 from ..analysis.solution import Solution
 from ..common import checks
-from ..common.writing import written
+from ..common.writing import atomic_write
 from ..elements.straight import Straight
 from ..model.parts import groups_by_name, one_case
 from ..model.structure import Structure
@@ -66,7 +66,7 @@ def save_opensees(
     one_case(solution)
     if int(solution.status) != 0:
         raise ValueError("solution: has failed; there is no state to compute again")
-    checks.whole(steps, "steps")
+    checks.require_whole_number(steps, "steps")
     require_exportable(structure)
     require_same(structure, solution.last.topology, "solution")
     if solution.last.fixed[-1].axes is not None:
@@ -98,7 +98,7 @@ def save_opensees(
     }
     script = (resources.files(__package__) / "opensees_script.py.txt").read_text("utf-8")
     head, program = script.split(_INPUT)
-    with written(path) as stream:
+    with atomic_write(path) as stream:
         stream.write(head)
         for name, values in data.items():
             stream.write(f"\n# {comments[name]}\n{name} = [\n")
@@ -146,8 +146,8 @@ def _curve(group, k):
     else:
         area, law = (group.area, group.law) if group.section is None else group.section.axial()
         area = float(np.broadcast_to(area, len(group.links))[k])
-        low, high = (float(v) for v in law.limits)
-        strain = np.unique(np.append(np.asarray(law.corners()), [0.0, 1e-3]))
+        low, high = (float(v) for v in law.strain_limits)
+        strain = np.unique(np.append(np.asarray(law.corner_strains()), [0.0, 1e-3]))
         strain = strain[(strain >= low) & (strain <= high)]
         # OpenSees extrapolates the first and the last line: add a point on each, within the limits
         strain = np.unique([max(low, strain[0] - 1.0), *strain, min(high, strain[-1] + 1.0)])

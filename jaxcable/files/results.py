@@ -16,7 +16,7 @@ import numpy as np
 
 from ..analysis.solution import Solution
 from ..common import status
-from ..common.writing import put_arrays, written, written_together
+from ..common.writing import atomic_write, atomic_write_together, write_npz
 from ..model.parts import Column, columns, first_and_last, groups_by_name, per_group
 from ..model.structure import Structure
 from .at_end import end_state
@@ -63,20 +63,20 @@ def save_result(path: str | PathLike[str], structure: Structure, solution: Solut
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix == ".npz":
-        with written(path, "wb") as stream:
-            put_arrays(stream, flat(structure, solution), compressed=True)
+        with atomic_write(path, "wb") as stream:
+            write_npz(stream, flat(structure, solution), compressed=True)
         return [path]
     if suffix == ".json":
         numbers = {name: _plain(value) for name, value in flat(structure, solution).items()}
         data = {"format": FORMAT, "version": 1, **_described(solution), **numbers}
-        with written(path) as stream:
+        with atomic_write(path) as stream:
             json.dump(data, stream, allow_nan=False)
             stream.write("\n")
         return [path]
     if suffix == ".csv":
         texts = {name: as_csv(rows) for name, rows in tables(structure, solution).items()}
         done = [path.with_name(f"{path.stem}-{name}.csv") for name in texts]
-        with written_together() as begin:
+        with atomic_write_together() as begin:
             for name, text in zip(done, texts.values(), strict=True):
                 begin(name).write(text)
         return done

@@ -34,7 +34,7 @@ from os import PathLike
 from ..analysis.phases import Phase, as_phases
 from ..analysis.preparation import prepare
 from ..common.checks import without_warnings
-from ..common.writing import written
+from ..common.writing import atomic_write
 from ..model.structure import Structure
 from ..scenes import Scene
 from .codec import COMMENT, decode, encode
@@ -86,7 +86,7 @@ def save_scene(
         "phases": [encode(phase, f"phases[{k}]", Phase) for k, phase in enumerate(phases)],
     }
     text = laid_out(data)
-    with written(path) as stream:
+    with atomic_write(path) as stream:
         stream.write(text + "\n")
 
 

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from ..analysis.solution import Solution
-from ..common.writing import written, written_together
+from ..common.writing import atomic_write, atomic_write_together
 from ..model.parts import columns, faces, groups_by_name, per_group, pieces
 from ..model.structure import Structure
 from .at_end import end_state, file_path, of_all_elements
@@ -56,10 +56,10 @@ def save_vtk(
         vectors = {name: np.asarray(getattr(last, field)) for name, field in names.items()}
         scalars = {column.label: column.values for column in columns(structure.groups, last.told)}
         scalars["rest_length"] = per_group(structure, last.rest_length)
-        with written(path) as stream:
+        with atomic_write(path) as stream:
             _write(stream, structure, np.asarray(last.positions), vectors, scalars)
         return [path]
-    with written_together() as begin:
+    with atomic_write_together() as begin:
         return _increments(path, structure, solution, begin)
 
 

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common import checks, memory
+from ..common import checks, memory_limit
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..model.structure import Structure
 from .members import require_straight_elements
@@ -90,7 +90,7 @@ def nodes_as_numpy(structure: Structure, what: str) -> Float[np.ndarray, "n_node
     Raises:
         ValueError: the nodes are traced by jax, or not finite.
     """
-    nodes = checks.concrete(structure.nodes)
+    nodes = checks.array_if_known(structure.nodes)
     if nodes is None:
         raise ValueError(
             f"{what}: the nodes are traced by jax, but ranks of matrices need known numbers; call "
@@ -131,7 +131,7 @@ def equilibrium_matrix(
     Raises:
         ValueError: the matrix and its singular vectors do not fit into memory.
     """
-    memory.require(
+    memory_limit.require_memory(
         _N_DENSE * nodes.dtype.itemsize * max(nodes.size, len(links)) ** 2,
         f"equilibrium matrix: dense, of {len(nodes)} nodes and {len(links)} elements",
         "analyse a part of the structure, or a coarser one",

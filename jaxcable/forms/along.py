@@ -14,7 +14,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..common.tree import Indices, copy, pytree
+from ..common.tree import Indices, copy_with, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..elements.bar import Straight
 from ..elements.element import Element
@@ -50,7 +50,7 @@ def split_loads(
             nodal.append(load)
             continue
         if load.asks_begun:  # the phase begins in the form: its geometry is the input geometry
-            load = copy(load, geometry="input")
+            load = copy_with(load, geometry="input")
         others.append(load.among(structure))
     return nodal, others
 
@@ -154,7 +154,7 @@ def _face_force_function(load):
     """Return the function from a face's corners [k, 3] and load [3], N/m2, to corner forces, N."""
 
     def force(corners, forces):
-        alone = copy(load, faces=jnp.arange(len(corners))[None], forces=forces)
+        alone = copy_with(load, faces=jnp.arange(len(corners))[None], forces=forces)
         return alone.element_forces([], [], corners, corners.shape, corners.dtype)
 
     return force
@@ -172,11 +172,11 @@ def _element_force_function(load, index, group):
         # a force beyond the law ends in a status of the form; until then avoid NaN
         strain = jnp.where(jnp.isfinite(strain) & (strain > -1), strain, 0.0)
         rest_length = (length / (1 + strain))[None]
-        alone = copy(
+        alone = copy_with(
             group, links=jnp.arange(2)[None], **{k: v[None] for k, v in properties.items()}
         )
         state = AxialState(rest_length, length[None] - rest_length)
-        acting = load if part is None else copy(load, part={index: part[None]})
+        acting = load if part is None else copy_with(load, part={index: part[None]})
         whole = rest_length * acting.per_length(index, alone, state, ends)[0]
         return jnp.stack([0.5 * whole, 0.5 * whole])
 

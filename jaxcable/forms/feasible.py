@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.rules import Rule, or_nan
+from ..common.rules import Rule, nan_if_broken
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..model.structure import Structure
@@ -122,7 +122,7 @@ def feasible_prestress(
     membership[np.arange(len(links)), group_number] = 1.0
     pulled = (membership * cable[:, None]).any(axis=0)
     modes, tol = None, rank_tolerance(structure, tol)
-    if checks.concrete(structure.nodes) is None:
+    if checks.array_if_known(structure.nodes) is None:
         if group is None:
             raise ValueError(
                 "group: the nodes are traced by jax, so that signs cannot be checked; give the "
@@ -143,7 +143,9 @@ def feasible_prestress(
         else:
             text = f"with this tension in group {group}, cables would be in compression"
             forces = tension, taut[group]
-            tension = or_nan(Rule("tension", forces, lambda force, taut: force * taut <= 0, text))
+            tension = nan_if_broken(
+                Rule("tension", forces, lambda force, taut: force * taut <= 0, text)
+            )
         modes = np.linalg.qr(modes.T)[0].T
         if len(modes) > 1:
             return _make_prestress(

@@ -22,7 +22,7 @@ from jax import lax
 from .. import linear
 from ..common import status
 from ..common.selection import Only
-from ..common.tree import Indices, cast, copy, fill, pytree, thaw
+from ..common.tree import Indices, cast_floats, copy_with, merge_indices, pytree, split_indices
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..equilibrium.newton import Newton
 from ..loads import Load
@@ -31,7 +31,7 @@ from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import Fixed
 from ..numerics import implicit
-from ..spaces.freedoms import number_freedoms
+from ..spaces.dof_map import make_dof_map
 from .along import FormDependentLoads, nodes_coupled_by_loads, split_loads
 from .members import (
     input_status,
@@ -129,7 +129,7 @@ def force_density(
     """
     require_straight_elements(structure)
     plausibility.precision(structure.nodes)
-    linear.check(linear_solver)
+    linear.check_solver_name(linear_solver)
     loads, others = split_loads(structure, loads)
     densities, chosen = stated(q, structure, "q")
     missing = "has no force density; every element needs one"
@@ -139,11 +139,11 @@ def force_density(
     numbering = number_unknowns_by_axis(fixed, links, linear_solver)
     if others:
         coupled = (*((ends, 3, ()) for ends in links), *nodes_coupled_by_loads(structure, others))
-        freedoms = number_freedoms(fixed, None, coupled, linear_solver, False)
-        problem = thaw((structure.nodes, densities, loads, structure.groups, others))
+        dof_map = make_dof_map(fixed, None, coupled, linear_solver, False)
+        problem = split_indices((structure.nodes, densities, loads, structure.groups, others))
         method = Newton(linear_solver=linear_solver)
-        return _solve_with_form_loads(*problem, numbering, freedoms, method)
-    return _solve_with_nodal_loads(*thaw((structure.nodes, densities, loads)), numbering)
+        return _solve_with_form_loads(*problem, numbering, dof_map, method)
+    return _solve_with_nodal_loads(*split_indices((structure.nodes, densities, loads)), numbering)
 
 
 @pytree(static=("axes",))
@@ -207,7 +207,7 @@ def number_unknowns_by_axis(
 @jax.jit
 def _solve_with_nodal_loads(thawed, arrays, numbering):
     """Solve for the positions under nodal loads: one linear solve per block of axes; compiled."""
-    parameters = fill(thawed, arrays)
+    parameters = merge_indices(thawed, arrays)
     nodes, densities, loads = parameters
     nodes = jnp.asarray(nodes)
     q = jnp.concatenate([jnp.asarray(density, nodes.dtype) for density in densities])
@@ -221,14 +221,14 @@ def _solve_with_nodal_loads(thawed, arrays, numbering):
 
 
 @jax.jit
-def _solve_with_form_loads(thawed, arrays, numbering, freedoms, method):
+def _solve_with_form_loads(thawed, arrays, numbering, dof_map, method):
     """Solve for the positions under loads that depend on the form, by Newton's method; compiled.
 
     Elements are springs of unstressed length zero that pull with ``q l``; see `strings`.
     """
-    parameters = fill(thawed, arrays)
+    parameters = merge_indices(thawed, arrays)
     dtype = parameters[0].dtype
-    nodes, densities, loads, groups, others = cast(parameters, dtype)
+    nodes, densities, loads, groups, others = cast_floats(parameters, dtype)
     force_net = ForceElementNet(
         nodes,
         [group.links for group in groups],
@@ -244,9 +244,9 @@ def _solve_with_form_loads(thawed, arrays, numbering, freedoms, method):
     def begin(system):
         return start_by_force_density(system, lambda _: q, numbering)
 
-    _, code, _, moved = force_net.find_equilibrium(begin, method, freedoms, allowed, laws)
+    _, code, _, moved = force_net.find_equilibrium(begin, method, dof_map, allowed, laws)
     moved = implicit.nan_unless(code == status.OK, moved, parameters)
-    free = jnp.zeros(nodes.size, bool).at[freedoms.free].set(True).reshape(nodes.shape)
+    free = jnp.zeros(nodes.size, bool).at[dof_map.free].set(True).reshape(nodes.shape)
     return jnp.where(free, nodes + moved, nodes)
 
 
@@ -310,7 +310,7 @@ class AxisEquilibrium:
     held: Float[Array, "n_elem n_axis"]
     load: Float[Array, "n_free n_axis"]
     block: _AxisBlock
-    factor: linear.Direct | linear.SparseFactor
+    factor: linear.OnDeviceFactor | linear.SparseFactor
 
     @classmethod
     def build(
@@ -326,7 +326,7 @@ class AxisEquilibrium:
         held = nodes[:, axes].at[block.free].set(0.0, unique_indices=True)
         blocks = jnp.stack([q, -q, -q, q], axis=1).reshape(-1, 2, 2)
         parts = [(lax.stop_gradient(blocks), block.unknown_of_end)]
-        matrix = linear.assemble(parts, len(block.free), block.pattern)
+        matrix = linear.assemble_matrix(parts, len(block.free), block.pattern)
         held = held[links[:, 0]] - held[links[:, 1]]
         return cls(q, held, load[block.free][:, axes], block, linear.factorize(matrix))
 
@@ -365,8 +365,8 @@ def _solve_differentiably(balance):
     """
     start = lax.stop_gradient(balance.solve(balance.rhs()))
     ok = jnp.all(jnp.isfinite(start))
-    q, held, load = implicit.gate(ok, (balance.q, balance.held, balance.load))
-    balance = copy(balance, q=q, held=held, load=load)
+    q, held, load = implicit.stop_gradient_unless(ok, (balance.q, balance.held, balance.load))
+    balance = copy_with(balance, q=q, held=held, load=load)
 
     def residual(x):
         return balance.apply_matrix(x) - balance.rhs()

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..common import status
-from ..common.tree import copy, pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, Float, Int, PyTree
 from ..elements.bar import Straight
 from ..model.structure import Structure
@@ -118,7 +118,7 @@ def make_form(
     code = status.first_failure(code, law_code).astype(jnp.int32)
     ok = code == status.OK
     # forces beyond the curve of a law, or NaN, must not make other cases of a batch NaN
-    groups, positions, tensions = implicit.gate(ok, (groups, positions, tensions))
+    groups, positions, tensions = implicit.stop_gradient_unless(ok, (groups, positions, tensions))
     lengths = [group.chord(positions[group.links]) for group in groups]
     pairs = list(zip(lengths, tensions, strict=True))
     densities = [force / length for length, force in pairs]
@@ -129,7 +129,7 @@ def make_form(
         ]
     values = positions, tensions, lengths, rests, densities
     positions, tensions, lengths, rests, densities = implicit.nan_unless(ok, values, parameters)
-    relative = scaled.relative(residual, scale)
+    relative = scaled.relative_residual(residual, scale)
     arrays = positions, tensions, lengths, rests, densities
     return Form(*arrays, code, residual, relative, iterations, met)
 
@@ -137,4 +137,4 @@ def make_form(
 def arrange_form(form: Form, structure: Structure) -> Form:
     """Bring the lists per group of a `Form` into the shape of the structure's elements."""
     names = ("tension", "length", "rest_length", "force_density")
-    return copy(form, **{name: structure.arrange(getattr(form, name)) for name in names})
+    return copy_with(form, **{name: structure.arrange(getattr(form, name)) for name in names})

@@ -12,7 +12,7 @@ from jax import lax
 from .. import linear
 from ..analysis.solution import Solution, State
 from ..common import checks
-from ..common.rules import Rule, or_nan, positive, refuse
+from ..common.rules import Rule, nan_if_broken, positive, refuse_if_broken
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements import hanging, hanging_sag
 from ..elements.abilities import Sagging
@@ -171,19 +171,19 @@ def hanging_chain(
     """
     if n < 2:
         raise ValueError(f"n = {n}: a chain that sags has at least 2 elements")
-    first, second = checks.floats(first, "first"), checks.floats(second, "second")
+    first, second = checks.as_floats(first, "first"), checks.as_floats(second, "second")
     for name, value in (("first", first), ("second", second)):
         if value.shape != (3,):
             raise ValueError(f"{name}: expected shape (3,), got {value.shape}")
     numbers = {"sag": sag, "weight": weight, "axial_stiffness": axial_stiffness}
     for name, value in numbers.items():
-        if checks.floats(value, name).shape != ():
+        if checks.as_floats(value, name).shape != ():
             raise ValueError(f"{name}: expected a number, got shape {jnp.shape(value)}")
-        numbers[name] = or_nan(positive(name, value))
+        numbers[name] = nan_if_broken(positive(name, value))
     dtype = jnp.result_type(float, first, second)
     chord = jnp.asarray(second, dtype) - jnp.asarray(first, dtype)
     text = "first, second: the ends lie above each other; the chain has no midspan"
-    refuse([Rule("second", chord[:2], lambda v: (v == 0).all(), lambda *_: text)])
+    refuse_if_broken([Rule("second", chord[:2], lambda v: (v == 0).all(), lambda *_: text)])
     sag, weight, stiffness = (jnp.asarray(v, dtype) for v in numbers.values())
     relative, rest_length = _solve_chain(chord, sag, weight, stiffness, n=n)
     return jnp.asarray(first)[None] + relative, jnp.full(n, rest_length / n)

@@ -20,12 +20,12 @@ from jax import lax
 
 from .. import linear
 from ..common import status
-from ..common.tree import Indices, copy, pytree
+from ..common.tree import Indices, copy_with, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..elements.prestress import stretch
 from ..mechanics.assembly import System
 from ..numerics import scaled
-from ..spaces.freedoms import number_freedoms
+from ..spaces.dof_map import make_dof_map
 
 # Trials of a step: whole, then halved. After 12 a step is 1/2048 of Newton's: with a tangent so
 # poor, further halving would only delay the failure status.
@@ -72,11 +72,13 @@ def number_saddle_unknowns(
         ValueError: the named solver does not exchange distant rows (pivoting), which zeros on the
             diagonal need.
     """
-    linear.check(solver, exchanges_rows=True)
-    freedoms = number_freedoms(fixed)
-    n_free = len(freedoms.free)
+    linear.check_solver_name(solver, exchanges_rows=True)
+    dof_map = make_dof_map(fixed)
+    n_free = len(dof_map.free)
     n_all = n_free + sum(int(mask.array.sum()) for mask in sought)
-    of_freedom = np.where(freedoms.number == n_free, n_all, freedoms.number).astype(np.int32)
+    of_freedom = np.where(dof_map.unknown_of_dof == n_free, n_all, dof_map.unknown_of_dof).astype(
+        np.int32
+    )
     elements, ends, count = [], [], n_free
     for group_links, mask in zip(links, sought, strict=True):
         chosen = np.flatnonzero(mask.array).astype(np.int32)
@@ -115,7 +117,7 @@ class SaddleSystem:
         self, z: Float[Array, " n_all"]
     ) -> tuple[Float[Array, " n_free"], list[Float[Array, " n_given"]]]:
         """Split z into free displacements [n_free] and forces of given-length elements, N."""
-        n_free = self.system.freedoms.free.shape[0]
+        n_free = self.system.dof_map.free.shape[0]
         parts, at = [], n_free
         for chosen in self.numbering.given_elements:
             size = 0 if chosen is None else chosen.shape[0]
@@ -132,7 +134,7 @@ class SaddleSystem:
         self, motion: Float[Array, "n_node 3"], forces: Sequence[Float[Array, " n_elem"]]
     ) -> Float[Array, " n_all"]:
         """Join displacements [n_node, 3] and the forces of all elements, per group, N, to z."""
-        x = motion.reshape(-1)[self.system.freedoms.free]
+        x = motion.reshape(-1)[self.system.dof_map.free]
         pairs = zip(forces, self.numbering.given_elements, strict=True)
         given = [force[chosen] / self.unit for force, chosen in pairs if chosen is not None]
         return jnp.concatenate([x, *given])
@@ -151,7 +153,9 @@ class SaddleSystem:
     ) -> tuple[System, Float[Array, "n_node 3"]]:
         """Return the system with all forces in its states, and the displacements, [n_node, 3]."""
         pairs = zip(self.system.states, self.axial_forces(z), strict=True)
-        system = copy(self.system, states=[copy(state, force=force) for state, force in pairs])
+        system = copy_with(
+            self.system, states=[copy_with(state, force=force) for state, force in pairs]
+        )
         return system, self.nodal_motion(z)
 
     def _given_length_groups(self, motion):
@@ -184,11 +188,13 @@ class SaddleSystem:
         ]
         return *system.residual_and_scale(motion), jnp.concatenate(errors)
 
-    def tangent(self, z: Float[Array, " n_all"]) -> Float[Array, "n_all n_all"] | linear.Sparse:
+    def tangent(
+        self, z: Float[Array, " n_all"]
+    ) -> Float[Array, "n_all n_all"] | linear.SparseMatrix:
         """Return the Hessian of the Lagrangian, a matrix of `linear`."""
         system, motion = self.system_with_forces(z)
-        freedoms = copy(system.freedoms, number=self.numbering.unknown_of_dof)
-        system = copy(system, space=copy(system.space, freedoms=freedoms))
+        dof_map = copy_with(system.dof_map, number=self.numbering.unknown_of_dof)
+        system = copy_with(system, space=copy_with(system.space, dof_map=dof_map))
         parts = system.parts(system.tangents(motion), motion)
         return self._assemble_hessian(parts, motion)
 
@@ -198,7 +204,7 @@ class SaddleSystem:
         parts = parts + [
             (couple(*data), unknowns) for *data, unknowns in self._given_length_groups(motion)
         ]
-        return linear.assemble(parts, len(self.numbering.zeros), self.numbering.pattern)
+        return linear.assemble_matrix(parts, len(self.numbering.zeros), self.numbering.pattern)
 
     def unknowns_of_least_residual(
         self, motion: Float[Array, "n_node 3"]
@@ -210,7 +216,7 @@ class SaddleSystem:
         """
         states: Sequence[Any] = self.system.states
         none = [jnp.zeros_like(state.force) for state in states]
-        z, n_free = self.join_unknowns(motion, none), self.system.freedoms.free.shape[0]
+        z, n_free = self.join_unknowns(motion, none), self.system.dof_map.free.shape[0]
         blocks = []
         for group in self.system.groups:
             unknowns = self.numbering.unknown_of_dof[group.links].reshape(-1, 6)
@@ -270,7 +276,7 @@ def solve_saddle(
 
     def worst(z):
         residual, scale, errors = saddle.convergence_measures(z)
-        forces = scaled.relative(jnp.max(jnp.abs(residual), initial=0.0), scale)
+        forces = scaled.relative_residual(jnp.max(jnp.abs(residual), initial=0.0), scale)
         return jnp.maximum(forces, jnp.max(jnp.abs(errors), initial=0.0))
 
     def iterate(state):
@@ -310,14 +316,14 @@ def solve_saddle(
 def attach_saddle_derivative(
     saddle: SaddleSystem, z: Float[Array, " n_all"], valid: Bool[Array, ""]
 ) -> Float[Array, " n_all"]:
-    """Return the solution `z` with its implicit derivative, as `implicit.attach` does.
+    """Return the solution `z` with its implicit derivative, as `implicit.attach_derivative` does.
 
-    The derivatives of `saddle` must pass only where `valid` (`implicit.gate`).
+    The derivatives of `saddle` must pass only where `valid` (`implicit.stop_gradient_unless`).
     """
     z = lax.stop_gradient(z)
     frozen = lax.stop_gradient(saddle)
-    factor = linear.factorize(linear.or_identity(frozen.tangent(z), valid))
-    saddle = copy(saddle, unit=frozen.unit)
+    factor = linear.factorize(linear.identity_unless(frozen.tangent(z), valid))
+    saddle = copy_with(saddle, unit=frozen.unit)
 
     def tangent_solve(linearized, rhs):
         return factor.solve(rhs, linearized)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..analysis.by_group import spread
 from ..common import checks, status
-from ..common.rules import Rule, kept, or_nan, rules_of
+from ..common.rules import Rule, are_rules_kept, collect_rules, nan_if_broken
 from ..common.selection import Only, Selection
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import Element, ElementState
@@ -20,7 +20,7 @@ from ..mechanics.assembly import System
 from ..model.parts import group_path, groups_by_name
 from ..model.structure import Structure, place_rules
 from ..spaces import Translations
-from ..spaces.freedoms import Freedoms
+from ..spaces.dof_map import DofMap
 
 
 def require_straight_elements(structure: Structure) -> None:
@@ -43,8 +43,8 @@ def input_status(
 
     The numbers can be traced.
     """
-    rules = [*rules_of([groups, others]), *(r for g in groups for r in place_rules(nodes, g))]
-    return jnp.where(kept(rules), status.OK, status.INVALID_INPUT).astype(jnp.int32)
+    rules = [*collect_rules([groups, others]), *(r for g in groups for r in place_rules(nodes, g))]
+    return jnp.where(are_rules_kept(rules), status.OK, status.INVALID_INPUT).astype(jnp.int32)
 
 
 def sum_nodal_loads(
@@ -85,17 +85,17 @@ def stated(
         if isinstance(given, Selection):
             raise ValueError(f"{name}: only(...) has no values here; give only(elements, values)")
         if isinstance(given, Only):
-            meant = given.chosen(n_elem, name)
-            checks.per_element(given.values, len(given.elements), name)
-            given = given.spread(np.zeros(n_elem))
-        given = checks.per_element(given, n_elem, name)
+            meant = given.element_mask(n_elem, name)
+            checks.floats_per_element(given.values, len(given.elements), name)
+            given = given.merged_with(np.zeros(n_elem))
+        given = checks.floats_per_element(given, n_elem, name)
         if given is not None and (is_length or group.tension_only):
             # the argument and the group that it is for, as a user writes it
             key = f"[{int(label) if label.isdigit() else label!r}]" if label else ""
             broken, text = _negative_forces, "a cable carries tension only; use Bars"
             if is_length:
                 broken, text = _nonpositive_lengths, "must be positive"
-            given = or_nan(Rule(f"{name}{key}", (given, meant), broken, text))
+            given = nan_if_broken(Rule(f"{name}{key}", (given, meant), broken, text))
         values.append(given)
         chosen.append(meant)
     return values, chosen
@@ -144,9 +144,9 @@ def system_with_fixed_supports(
     groups: list[Element],
     states: list[ElementState],
     load: Float[Array, "n_node 3"],
-    freedoms: Freedoms,
+    dof_map: DofMap,
     followers: list[Any] | None = None,
 ) -> System:
     """Make the `System` of elements between nodes whose supports do not move."""
-    space = Translations(freedoms, jnp.zeros_like(nodes))
+    space = Translations(dof_map, jnp.zeros_like(nodes))
     return System(nodes, groups, states, load, space, followers)

@@ -21,7 +21,7 @@ from jax import lax
 
 from ..common import status
 from ..common.selection import Only
-from ..common.tree import Indices, cast, copy, fill, thaw
+from ..common.tree import Indices, cast_floats, copy_with, merge_indices, split_indices
 from ..common.types import ArrayLike, Float, PyTree
 from ..equilibrium import newton
 from ..equilibrium.newton import Newton
@@ -31,7 +31,7 @@ from ..model.parts import group_path
 from ..model.structure import Structure
 from ..model.supports import Fixed
 from ..numerics import implicit
-from ..spaces.freedoms import number_freedoms
+from ..spaces.dof_map import make_dof_map
 from . import lengths
 from .along import FormDependentLoads, nodes_coupled_by_loads, split_loads
 from .force_density import number_unknowns_by_axis, start_by_force_density
@@ -146,7 +146,7 @@ def find_form(
     links = tuple(group.links for group in structure.groups)
     solver = method.linear_solver
     coupled = (*((ends, 3, ()) for ends in links), *nodes_coupled_by_loads(structure, others))
-    freedoms = number_freedoms(fixed, None, coupled, solver, not others)
+    dof_map = make_dof_map(fixed, None, coupled, solver, not others)
     saddle_numbering = (
         lengths.number_saddle_unknowns(fixed, links, tuple(map(Indices, sought)), solver)
         if mixed
@@ -155,8 +155,8 @@ def find_form(
     convex = not mixed and all(group.tension_only for group in structure.groups)
     axis_numbering = number_unknowns_by_axis(fixed, links, solver) if convex else None
     problem = (structure.nodes, structure.groups, tensions, given, loads, others or None)
-    thawed, arrays = thaw(problem)
-    numberings = freedoms, saddle_numbering, axis_numbering
+    thawed, arrays = split_indices(problem)
+    numberings = dof_map, saddle_numbering, axis_numbering
     return arrange_form(_solve_form(thawed, arrays, *numberings, method, convex), structure)
 
 
@@ -195,11 +195,11 @@ def statements(structure, tension, stress, length):
 
 
 @functools.partial(jax.jit, static_argnames=("convex",))
-def _solve_form(thawed, arrays, freedoms, saddle_numbering, axis_numbering, method, convex):
+def _solve_form(thawed, arrays, dof_map, saddle_numbering, axis_numbering, method, convex):
     """Find the form; compiled. Results per element are lists with one item per group."""
-    parameters = fill(thawed, arrays)
+    parameters = merge_indices(thawed, arrays)
     dtype = parameters[0].dtype
-    nodes, groups, tensions, given, loads, others = cast(parameters, dtype)
+    nodes, groups, tensions, given, loads, others = cast_floats(parameters, dtype)
     force_net = ForceElementNet(
         nodes,
         [group.links for group in groups],
@@ -224,18 +224,20 @@ def _solve_form(thawed, arrays, freedoms, saddle_numbering, axis_numbering, meth
         return start_by_force_density(system, densities, axis_numbering)
 
     if saddle_numbering is None:
-        found, code, attached, motion = force_net.find_equilibrium(begin, method, freedoms, allowed)
+        found, code, attached, motion = force_net.find_equilibrium(begin, method, dof_map, allowed)
         valid = code == status.OK
         steps, residual, scale = found.steps, found.residual, found.scale
         reached, forces = found.x, [state.force for state in attached.states]
     else:
         struts = not all(group.tension_only for group in groups)
         z, code, steps, residual, scale = _solve_with_lengths(
-            frozen, lax.stop_gradient(given), still, freedoms, saddle_numbering, method, struts
+            frozen, lax.stop_gradient(given), still, dof_map, saddle_numbering, method, struts
         )
         code = status.first_failure(allowed, code)
         valid = code == status.OK
-        saddle = _make_saddle(*implicit.gate(valid, (force_net, given)), freedoms, saddle_numbering)
+        saddle = _make_saddle(
+            *implicit.stop_gradient_unless(valid, (force_net, given)), dof_map, saddle_numbering
+        )
         reached = saddle.nodal_motion(z)
         z = lengths.attach_saddle_derivative(saddle, z, valid)
         forces, motion = saddle.axial_forces(z), saddle.nodal_motion(z)
@@ -264,12 +266,12 @@ def _force_densities(forces, ends):
     return jnp.concatenate(forces) / jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
 
 
-def _make_saddle(force_net, given, freedoms, saddle_numbering):
+def _make_saddle(force_net, given, dof_map, saddle_numbering):
     """Make the `lengths.SaddleSystem`.
 
     Its unit of force makes the matrix entries of displacements and of forces about equally large.
     """
-    made = force_net.make_system(freedoms)
+    made = force_net.make_system(dof_map)
     given = [None if pair is None else pair[0] for pair in given]
     unit = lax.stop_gradient(jnp.sqrt(_force_scale(force_net) / made.length_scale()))
     return lengths.SaddleSystem(made, given, unit, saddle_numbering)
@@ -281,7 +283,7 @@ def _force_scale(force_net):
     return jnp.where(force > 0, force, 1.0)
 
 
-def _solve_with_lengths(force_net, given, start, freedoms, saddle_numbering, method, struts):
+def _solve_with_lengths(force_net, given, start, dof_map, saddle_numbering, method, struts):
     """Find the form with given lengths: a point of the `lengths.SaddleSystem`.
 
     For cables alone, stiff springs come first, which lead close to the form from nearly any start;
@@ -293,7 +295,7 @@ def _solve_with_lengths(force_net, given, start, freedoms, saddle_numbering, met
         force_net: `ForceElementNet` without springs.
         given: per group lengths and where they are given, from `statements`.
         start: displacements at the start, [n_node, 3], m.
-        freedoms: numbering of the free displacements.
+        dof_map: numbering of the free displacements.
         saddle_numbering: `lengths.SaddleNumbering`.
         method: `Newton`.
         struts: whether there are bars.
@@ -302,7 +304,7 @@ def _solve_with_lengths(force_net, given, start, freedoms, saddle_numbering, met
         The unknowns [n_all], status, number of steps, unbalanced forces [n_free] and their scale.
     """
     tol = newton.limit(method, start.dtype)
-    saddle = _make_saddle(force_net, given, freedoms, saddle_numbering)
+    saddle = _make_saddle(force_net, given, dof_map, saddle_numbering)
     known = jnp.zeros((), bool)
     if struts:
         first = lengths.solve_saddle(
@@ -314,8 +316,8 @@ def _solve_with_lengths(force_net, given, start, freedoms, saddle_numbering, met
         pair and (jnp.where(pair[1], force / pair[0], 0.0), pair[0])  # None if no length is given
         for pair in given
     ]
-    sprung = copy(force_net, springs=springs).make_system(freedoms)
-    near, _ = newton.equilibrate(sprung, start, copy(method, tol=_SPRING_TOLERANCE), ~known)
+    sprung = copy_with(force_net, springs=springs).make_system(dof_map)
+    near, _ = newton.equilibrate(sprung, start, copy_with(method, tol=_SPRING_TOLERANCE), ~known)
     z = saddle.join_unknowns(near.x, sprung.tensions(near.x))
     active = ~known & (near.code == status.OK)
     limit = method.max_steps - near.steps

@@ -24,9 +24,9 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..common import checks, status
-from ..common.rules import Rule, or_nan
+from ..common.rules import Rule, nan_if_broken
 from ..common.selection import Only
-from ..common.tree import cast, copy, fill, pytree, thaw
+from ..common.tree import cast_floats, copy_with, merge_indices, pytree, split_indices
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..elements.prestress import jacked_or, stretch
 from ..elements.stated import Stated
@@ -36,7 +36,7 @@ from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import Fixed
 from ..numerics import implicit, scaled
-from ..spaces.freedoms import number_freedoms
+from ..spaces.dof_map import make_dof_map
 from .along import split_loads
 from .form import Form, arrange_form, make_form, most_shortened_element
 from .members import (
@@ -119,16 +119,16 @@ def dynamic_relaxation(
         [None if v is None else Stated(v, which) for v, which in zip(*pair, strict=True)]
         for pair in ((forces, prescribed), (rests, cut))
     )
-    tol = or_nan(Rule("tol", tol, lambda v: ~(v > 0), "must be positive"))
+    tol = nan_if_broken(Rule("tol", tol, lambda v: ~(v > 0), "must be positive"))
     if start is not None:
-        start = checks.floats(start, "start")
+        start = checks.as_floats(start, "start")
         if start.shape != structure.nodes.shape:
             raise ValueError(
                 f"start: expected shape {structure.nodes.shape}, got {tuple(start.shape)}"
             )
-    freedoms = number_freedoms(Fixed(structure.held()))
-    thawed, arrays = thaw((structure.nodes, structure.groups, forces, rests, loads, start))
-    return arrange_form(_relax(thawed, arrays, freedoms, tol, max_steps), structure)
+    dof_map = make_dof_map(Fixed(structure.held()))
+    thawed, arrays = split_indices((structure.nodes, structure.groups, forces, rests, loads, start))
+    return arrange_form(_relax(thawed, arrays, dof_map, tol, max_steps), structure)
 
 
 def _start_state(group, ends, force, rest):
@@ -145,7 +145,7 @@ def _start_state(group, ends, force, rest):
         state = group.restate(state, ends, {"rest_length": rest})
     if force is None:
         return state
-    return copy(state, jack_force=force.values, jacked=force.chosen)
+    return copy_with(state, jack_force=force.values, jacked=force.chosen)
 
 
 def _forces_and_stiffness_bound(element, state, ends, motion):
@@ -202,18 +202,18 @@ class _RelaxationState:
 
 
 @jax.jit
-def _relax(thawed, arrays, freedoms, tol, max_steps):
+def _relax(thawed, arrays, dof_map, tol, max_steps):
     """Relax the net to equilibrium; compiled. Results per element are lists, an item per group."""
-    parameters = fill(thawed, arrays)
+    parameters = merge_indices(thawed, arrays)
     dtype = parameters[0].dtype
-    nodes, groups, forces, rests, loads, start = lax.stop_gradient(cast(parameters, dtype))
-    groups = [group.extended() if group.breaks else group for group in groups]
+    nodes, groups, forces, rests, loads, start = lax.stop_gradient(cast_floats(parameters, dtype))
+    groups = [group.extrapolated() if group.has_rupture else group for group in groups]
     states = [
         _start_state(group, nodes[group.links], force, rest)
         for group, force, rest in zip(groups, forces, rests, strict=True)
     ]
     system = system_with_fixed_supports(
-        nodes, groups, states, sum_nodal_loads(loads, nodes.shape, dtype), freedoms
+        nodes, groups, states, sum_nodal_loads(loads, nodes.shape, dtype), dof_map
     )
     origin, away = jnp.zeros_like(nodes), _MAX_TRAVEL * system.extent()
     limit = jnp.maximum(jnp.asarray(tol, dtype), 64 * jnp.finfo(dtype).eps)
@@ -233,8 +233,8 @@ def _relax(thawed, arrays, freedoms, tol, max_steps):
         # a node without stiff elements gets some mass, too
         mass = 0.5 * jnp.maximum(stiffness, 1e-6 * jnp.max(stiffness))
         mass = jnp.where(mass > 0, mass, 1.0)[:, None]
-        mass = system.space.collected(jnp.broadcast_to(mass, nodes.shape), motion)
-        worst = scaled.relative(jnp.max(jnp.abs(residual), initial=0.0), scale)
+        mass = system.space.restrict(jnp.broadcast_to(mass, nodes.shape), motion)
+        worst = scaled.relative_residual(jnp.max(jnp.abs(residual), initial=0.0), scale)
         return -residual, worst, scale, mass
 
     def step(motion):
@@ -261,7 +261,7 @@ def _relax(thawed, arrays, freedoms, tol, max_steps):
         goes_on = (motion.steps < max_steps) & (motion.relative_residual > limit) & ~gone(motion)
         return goes_on | (motion.steps < 0)  # also a start far away has a residual
 
-    x = system.space.collected(origin if start is None else start - nodes, origin)
+    x = system.space.restrict(origin if start is None else start - nodes, origin)
     # step number 0 does not move, and ends at rest because the energy seems to have had a peak
     still = jnp.zeros_like(x), jnp.zeros_like(x), jnp.ones_like(x), jnp.ones(2, dtype)
     size, scale = jnp.asarray(jnp.finfo(dtype).max, dtype), jnp.zeros((), dtype)
@@ -272,7 +272,7 @@ def _relax(thawed, arrays, freedoms, tol, max_steps):
         jnp.isfinite(end.relative_residual) & jnp.isfinite(end.scale), code, status.NONFINITE
     )
     motion = system.move(origin, end.x)
-    torn = jnp.where(system.beyond(motion), status.MATERIAL_FAILURE, status.OK)
+    torn = jnp.where(system.is_ruptured(motion), status.MATERIAL_FAILURE, status.OK)
     code = status.first_failure(input_status(*parameters[:2]), status.first_failure(code, torn))
     residual, positions = jnp.max(jnp.abs(end.force), initial=0.0), nodes + motion
     form = make_form(
@@ -282,4 +282,4 @@ def _relax(thawed, arrays, freedoms, tol, max_steps):
     )
     names = ("positions", "tension", "length", "rest_length", "force_density")
     values = {name: getattr(form, name) for name in names}
-    return copy(form, **implicit.undifferentiated(values, parameters))
+    return copy_with(form, **implicit.with_nan_derivative(values, parameters))

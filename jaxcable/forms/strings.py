@@ -24,7 +24,7 @@ from ..equilibrium import newton
 from ..equilibrium.newton import Newton
 from ..mechanics.assembly import System
 from ..numerics import implicit
-from ..spaces.freedoms import Freedoms
+from ..spaces.dof_map import DofMap
 from .along import FormDependentLoads, laws_can_carry
 from .members import system_with_fixed_supports
 
@@ -56,7 +56,7 @@ class ForceElements(Axial):
     links: Indices
     tension_only: bool = False
 
-    rising = True
+    monotone = True
 
     def start(self, ends):
         """Return a state without forces and springs; form finding makes those that it uses."""
@@ -101,7 +101,7 @@ class ForceElementNet:
     others: FormDependentLoads | None = None
     tension_only: bool = False
 
-    def make_system(self, freedoms: Freedoms) -> System:
+    def make_system(self, dof_map: DofMap) -> System:
         """Make the `System` of equations of the net, with this numbering of the unknowns."""
         groups: list[Any] = [ForceElements(links, self.tension_only) for links in self.links]
         followers = None if self.others is None else [self.others]
@@ -112,15 +112,13 @@ class ForceElementNet:
                 stiffness, length = spring
                 excess = group.chord(self.nodes[group.links]) - length
             states.append(ForceElementState(force, stiffness, excess))
-        return system_with_fixed_supports(
-            self.nodes, groups, states, self.load, freedoms, followers
-        )
+        return system_with_fixed_supports(self.nodes, groups, states, self.load, dof_map, followers)
 
     def find_equilibrium(
         self,
         begin: Callable[[System], Float[Array, "n_node 3"]],
         method: Newton,
-        freedoms: Freedoms,
+        dof_map: DofMap,
         allowed: Int[Array, ""],
         laws: Sequence[Straight] = (),
     ) -> tuple[newton.Outcome, Int[Array, ""], System, Float[Array, "n_node 3"]]:
@@ -129,7 +127,7 @@ class ForceElementNet:
         Args:
             begin: function of the `System` that returns start displacements, [n_node, 3], m.
             method: `Newton`.
-            freedoms: numbering of the unknowns.
+            dof_map: numbering of the unknowns.
             allowed: status of the input; unless it is OK there is no iteration.
             laws: element groups whose laws must be able to carry the forces, with links as arrays.
 
@@ -138,7 +136,7 @@ class ForceElementNet:
             status is OK; the displacements [n_node, 3], m, with their derivatives.
         """
         frozen = lax.stop_gradient(self)
-        system = frozen.make_system(freedoms)
+        system = frozen.make_system(dof_map)
         start = begin(system)
         found, factored = newton.equilibrate(system, start, method, allowed == status.OK)
         code = status.first_failure(allowed, found.code)
@@ -147,7 +145,9 @@ class ForceElementNet:
             law_code = jnp.where(carried, status.OK, status.MATERIAL_FAILURE)
             code = status.first_failure(code, law_code)
         valid = code == status.OK
-        system = implicit.gate(valid, self).make_system(freedoms)
+        system = implicit.stop_gradient_unless(valid, self).make_system(dof_map)
         tol, worth = newton.adjoint_effort(method, system, start.dtype)
-        motion, *_ = implicit.attach_apart(system, found.x, valid, factored, tol, worth)
+        motion, *_ = implicit.attach_derivative_with_marks(
+            system, found.x, valid, factored, tol, worth
+        )
         return found, code, system, motion

@@ -49,7 +49,7 @@ def symmetric_groups(
         >>> {kind: number.tolist() for kind, number in groups.items()}
         {'struts': [0, 0, 0], 'triangles': [1, 1, 1, 2, 2, 2], 'verticals': [3, 3, 3]}
     """
-    checks.whole(fold, "fold")
+    checks.require_whole_number(fold, "fold")
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

@@ -1,117 +1,128 @@
 """Factorise and solve: the only place that knows matrix formats.
 
-A matrix is a jax array [n, n], or a `Sparse` on a `Pattern`. The functions here take both.
+A matrix is a jax array [n, n], or a `SparseMatrix` on a `Pattern`. The functions here take both.
 """
 
 from __future__ import annotations
 
 import jax.numpy as jnp
 
-from ..common.tree import copy
+from ..common.tree import copy_with
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from . import choice, dense, sparse
-from .assembly_map import Gathering, gathering, with_zero
+from .assembly_map import AssemblyMap, append_zero, make_assembly_map
 from .bordered import solve_bordered
 from .dense import solve_definite
-from .direct import Direct
-from .pattern import Matrix, Pattern, Sparse, assemble, make_pattern
-from .solver import Analysis, NumericFactor, Solver, check, choose, named, offered, register
-from .sparse import Factored, SparseFactor, forgotten, nothing_factored
-from .spectrum import NOT_COUNTED, is_symmetric, spectrum
+from .direct import OnDeviceFactor
+from .pattern import Matrix, Pattern, SparseMatrix, assemble_matrix, make_pattern
+from .solver import (
+    Analysis,
+    NumericFactor,
+    Solver,
+    check_solver_name,
+    choose_solver,
+    register,
+    selectable_solver_names,
+    solver_named,
+)
+from .sparse import FactoredMatrix, SparseFactor, no_factored_matrix, without_factor
+from .spectrum import NOT_COUNTED, inertia_and_nearest_mode, is_symmetric
 
 __all__ = [
     "NOT_COUNTED",
     "Analysis",
-    "Direct",
-    "Gathering",
+    "AssemblyMap",
     "Matrix",
     "NumericFactor",
+    "OnDeviceFactor",
     "Pattern",
     "Solver",
-    "Sparse",
     "SparseFactor",
-    "assemble",
-    "check",
+    "SparseMatrix",
+    "add_to_diagonal",
+    "add_to_diagonal_entry",
+    "append_zero",
+    "assemble_matrix",
+    "check_solver_name",
     "choice",
-    "choose",
+    "choose_solver",
     "diagonal",
     "factorize",
-    "forgotten",
-    "gathering",
-    "held_at",
+    "hold_unknowns",
+    "identity_unless",
+    "inertia_and_nearest_mode",
     "is_definite",
     "is_symmetric",
+    "make_assembly_map",
     "make_pattern",
-    "named",
-    "nothing_factored",
-    "offered",
-    "or_identity",
-    "or_nan",
-    "plus_diagonal",
-    "plus_entry",
+    "nan_unless",
+    "no_factored_matrix",
     "register",
+    "selectable_solver_names",
     "solve_bordered",
     "solve_definite",
     "solve_general",
-    "solve_next",
-    "spectrum",
-    "with_zero",
+    "solve_reusing_factor",
+    "solver_named",
+    "without_factor",
 ]
 
 
 def diagonal(matrix: Matrix) -> Float[Array, " n"]:
     """Return the diagonal of a matrix, [n]."""
-    return matrix.diagonal() if isinstance(matrix, Sparse) else dense.diagonal(matrix)
+    return matrix.diagonal() if isinstance(matrix, SparseMatrix) else dense.diagonal(matrix)
 
 
-def plus_diagonal(matrix: Matrix, shift: Float[ArrayLike, ""]) -> Matrix:
+def add_to_diagonal(matrix: Matrix, shift: Float[ArrayLike, ""]) -> Matrix:
     """Return the matrix with `shift`, a scalar, added to its diagonal."""
-    if isinstance(matrix, Sparse):
+    if isinstance(matrix, SparseMatrix):
         return matrix.add_to_diagonal(shift)
     return matrix + shift * jnp.eye(len(matrix), dtype=matrix.dtype)
 
 
-def plus_entry(matrix: Matrix, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]) -> Matrix:
+def add_to_diagonal_entry(
+    matrix: Matrix, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]
+) -> Matrix:
     """Return the matrix with `value` added to entry `place` of its diagonal, both scalars."""
-    if isinstance(matrix, Sparse):
+    if isinstance(matrix, SparseMatrix):
         return matrix.add_to_diagonal_entry(place, value)
     return matrix.at[place, place].add(value)
 
 
-def held_at(matrix: Matrix, held: Bool[Array, " n"]) -> Matrix:
+def hold_unknowns(matrix: Matrix, held: Bool[Array, " n"]) -> Matrix:
     """Return the matrix with the rows and columns of unknowns `held`, [n] bool, emptied.
 
     Only their diagonal stays: the largest entry of the matrix's, so that its scale does not change.
     """
     stiffness = jnp.max(jnp.abs(diagonal(matrix)))
-    if isinstance(matrix, Sparse):
+    if isinstance(matrix, SparseMatrix):
         return matrix.hold_unknowns(held, stiffness)
     touched = held[:, None] | held[None, :]
     return jnp.where(touched, jnp.diag(jnp.where(held, stiffness, 0.0)), matrix)
 
 
-def or_identity(matrix: Matrix, valid: Bool[ArrayLike, ""]) -> Matrix:
+def identity_unless(matrix: Matrix, valid: Bool[ArrayLike, ""]) -> Matrix:
     """Return the matrix if `valid`, else the identity."""
-    if isinstance(matrix, Sparse):
+    if isinstance(matrix, SparseMatrix):
         return matrix.identity_unless(valid)
     return jnp.where(valid, matrix, jnp.eye(len(matrix), dtype=matrix.dtype))
 
 
-def or_nan(matrix: Matrix, defined: Bool[ArrayLike, ""]) -> Matrix:
+def nan_unless(matrix: Matrix, defined: Bool[ArrayLike, ""]) -> Matrix:
     """Return the matrix if `defined`, else one of NaN, which counts as singular."""
     factor = jnp.where(defined, 1.0, jnp.nan)
-    if isinstance(matrix, Sparse):
-        return copy(matrix, values=matrix.values * factor.astype(matrix.values.dtype))
+    if isinstance(matrix, SparseMatrix):
+        return copy_with(matrix, values=matrix.values * factor.astype(matrix.values.dtype))
     return matrix * factor.astype(matrix.dtype)
 
 
 def factorize(
     matrix: Matrix,
     loose: Bool[Array, " n"] | None = None,
-    factored: Factored | None = None,
+    factored: FactoredMatrix | None = None,
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
-) -> Direct | SparseFactor:
+) -> OnDeviceFactor | SparseFactor:
     """Factorise a general (indefinite or unsymmetric) matrix.
 
     If it is sparse, positive semidefinite and near to a matrix factorised before, conjugate
@@ -121,15 +132,15 @@ def factorize(
     Args:
         matrix: [n, n]; it is not differentiated.
         loose: unknowns with empty rows and columns, [n] bool, left out of the solve.
-        factored: as for `solve_next`.
+        factored: as for `solve_reusing_factor`.
         tol: residual that conjugate gradients may leave, relative to the right side.
         limit: conjugate gradient steps allowed before a factorisation; 0 unless the matrix is
             known to be positive semidefinite.
 
     Returns:
-        `Direct` or `SparseFactor`; `direct.MatrixFactor` says what they can do.
+        `OnDeviceFactor` or `SparseFactor`; `direct.MatrixFactor` says what they can do.
     """
-    if isinstance(matrix, Sparse):
+    if isinstance(matrix, SparseMatrix):
         return sparse.factorize(matrix, loose, factored, tol, limit)
     return dense.factorize(matrix, loose)
 
@@ -147,19 +158,19 @@ def is_definite(matrix: Matrix) -> Bool[Array, ""]:
 
     For an unsymmetric matrix: whether its symmetric part has none.
     """
-    if isinstance(matrix, Sparse):
+    if isinstance(matrix, SparseMatrix):
         return sparse.is_definite(matrix)
     return solve_definite(matrix, jnp.zeros(len(matrix), matrix.dtype))[1]
 
 
-def solve_next(
+def solve_reusing_factor(
     matrix: Matrix,
     rhs: Float[Array, " n"],
-    factored: Factored | None,
+    factored: FactoredMatrix | None,
     tol: Float[ArrayLike, ""],
     limit: Int[ArrayLike, ""],
     wanted: Bool[ArrayLike, ""],
-) -> tuple[Float[Array, " n"], Bool[Array, ""], Factored | None]:
+) -> tuple[Float[Array, " n"], Bool[Array, ""], FactoredMatrix | None]:
     """Solve the next of a sequence of similar, positive definite systems; not differentiable.
 
     A dense matrix is factorised. A sparse matrix is factorised only if conjugate gradients with the
@@ -168,8 +179,8 @@ def solve_next(
     Args:
         matrix: [n, n].
         rhs: right side, [n].
-        factored: the `Factored` of the solve before, `nothing_factored` at first; None for dense
-            matrices.
+        factored: the `FactoredMatrix` of the solve before, `no_factored_matrix` at first; None for
+            dense matrices.
         tol: residual that conjugate gradients may leave, relative to the right side.
         limit: conjugate gradient steps allowed before a factorisation; 0 always factorises,
             and less than 0 also takes a factor whose pivots have few digits.
@@ -177,9 +188,9 @@ def solve_next(
 
     Returns:
         Solution [n]; whether the matrix is positive definite (conjugate gradients see this in the
-        directions of their steps only); `Factored` for the next solve.
+        directions of their steps only); `FactoredMatrix` for the next solve.
     """
-    if isinstance(matrix, Sparse):
+    if isinstance(matrix, SparseMatrix):
         tol, limit = jnp.asarray(tol, rhs.dtype), jnp.int32(limit)
-        return sparse.solve_next(matrix, rhs, factored, tol, limit, jnp.asarray(wanted))
+        return sparse.solve_reusing_factor(matrix, rhs, factored, tol, limit, jnp.asarray(wanted))
     return *solve_definite(matrix, rhs), factored

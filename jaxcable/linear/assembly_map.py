@@ -20,7 +20,7 @@ _NO_ROW = 2**32 - 1  # a position past every end
 
 
 @pytree
-class Gathering:
+class AssemblyMap:
     """Sum rows of an array, such as end forces at nodes; a hub, where many meet, in parts.
 
     Attributes:
@@ -41,7 +41,7 @@ class Gathering:
             return self._sum_by_tables(source)
         return linear_map(_sum_rows, _copy_sums_to_rows, source, self)
 
-    def spread(self, sums: Float[Array, "n ..."]) -> Float[Array, "m ..."]:
+    def apply_transpose(self, sums: Float[Array, "n ..."]) -> Float[Array, "m ..."]:
         """Apply the transpose: return for every row the number at its sum, [m, ...]."""
         return linear_map(_copy_sums_to_rows, _sum_rows, sums, self)
 
@@ -59,13 +59,13 @@ class Gathering:
         return _rows_at(jnp.concatenate([rows, *sums]) if sums else rows, self.place)
 
 
-def gathering(
+def make_assembly_map(
     target: Int[np.ndarray, " k"],
     n: int,
     source: Int[np.ndarray, " k"] | None = None,
     m: int | None = None,
-) -> Gathering:
-    """Make the `Gathering` that adds row ``source[k]`` of an array to the sum ``target[k]``.
+) -> AssemblyMap:
+    """Make the `AssemblyMap` that adds row ``source[k]`` of an array to the sum ``target[k]``.
 
     Args:
         target: [k], NumPy; n or more for what is not added to any sum.
@@ -94,7 +94,7 @@ def gathering(
         tables.append(np.where(table < 0, _NO_ROW if tables else m, table).astype(np.uint32))
         member = np.arange(len(table))
     last = len(tables) > 0 and np.array_equal(place, first + np.arange(n))
-    return Gathering(tables, None if last else place.astype(np.uint32), of_rows)
+    return AssemblyMap(tables, None if last else place.astype(np.uint32), of_rows)
 
 
 def _sum_rows(rows, gathering):
@@ -109,7 +109,7 @@ def _copy_sums_to_rows(sums, gathering):
     return _rows_at_or_zero(sums, gathering.target)
 
 
-def with_zero(values: Float[Array, "n ..."]) -> Float[Array, "n+1 ..."]:
+def append_zero(values: Float[Array, "n ..."]) -> Float[Array, "n+1 ..."]:
     """Append a zero to an array, at the position that stands for nothing."""
     zero = jnp.zeros((), values.dtype)
     return lax.pad(values, zero, [(0, 1, 0)] + [(0, 0, 0)] * (values.ndim - 1))

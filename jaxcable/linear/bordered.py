@@ -25,8 +25,8 @@ from ..common import host_calls
 from ..common.types import Array, ArrayLike, Bool, Float
 from . import host, sparse, unbatched
 from .direct import are_pivots_significant, diagonal_scale
-from .pattern import Matrix, Sparse
-from .solver import named
+from .pattern import Matrix, SparseMatrix
+from .solver import solver_named
 from .superlu import decompose_lu
 
 # Largest residual of a solution, in roundings (eps) of the sizes of its terms: some roundings add
@@ -60,9 +60,9 @@ def solve_bordered(
         x [n], y scalar, and whether the bordered matrix is regular to working precision.
     """
     column, row, rhs = (jnp.where(loose, 0.0, v) for v in (column, row, rhs))
-    if isinstance(matrix, Sparse) and not matrix.pattern.solver.on_device:
+    if isinstance(matrix, SparseMatrix) and not matrix.pattern.solver.on_device:
         return _solve_on_host(matrix, column, row, corner, rhs, last, loose)
-    full = matrix.dense() if isinstance(matrix, Sparse) else matrix
+    full = matrix.dense() if isinstance(matrix, SparseMatrix) else matrix
     return _solve_dense(lax.stop_gradient(full), column, row, corner, rhs, last, loose)
 
 
@@ -108,7 +108,7 @@ def _solve_on_host(matrix, column, row, corner, rhs, last, loose):
 @host_calls.host_function_family
 def make_bordered_solver(solver, stored):
     """Return the NumPy function that solves all bordered systems of a batch."""
-    solver, symmetric = named(solver), stored == "symmetric"
+    solver, symmetric = solver_named(solver), stored == "symmetric"
 
     def function(digest, indptr, indices, *arrays):
         batch, rows = host.flatten_batch(arrays[:-2], arrays[-2:])

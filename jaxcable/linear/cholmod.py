@@ -68,7 +68,7 @@ class _CholmodAnalysis(solver.Analysis):
     @functools.cached_property
     def indefinite_analysis(self) -> solver.Analysis:
         """Analysis by SuperLU, for matrices that are not positive definite."""
-        return SuperLU().analyse(*self.arguments)
+        return SuperLU().analyze(*self.arguments)
 
     def release(self) -> None:
         """Free the memory of factors that are not in use."""

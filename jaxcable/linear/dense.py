@@ -14,7 +14,7 @@ from jax import lax
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int
 from . import solver, unbatched
-from .direct import Direct, are_pivots_significant, diagonal_scale
+from .direct import OnDeviceFactor, are_pivots_significant, diagonal_scale
 
 _MOST_UNKNOWNS = 150  # up to which dense matrices are faster (`experiments/benchmark.py scaling`)
 
@@ -71,12 +71,12 @@ def solve_definite(
 
 
 @pytree
-class DenseFactor(Direct):
+class DenseFactor(OnDeviceFactor):
     """LU factors of a general matrix that is scaled to unit diagonal; made by `factorize`.
 
     Attributes:
         lu, order: LU factors of the scaled matrix, and the order of its rows.
-        size, loose, regular, replaced: see `Direct`.
+        size, loose, regular, replaced: see `OnDeviceFactor`.
         scaled: the matrix, scaled to unit diagonal, [n, n].
     """
 
@@ -89,11 +89,11 @@ class DenseFactor(Direct):
     replaced: Bool[Array, ""] | None = None
 
     def solve_scaled(self, b: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
-        """See `Direct`."""
+        """See `OnDeviceFactor`."""
         return unbatched.lu_solve(self.lu, self.order, b, transposed)
 
     def multiply_scaled(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
-        """See `Direct`."""
+        """See `OnDeviceFactor`."""
         return (self.scaled.T if transposed else self.scaled) @ x
 
 

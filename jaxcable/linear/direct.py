@@ -9,7 +9,7 @@ from typing import Self
 import jax.numpy as jnp
 from jax import lax
 
-from ..common.tree import copy
+from ..common.tree import copy_with
 from ..common.types import Array, Bool, Float
 
 _LARGEST_ERROR = 1e-2  # of a solution, by rounding, from which it counts as undefined
@@ -42,7 +42,7 @@ class MatrixFactor(abc.ABC):
         """Solve, and also tell whether rounding leaves digits of the solution."""
 
     @abc.abstractmethod
-    def or_identity(self) -> Self:
+    def identity_if_singular(self) -> Self:
         """Return this factor, or that of the identity if the matrix is singular."""
 
     def solve(
@@ -59,17 +59,19 @@ class MatrixFactor(abc.ABC):
             return jnp.where(self.loose | ~regular, jnp.nan, answer)
 
         def backward(_, b):
-            return self.adjoint(b)
+            return self.solve_adjoint(b)
 
         return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
 
-    def marked(self, b: Float[Array, " n"]) -> tuple[Float[Array, " n"], Bool[Array, " n"]]:
+    def solve_with_marks(
+        self, b: Float[Array, " n"]
+    ) -> tuple[Float[Array, " n"], Bool[Array, " n"]]:
         """Solve for `b`: return the solution [n], zero where undefined, and this mask, [n]."""
         answer, regular, sound = self.solve_checked(b, False)
         unknown = self.loose | ~regular | ~sound
         return jnp.where(unknown, 0.0, answer), unknown
 
-    def adjoint(self, b: Float[Array, " n"]) -> Float[Array, " n"]:
+    def solve_adjoint(self, b: Float[Array, " n"]) -> Float[Array, " n"]:
         """Solve with the transposed matrix; NaN if `b` asks for an unknown without a value."""
         # Not linear, on purpose: a loose unknown or a singular matrix gives NaN only if the right
         # side concerns it, so that phases and unknowns without influence do not spoil a gradient.
@@ -79,7 +81,7 @@ class MatrixFactor(abc.ABC):
         return jnp.where(asked | (regular & ~sound), jnp.nan, answer)
 
 
-class Direct(MatrixFactor):
+class OnDeviceFactor(MatrixFactor):
     """A factor inside of the compiled program, of a matrix that is scaled to unit diagonal.
 
     Attributes:
@@ -99,10 +101,10 @@ class Direct(MatrixFactor):
     def multiply_scaled(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
         """Multiply the scaled matrix, or its transpose, by a vector [n]."""
 
-    def or_identity(self) -> Self:
+    def identity_if_singular(self) -> Self:
         """See `MatrixFactor`."""
         size = jnp.where(self.regular, self.size, 1.0)
-        return copy(self, size=size, regular=jnp.ones((), bool), replaced=~self.regular)
+        return copy_with(self, size=size, regular=jnp.ones((), bool), replaced=~self.regular)
 
     def solve_with_status(
         self, b: Float[Array, " n"], transposed: bool

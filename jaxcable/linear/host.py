@@ -36,13 +36,13 @@ def analysis_of_pattern(
     digest: Int[np.ndarray, " 4"],
     indptr: Int[np.ndarray, " n+1"],
     indices: Int[np.ndarray, " n_value"],
-) -> Analysed:
+) -> AnalysedPattern:
     """Return the analysis of a pattern by a `solver.Solver`, stored before or made now."""
     key = (solver.name, symmetric, digest.tobytes())
     if key not in _analyses:
         while len(_analyses) >= _MOST_ANALYSES:
             _analyses.popitem(last=False)[1].release()
-        _analyses[key] = Analysed(solver, symmetric, indptr, indices)
+        _analyses[key] = AnalysedPattern(solver, symmetric, indptr, indices)
     _analyses.move_to_end(key)
     return _analyses[key]
 
@@ -55,7 +55,7 @@ def forget_analyses() -> None:
             _analyses.popitem()[1].release()
 
 
-class Analysed:
+class AnalysedPattern:
     """A pattern analysed by a solver, with the factors of the last matrices on it.
 
     Args:
@@ -87,7 +87,7 @@ class Analysed:
             self.take = whole.data - 1
         else:
             self.take, self.transposed = slice(None), whole.T.tocsr().data - 1
-        self.analysis = solver.analyse(self.n, whole.indptr, whole.indices)
+        self.analysis = solver.analyze(self.n, whole.indptr, whole.indices)
         self.factors = OrderedDict()  # number -> (values, whether taken as definite, Factor)
         self.count = 0
 

@@ -54,7 +54,7 @@ def _result_shape(x, *leaves, pair):
 def _map_jvp(primals, tangents, *, pair):
     """Apply the map to the tangent: rule of the forward derivative."""
     found, change = _MAP.bind(*primals, pair=pair), tangents[0]
-    if internals.is_zero(change):
+    if internals.is_zero_tangent(change):
         return found, internals.zero_tangent(found)
     return found, _MAP.bind(change, *primals[1:], pair=pair)
 
@@ -62,7 +62,7 @@ def _map_jvp(primals, tangents, *, pair):
 def _map_transpose(back, x, *leaves, pair):
     """Apply the pair in the other order to the cotangent: rule of the transpose."""
     nothing = [None] * len(leaves)
-    if internals.is_zero(back):
+    if internals.is_zero_tangent(back):
         return [None, *nothing]
     return [_MAP.bind(back, *leaves, pair=pair[::-1]), *nothing]
 
@@ -80,6 +80,6 @@ def _map_batch_rule(arguments, axes, *, pair):
     return _MAP.bind(*moved, pair=tuple(jax.vmap(each, over) for each in pair)), 0
 
 
-_MAP = internals.primitive(
+_MAP = internals.define_primitive(
     "linear_map", _evaluate_map, _result_shape, _map_jvp, _map_batch_rule, _map_transpose
 )

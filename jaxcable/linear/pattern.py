@@ -16,10 +16,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from ..common.tree import copy, places, pytree
+from ..common.tree import copy_with, pytree, unsigned_indices
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from .assembly_map import Gathering, gathering, with_zero
-from .solver import Solver, choose
+from .assembly_map import AssemblyMap, append_zero, make_assembly_map
+from .solver import Solver, choose_solver
 
 # Half-bandwidth up to which batches of small systems are solved as banded systems: the work grows
 # with its square, and so does the program (`banded` has figures).
@@ -51,7 +51,7 @@ class Pattern:
         solver: `solver.Solver`.
     """
 
-    sums: Gathering
+    sums: AssemblyMap
     indptr: Int[Array, " n+1"]
     indices: Int[Array, " n_value"]
     diagonal: Int[Array, " n"]
@@ -108,17 +108,17 @@ def make_pattern(
     arrays = (
         indptr,
         indices,
-        places(diagonal),
+        unsigned_indices(diagonal),
         row.astype(np.int32),
         np.frombuffer(digest, np.uint32),
         *(_band_positions(row, indices, size) if symmetric else (None, None, None)),
     )
-    solver = choose(size, arrays[-1] is not None, name, exchanges_rows, definite)
+    solver = choose_solver(size, arrays[-1] is not None, name, exchanges_rows, definite)
     solver.load_library()
     whole = solver.on_device and not solver.definite
     table = _dense_positions(row, indices, size, symmetric) if whole else None
     with jax.ensure_compile_time_eval():  # concrete arrays, also when a caller is being traced
-        sums = jax.tree.map(jax.device_put, gathering(target, len(entries), source, m))
+        sums = jax.tree.map(jax.device_put, make_assembly_map(target, len(entries), source, m))
         last = table, some if some.any() else None
         placed: list[Any] = [None if a is None else jax.device_put(a) for a in (*arrays, *last)]
     settings = size, tuple(paired), symmetric, solver
@@ -130,7 +130,8 @@ def _list_matrix_entries(numbers, size, symmetric, paired):
 
     Returns:
         Row times `size` plus column of the value they are added to; their positions among what
-        `assemble` reads; whether they are minus what is there; how much `assemble` reads.
+        `assemble_matrix` reads; whether they are minus what is there; how much `assemble_matrix`
+        reads.
     """
     keys, sources, signs, m = [], [], [], 0
     for k, number in enumerate(numbers):
@@ -168,7 +169,7 @@ def _band_positions(rows, columns, size):
         return None, None, None
     band = np.full((size, width), len(rows), np.int32)
     band[low, high - low] = np.arange(len(rows))
-    return places(order), places(place.astype(np.int32)), places(band)
+    return unsigned_indices(order), unsigned_indices(place.astype(np.int32)), unsigned_indices(band)
 
 
 def narrow_band_order(matrix: Any) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
@@ -193,7 +194,7 @@ def _dense_positions(rows, columns, size, symmetric):
 
 
 @pytree
-class Sparse:
+class SparseMatrix:
     """A sparse matrix: values on a pattern.
 
     Attributes:
@@ -213,37 +214,39 @@ class Sparse:
         """The diagonal, [n]."""
         return self.values[self.pattern.diagonal]
 
-    def add_to_diagonal(self, shift: Float[ArrayLike, ""]) -> Sparse:
+    def add_to_diagonal(self, shift: Float[ArrayLike, ""]) -> SparseMatrix:
         """Return this matrix with `shift`, a scalar, added to its diagonal."""
-        return copy(self, values=jnp.where(self._is_diagonal, self.values + shift, self.values))
+        return copy_with(
+            self, values=jnp.where(self._is_diagonal, self.values + shift, self.values)
+        )
 
     def add_to_diagonal_entry(
         self, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]
-    ) -> Sparse:
+    ) -> SparseMatrix:
         """Return this matrix with `value` added to entry `place` of its diagonal."""
         here = jnp.arange(len(self.values)) == self.pattern.diagonal[place]
-        return copy(self, values=jnp.where(here, self.values + value, self.values))
+        return copy_with(self, values=jnp.where(here, self.values + value, self.values))
 
-    def hold_unknowns(self, held: Bool[Array, " n"], stiffness: Float[Array, ""]) -> Sparse:
+    def hold_unknowns(self, held: Bool[Array, " n"], stiffness: Float[Array, ""]) -> SparseMatrix:
         """Return this matrix with rows and columns `held`, [n] bool, empty but for `stiffness`."""
         touched = held[self.pattern.rows] | held[self.pattern.indices]
         left = jnp.where(self._is_diagonal, stiffness, 0.0)
-        return copy(self, values=jnp.where(touched, left, self.values))
+        return copy_with(self, values=jnp.where(touched, left, self.values))
 
-    def divide_rows_and_columns(self, size: Float[Array, " n"]) -> Sparse:
+    def divide_rows_and_columns(self, size: Float[Array, " n"]) -> SparseMatrix:
         """Return this matrix with rows and columns divided by `size`, [n]."""
         p = self.pattern
-        return copy(self, values=self.values / size[p.rows] / size[p.indices])
+        return copy_with(self, values=self.values / size[p.rows] / size[p.indices])
 
-    def identity_unless(self, valid: Bool[ArrayLike, ""]) -> Sparse:
+    def identity_unless(self, valid: Bool[ArrayLike, ""]) -> SparseMatrix:
         """Return this matrix if `valid`, else the identity."""
         one = self._is_diagonal.astype(self.values.dtype)
-        return copy(self, values=jnp.where(valid, self.values, one))
+        return copy_with(self, values=jnp.where(valid, self.values, one))
 
     def dense(self) -> Float[Array, "n n"]:
         """Return this matrix as an array [n, n]."""
         if self.pattern.table is not None:
-            return with_zero(self.values)[self.pattern.table]
+            return append_zero(self.values)[self.pattern.table]
         rows, columns = self.pattern.rows, self.pattern.indices
         full = (
             jnp.zeros(self.shape, self.values.dtype)
@@ -256,7 +259,7 @@ class Sparse:
 
     def banded(self) -> Float[Array, "n b+1"]:
         """Return the lower band of ``A[order][:, order]``, [n, b + 1]; see module `banded`."""
-        return with_zero(self.values)[self.pattern.band]
+        return append_zero(self.values)[self.pattern.band]
 
     @property
     def _is_diagonal(self):
@@ -273,11 +276,11 @@ class Sparse:
         return product - self.diagonal() * v
 
 
-Matrix: TypeAlias = 'Float[Array, "n n"] | Sparse'
+Matrix: TypeAlias = 'Float[Array, "n n"] | SparseMatrix'
 """A square matrix."""
 
 
-def assemble(
+def assemble_matrix(
     parts: Sequence[tuple[Float[Array, "n_elem d d"], Int[Array, "n_elem d"]]],
     number: int,
     pattern: Pattern | None,
@@ -287,7 +290,7 @@ def assemble(
     Args:
         parts: list of (matrices [n_elem, d, d], unknowns of their rows [n_elem, d]).
         number: number of unknowns; a row with this number is left out.
-        pattern: `Pattern` of the same unknowns for a `Sparse` result; None for a dense one,
+        pattern: `Pattern` of the same unknowns for a `SparseMatrix` result; None for a dense one,
             [number, number].
     """
     if pattern is None:
@@ -307,4 +310,4 @@ def assemble(
     values = pattern.sums(entries)
     if pattern.opposite is not None:
         values = jnp.where(pattern.opposite, -values, values)
-    return Sparse(values, pattern)
+    return SparseMatrix(values, pattern)

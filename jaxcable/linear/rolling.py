@@ -13,12 +13,12 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jax import lax
 
-from ..common.fusion import fuses
+from ..common.fusion import are_loops_fused
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float
 from . import solver
-from .direct import Direct, are_pivots_significant, diagonal_scale
-from .pattern import Sparse
+from .direct import OnDeviceFactor, are_pivots_significant, diagonal_scale
+from .pattern import SparseMatrix
 
 
 class RollingCholesky(solver.Solver):
@@ -35,17 +35,17 @@ class RollingCholesky(solver.Solver):
 
     def suits(self, n: int, banded: bool) -> bool:
         """Tell whether the bandwidth is small and XLA fuses loops."""
-        return banded and fuses()
+        return banded and are_loops_fused()
 
     def solve_definite(
-        self, matrix: Sparse, rhs: Float[Array, " n"]
+        self, matrix: SparseMatrix, rhs: Float[Array, " n"]
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
         """See `solver.Solver`."""
         factor, x = factorize_and_solve(matrix.banded(), rhs[matrix.pattern.order])
         pivots = factor[:, 0]
         return x[matrix.pattern.place], jnp.all((pivots > 0) & jnp.isfinite(pivots))
 
-    def factorize(self, matrix: Sparse, loose: Bool[Array, " n"]) -> BandFactor:
+    def factorize(self, matrix: SparseMatrix, loose: Bool[Array, " n"]) -> BandFactor:
         """Factorise; a matrix that is not positive definite counts as singular."""
         matrix = matrix.hold_unknowns(loose, jnp.ones((), matrix.values.dtype))
         size = diagonal_scale(matrix.diagonal())
@@ -56,12 +56,12 @@ class RollingCholesky(solver.Solver):
 
 
 @pytree
-class BandFactor(Direct):
+class BandFactor(OnDeviceFactor):
     """Cholesky factor of a banded matrix scaled to unit diagonal; made by `RollingCholesky`.
 
     Attributes:
         factor: that of the scaled matrix in the order of the pattern, [n, b + 1].
-        size, loose, regular, replaced: see `Direct`.
+        size, loose, regular, replaced: see `OnDeviceFactor`.
         scaled: the matrix, scaled to unit diagonal.
     """
 
@@ -69,16 +69,16 @@ class BandFactor(Direct):
     size: Float[Array, " n"]
     loose: Bool[Array, " n"]
     regular: Bool[Array, ""]
-    scaled: Sparse
+    scaled: SparseMatrix
     replaced: Bool[Array, ""] | None = None
 
     def solve_scaled(self, b: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
-        """See `Direct`."""
+        """See `OnDeviceFactor`."""
         p = self.scaled.pattern
         return solve_with_factor(self.factor, b[p.order])[p.place]
 
     def multiply_scaled(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
-        """See `Direct`."""
+        """See `OnDeviceFactor`."""
         p = self.scaled.pattern
         return multiply_by_vector(self.scaled.banded(), x[p.order])[p.place]
 

@@ -8,9 +8,9 @@ name. It analyses a pattern once, and makes a factor of every matrix on it:
     x = factor.solve(b)                                # b [n] or [n, m]; transposed=True for A^T
     factor.pivots; factor.n_bytes; factor.release(); analysis.release()
 
-`host.Analysed` does all else, for every solver: it stores analyses and factors, scales matrices to
-unit diagonal, refuses those that are not finite, and judges pivots. All of it is NumPy on the host:
-a callback that calls jax can wait for itself for ever.
+`host.AnalysedPattern` does all else, for every solver: it stores analyses and factors, scales
+matrices to unit diagonal, refuses those that are not finite, and judges pivots. All of it is NumPy
+on the host: a callback that calls jax can wait for itself for ever.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Solver:
         analysis: class of its analyses.
         offered: whether users may name it; otherwise it is only chosen by size.
         on_device: whether it solves inside of the compiled program; then `solve_definite` and
-            `factorize` are called with matrices of jax, and `analyse` never.
+            `factorize` are called with matrices of jax, and `analyze` never.
         definite: whether it is only for matrices that are known to be positive semidefinite.
         fused: whether loops around it can become one function (`common.fusion`).
         exchanges_rows: whether it exchanges rows anywhere in the matrix, which a matrix with zeros
@@ -54,11 +54,11 @@ class Solver:
     exchanges_rows: bool = True
     iterates: bool = True
 
-    def available(self) -> bool:
+    def is_installed(self) -> bool:
         """Tell whether the solver is installed."""
         return self.package is None or importlib.util.find_spec(self.package) is not None
 
-    def missing(self) -> str:
+    def missing_message(self) -> str:
         """Return the text of the error where the solver is not installed."""
         extra = f"or install the extra jaxcable[{self.name}]"
         return f'{self.package} is not installed; use "superlu", {extra}'
@@ -76,7 +76,7 @@ class Solver:
         """
         return False
 
-    def analyse(
+    def analyze(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
     ) -> Analysis:
         """Analyse a pattern once, for all matrices on it; unless `on_device`.
@@ -92,14 +92,14 @@ class Solver:
 
     def solve_definite(
         self,
-        matrix: Any,  # a `pattern.Sparse`; that module imports this one
+        matrix: Any,  # a `pattern.SparseMatrix`; that module imports this one
         rhs: Float[Array, " n"],
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
         """Solve with a definite matrix: x [n], and whether it is definite; if `on_device`."""
         raise NotImplementedError(f"{self.name}: solves on the host")
 
     def factorize(self, matrix: Any, loose: Bool[Array, " n"]) -> Any:
-        """Factorise to a `direct.Direct` without unknowns `loose`, [n]; if `on_device`."""
+        """Factorise to a `direct.OnDeviceFactor` without unknowns `loose`, [n]; if `on_device`."""
         raise NotImplementedError(f"{self.name}: solves on the host")
 
     def __repr__(self) -> str:
@@ -110,7 +110,7 @@ class Analysis(abc.ABC):
     """A pattern analysed by a solver, once for all matrices on it.
 
     Args:
-        n, indptr, indices: those of `Solver.analyse`.
+        n, indptr, indices: those of `Solver.analyze`.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class Analysis(abc.ABC):
         """Factorise a matrix on the pattern; return None if it is singular to working precision.
 
         Args:
-            values: entries in the order of `indices` of `Solver.analyse`, finite, float64; not to
+            values: entries in the order of `indices` of `Solver.analyze`, finite, float64; not to
                 be changed. The diagonal is 1, -1 or 0.
             definite: True demands a symmetric positive definite matrix, and returns None for
                 others. False allows indefinite and unsymmetric matrices.
@@ -175,38 +175,40 @@ def register(solver: AnySolver) -> AnySolver:
     return solver
 
 
-def named(name: str) -> Solver:
+def solver_named(name: str) -> Solver:
     """Return the solver that is registered under a name."""
     return _REGISTERED[name]
 
 
-def offered() -> tuple[str, ...]:
+def selectable_solver_names() -> tuple[str, ...]:
     """Return the names of solvers that users may ask for."""
     return tuple(name for name, solver in _REGISTERED.items() if solver.offered)
 
 
-def check(name: str | None, exchanges_rows: bool = False) -> None:
+def check_solver_name(name: str | None, exchanges_rows: bool = False) -> None:
     """Raise ValueError unless a name is None or that of an installed solver that users may name.
 
     With `exchanges_rows` the solver must exchange rows, too.
     """
     if name is None:
         return
-    if name not in offered():
-        others = ", ".join(offered())
+    if name not in selectable_solver_names():
+        others = ", ".join(selectable_solver_names())
         raise ValueError(f"linear_solver = {name!r}: expected None or one of {others}")
-    solver = named(name)
-    if not solver.available():
-        raise ValueError(f"linear_solver = {name!r}: {solver.missing()}")
+    solver = solver_named(name)
+    if not solver.is_installed():
+        raise ValueError(f"linear_solver = {name!r}: {solver.missing_message()}")
     if exchanges_rows and not solver.exchanges_rows:
-        able = ", ".join(repr(other) for other in offered() if named(other).exchanges_rows)
+        able = ", ".join(
+            repr(other) for other in selectable_solver_names() if solver_named(other).exchanges_rows
+        )
         raise ValueError(
             f"linear_solver = {name!r}: cannot solve for forces of given lengths; use None or one "
             f"of {able}"
         )
 
 
-def choose(
+def choose_solver(
     n: int,
     banded: bool,
     name: str | None = None,
@@ -223,7 +225,7 @@ def choose(
         definite: whether all matrices are known to be positive semidefinite.
     """
     if name is not None:
-        return named(name)
+        return solver_named(name)
     able = [s for s in _REGISTERED.values() if s.exchanges_rows or not exchanges_rows]
     able = [s for s in able if definite or not s.definite]
-    return next(s for s in able if s.available() and s.suits(n, banded))
+    return next(s for s in able if s.is_installed() and s.suits(n, banded))

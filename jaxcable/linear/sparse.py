@@ -10,13 +10,13 @@ from jax.custom_batching import custom_vmap
 from jax.typing import DTypeLike
 
 from ..common import host_calls
-from ..common.tree import copy, pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from . import host
 from .banded import solve_banded
-from .direct import Direct, MatrixFactor
-from .pattern import Pattern, Sparse
-from .solver import named
+from .direct import MatrixFactor, OnDeviceFactor
+from .pattern import Pattern, SparseMatrix
+from .solver import solver_named
 
 # Solves without conjugate gradients after they have failed: while cables change between slack and
 # taut, matrices differ for some steps, and every attempt is lost.
@@ -35,7 +35,7 @@ def make_host_solver(solver, stored, kind):
     Its last argument says which unknowns are loose; for the "next" matrix of a sequence, which
     should be positive definite, it says whether the result matters.
     """
-    solver, symmetric = named(solver), stored == "symmetric"
+    solver, symmetric = solver_named(solver), stored == "symmetric"
     following, transposed = kind == "next", kind == "transposed"
 
     def function(digest, indptr, indices, rhs, values, stale, usable, tol, limit, last):
@@ -83,7 +83,7 @@ def _solve_on_host(pattern, kind, rhs, n_flag, *arrays):
 
 
 @pytree
-class Factored:
+class FactoredMatrix:
     """The last matrix that was factorised, whose factor later solves may use again.
 
     Attributes:
@@ -100,29 +100,29 @@ class Factored:
     pause: Int[Array, ""]
 
 
-def nothing_factored(pattern: Pattern | None, dtype: DTypeLike) -> Factored | None:
-    """Return the `Factored` before the first solve on a pattern; None for dense matrices."""
+def no_factored_matrix(pattern: Pattern | None, dtype: DTypeLike) -> FactoredMatrix | None:
+    """Return the `FactoredMatrix` before the first solve on a pattern; None for dense matrices."""
     if pattern is None or pattern.solver.on_device:
         return None
     values = jnp.zeros(pattern.indices.shape, dtype)
-    return Factored(values, jnp.zeros((), bool), jnp.int32(0), jnp.int32(0))
+    return FactoredMatrix(values, jnp.zeros((), bool), jnp.int32(0), jnp.int32(0))
 
 
-def forgotten(factored: Factored | None) -> Factored | None:
-    """Return a `Factored` whose matrix is used no more, with its count; None stays None."""
-    return None if factored is None else copy(factored, usable=jnp.zeros((), bool))
+def without_factor(factored: FactoredMatrix | None) -> FactoredMatrix | None:
+    """Return a `FactoredMatrix` whose matrix is used no more, with its count; None stays None."""
+    return None if factored is None else copy_with(factored, usable=jnp.zeros((), bool))
 
 
 @custom_vmap
-def solve_next(
-    matrix: Sparse,
+def solve_reusing_factor(
+    matrix: SparseMatrix,
     rhs: Float[Array, " n"],
-    factored: Factored | None,
+    factored: FactoredMatrix | None,
     tol: Float[Array, ""],
     limit: Int[Array, ""],
     wanted: Bool[Array, ""],
-) -> tuple[Float[Array, " n"], Bool[Array, ""], Factored | None]:
-    """Solve the next of a sequence of similar systems; see `linear.solve_next`.
+) -> tuple[Float[Array, " n"], Bool[Array, ""], FactoredMatrix | None]:
+    """Solve the next of a sequence of similar systems; see `linear.solve_reusing_factor`.
 
     `factored` is None if the solver of the matrix is on the device.
     """
@@ -132,7 +132,7 @@ def solve_next(
     tried = factored.usable & (limit > 0) & (factored.pause == 0)
     arrays = matrix.values, factored.values, tried, tol, limit, wanted
     x, definite, fresh = _solve_on_host(p, "next", rhs, 2, *arrays)
-    after = Factored(
+    after = FactoredMatrix(
         values=jnp.where(fresh, matrix.values, factored.values),
         usable=factored.usable | fresh,
         count=factored.count + fresh,
@@ -141,21 +141,23 @@ def solve_next(
     return x, definite, after
 
 
-def is_definite(matrix: Sparse) -> Bool[Array, ""]:
+def is_definite(matrix: SparseMatrix) -> Bool[Array, ""]:
     """Return whether a matrix is definite; see `linear.is_definite`."""
     zero = jnp.zeros(matrix.shape[0], matrix.values.dtype)
-    factored = nothing_factored(matrix.pattern, zero.dtype)
-    return solve_next(matrix, zero, factored, zero[0], jnp.int32(0), jnp.ones((), bool))[1]
+    factored = no_factored_matrix(matrix.pattern, zero.dtype)
+    return solve_reusing_factor(matrix, zero, factored, zero[0], jnp.int32(0), jnp.ones((), bool))[
+        1
+    ]
 
 
-@solve_next.def_vmap
-def _solve_next_batch_rule(axis_size, mapped, *arguments):
+@solve_reusing_factor.def_vmap
+def _solve_batch_rule(axis_size, mapped, *arguments):
     """Solve a batch: in jax if the bandwidth is small, else one after the other on the host."""
     matrix, rhs, factored, *_ = arguments
     axes = jax.tree.map(lambda is_mapped: 0 if is_mapped else None, mapped)
     out = (0, 0, jax.tree.map(lambda _: 0, factored))
     if matrix.pattern.band is None:
-        results = jax.vmap(solve_next.fun, in_axes=tuple(axes), out_axes=out)(*arguments)
+        results = jax.vmap(solve_reusing_factor.fun, in_axes=tuple(axes), out_axes=out)(*arguments)
         return results, jax.tree.map(lambda _: True, results)
 
     def one(matrix, rhs):
@@ -165,7 +167,7 @@ def _solve_next_batch_rule(axis_size, mapped, *arguments):
     x, definite = jax.vmap(one, in_axes=tuple(axes[:2]), out_axes=0, axis_size=axis_size)(
         matrix, rhs
     )
-    after = factored if factored is None else copy(factored, count=factored.count + 1)
+    after = factored if factored is None else copy_with(factored, count=factored.count + 1)
     return (x, definite, after), (True, True, mapped[2])
 
 
@@ -174,14 +176,14 @@ class SparseFactor(MatrixFactor):
     """A general matrix that is factorised on the host when it is first solved with.
 
     Attributes:
-        matrix: `Sparse`.
+        matrix: `SparseMatrix`.
         loose: unknowns without a value, [n] bool.
         factored, tol, limit: see `linear.factorize`.
     """
 
-    matrix: Sparse
+    matrix: SparseMatrix
     loose: Bool[Array, " n"]
-    factored: Factored | None = None
+    factored: FactoredMatrix | None = None
     tol: Float[ArrayLike, ""] = 0.0
     limit: Int[ArrayLike, ""] = 0
 
@@ -192,9 +194,9 @@ class SparseFactor(MatrixFactor):
             1
         ]
 
-    def or_identity(self) -> SparseFactor:
+    def identity_if_singular(self) -> SparseFactor:
         """Return this factor, or that of the identity if the matrix is singular."""
-        return copy(self, matrix=self.matrix.identity_unless(self.regular))
+        return copy_with(self, matrix=self.matrix.identity_unless(self.regular))
 
     def solve_with_status(
         self, b: Float[Array, " n"], transposed: bool
@@ -218,12 +220,12 @@ class SparseFactor(MatrixFactor):
 
 
 def factorize(
-    matrix: Sparse,
+    matrix: SparseMatrix,
     loose: Bool[Array, " n"] | None = None,
-    factored: Factored | None = None,
+    factored: FactoredMatrix | None = None,
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
-) -> Direct | SparseFactor:
+) -> OnDeviceFactor | SparseFactor:
     """Factorise a sparse matrix; see `linear.factorize`."""
     if loose is None:
         loose = jnp.zeros(matrix.shape[0], bool)

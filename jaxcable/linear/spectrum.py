@@ -21,7 +21,7 @@ from jax import lax
 from ..common import host_calls
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from . import host, unbatched
-from .pattern import Matrix, Sparse
+from .pattern import Matrix, SparseMatrix
 from .superlu import decompose_lu, decompose_without_pivoting
 
 # Unknowns up to which a sparse matrix is treated as dense: Lanczos's method (ARPACK) works with 20
@@ -36,7 +36,7 @@ NOT_COUNTED = -1
 _ROUNDING = 4  # eigenvalues below 4 n eps of the largest count as zero: n eps is their rounding
 
 
-def spectrum(
+def inertia_and_nearest_mode(
     matrix: Matrix,
     loose: Bool[Array, " n"],
     general: bool = False,
@@ -63,9 +63,9 @@ def spectrum(
         right, left: its right and left unit vectors, [n]; NaN where they were not found.
     """
     matrix = lax.stop_gradient(matrix)
-    if isinstance(matrix, Sparse) and not matrix.pattern.solver.on_device:
+    if isinstance(matrix, SparseMatrix) and not matrix.pattern.solver.on_device:
         return _spectrum_on_host(matrix, loose, general, strict)
-    full = matrix.dense() if isinstance(matrix, Sparse) else matrix
+    full = matrix.dense() if isinstance(matrix, SparseMatrix) else matrix
     largest = jnp.max(jnp.abs(jnp.diagonal(full)), initial=0.0)
     # a loose unknown gets the largest stiffness: positive, and far from zero
     filled = jnp.where(loose, largest, 0.0)

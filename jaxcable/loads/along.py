@@ -13,7 +13,7 @@ from jax.typing import DTypeLike
 
 from ..common import checks
 from ..common.selection import Selection
-from ..common.tree import put, pytree
+from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
 from ..elements.element import Element, OwnState
 from ..model.parts import group_path
@@ -114,12 +114,12 @@ class SelfWeight(Along):
 
     def __post_init__(self):
         self._check_elements()
-        direction = checks.floats(self.direction, "direction")
+        direction = checks.as_floats(self.direction, "direction")
         if direction.shape != (3,):
             raise ValueError(
                 f"direction: expected shape (3,) such as (0, 0, -1), got {direction.shape}"
             )
-        put(self, direction=direction)
+        set_fields(self, direction=direction)
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if the structure has no such elements, or they have no weight."""
@@ -201,9 +201,9 @@ class LineLoads(Along, Measured):
 
     def __post_init__(self):
         self._check_elements()
-        forces = checks.shaped(self.forces, "forces", (3,))
-        put(self, forces=forces, factor=checks.scalar(self.factor, "factor"))
-        checks.one_of(self.per, "per", PER)
+        forces = checks.floats_of_shape(self.forces, "forces", (3,))
+        set_fields(self, forces=forces, factor=checks.as_scalar(self.factor, "factor"))
+        checks.require_one_of(self.per, "per", PER)
         check_geometry(self.geometry, self.per)
 
     def check(self, structure: Structure) -> None:
@@ -253,12 +253,12 @@ class LineLoads(Along, Measured):
             square = self.forces @ self.forces
             along = pieces @ self.forces / jnp.where(square > 0, square, 1.0)
             pieces = pieces - jnp.tensordot(along, self.forces, axes=0)
-        return scaled.length(pieces)  # a piece along the force has no projected length
+        return scaled.safe_norm(pieces)  # a piece along the force has no projected length
 
 
 def check_geometry(geometry: str, per: str) -> None:
     """Raise ValueError for an unknown geometry, or "begun" with unstressed lengths."""
-    checks.one_of(geometry, "geometry", GEOMETRIES)
+    checks.require_one_of(geometry, "geometry", GEOMETRIES)
     if geometry == "begun" and per == "unstressed":
         raise ValueError(
             'geometry = "begun": unstressed lengths have no geometry; give per="initial" or '

@@ -9,7 +9,7 @@ from jax.typing import DTypeLike
 
 from ..common import checks
 from ..common.selection import Selection
-from ..common.tree import put, pytree
+from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float, Int
 from ..numerics import scaled
 from .along import check_geometry, padded
@@ -79,8 +79,8 @@ class AreaLoads(OnFaces, Measured):
 
     def __post_init__(self):
         self._check_faces()
-        put(self, factor=checks.scalar(self.factor, "factor"))
-        checks.one_of(self.per, "per", PER)
+        set_fields(self, factor=checks.as_scalar(self.factor, "factor"))
+        checks.require_one_of(self.per, "per", PER)
         check_geometry(self.geometry, self.per)
 
     def element_forces(
@@ -97,9 +97,9 @@ class AreaLoads(OnFaces, Measured):
             for numbers, vector in area_vectors(self.measured(nodes)[faces]):
                 if self.per == "projected":
                     along = jnp.abs(jnp.sum(vector * per_area, axis=-1))
-                    area = scaled.relative(along, scaled.length(per_area))
+                    area = scaled.relative_residual(along, scaled.safe_norm(per_area))
                 else:
-                    area = scaled.length(vector)
+                    area = scaled.safe_norm(vector)
                 force = (area / 3)[:, None] * per_area
                 for k in numbers:
                     total = total.at[faces[:, k]].add(force)

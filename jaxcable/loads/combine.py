@@ -47,7 +47,7 @@ def combine(
     if not isinstance(cases, dict | list | tuple):
         raise ValueError(f"cases: expected a dict or a list of loads, got {type(cases).__name__}")
     cases = list(cases.values()) if isinstance(cases, dict) else list(cases)
-    factors = checks.floats(factors, "factors")
+    factors = checks.as_floats(factors, "factors")
     if not cases:
         raise ValueError("cases: at least one load case is needed")
     if factors.ndim not in (1, 2) or factors.shape[-1] != len(cases):

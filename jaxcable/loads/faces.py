@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.tree import Indices, put
+from ..common.tree import Indices, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..model.parts import group_path
 from ..model.structure import Structure
@@ -32,7 +32,7 @@ def checked(faces: Int[ArrayLike, "n 3or4"]) -> Indices:
     array = np.asarray(faces)
     if array.ndim != 2 or array.shape[1] not in (3, 4) or len(array) == 0:
         raise ValueError(f"faces: expected node numbers [n, 3] or [n, 4], got shape {array.shape}")
-    array = checks.integers(array, "faces", width=array.shape[1])
+    array = checks.as_indices(array, "faces", width=array.shape[1])
     few = np.array([len(set(face)) < 3 for face in array.tolist()])
     if few.any():
         k = int(few.argmax())
@@ -58,7 +58,7 @@ def area_vectors(
 
 def areas(corners: Float[Array, "*n 3or4 3"]) -> Float[Array, "*n"]:
     """Areas of faces with `corners` [..., 3 or 4, 3], m2: the sum of those of their triangles."""
-    return sum(scaled.length(vector) for _, vector in area_vectors(corners))  # type: ignore[return-value]  # not empty
+    return sum(scaled.safe_norm(vector) for _, vector in area_vectors(corners))  # type: ignore[return-value]  # not empty
 
 
 class OnFaces(OnGroups):
@@ -80,7 +80,7 @@ class OnFaces(OnGroups):
         for name in ("on", "elements"):
             if getattr(self, name) is not None:
                 raise ValueError(f"faces, {name}: give faces, or a group whose elements have them")
-        put(self, faces=checked(self.faces))
+        set_fields(self, faces=checked(self.faces))
         return self._check_values(len(self.faces))
 
     def selected(
@@ -105,7 +105,7 @@ class OnFaces(OnGroups):
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure, or a group has no faces."""
         if self.faces is not None:
-            checks.known(self.faces.array, structure.n_node, "faces")
+            checks.require_known_nodes(self.faces.array, structure.n_node, "faces")
         self._check_counts(structure, self.selected(structure)[0])
 
     def touches(self, groups: Groups) -> list[Indices]:

@@ -12,7 +12,7 @@ from jax.typing import DTypeLike
 
 from ..common import checks
 from ..common.selection import Selection
-from ..common.tree import Indices, copy, plain, put
+from ..common.tree import Indices, copy_with, index_array, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.element_state import ElementState
 from ..model.parts import group_path
@@ -69,7 +69,9 @@ class OnGroups(Acting):
                 f"elements: on = {self.on!r} means {len(numbers)} groups; name the one whose "
                 "elements these are"
             )
-        return numbers, self.elements.chosen(len(structure.groups[numbers[0]].links), "elements")
+        return numbers, self.elements.element_mask(
+            len(structure.groups[numbers[0]].links), "elements"
+        )
 
     def _check_values(self, count: int | None = None) -> None:
         """Raise ValueError unless the field that varies has values of the right shape.
@@ -80,10 +82,10 @@ class OnGroups(Acting):
         value = getattr(self, name)
         if value is None:
             raise ValueError(f"{name}: missing; {type(self).__name__} needs a value of it")
-        values = checks.floats(value, name)
+        values = checks.as_floats(value, name)
         if count is None:
             count = len(values) if values.ndim else 1
-        put(self, **{name: checks.shaped(values, name, one, (count, *one))})
+        set_fields(self, **{name: checks.floats_of_shape(values, name, one, (count, *one))})
 
     def _check_counts(self, structure: Structure, numbers: tuple[int, ...]) -> None:
         """Raise ValueError unless there is one value, or one for every element of the groups."""
@@ -91,7 +93,7 @@ class OnGroups(Acting):
         for number in numbers:
             count = len(structure.groups[number].links)
             hint = f"; {group_path(structure, number)} has {count} elements"
-            checks.shaped(getattr(self, name), name, one, (count, *one), hint=hint)
+            checks.floats_of_shape(getattr(self, name), name, one, (count, *one), hint=hint)
 
     def among(self, structure: Structure) -> Self:
         """The load with groups as numbers, and with factors for elements: 1 if loaded, else 0.
@@ -99,17 +101,17 @@ class OnGroups(Acting):
         Values of elements become their factors, and the field that has them ones.
         """
         numbers, mask = self.selected(structure)
-        load = copy(self, on=numbers, elements=None)
+        load = copy_with(self, on=numbers, elements=None)
         factors: Any = None if mask is None else mask.astype(float)
         if self.varies is not None and numbers:
             name, one = self.varies
             values: Any = getattr(self, name)
             if jnp.ndim(values) > len(one):
-                load = copy(load, **{name: jnp.ones_like(values[0])})
+                load = copy_with(load, **{name: jnp.ones_like(values[0])})
                 factors = values
                 if mask is not None:
                     factors = jnp.where(mask.reshape(-1, *(1,) * len(one)), values, 0.0)
-        return copy(load, part=None if factors is None else dict.fromkeys(numbers, factors))
+        return copy_with(load, part=None if factors is None else dict.fromkeys(numbers, factors))
 
     def bundled(self, bundles: Bundles) -> Self:
         """The load, after `among`, on bundles of groups, see `mechanics.bundles`."""
@@ -118,11 +120,11 @@ class OnGroups(Acting):
         given = self.part or {}
         spread = bundles.spread(self.on, {number: given.get(number, _ALL) for number in self.on})
         part = {number: factors for number, factors in spread.items() if factors is not _ALL}
-        return copy(self, on=tuple(spread), part=part or None)
+        return copy_with(self, on=tuple(spread), part=part or None)
 
     def touched(self, bundles: Bundles) -> Self:
         """The load with the numbers of the bundles that it acts on."""
-        return copy(self, on=bundles.numbers(self.on))
+        return copy_with(self, on=bundles.numbers(self.on))
 
     def partly(
         self,
@@ -148,7 +150,7 @@ def _chosen(on, structure):
         return tuple(jax.tree.leaves(numbers if on is None else numbers[on]))
     except (KeyError, IndexError, TypeError):
         keys: Any = range(len(numbers)) if isinstance(numbers, list | tuple) else numbers
-        known = checks.meant(on, keys) if isinstance(keys, dict | range) else ""
+        known = checks.suggest_names(on, keys) if isinstance(keys, dict | range) else ""
         raise ValueError(f"on = {on!r}: no such key in the structure's elements{known}") from None
 
 
@@ -167,8 +169,8 @@ def scattered(
         shape: of the result, [n_node, 3 or 6].
         dtype: of the result.
     """
-    nodes = plain(nodes)
-    known = [checks.concrete(part) for part in parts]
+    nodes = index_array(nodes)
+    known = [checks.array_if_known(part) for part in parts]
     traced = any(a is None and b is not None for a, b in zip(known, parts, strict=True))
     traced = traced or isinstance(nodes, jax.core.Tracer)
     total: ArrayLike = jnp.zeros(shape, dtype) if traced else np.zeros(shape, dtype)

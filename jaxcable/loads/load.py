@@ -10,7 +10,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from ..common.rules import Rule
-from ..common.tree import Indices, copy
+from ..common.tree import Indices, copy_with
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element, OwnState
 from ..model.structure import Structure
@@ -66,7 +66,7 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
             kind = type(self).__name__
             raise ValueError(f"{kind}: cannot be scaled; its class names no field in `scales`")
         given = {name: getattr(self, name) for name in self.scales}
-        return copy(self, **{name: factor * x for name, x in given.items() if x is not None})
+        return copy_with(self, **{name: factor * x for name, x in given.items() if x is not None})
 
     def rules(self) -> list[Rule]:
         """The rules of its numbers, see `common.rules`."""

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..common import checks
 from ..common.types import ArrayLike, Float, Int
-from ..sections.outlines import inside, signed_area
+from ..sections.outlines import points_inside, signed_area
 
 BORDERS = (None, "ends", "links")
 STRAIGHT = 45.0
@@ -90,7 +90,7 @@ def net_faces(
     if largest not in (3, 4):
         raise ValueError(f"largest = {largest!r}: expected 3 or 4 corners")
     plan = np.asarray(nodes, float)[:, :2]
-    links = checks.integers(links, "links", width=2)
+    links = checks.as_indices(links, "links", width=2)
     if links.size and links.max() >= len(plan):
         k = int((links >= len(plan)).any(axis=1).argmax())
         raise ValueError(f"links[{k}] = {links[k].tolist()}: there are nodes 0 to {len(plan) - 1}")
@@ -166,7 +166,7 @@ def _require_plane(plan, edges, rings, nothing):
     covering = np.isin(part, [part[ring[0]] for ring in meshes])
     for ring in meshes if count > 1 else ():
         others = np.flatnonzero(covering & (part != part[ring[0]]))
-        within = others[inside(plan[others], plan[ring])]
+        within = others[points_inside(plan[others], plan[ring])]
         if len(within):
             raise ValueError(
                 f"links: the part of the net with node {within[0]} lies inside a mesh of another "
@@ -326,7 +326,7 @@ def _warn(plan, lines, closed, rings, nothing):
     )
     if after - before > nothing:
         i, j = min(lines)
-        checks.suspect(
+        checks.warn_user(
             f"net_faces: {after - before:.6g} of {after:.6g} m2 lie outside of all links, between "
             f"free ends of cables such as {i} and {j}; give border='ends' if they are meant, "
             "border='links' if not"

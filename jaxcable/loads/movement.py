@@ -6,7 +6,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from ..common import checks
-from ..common.tree import Indices, put, pytree
+from ..common.tree import Indices, pytree, set_fields
 from ..common.types import ArrayLike, Float, Int
 from ..model import plausibility
 from ..model.structure import Structure
@@ -51,20 +51,22 @@ class SupportMovement(Moving):
 
     def __post_init__(self):
         if not isinstance(self.nodes, Indices):
-            put(self, nodes=Indices(checks.integers(self.nodes, "moved nodes")))
+            set_fields(self, nodes=Indices(checks.as_indices(self.nodes, "moved nodes")))
         if self.displacements is None:
-            put(self, displacements=(0.0, 0.0, 0.0))
+            set_fields(self, displacements=(0.0, 0.0, 0.0))
         for name in ("displacements", "rotations"):
             if getattr(self, name) is not None:
                 shapes = (3,), (len(self.nodes), 3)
-                put(self, **{name: checks.shaped(getattr(self, name), name, *shapes)})
-        turn = checks.concrete(self.rotations)
+                set_fields(
+                    self, **{name: checks.floats_of_shape(getattr(self, name), name, *shapes)}
+                )
+        turn = checks.array_if_known(self.rotations)
         if turn is not None:
             plausibility.turned("rotations", turn)
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
-        checks.known(self.nodes.array, structure.n_node, "moved nodes")
+        checks.require_known_nodes(self.nodes.array, structure.n_node, "moved nodes")
         if self.rotations is not None and not structure.rotating()[self.nodes.array].all():
             k = int((~structure.rotating()[self.nodes.array]).argmax())
             raise ValueError(f"rotations: node {self.nodes[k]} has no rotation")
@@ -76,7 +78,7 @@ class SupportMovement(Moving):
         support are refused; a free component that moves ends in NONFINITE (see `mechanics.ramp`).
         """
         held = fixed.array[self.nodes.array]
-        moves = checks.concrete(self.displacements)
+        moves = checks.array_if_known(self.displacements)
         for k, node in enumerate(self.nodes.array):
             if moves is None:
                 free = ~held[k, :3] & ~held[k, :3].any()

@@ -6,7 +6,7 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from ..common import checks
-from ..common.tree import Indices, put, pytree
+from ..common.tree import Indices, pytree, set_fields
 from ..common.types import ArrayLike, Float, Int
 from ..model.structure import Structure
 from .groups import scattered
@@ -46,11 +46,14 @@ class NodalLoads(OnNodes):
 
     def __post_init__(self):
         if not isinstance(self.nodes, Indices):
-            put(self, nodes=Indices(checks.integers(self.nodes, "load nodes")))
+            set_fields(self, nodes=Indices(checks.as_indices(self.nodes, "load nodes")))
         shapes, hint = ((3,), (len(self.nodes), 3)), "; give (x, y, z) for all nodes, or for each"
-        put(self, forces=checks.shaped(self.forces, "forces", *shapes, hint=f"{hint} of them"))
+        set_fields(
+            self,
+            forces=checks.floats_of_shape(self.forces, "forces", *shapes, hint=f"{hint} of them"),
+        )
         if self.moments is not None:
-            put(self, moments=checks.shaped(self.moments, "moments", *shapes))
+            set_fields(self, moments=checks.floats_of_shape(self.moments, "moments", *shapes))
 
     def at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]]:
         """Nodes [n] and the forces on them, [3] or [n, 3], N."""
@@ -63,7 +66,7 @@ class NodalLoads(OnNodes):
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
-        checks.known(self.nodes.array, structure.n_node, "load nodes")
+        checks.require_known_nodes(self.nodes.array, structure.n_node, "load nodes")
         if self.moments is not None:
             rotating = structure.rotating()[self.nodes.array]
             if not rotating.all():
@@ -73,7 +76,7 @@ class NodalLoads(OnNodes):
                 )
 
     def __str__(self) -> str:
-        forces = checks.concrete(self.forces)
+        forces = checks.array_if_known(self.forces)
         if forces is None:
             return "NodalLoads"
         total = np.broadcast_to(forces, (len(self.nodes), 3)).sum(axis=0)

@@ -15,9 +15,9 @@ import jax
 import jax.numpy as jnp
 
 from ..common import checks
-from ..common.rules import Rule, refuse
+from ..common.rules import Rule, refuse_if_broken
 from ..common.selection import Selection
-from ..common.tree import Indices, put, pytree
+from ..common.tree import Indices, pytree, set_fields
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element
 from ..model.parts import group_path
@@ -111,10 +111,10 @@ class CablePressure(OnGroups, Pressure):
     varies = ("pressure", ())
 
     def __post_init__(self):
-        put(self, axis=checks.shaped(self.axis, "axis", (3,)))
-        refuse(self.rules())
+        set_fields(self, axis=checks.floats_of_shape(self.axis, "axis", (3,)))
+        refuse_if_broken(self.rules())
         self._check_values()
-        checks.one_of(self.per, "per", PER)
+        checks.require_one_of(self.per, "per", PER)
 
     def rules(self) -> list[Rule]:
         """The rules of its numbers, see `common.rules`."""

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.rules import Rule, refuse
-from ..common.tree import computed, joined, put, pytree, stacked
+from ..common.rules import Rule, refuse_if_broken
+from ..common.tree import apply_numpy_or_jax, concatenate, pytree, set_fields, stack_trees
 from ..common.types import Array, ArrayLike, Float
 from ..model.structure import Structure
 from .load import Load
@@ -52,7 +52,7 @@ class Amplitude:
 
         def more(values):
             before, last = values[-2], values[-1]
-            return joined([values[:-1], before + parts * (last - before), values[-1:]])
+            return concatenate([values[:-1], before + parts * (last - before), values[-1:]])
 
         return jax.tree.map(more, self)
 
@@ -76,7 +76,7 @@ def together(amplitudes: Sequence[Amplitude | None]) -> Amplitude | None:
     line = np.array([0.0, 1.0])
     given = [Amplitude(line, line) if one is None else one for one in amplitudes]
     n_point = max(len(one.parameters) for one in given)
-    return stacked([one.padded(n_point) for one in given])
+    return stack_trees([one.padded(n_point) for one in given])
 
 
 @pytree
@@ -127,15 +127,15 @@ class Varying(Load):
 
     def __post_init__(self):
         if not isinstance(self.load, Load) or isinstance(self.load, Varying):
-            kind = checks.kind(self.load, "NodalLoads(nodes, forces)")
+            kind = checks.describe_type(self.load, "NodalLoads(nodes, forces)")
             raise ValueError(f"load: expected one load without an amplitude, got {kind}")
         for name in ("parameters", "factors"):
-            put(self, **{name: checks.floats(getattr(self, name), name)})
+            set_fields(self, **{name: checks.as_floats(getattr(self, name), name)})
         shape = self.parameters.shape
         if len(shape) != 1 or shape[0] < 2:
             raise ValueError(f"parameters: expected shape [n] with n >= 2, got {shape}")
-        checks.shaped(self.factors, "factors", shape)
-        refuse(self.amplitude.rules())
+        checks.floats_of_shape(self.factors, "factors", shape)
+        refuse_if_broken(self.amplitude.rules())
 
     @property
     def amplitude(self) -> Amplitude:
@@ -147,7 +147,7 @@ class Varying(Load):
         self.load.check(structure)
 
     def __str__(self) -> str:
-        parameters, factors = (checks.concrete(x) for x in (self.parameters, self.factors))
+        parameters, factors = (checks.array_if_known(x) for x in (self.parameters, self.factors))
         told = f"{len(self.parameters)} points"
         if parameters is not None and factors is not None and len(parameters) <= _SHOWN:
             pairs = zip(factors, parameters, strict=True)
@@ -167,7 +167,7 @@ def apart(load: Load, where: str, increments: int) -> tuple[Load, Amplitude | No
     """
     if not isinstance(load, Varying):
         return load, None
-    parameters, factors = (checks.concrete(x) for x in (load.parameters, load.factors))
+    parameters, factors = (checks.array_if_known(x) for x in (load.parameters, load.factors))
     if parameters is not None and factors is not None:
         seen = np.interp(np.arange(1, increments + 1) / increments, parameters, factors)
         seen = np.append(seen, 0.0)  # of the beginning
@@ -176,7 +176,7 @@ def apart(load: Load, where: str, increments: int) -> tuple[Load, Amplitude | No
         missed[0] = False  # no increment ends at the beginning
         if missed.any():
             k = int(missed.argmax())
-            checks.suspect(
+            checks.warn_user(
                 f"{where}: factors[{k}] = {factors[k]:.6g} is passed by, increments go through "
                 f"factors from {low:.6g} to {high:.6g}; let one of them end at load factor "
                 f"{parameters[k]:.6g} by another number of increments"
@@ -188,7 +188,9 @@ def at_peak(load: Load, amplitude: Amplitude | None) -> Load:
     """Return a load times the largest absolute factor of its amplitude, if it can be scaled."""
     if amplitude is None or not load.scales:
         return load
-    return load.scaled(computed(lambda xp, factors: xp.max(xp.abs(factors)), amplitude.factors))
+    return load.scaled(
+        apply_numpy_or_jax(lambda xp, factors: xp.max(xp.abs(factors)), amplitude.factors)
+    )
 
 
 def _first(index, values):

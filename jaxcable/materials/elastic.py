@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ..common import checks
-from ..common.rules import Rule, positive, refuse
-from ..common.tree import copy, put, pytree
+from ..common.rules import Rule, positive, refuse_if_broken
+from ..common.tree import copy_with, pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
 from .law import Law, Memory, Numbers, Values
 
@@ -29,14 +29,14 @@ class Elastic(Law):
 
     E: Float[ArrayLike, ""]
 
-    rising = True
+    monotone = True
 
     def __post_init__(self):
-        E = checks.floats(self.E, "E")
+        E = checks.as_floats(self.E, "E")
         if E.shape != ():
             raise ValueError(f"E: expected a scalar (a group shares its law), got shape {E.shape}")
-        put(self, E=E)
-        refuse(self.rules())
+        set_fields(self, E=E)
+        refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
         """Return the rule of its number, see `common.rules`."""
@@ -59,6 +59,6 @@ class Elastic(Law):
         """Return the strain at `stress`, Pa."""
         return stress / self.E
 
-    def softened(self, compliance: Numbers) -> Elastic:
+    def in_series_with_spring(self, compliance: Numbers) -> Elastic:
         """Return the law in series with a spring of `compliance`, 1/Pa."""
-        return copy(self, E=self.E / (1 + compliance * self.E))
+        return copy_with(self, E=self.E / (1 + compliance * self.E))

@@ -18,8 +18,8 @@ def invert_curve(law: Law, stress: Numbers, memory: Memory = None) -> Values:
     plateau the result is the strain at which the plateau begins.
     """
     stress = jnp.asarray(stress)
-    low, high = law.limits
-    corners = law.corners(memory)
+    low, high = law.strain_limits
+    corners = law.corner_strains(memory)
     corners = jnp.broadcast_to(corners, (*stress.shape, corners.shape[-1]))
     ends = jnp.stack(
         [
@@ -30,7 +30,7 @@ def invert_curve(law: Law, stress: Numbers, memory: Memory = None) -> Values:
         axis=-1,
     )
     strains = jnp.sort(jnp.clip(jnp.concatenate([corners, ends], -1), ends[..., :1], ends[..., 2:]))
-    curve = law.extended().stress_at(strains, None if memory is None else memory[..., None, :])
+    curve = law.extrapolated().stress_at(strains, None if memory is None else memory[..., None, :])
     target = stress[..., None]
     tension = target >= 0
     # The corner at which the stress first reaches the target, going away from zero. Reached within

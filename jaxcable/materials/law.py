@@ -27,16 +27,16 @@ class Law(abc.ABC):
 
     Attributes:
         n_memory: number of history variables of a fibre; 0 for a reversible law.
-        breaks: whether the curve can end (rupture).
-        rising: whether stress is known never to fall as strain grows (no softening): the energy is
-            then convex. Such a law implements `softened`.
+        has_rupture: whether the curve can end (rupture).
+        monotone: whether stress is known never to fall as strain grows (no softening): the energy
+            is then convex. Such a law implements `in_series_with_spring`.
         worked_out: names of fields that the constructor computes and the user does not give.
     """
 
     worked_out: tuple[str, ...] = ()
     n_memory: int = 0
-    breaks: bool = False
-    rising: bool = False
+    has_rupture: bool = False
+    monotone: bool = False
 
     @property
     @abc.abstractmethod
@@ -61,37 +61,37 @@ class Law(abc.ABC):
         return -jnp.inf, jnp.inf
 
     @property
-    def limits(self) -> Pair:
+    def strain_limits(self) -> Pair:
         """Strains at which the curve ends (rupture), smallest and largest."""
         return -jnp.inf, jnp.inf
 
-    def beyond(self, strain: Numbers) -> Bool[Array, "*shape"]:
+    def is_ruptured(self, strain: Numbers) -> Bool[Array, "*shape"]:
         """Return whether `strain` is beyond an end of the curve, where the material is ruptured."""
-        low, high = self.limits
+        low, high = self.strain_limits
         return (strain > high) | (strain < low)
 
     def is_slack(self, strain: Numbers, memory: Memory = None) -> Bool[Array, "*shape"]:
         """Return whether the law carries no stress because it has become too short."""
         return jnp.zeros(jnp.shape(strain), bool)
 
-    def corners(self, memory: Memory = None) -> Float[ArrayLike, "... n_corner"]:
+    def corner_strains(self, memory: Memory = None) -> Float[ArrayLike, "... n_corner"]:
         """Return the strains at which the slope jumps, on the last axis."""
         return np.zeros(0)
 
     def corner_distance(self, strain: Numbers, memory: Memory = None) -> Values:
         """Return the distance in strain to the nearest corner."""
-        strain, corners = jnp.asarray(strain), self.corners(memory)
+        strain, corners = jnp.asarray(strain), self.corner_strains(memory)
         if corners.shape[-1] == 0:
             return jnp.full_like(strain, jnp.inf)
         if memory is None:
             corners = broadcast_on_last_axis(corners, strain[..., None])
         return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1)
 
-    def size_at(self, strain: Numbers, memory: Memory) -> Values:
+    def stress_scale_at(self, strain: Numbers, memory: Memory) -> Values:
         """Return the sum of absolute stresses of its parts, Pa: rounding is relative to it."""
         return jnp.abs(self.stress_at(strain, memory))
 
-    def settle(
+    def commit_memory(
         self, strain: Numbers, memory: HistoryVariables, duration: Float[ArrayLike, ""] = 0.0
     ) -> HistoryVariables:
         """Commit the history variables: return them after an increment that ended at `strain`.
@@ -100,7 +100,7 @@ class Law(abc.ABC):
         """
         return memory
 
-    def extended(self) -> Law:
+    def extrapolated(self) -> Law:
         """Return the law for an iteration, which goes on elastically beyond its ends.
 
         An iteration may pass through strains beyond the ends; an equilibrium there is refused
@@ -108,7 +108,7 @@ class Law(abc.ABC):
         """
         return self
 
-    def risen(self) -> Law:
+    def without_softening(self) -> Law:
         """Return the law without softening: this one up to its first peak, then never falling.
 
         An iteration begins with it: equilibria below the peaks of all elements are those of both
@@ -124,11 +124,11 @@ class Law(abc.ABC):
         """
         return self
 
-    def softened(self, compliance: Numbers) -> Law:
+    def in_series_with_spring(self, compliance: Numbers) -> Law:
         """Return the law in series with a spring of `compliance`, strain per stress, 1/Pa."""
         raise NotImplementedError(f"{type(self).__name__} is not known in series with a spring")
 
-    def falls(self) -> Float[ArrayLike, " n"] | None:
+    def softening_stresses(self) -> Float[ArrayLike, " n"] | None:
         """Return the stresses [n] of a curve that may fall (soften); None if it cannot fall."""
         return None
 
@@ -138,7 +138,7 @@ def broadcast_on_last_axis(values: Float[Array, " n"], like: Values) -> Float[Ar
     return values.reshape((1,) * (like.ndim - 1) + (-1,))
 
 
-def uniaxial(law: object, name: str) -> None:
+def require_law(law: object, name: str) -> None:
     """Raise ValueError unless `law` is a uniaxial law."""
     if isinstance(law, type):
         raise ValueError(f"{name}: the class {law.__name__} is not a law; call it with its numbers")

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 
 import jax.numpy as jnp
 
-from ..common.tree import copy, pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from .elastic import Elastic
 from .inversion import SAMPLED_BEYOND, invert_curve, value_at_index
@@ -56,14 +56,14 @@ class Parallel(Law):
         return sum(law.n_memory for law in self.laws)
 
     @property
-    def breaks(self) -> bool:  # type: ignore[override]  # from its laws
+    def has_rupture(self) -> bool:  # type: ignore[override]  # from its laws
         """Whether any of the curves can end (rupture)."""
-        return any(law.breaks for law in self.laws)
+        return any(law.has_rupture for law in self.laws)
 
     @property
-    def rising(self) -> bool:  # type: ignore[override]  # from its laws
+    def monotone(self) -> bool:  # type: ignore[override]  # from its laws
         """Whether none of the curves falls (softens)."""
-        return all(law.rising for law in self.laws)
+        return all(law.monotone for law in self.laws)
 
     @property
     def modulus(self) -> Float[Array, ""]:
@@ -72,7 +72,7 @@ class Parallel(Law):
         return modulus if self.spring is None else modulus / (1 + self.spring * modulus)
 
     @property
-    def limits(self) -> Pair:
+    def strain_limits(self) -> Pair:
         """Strains at which the first of the curves ends; -inf for the lower one of a cable.
 
         Computed for first loading. They hold after any other loading too: at these strains every
@@ -83,7 +83,7 @@ class Parallel(Law):
 
     def _law_limits(self):
         """Return the strains of the laws, without spring, at which the first of the curves ends."""
-        low, high = zip(*(law.limits for law in self.laws), strict=True)
+        low, high = zip(*(law.strain_limits for law in self.laws), strict=True)
         return (
             jnp.max(jnp.stack([jnp.asarray(v) for v in low])),
             jnp.min(jnp.stack([jnp.asarray(v) for v in high])),
@@ -134,7 +134,7 @@ class Parallel(Law):
 
     def _without_spring(self):
         """Return the laws for an iteration, without spring, in compression too."""
-        return copy(self.extended(), spring=None, one_sided=False)
+        return copy_with(self.extrapolated(), spring=None, one_sided=False)
 
     def _add_spring_strain(self, strain, memory=None):
         """Return the strain of the whole, spring included, at a strain of the laws."""
@@ -149,7 +149,7 @@ class Parallel(Law):
         if self.spring is None:
             return strain
         if all(isinstance(law, Elastic) for law in self.laws):
-            return strain / (1 + self.spring * copy(self, spring=None).modulus)
+            return strain / (1 + self.spring * copy_with(self, spring=None).modulus)
         strain = jnp.asarray(strain)
         corners = self._law_corners(memory)
         corners = jnp.broadcast_to(corners, (*strain.shape, corners.shape[-1]))
@@ -158,7 +158,7 @@ class Parallel(Law):
             [first - SAMPLED_BEYOND, jnp.zeros_like(strain), last + SAMPLED_BEYOND], axis=-1
         )
         strains = jnp.sort(jnp.concatenate([corners, more], axis=-1))
-        lifted = copy(self, spring=jnp.asarray(self.spring)[..., None])
+        lifted = copy_with(self, spring=jnp.asarray(self.spring)[..., None])
         whole = lifted._add_spring_strain(strains, None if memory is None else memory[..., None, :])
         # The last segment goes on beyond its end. At a corner the segment of loading counts, at the
         # origin that of tension.
@@ -205,7 +205,7 @@ class Parallel(Law):
             return stress
         return jnp.where(law_strain < 0 if memory is None else stress < 0, 0.0, stress)
 
-    def stresses(self, strain: Numbers, memory: Memory = None) -> list[Values]:
+    def stress_of_each_law(self, strain: Numbers, memory: Memory = None) -> list[Values]:
         """Return the stress of every law, a list, Pa; `stress_at` is their sum by `shares`."""
         law_strain = self._strain_until_slack(strain, memory)
         return [
@@ -213,10 +213,10 @@ class Parallel(Law):
             for _, law, remembered in self.laws_with_memory(memory)
         ]
 
-    def size_at(self, strain: Numbers, memory: Memory) -> Values:
+    def stress_scale_at(self, strain: Numbers, memory: Memory) -> Values:
         """Return the sum of absolute stresses of all laws, Pa; exactly zero in a slack cable."""
         law_strain = self._strain_of_laws(strain, memory)
-        size = self._weighted_sum("size_at", law_strain, memory)
+        size = self._weighted_sum("stress_scale_at", law_strain, memory)
         if not self.one_sided:
             return size
         pushed = (
@@ -244,14 +244,14 @@ class Parallel(Law):
             strain = strain + self.spring * stress
         return jnp.where(stress < 0, jnp.nan, strain) if self.one_sided else strain
 
-    def settle(
+    def commit_memory(
         self, strain: Numbers, memory: HistoryVariables, duration: Float[ArrayLike, ""] = 0.0
     ) -> HistoryVariables:
         """Commit the history variables of all laws; those of a slack cable yield no further."""
         law_strain = self._strain_until_slack(strain, memory)
         return jnp.concatenate(
             [
-                law.settle(law_strain, remembered, duration)
+                law.commit_memory(law_strain, remembered, duration)
                 for _, law, remembered in self.laws_with_memory(memory)
                 if remembered is not None
             ],
@@ -260,13 +260,15 @@ class Parallel(Law):
 
     def _law_corners(self, memory):
         """Return the corners of all laws, as strains of the laws, on the last axis."""
-        parts = [law.corners(remembered) for _, law, remembered in self.laws_with_memory(memory)]
+        parts = [
+            law.corner_strains(remembered) for _, law, remembered in self.laws_with_memory(memory)
+        ]
         shape = max((part.shape[:-1] for part in parts), key=len)
         return jnp.concatenate(
             [jnp.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1
         )
 
-    def corners(self, memory: Memory = None) -> Float[Array, "... n_corner"]:
+    def corner_strains(self, memory: Memory = None) -> Float[Array, "... n_corner"]:
         """Return the corners of all laws, on the last axis; for a cable, those where it is taut."""
         corners = self._law_corners(memory)
         if self.one_sided:
@@ -285,14 +287,16 @@ class Parallel(Law):
 
     # --- the same, changed
 
-    def extended(self) -> Parallel:
+    def extrapolated(self) -> Parallel:
         """Return the law for an iteration: all laws go on elastically beyond their ends."""
-        return copy(self, laws=tuple(law.extended() for law in self.laws))
+        return copy_with(self, laws=tuple(law.extrapolated() for law in self.laws))
 
     def tension_only(self) -> Parallel:
         """Return the law of a cable: slack where the sum of stresses would be a compression."""
-        return copy(self, one_sided=True)
+        return copy_with(self, one_sided=True)
 
-    def softened(self, compliance: Numbers) -> Parallel:
+    def in_series_with_spring(self, compliance: Numbers) -> Parallel:
         """Return the laws in series with one spring of `compliance`, 1/Pa; needs laws that rise."""
-        return copy(self, spring=compliance if self.spring is None else self.spring + compliance)
+        return copy_with(
+            self, spring=compliance if self.spring is None else self.spring + compliance
+        )

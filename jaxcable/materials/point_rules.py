@@ -41,7 +41,7 @@ def warn_if_percent(strain: Float[np.ndarray, " n"]) -> None:
     if np.abs(strain).max() > 1:
         k = int(np.abs(strain).argmax())
         text = f"strain[{k}] = {strain[k]:.6g}: more than 1; it is a ratio, not a percentage"
-        checks.suspect(text)
+        checks.warn_user(text)
 
 
 def insert_origin(

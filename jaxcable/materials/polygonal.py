@@ -23,15 +23,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.rules import Rule, refuse
-from ..common.tree import copy, put, pytree
+from ..common.rules import Rule, refuse_if_broken
+from ..common.tree import copy_with, pytree, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float
 from . import point_rules
 from .inversion import invert_curve
 from .law import HistoryVariables, Law, Memory, Numbers, Pair, Values, broadcast_on_last_axis
 
 
-@pytree(static=("unloading", "one_sided", "endless", "rising", "n_memory"))
+@pytree(static=("unloading", "one_sided", "endless", "monotone", "n_memory"))
 class Polygonal(Law):
     """Piecewise linear law through given points; beyond its ends it has failed, with zero stress.
 
@@ -51,7 +51,7 @@ class Polygonal(Law):
             same, their corners may differ.
         one_sided: whether points of compression are left out: the law is slack in compression.
         endless: whether the law goes on elastically beyond its ends; set by an iteration.
-        rising, n_memory: as in `Law`; computed from the points where these are not traced.
+        monotone, n_memory: as in `Law`; computed from the points where these are not traced.
 
     Raises:
         ValueError: wrong shapes, strain not increasing, a curve that misses the origin, a slope at
@@ -68,7 +68,7 @@ class Polygonal(Law):
         [100. 300.   0.]
         >>> print(f"{law.corner_distance(0.006):.4f}")
         0.0050
-        >>> bool(law.beyond(0.02))  # failed, not slack
+        >>> bool(law.is_ruptured(0.02))  # failed, not slack
         True
     """
 
@@ -77,39 +77,42 @@ class Polygonal(Law):
     unloading: Literal["reversible", "elastic"] = "reversible"
     one_sided: bool = False
     endless: bool = False
-    rising: bool = None  # type: ignore[assignment]  # set by the constructor
+    monotone: bool = None  # type: ignore[assignment]  # set by the constructor
     n_memory: int = None  # type: ignore[assignment]  # set by the constructor
 
-    breaks = True
+    has_rupture = True
 
-    worked_out = ("rising", "n_memory")
+    worked_out = ("monotone", "n_memory")
 
     def __post_init__(self):
-        strain, stress = checks.floats(self.strain, "strain"), checks.floats(self.stress, "stress")
+        strain, stress = (
+            checks.as_floats(self.strain, "strain"),
+            checks.as_floats(self.stress, "stress"),
+        )
         if strain.ndim != 1 or len(strain) < 2:
             raise ValueError(f"strain: expected shape [n] with n >= 2, got {strain.shape}")
         if stress.shape != strain.shape:
             raise ValueError(f"stress: expected shape {strain.shape} as strain, got {stress.shape}")
         if self.unloading not in ("reversible", "elastic"):
             raise ValueError(f'unloading = {self.unloading!r}: expected "reversible" or "elastic"')
-        refuse(point_rules.point_rules(strain, stress, self.unloading))
-        e, s = checks.concrete(strain), checks.concrete(stress)
+        refuse_if_broken(point_rules.point_rules(strain, stress, self.unloading))
+        e, s = checks.array_if_known(strain), checks.array_if_known(stress)
         if e is not None:
             point_rules.warn_if_percent(e)
             if s is not None:
                 strain, stress = e, s = point_rules.insert_origin(e, s)
-        put(self, strain=strain, stress=stress)
-        if self.rising is None:
-            put(self, rising=s is not None and bool((np.diff(s) >= 0).all()))
+        set_fields(self, strain=strain, stress=stress)
+        if self.monotone is None:
+            set_fields(self, monotone=s is not None and bool((np.diff(s) >= 0).all()))
         if self.unloading == "elastic":
-            put(self, rising=True)
+            set_fields(self, monotone=True)
         n_corner = len(strain) - 2
         if e is not None and not np.isnan(e).any():
             n_corner = max((e[1:-1] > 0).sum(), (e[1:-1] < 0).sum())
         if self.unloading == "reversible":
             n_corner = 0
         if self.n_memory is None:
-            put(self, n_memory=int(n_corner))
+            set_fields(self, n_memory=int(n_corner))
 
     def rules(self) -> list[Rule]:
         """Return the rules of its points, see `common.rules`."""
@@ -138,7 +141,7 @@ class Polygonal(Law):
         return jnp.where(self._has_compression, jnp.min(self.stress), 0.0), jnp.max(self.stress)
 
     @property
-    def limits(self) -> Pair:
+    def strain_limits(self) -> Pair:
         """Strains at which the curve ends; -inf on the compression side of a slack material."""
         return jnp.where(self._has_compression, self.strain[0], -jnp.inf), self.strain[-1]
 
@@ -152,12 +155,12 @@ class Polygonal(Law):
         if self.endless:
             stress = stress + self.modulus * over
         else:
-            stress = jnp.where(self.beyond(strain), 0.0, stress)
+            stress = jnp.where(self.is_ruptured(strain), 0.0, stress)
         if memory is None:
             return stress
         return jnp.where(~self._has_compression & (stress < 0), 0.0, stress)
 
-    def size_at(self, strain: Numbers, memory: Memory) -> Values:
+    def stress_scale_at(self, strain: Numbers, memory: Memory) -> Values:
         """Return the sum of absolute stresses of the parallel parts, Pa, which rounding follows."""
         if memory is None:
             return jnp.abs(self._stress_on_curve(strain, None))
@@ -188,16 +191,16 @@ class Polygonal(Law):
     def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
         """Return the strain at `stress`, Pa; also beyond its ends if it rises and is endless."""
         strain = invert_curve(self, stress, memory)
-        if not (self.endless and self.rising):
+        if not (self.endless and self.monotone):
             return strain
-        low, high = (jnp.broadcast_to(end, jnp.shape(stress)) for end in self.limits)
+        low, high = (jnp.broadcast_to(end, jnp.shape(stress)) for end in self.strain_limits)
         more = stress - self._stress_on_curve(high, memory)
         strain = jnp.where(more > 0, high + more / self.modulus, strain)
         less = stress - self._stress_on_curve(low, memory)
         pushed = self._has_compression & (less < 0)
         return jnp.where(pushed, low + less / self.modulus, strain)
 
-    def settle(
+    def commit_memory(
         self, strain: Numbers, memory: HistoryVariables, duration: Float[ArrayLike, ""] = 0.0
     ) -> HistoryVariables:
         """Commit the plastic strains after an increment that ended at `strain`, of any duration."""
@@ -212,11 +215,11 @@ class Polygonal(Law):
             return ~self._has_compression & (strain < 0)
         return ~self._has_compression & (self._stress_on_curve(strain, memory) < 0)
 
-    def corners(self, memory: Memory = None) -> Float[Array, "... n_corner"]:
+    def corner_strains(self, memory: Memory = None) -> Float[Array, "... n_corner"]:
         """Return the strains at which the slope jumps, with both ends, on the last axis."""
         if memory is None:
             return jnp.where(self._has_compression, self.strain, jnp.maximum(self.strain, 0.0))
-        low, high = self.limits
+        low, high = self.strain_limits
         stiffness, pull, push = (broadcast_on_last_axis(v, memory) for v in self._parallel_parts())
         yielding = jnp.concatenate([memory + pull, memory - push], -1)
         # a part that never yields in a direction has its corner at the end of the curve
@@ -228,13 +231,13 @@ class Polygonal(Law):
 
     # --- the same material, changed
 
-    def extended(self) -> Polygonal:
+    def extrapolated(self) -> Polygonal:
         """Return the law for an iteration: it goes on with its initial slope beyond its ends."""
-        return copy(self, endless=True)
+        return copy_with(self, endless=True)
 
-    def risen(self) -> Polygonal:
+    def without_softening(self) -> Polygonal:
         """Return the law without softening: with its initial slope from where it first falls."""
-        if self.rising:
+        if self.monotone:
             return self
         slopes, outward = self._segment_slopes, self.strain[1:] > 0
         falls = slopes < 0
@@ -244,27 +247,27 @@ class Polygonal(Law):
         rise = jnp.cumsum(slopes * jnp.diff(self.strain))
         stress = jnp.concatenate([jnp.zeros_like(rise[:1]), rise])
         stress = stress - stress[jnp.sum(self.strain < 0)]  # the origin is a point of every curve
-        return copy(self, stress=stress, rising=True)
+        return copy_with(self, stress=stress, monotone=True)
 
     def tension_only(self) -> Polygonal:
         """Return the law without compression: slack where its stress would be negative."""
-        return copy(self, one_sided=True)
+        return copy_with(self, one_sided=True)
 
-    def falls(self) -> Float[ArrayLike, " n"] | None:
+    def softening_stresses(self) -> Float[ArrayLike, " n"] | None:
         """Return the stresses of the points; None if they are known to rise."""
-        return None if self.rising else self.stress
+        return None if self.monotone else self.stress
 
-    def softened(self, compliance: Numbers) -> Polygonal:
+    def in_series_with_spring(self, compliance: Numbers) -> Polygonal:
         """Return the law in series with a spring of `compliance`, 1/Pa; needs a law that rises."""
-        return copy(self, strain=self.strain + compliance * self.stress)
+        return copy_with(self, strain=self.strain + compliance * self.stress)
 
     # --- its parts
 
     def _split_at_ends(self, strain):
         """Split strains into the part within the ends of the curve, and the part beyond them."""
-        low, high = self.limits
+        low, high = self.strain_limits
         inside = jnp.where(strain > high, high, jnp.where(strain < low, low, strain))
-        return inside, jnp.where(self.beyond(strain), strain - inside, 0.0)
+        return inside, jnp.where(self.is_ruptured(strain), strain - inside, 0.0)
 
     def _stress_on_curve(self, strain, memory):
         """Return the stress on the curve, or of the parallel parts, without a check of the ends."""

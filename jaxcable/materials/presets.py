@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from ..common import checks
-from ..common.rules import positive, refuse
+from ..common.rules import positive, refuse_if_broken
 from ..common.types import ArrayLike, Float
 from .polygonal import Polygonal
 
@@ -125,4 +125,4 @@ def tension_only(
 def _require_positive(**numbers):
     """Raise ValueError unless all numbers, given by name, are positive."""
     for name, value in numbers.items():
-        refuse([positive(name, checks.floats(value, name))])
+        refuse_if_broken([positive(name, checks.as_floats(value, name))])

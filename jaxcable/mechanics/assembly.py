@@ -15,15 +15,15 @@ import jax
 import jax.numpy as jnp
 
 from .. import linear
-from ..common.tree import copy, pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Pulling, Rounding
 from ..elements.element import Element
 from ..elements.element_state import ElementState
 from ..spaces import Space
-from ..spaces.freedoms import carriers
-from ..spaces.space import Forces, Matrix, Motion, Part, Step
-from ..spaces.translations import coarse, refined
+from ..spaces.dof_map import reference_rows
+from ..spaces.space import Forces, Matrix, MatrixPart, Motion, Step
+from ..spaces.translations import append_low_part, drop_low_part
 from .elementwise import Elementwise, PerGroup, each, over_ends
 from .load_stacks import Following
 
@@ -52,19 +52,19 @@ class System(Elementwise):
     space: Space
     followers: list[Following] | None = None
 
-    def risen(self) -> System:
-        """Return the system with laws without softening, see `Law.risen`."""
-        return copy(self, groups=[group.risen() for group in self.groups])
+    def without_softening(self) -> System:
+        """Return the system with laws without softening, see `Law.without_softening`."""
+        return copy_with(self, groups=[group.without_softening() for group in self.groups])
 
     # --- points and steps
 
-    def place(self, x: Motion) -> Motion:
+    def impose_supports(self, x: Motion) -> Motion:
         """Return `x` with supported degrees of freedom at their prescribed values."""
-        return self.space.place(x)
+        return self.space.impose_supports(x)
 
-    def carried(self, x: Motion) -> Motion:
+    def with_support_rotations(self, x: Motion) -> Motion:
         """Return the constant `x` as a function of the supports, see `Space.carried`."""
-        return self.space.carried(x)
+        return self.space.with_support_rotations(x)
 
     def move(self, x: Motion, step: Step) -> Motion:
         """Return the motion after a step [n_free]."""
@@ -76,19 +76,19 @@ class System(Elementwise):
 
     def chart(self, x: Motion) -> tuple[Callable[[Step], Step], Step, Callable[[Step], Motion]]:
         """Return the residual as a function of a step from `x`, the zero step, and `move`."""
-        x = self.place(x)
+        x = self.impose_supports(x)
         # computed from x, so that the zero step has the batch axes of x
         zero = jnp.where(jnp.isnan(x[0, 0]), 0.0, 0.0)
-        zero = jnp.full(self.freedoms.free.shape[0], zero, x.dtype)
+        zero = jnp.full(self.dof_map.free.shape[0], zero, x.dtype)
 
         def residual(step: Step) -> Step:
-            return self.space.held_still(self._residual_after_step(x, step), step)
+            return self.space.hold_temporarily_fixed(self._residual_after_step(x, step), step)
 
         return residual, zero, lambda step: self.move(x, step)
 
     def refined(self, x: Motion) -> Motion:
         """Return `x` with a low-order part if this is a net (`spaces.translations`)."""
-        return refined(coarse(x)) if self.is_net else x
+        return append_low_part(drop_low_part(x)) if self.is_net else x
 
     # --- forces
 
@@ -101,12 +101,12 @@ class System(Elementwise):
         """
         if end_forces is None:
             end_forces = self.reading(x, "end_forces")["end_forces"]
-        ends = [self.space.padded(forces) for forces in end_forces]
+        ends = [self.space.pad_moments(forces) for forces in end_forces]
         return self.at_rows(ends), self.at_rows(self.end_sizes(ends, x))
 
     def end_sizes(self, ends: EndForces, x: Motion) -> list[Float[Array, "n_elem n_end"]]:
         """Return norms of the end forces of every group, plus `part_sizes` of laws with memory."""
-        sizes = [self.space.size(forces) for forces in ends]
+        sizes = [self.space.force_norm(forces) for forces in ends]
         for k, (group, state) in enumerate(zip(self.groups, self.states, strict=True)):
             if group.remembers:
                 sizes[k] = sizes[k] + self.part_sizes(group, state, x)
@@ -116,8 +116,8 @@ class System(Elementwise):
         """Sum up `values` at the ends of all elements for every row, [n_row, ...]."""
         parts = [value.reshape(-1, *value.shape[2:]) for value in values]
         flat = parts[0] if len(parts) == 1 else jnp.concatenate(parts)
-        if self.freedoms.meeting is not None:
-            return self.freedoms.meeting(flat)
+        if self.dof_map.nodal_assembly is not None:
+            return self.dof_map.nodal_assembly(flat)
         rows = jnp.concatenate([group.links.reshape(-1) for group in self.groups])
         return jnp.zeros((len(self.nodes), *flat.shape[1:]), flat.dtype).at[rows].add(flat)
 
@@ -151,12 +151,12 @@ class System(Elementwise):
             x: motion of all rows.
             spread: step of all rows from `x`; the loads are those after the step, conjugate to it.
         """
-        load = self.load if spread is None else self.space.conjugate(self.load, spread)
+        load = self.load if spread is None else self.space.conjugate_loads(self.load, spread)
         if self.followers is None:
             return load
         moved = self.nodes + x[:, :3]
         moved = moved if spread is None else moved + spread[:, :3]
-        return load + self.space.padded(self.following(moved))
+        return load + self.space.pad_moments(self.following(moved))
 
     def following(self, moved: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
         """Return the following loads on every row for nodes at `moved`, both [n_row, 3], N, m."""
@@ -170,14 +170,14 @@ class System(Elementwise):
 
     def residual(self, x: Motion) -> Step:
         """Return the residual: unbalanced force of every unknown, [n_free], N."""
-        return self.space.collected(self.unbalanced(x), x)
+        return self.space.restrict(self.unbalanced(x), x)
 
     def _residual_after_step(self, x: Motion, step: Step) -> Step:
         """Return the residual after a step [n_free] from `x`, conjugate to it, [n_free], N."""
-        spread = self.space.spread(x, step)
+        spread = self.space.prolong(x, step)
         load = self.external_force(x, spread)
         internal, _ = self.internal_force(x, self._end_forces_after(x, spread))
-        return self.space.collected(internal - load, x, spread)
+        return self.space.restrict(internal - load, x, spread)
 
     def residual_and_scale(
         self, x: Motion, end_forces: EndForces | None = None
@@ -187,8 +187,8 @@ class System(Elementwise):
         The scale is the largest, over rows, of the sum of absolute end forces plus the load.
         """
         (force, size), load = self.internal_force(x, end_forces), self.external_force(x)
-        scale = jnp.max(size + self.space.size(load))
-        return self.space.collected(force - load, x), scale
+        scale = jnp.max(size + self.space.force_norm(load))
+        return self.space.restrict(force - load, x), scale
 
     @property
     def rounds(self) -> bool:
@@ -200,14 +200,14 @@ class System(Elementwise):
         left = []
         for group, state in zip(self.groups, self.states, strict=True):
             if isinstance(group, Rounding):
-                left.append(self.space.padded(each("rounding", group, state, self.nodes, x)))
+                left.append(self.space.pad_moments(each("rounding", group, state, self.nodes, x)))
             else:
                 left.append(jnp.zeros((*group.links.shape, self.space.n_freedom), x.dtype))
-        return jnp.abs(self.space.collected(self.at_rows(left), x))
+        return jnp.abs(self.space.restrict(self.at_rows(left), x))
 
     def load_norm(self, x: Motion) -> Float[Array, ""]:
         """Return the Euclidean norm of the load on the unknowns, N (moments over a length)."""
-        return jnp.linalg.norm(self.space.collected(self.external_force(x), x))
+        return jnp.linalg.norm(self.space.restrict(self.external_force(x), x))
 
     @property
     def may_be_unsymmetric(self) -> bool:
@@ -245,12 +245,12 @@ class System(Elementwise):
         if the degrees of freedom have a pattern. `known`: element tangents from `linearized`.
         """
         parts = self.parts(self.tangents(x, known), x) + self.external_parts(x)
-        return self.space.regular(self._assemble_matrix(parts), x)
+        return self.space.stabilize_free_spins(self._assemble_matrix(parts), x)
 
-    def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[Part]:
-        """Return element matrices [n_elem, d, d] in the form that `linear.assemble` takes."""
+    def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[MatrixPart]:
+        """Return element matrices [n_elem, d, d] in the form that `linear.assemble_matrix` takes."""
         return [
-            self.space.part(blocks, group.links, group.n_freedom, group.inner, x)
+            self.space.transform_to_unknowns(blocks, group.links, group.n_freedom, group.inner, x)
             for blocks, group in zip(matrices, self.groups, strict=True)
         ]
 
@@ -262,7 +262,7 @@ class System(Elementwise):
         Arguments as of `masses`. The masses of paired elements are not paired: the pattern has to
         be one without pairs.
         """
-        pattern = self.freedoms.pattern
+        pattern = self.dof_map.pattern
         if pattern is not None and any(pattern.paired):
             raise ValueError("pattern: is one of paired elements, whose masses are not paired")
         parts = self.parts(self.masses(x, gravity, distribution), x)
@@ -272,18 +272,18 @@ class System(Elementwise):
             parts + jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), others)
         )
 
-    def external_parts(self, x: Motion) -> list[Part]:
+    def external_parts(self, x: Motion) -> list[MatrixPart]:
         """Return the load stiffness, as `parts`: of following loads and moments.
 
         A sparse pattern needs places for them, after those of the elements (`number_freedoms`).
         """
         arguments = self.groups, self.states, self.nodes, self.nodes + x[:, :3]
         following = [
-            self.space.part(-blocks, links, 3, (), x)
+            self.space.transform_to_unknowns(-blocks, links, 3, (), x)
             for follower in self.followers or ()
             for blocks, links in follower.following_blocks(*arguments)
         ]
-        return following + self.space.own_parts(self.load, lambda: self.unbalanced(x), x)
+        return following + self.space.load_stiffness(self.load, lambda: self.unbalanced(x), x)
 
     def secant(self, before: Motion, x: Motion) -> Matrix:
         """Assemble the secant stiffness between two points, a matrix like `tangent`, N/m."""
@@ -291,22 +291,22 @@ class System(Elementwise):
 
     def displaced_by(self, x: Motion) -> Float[Array, "n_row 3 n_free"]:
         """Return the derivative of all displacements by the unknowns, [n_row, 3, n_free]."""
-        freedoms, n_row = self.freedoms, len(x)
-        number, slopes = freedoms.number, self.space.slopes(x)
-        if freedoms.carried is not None:
-            number = number[carriers(n_row, freedoms.carried)]
+        dof_map, n_row = self.dof_map, len(x)
+        number, slopes = dof_map.unknown_of_dof, self.space.motion_jacobian(x)
+        if dof_map.rigid_links is not None:
+            number = number[reference_rows(n_row, dof_map.rigid_links)]
         if slopes is None:
             number = number[:, :3]
             slopes = jnp.broadcast_to(jnp.eye(3, dtype=x.dtype), (n_row, 3, 3))
-        moved = jnp.zeros((n_row, 3, freedoms.free.shape[0] + 1), x.dtype)
+        moved = jnp.zeros((n_row, 3, dof_map.free.shape[0] + 1), x.dtype)
         at = jnp.arange(n_row)[:, None, None], jnp.arange(3)[None, :, None], number[:, None, :]
         return moved.at[at].add(slopes[:, :3])[..., :-1]
 
-    def _assemble_matrix(self, parts: list[Part]) -> Matrix:
+    def _assemble_matrix(self, parts: list[MatrixPart]) -> Matrix:
         """Assemble a matrix from parts; unknowns that are bound get unit rows and columns."""
-        matrix = linear.assemble(parts, self.freedoms.free.shape[0], self.freedoms.pattern)
-        bound = self.freedoms.bound
-        return matrix if bound is None or not bound.size else linear.held_at(matrix, bound)
+        matrix = linear.assemble_matrix(parts, self.dof_map.free.shape[0], self.dof_map.pattern)
+        bound = self.dof_map.temporarily_fixed
+        return matrix if bound is None or not bound.size else linear.hold_unknowns(matrix, bound)
 
     # --- results
 
@@ -331,16 +331,16 @@ class System(Elementwise):
             bears = state.only_present(~loose)[:, None]
             taut.append(jnp.broadcast_to(bears, group.links.shape).astype(jnp.int32))
         stiffened = self.at_rows(taut) > 0
-        if self.freedoms.rows is not None:
-            stiffened = stiffened.at[self.freedoms.rows].max(stiffened)
-        return ~stiffened & ~jnp.all(self.freedoms.fixed, axis=-1)
+        if self.dof_map.node_of_row is not None:
+            stiffened = stiffened.at[self.dof_map.node_of_row].max(stiffened)
+        return ~stiffened & ~jnp.all(self.dof_map.fixed, axis=-1)
 
     def kinked(self, motion: Motion) -> Bool[Array, ""]:
         """Return whether equilibrium has no derivative: a cable at a free node is at its kink.
 
         Cables whose law has history variables go slack at other strains and do not count.
         """
-        found, free = jnp.zeros((), bool), self.freedoms.moves()
+        found, free = jnp.zeros((), bool), self.dof_map.movable_dofs()
         for group, state in zip(self.groups, self.states, strict=True):
             if group.tension_only and not group.remembers:
                 moves = jnp.any(free[group.links], axis=(1, 2))
@@ -352,7 +352,7 @@ class System(Elementwise):
     def may_be_convex(self) -> bool:
         """Whether the energy is convex under dead loads: all groups are tension-only and rising."""
         return self._has_symmetric_elements and all(
-            group.tension_only and group.rising for group in self.groups
+            group.tension_only and group.monotone for group in self.groups
         )
 
     @property

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.tree import Each, Indices, copy, joined
+from ..common.tree import Indices, PerElement, concatenate, copy_with
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.element import Element
 from ..elements.stated import Stated
@@ -132,12 +132,12 @@ class Bundles(NamedTuple):
             for s, n in zip(parts, sizes, strict=True)
         ]
         if all(stated is not None and stated.chosen is None for stated in parts):
-            return Stated(joined(values))
+            return Stated(concatenate(values))
         chosen = [
             np.full(n, s is not None) if s is None or s.chosen is None else s.chosen
             for s, n in zip(parts, sizes, strict=True)
         ]
-        return Stated(joined(values), np.concatenate(chosen))
+        return Stated(concatenate(values), np.concatenate(chosen))
 
 
 def _bundle_key(number, group):
@@ -155,7 +155,7 @@ def _bundle_key(number, group):
             # the index of the group makes its key unique: groups with such an array are not bundled
             key.append(None if value is None else number)
         elif isinstance(value, Section):
-            key.append(padding.sort(value))
+            key.append(padding.padding_key(value))
         else:
             leaves, shape = jax.tree.flatten(value)
             key.append((shape, tuple(map(np.shape, leaves))))
@@ -176,12 +176,12 @@ def _join_groups(groups):
             if any(value is not None for value in values):
                 fill = _NEUTRAL_VALUES.get(field.name)
                 pairs = zip(values, sizes, strict=True)
-                changes[field.name] = joined(
+                changes[field.name] = concatenate(
                     [np.full(n, fill) if x is None else x for x, n in pairs]
                 )
         elif field.name not in first._static_fields:
             changes[field.name] = _join_values(values, sizes)
-    return copy(first, **changes)
+    return copy_with(first, **changes)
 
 
 @functools.lru_cache(maxsize=64)
@@ -191,17 +191,17 @@ def _join_links(links):
 
 
 def _join_values(values, sizes):
-    """Return one object for all elements of several groups: a common one, or `Each`."""
+    """Return one object for all elements of several groups: a common one, or `PerElement`."""
     if isinstance(values[0], Section):
-        values = padding.evened(values)
+        values = padding.pad_to_equal(values)
     leaves = [jax.tree.leaves(value) for value in values]
     if all(a is b for others in leaves for a, b in zip(leaves[0], others, strict=True)):
         return values[0]
 
     def one(*parts):
-        return joined([_repeat_for_elements(x, n) for x, n in zip(parts, sizes, strict=True)])
+        return concatenate([_repeat_for_elements(x, n) for x, n in zip(parts, sizes, strict=True)])
 
-    return Each(jax.tree.map(one, *values))
+    return PerElement(jax.tree.map(one, *values))
 
 
 def _repeat_for_elements(x, count):

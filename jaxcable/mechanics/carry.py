@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from ..common.tree import copy, pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element
 from ..elements.element_state import ElementState, with_fields
 from ..spaces import space_of
-from ..spaces.freedoms import Freedoms
+from ..spaces.dof_map import DofMap
 from ..spaces.space import Motion
 from . import load_stacks
 from .assembly import System
@@ -25,7 +25,8 @@ class Carry:
         nodal_load: sum of the nodal loads so far, [n_row, n_freedom], N and N m.
         loads: element loads of all phases, a list of `LoadStack`.
         amounts: factors of these loads, a list of `Amounts`.
-        bearing: rotation of every row when its support was set, see `RigidNodes.bearing`.
+        support_rotation: rotation of every row when its support was set, see
+            `RotatingNodes.support_rotation`.
     """
 
     motion: Float[Array, "n_row n_motion"]
@@ -33,19 +34,19 @@ class Carry:
     nodal_load: Float[Array, "n_row n_freedom"]
     loads: list[load_stacks.LoadStack]
     amounts: list[load_stacks.Amounts]
-    bearing: Float[Array, "n_row 4"] | None = None
+    support_rotation: Float[Array, "n_row 4"] | None = None
 
 
 def unloaded(nodes: Float[Array, "n_row 3"], groups: list[Element]) -> Carry:
     """Return the `Carry` of a structure before its first phase."""
     states = [group.start(nodes[group.links]) for group in groups]
     space = space_of(groups)
-    return Carry(space.still(nodes), states, space.padded(jnp.zeros_like(nodes)), [], [])
+    return Carry(space.at_rest(nodes), states, space.pad_moments(jnp.zeros_like(nodes)), [], [])
 
 
 def knowing(carry: Carry, loads: list[load_stacks.LoadStack], phase: Int[ArrayLike, ""]) -> Carry:
     """Return a `Carry` with `loads` up to a phase; later ones, even if NaN, are zero."""
-    return copy(carry, loads=[stack.until(phase) for stack in loads])
+    return copy_with(carry, loads=[stack.until(phase) for stack in loads])
 
 
 def make_system(
@@ -53,7 +54,7 @@ def make_system(
     groups: list[Element],
     carry: Carry,
     prescribed: Motion | None,
-    freedoms: Freedoms,
+    dof_map: DofMap,
     load: Float[Array, "n_row n_freedom"] | None = None,
 ) -> System:
     """Make the `System` of a `Carry`, with the loads along elements in their states.
@@ -71,5 +72,5 @@ def make_system(
         else state
         for number, (group, state) in enumerate(zip(groups, carry.states, strict=True))
     ]
-    space = space_of(groups).of(nodes, groups, freedoms, prescribed, carry.bearing)
+    space = space_of(groups).of(nodes, groups, dof_map, prescribed, carry.support_rotation)
     return System(nodes, groups, states, load, space, load_stacks.following(carry))

@@ -13,9 +13,9 @@ from ..elements.element import PEAK_TENSION, PRESENT, TENSION, Element, Result
 from ..elements.element_state import ElementState
 from ..elements.prestress import element, of_each
 from ..numerics.rotations import IDENTITY
-from ..spaces.freedoms import Freedoms
+from ..spaces.dof_map import DofMap
 from ..spaces.space import Motion, Space
-from ..spaces.translations import is_fine
+from ..spaces.translations import has_low_part
 
 PerGroup: TypeAlias = 'list[Float[Array, "n_elem ..."] | None]'
 """An array for every group; None for a group that has none."""
@@ -32,16 +32,16 @@ class Elementwise:
     space: Space
 
     @property
-    def freedoms(self) -> Freedoms:
-        """Map of the degrees of freedom, `Freedoms`."""
-        return self.space.freedoms
+    def dof_map(self) -> DofMap:
+        """Map of the degrees of freedom, `DofMap`."""
+        return self.space.dof_map
 
     def at_ends(self, values: Float[Array, "n_row ..."]) -> list[Float[Array, "n_elem n_end ..."]]:
         """Gather `values` of rows at the ends of all elements; the transpose is `at_rows`."""
-        meeting = None if self.freedoms is None else self.freedoms.meeting
+        meeting = None if self.dof_map is None else self.dof_map.nodal_assembly
         if meeting is None:
             return [values[group.links] for group in self.groups]
-        flat, found = meeting.spread(values), []
+        flat, found = meeting.apply_transpose(values), []
         for group in self.groups:
             count = group.links.size
             found.append(flat[:count].reshape(*group.links.shape, *values.shape[1:]))
@@ -161,9 +161,9 @@ class Elementwise:
         return any(group.remembers for group in self.groups)
 
     @property
-    def breaks(self) -> bool:
+    def has_rupture(self) -> bool:
         """Whether any group has a rupture strain."""
-        return any(group.breaks for group in self.groups)
+        return any(group.has_rupture for group in self.groups)
 
     def strains(self, motion: Motion) -> PerGroup:
         """Return the section strains, an array for every group; None for one without them."""
@@ -173,14 +173,14 @@ class Elementwise:
         """Return which elements have ruptured, all groups in one array, [n] bool."""
         return jnp.concatenate(
             [
-                of_each("beyond", group, strain)
-                if group.breaks
+                of_each("is_ruptured", group, strain)
+                if group.has_rupture
                 else jnp.zeros(len(group.links), bool)
                 for group, strain in zip(self.groups, strains, strict=True)
             ]
         )
 
-    def beyond(self, motion: Motion) -> Bool[Array, ""]:
+    def is_ruptured(self, motion: Motion) -> Bool[Array, ""]:
         """Return whether any element is strained beyond its rupture strain."""
         return jnp.any(self.broken(self.strains(motion)))
 
@@ -198,7 +198,7 @@ class Elementwise:
             if not group.remembers:
                 found.append(None)
             elif type(group).settled is Element.settled:
-                found.append(of_each("settle", group, strain, state.memory, **options))
+                found.append(of_each("commit_memory", group, strain, state.memory, **options))
             else:
                 at = self.nodes[group.links], motion[group.links]
                 found.append(over_ends(_memory_after(duration), group, state, at, absent=True))
@@ -277,7 +277,7 @@ def over_ends(
 
     def one(properties, beside, *at):
         law = element(group, properties)
-        return function(law, *(law.brought(*at, exact) if is_fine(at[-1]) else at), *beside)
+        return function(law, *(law.brought(*at, exact) if has_low_part(at[-1]) else at), *beside)
 
     found = jax.vmap(one)(group.properties(), beside, state, nodes, *motions)
     return found if absent or isinstance(found, ElementState) else state.only_present(found)
@@ -298,4 +298,4 @@ def motion_of(group: Element, motion: Motion) -> Float[Array, "n_elem n_end n_mo
 
 def _motion_columns(group, ends):
     """Return the columns of motions that a group uses: rotations only if it rotates."""
-    return ends if is_fine(ends) else ends[..., : group.n_motion]
+    return ends if has_low_part(ends) else ends[..., : group.n_motion]

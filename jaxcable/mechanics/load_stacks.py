@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.rules import kept, rules_of
-from ..common.tree import Indices, copy, pytree, stacked
+from ..common.rules import are_rules_kept, collect_rules
+from ..common.tree import Indices, copy_with, pytree, stack_trees
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import Element
 from ..elements.element_state import ElementLoad, ElementState
@@ -54,7 +54,7 @@ class LoadStack:
             return jnp.where((self.phase <= phase).reshape(-1, *(1,) * (x.ndim - 1)), x, 0)
 
         load, amplitude = jax.tree.map(known, (self.load, self.amplitude))
-        return copy(self, load=load, amplitude=amplitude)
+        return copy_with(self, load=load, amplitude=amplitude)
 
     def factors(self, parameter: Float[ArrayLike, ""]) -> Float[ArrayLike, " ..."]:
         """Return factors at a load factor of the phase that adds the loads, [m], or one for all."""
@@ -62,14 +62,14 @@ class LoadStack:
 
     def keeps_rules(self) -> Bool[Array, " m"]:
         """Return whether the numbers of each load keep their rules, [m] bool."""
-        good = self.each(lambda load: kept(rules_of(load)))
+        good = self.each(lambda load: are_rules_kept(collect_rules(load)))
         if self.amplitude is None:
             return good
-        return good & jax.vmap(lambda amplitude: kept(amplitude.rules()))(self.amplitude)
+        return good & jax.vmap(lambda amplitude: are_rules_kept(amplitude.rules()))(self.amplitude)
 
     def bundled(self, bundles: Bundles) -> LoadStack:
         """Return the stack for bundles instead of groups."""
-        return copy(self, load=jax.vmap(lambda load: load.bundled(bundles))(self.load))
+        return copy_with(self, load=jax.vmap(lambda load: load.bundled(bundles))(self.load))
 
     def touches(self, groups: list[Element], bundles: Bundles) -> list[Indices]:
         """Return the nodes whose loads depend on each other, list of [n, k], for joined groups."""
@@ -99,7 +99,7 @@ class LoadStack:
 
         def one(leaves, begun):
             load = jax.tree.unflatten(tree, leaves)
-            return function(load if begun is None else copy(load, begun=begun))
+            return function(load if begun is None else copy_with(load, begun=begun))
 
         if self.phase.shape[0] == 1:
             value = one(*jax.tree.map(lambda x: x[0], (leaves, begun)))
@@ -122,13 +122,13 @@ class Amounts:
 
     def added(self, which: Bool[Array, " m"], factors: Float[ArrayLike, " ..."]) -> Amounts:
         """Return them with other factors, [m] or one for all, of the loads `which`, [m] bool."""
-        return copy(self, factors=jnp.where(which, factors, self.factors))
+        return copy_with(self, factors=jnp.where(which, factors, self.factors))
 
     def at_start(self, which: Bool[Array, " m"], moved: Float[Array, "n_row 3"]) -> Amounts:
         """Return them with positions [n_row, 3] at the start of the phase of loads `which`."""
         if self.begun is None:
             return self
-        return copy(self, begun=jnp.where(which[:, None, None], moved, self.begun))
+        return copy_with(self, begun=jnp.where(which[:, None, None], moved, self.begun))
 
 
 def stacks(
@@ -150,7 +150,7 @@ def stacks(
             found.setdefault(kind, []).append((phase, load, amplitude))
     return [
         LoadStack(
-            stacked([load for _, load, _ in members]),
+            stack_trees([load for _, load, _ in members]),
             np.array([phase for phase, _, _ in members], np.int32),
             late=any(phase > 0 for phase, _, _ in members),
             amplitude=together([amplitude for _, _, amplitude in members]),
@@ -161,7 +161,7 @@ def stacks(
 
 def continued(stack: LoadStack) -> LoadStack:
     """Return a stack whose loads act from the beginning, to continue another analysis."""
-    return copy(stack, phase=np.full(stack.phase.shape, -1, np.int32), late=False)
+    return copy_with(stack, phase=np.full(stack.phase.shape, -1, np.int32), late=False)
 
 
 def dead_load(

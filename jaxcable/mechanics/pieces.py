@@ -15,7 +15,7 @@ from jax import lax
 from ..common.types import Array, Bool, Float
 from ..elements.abilities import Pulling
 from ..spaces.space import Forces, Motion
-from ..spaces.translations import is_fine
+from ..spaces.translations import has_low_part
 from .assembly import System
 
 _DIFFERENCE_SQUARED = np.kron(
@@ -48,7 +48,7 @@ def differences(system: System, values: Float[Array, "n_row k"]) -> Float[Array,
 def vectors(system: System, x: Motion) -> Float[Array, "n_piece 3"]:
     """Return the vectors of all pieces at the point x, [n_piece, 3], m."""
     parts = differences(system, jnp.concatenate([system.nodes, x], axis=1))
-    return parts[:, :3] + (parts[:, 3:6] + parts[:, 6:] if is_fine(x) else parts[:, 3:])
+    return parts[:, :3] + (parts[:, 3:6] + parts[:, 6:] if has_low_part(x) else parts[:, 3:])
 
 
 def exist(system: System) -> Bool[Array, " n_piece"] | None:

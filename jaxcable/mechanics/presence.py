@@ -13,11 +13,11 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..common.tree import copy
+from ..common.tree import copy_with
 from ..common.types import Array, Bool, Float
 from ..elements.element import Element
 from ..spaces import space_of
-from ..spaces.freedoms import Freedoms, along, combined
+from ..spaces.dof_map import DofMap, to_global, to_local
 from ..spaces.space import Forces
 from .carry import Carry, make_system
 from .elementwise import each
@@ -31,8 +31,8 @@ def changed(
     groups: list[Element],
     carry: Carry,
     present: Present,
-    before: Freedoms,
-    now: Freedoms,
+    before: DofMap,
+    now: DofMap,
     attached: Bool[Array, ""] | None,
 ) -> tuple[Carry, Forces]:
     """Activate and deactivate elements at the start of a phase.
@@ -40,7 +40,7 @@ def changed(
     Args:
         nodes, groups, carry: structure, and `Carry` of the phase before.
         present: active elements of this phase.
-        before, now: `Freedoms` with the supports and inactive nodes of both phases.
+        before, now: `DofMap` with the supports and inactive nodes of both phases.
         attached: whether inactive nodes move rigidly with the node to which their first element
             joins them; None if this is so in no phase.
 
@@ -58,19 +58,19 @@ def changed(
         motion = jnp.where(attached, placed, motion)
     states = []
     for group, state, there, coming in zip(groups, carry.states, present, new, strict=True):
-        begins, fresh = copy(state, present=coming), group.initial_memory()
+        begins, fresh = copy_with(state, present=coming), group.initial_memory()
         if fresh is not None:
-            begins = copy(begins, memory=fresh)
+            begins = copy_with(begins, memory=fresh)
         found = each("found", group, begins, nodes, motion)
         state = jax.tree.map(
             lambda a, b, own=coming: jnp.where(own.reshape(-1, *(1,) * (a.ndim - 1)), a, b),
-            copy(found, present=there),
-            copy(state, present=there),
+            copy_with(found, present=there),
+            copy_with(state, present=there),
         )
         states.append(state)
-    carry = copy(carry, motion=motion, states=states)
+    carry = copy_with(carry, motion=motion, states=states)
     system = make_system(nodes, groups, carry, motion, now)
-    return carry, system.unbalanced(motion) - old.unbalanced(old.place(carry.motion))
+    return carry, system.unbalanced(motion) - old.unbalanced(old.impose_supports(carry.motion))
 
 
 def _attach_nodes(nodes, groups, motion, new, before, now):
@@ -83,7 +83,7 @@ def _attach_nodes(nodes, groups, motion, new, before, now):
     # held before, because nothing touched them, and now not by a support
     waiting = jnp.all(before.fixed[:, :3], axis=1) & ~jnp.all(now.fixed[:, :3], axis=1)
     root = _root_rows(groups, new, owner, waiting[owner])
-    moved = space_of(groups).borne(motion[root], nodes[owner] - nodes[root])
+    moved = space_of(groups).rigid_link_motion(motion[root], nodes[owner] - nodes[root])
     brought = waiting[owner] & (root != owner)
     if now.inner is not None:
         brought = brought & ~now.inner
@@ -91,10 +91,10 @@ def _attach_nodes(nodes, groups, motion, new, before, now):
     return jnp.where(brought[:, None], moved, motion)
 
 
-def _displacement_rows(n_row, freedoms):
+def _displacement_rows(n_row, dof_map):
     """Return the row whose displacement every row has: of a hinged end its node, [n_row]."""
     rows = jnp.arange(n_row)
-    return rows if freedoms.rows is None else jnp.asarray(freedoms.rows, rows.dtype)
+    return rows if dof_map.node_of_row is None else jnp.asarray(dof_map.node_of_row, rows.dtype)
 
 
 def _root_rows(groups, new, owner, waiting):
@@ -130,10 +130,10 @@ def _root_rows(groups, new, owner, waiting):
     return jnp.where(root < 0, owner, root[owner])
 
 
-def _move_where_free(moved, still, freedoms):
+def _move_where_free(moved, still, dof_map):
     """Return displacements `moved` where no support holds them, else `still`, [n_row, 3]."""
-    fixed = freedoms.fixed[:, :3]
-    if freedoms.axes is None:
+    fixed = dof_map.fixed[:, :3]
+    if dof_map.axes is None:
         return jnp.where(fixed, still, moved)
-    axes = freedoms.axes
-    return combined(axes, jnp.where(fixed, along(axes, still), along(axes, moved)))
+    axes = dof_map.axes
+    return to_global(axes, jnp.where(fixed, to_local(axes, still), to_local(axes, moved)))

@@ -11,12 +11,12 @@ from itertools import pairwise
 
 import jax.numpy as jnp
 
-from ..common.tree import copy, pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..elements.abilities import Room
 from ..elements.prestress import of_each
 from ..spaces.space import Forces, Motion, Step
-from ..spaces.translations import coarse
+from ..spaces.translations import drop_low_part
 from .assembly import System
 from .elementwise import each, motion_of
 
@@ -47,7 +47,7 @@ class Pulls:
         found = []
         for group, state in zip(system.groups, system.states, strict=True):
             pull = each("pulled", group, state, system.nodes, x, exact=exact, absent=True)
-            found.append(copy(state.only_present(pull), shape=pull.shape))
+            found.append(copy_with(state.only_present(pull), shape=pull.shape))
         return cls(
             jnp.concatenate([pull.tension for pull in found]),
             jnp.concatenate([pull.slope for pull in found]),
@@ -73,9 +73,9 @@ class Pulls:
         pairs = zip(self.forces, sizes, strict=True)
         rows = system.at_rows([jnp.concatenate(pair, axis=-1) for pair in pairs])
         load = system.external_force(x)
-        scale = jnp.max(rows[:, 3] + system.space.size(load))
-        residual = system.space.collected(rows[:, :3] - load, x)
-        return residual, scale, jnp.abs(system.space.collected(system.at_rows(unsure), x))
+        scale = jnp.max(rows[:, 3] + system.space.force_norm(load))
+        residual = system.space.restrict(rows[:, :3] - load, x)
+        return residual, scale, jnp.abs(system.space.restrict(system.at_rows(unsure), x))
 
     def under(self, system: System, tensions: Float[Array, " n"]) -> Under:
         """Return the length slack of the cables here under given `tensions` [n], N."""
@@ -152,7 +152,7 @@ class Under:
                 ends.append(whole[:, None, None] * along)
             else:
                 ends.append(forces + change[:, None, None] * along)
-        return system.space.collected(system.at_rows(ends) - system.external_force(x), x)
+        return system.space.restrict(system.at_rows(ends) - system.external_force(x), x)
 
 
 def stiffness(
@@ -171,7 +171,7 @@ def stiffness(
     for group, state, g, slope, tension in zip(
         system.groups, system.states, along, *split, strict=True
     ):
-        at = system.nodes[group.links], motion_of(group, coarse(x))
+        at = system.nodes[group.links], motion_of(group, drop_low_part(x))
         bent = of_each("bent", group, state, *at, tension)
         g = g.reshape(len(g), -1)
         bent = state.only_present(bent.reshape(*g.shape, g.shape[1]))
@@ -201,8 +201,8 @@ def turned(system: System, spread: Forces) -> Float[Array, " n"]:
 def _slacken_absent(room, state):
     """Return the `Room` of a group, where inactive cables are slack and without forces."""
     gap = jnp.where(state.present, room.gap, state.rest_length)
-    rest = copy(room, gap=None, compliance=None)
-    return copy(state.only_present(rest), gap=gap, compliance=room.compliance)
+    rest = copy_with(room, gap=None, compliance=None)
+    return copy_with(state.only_present(rest), gap=gap, compliance=room.compliance)
 
 
 def rest_lengths(system: System) -> Float[Array, " n"]:

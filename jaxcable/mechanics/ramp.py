@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..common.tree import copy, pytree, where
+from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.abilities import mixed, statements_of
 from ..elements.element import Element
@@ -24,7 +24,7 @@ from ..elements.element_state import ElementState, with_fields
 from ..elements.stated import Stated
 from ..loads.varying import Amplitude
 from ..spaces import space_of
-from ..spaces.freedoms import Freedoms, along, combined
+from ..spaces.dof_map import DofMap, to_global, to_local
 from ..spaces.space import Motion
 from . import load_stacks, presence
 from .assembly import System
@@ -61,7 +61,7 @@ class PhaseData:
         statements: prestress statements, a dict from name to `Stated` for every group.
         added_load: the nodal loads that it adds, or None.
         moved: its movements of supports, or None.
-        freedoms: map of the degrees of freedom, with the supports of this phase.
+        dof_map: map of the degrees of freedom, with the supports of this phase.
         freedoms_before: the same with the supports of the phase before, if supports change in any
             phase, else None.
         present: active elements of this phase, per group; None if all are active in all phases.
@@ -73,8 +73,8 @@ class PhaseData:
     statements: list[dict[str, Stated]]
     added_load: Added | None
     moved: Added | None
-    freedoms: Freedoms
-    freedoms_before: Freedoms | None
+    dof_map: DofMap
+    dof_map_before: DofMap | None
     present: presence.Present | None = None
     attached: Bool[Array, ""] | None = None
 
@@ -93,7 +93,7 @@ class Ramp:
         moved: movements of the supports in this phase, or None.
         released: reactions of released supports and unbalanced forces of (de)activated elements,
             which this phase reduces to zero, as `Carry.nodal_load`, or None.
-        freedoms: map of the degrees of freedom.
+        dof_map: map of the degrees of freedom.
     """
 
     nodes: Float[Array, "n_row 3"]
@@ -105,7 +105,7 @@ class Ramp:
     added: list[Bool[Array, " m"]]
     moved: Added | None
     released: Float[Array, "n_row n_freedom"] | None
-    freedoms: Freedoms
+    dof_map: DofMap
 
     @classmethod
     def build(
@@ -116,14 +116,14 @@ class Ramp:
         moved = nodes + carry.motion[:, :3]
         pairs = zip(carry.amounts, added, strict=True)
         amounts = [amounts.at_start(which, moved) for amounts, which in pairs]
-        carry = copy(carry, amounts=amounts)
+        carry = copy_with(carry, amounts=amounts)
         released = None
-        if data.freedoms_before is not None:
+        if data.dof_map_before is not None:
             carry, released = _change_supports(nodes, groups, carry, data)
             if data.present is not None:
-                at = data.present, data.freedoms_before, data.freedoms, data.attached
+                at = data.present, data.dof_map_before, data.dof_map, data.attached
                 carry, left = presence.changed(nodes, groups, carry, *at)
-                released = released + jnp.where(data.freedoms.fixed, 0.0, left)
+                released = released + jnp.where(data.dof_map.fixed, 0.0, left)
         states, end_states, jacks = [], [], []
         for group, state, statements in zip(groups, carry.states, data.statements, strict=True):
             end_state = jack = None
@@ -143,11 +143,11 @@ class Ramp:
             states.append(state)
             end_states.append(end_state)
             jacks.append(jack)
-        carry = copy(carry, states=states)
-        steps = None if data.moved is None else _restrict_to_supports(data.moved, data.freedoms)
+        carry = copy_with(carry, states=states)
+        steps = None if data.moved is None else _restrict_to_supports(data.moved, data.dof_map)
         return cls(
             *(nodes, groups, carry, end_states, jacks, data.added_load, added, steps, released),
-            data.freedoms,
+            data.dof_map,
         )
 
     @property
@@ -203,13 +203,13 @@ class Ramp:
         begin = self.begin.motion
         if self.moved is None:
             return begin
-        return space_of(self.groups).advanced(begin, self.moved.at(parameter))
+        return space_of(self.groups).moved_by(begin, self.moved.at(parameter))
 
     def at(self, parameter: Float[ArrayLike, ""], memory: Memory | None = None) -> System:
         """Return the `System` at a parameter."""
         now = self._restart_at(self.begin.motion, self.states(parameter, memory), parameter)
         return make_system(
-            self.nodes, self.groups, now, self.prescribed_motion(parameter), self.freedoms
+            self.nodes, self.groups, now, self.prescribed_motion(parameter), self.dof_map
         )
 
     def most_added(self, begun: System, parameters: Float[Array, " n"]) -> Float[Array, ""]:
@@ -220,7 +220,7 @@ class Ramp:
 
         def added(parameter):
             system = self.at(parameter)
-            return jnp.max(system.space.size(system.load - begun.load))
+            return jnp.max(system.space.force_norm(system.load - begun.load))
 
         return jnp.max(lax.map(added, parameters))
 
@@ -236,11 +236,11 @@ class Ramp:
 
         Section `strains` as of `System.settle`.
         """
-        return where(ok, system.settle(motion, strains), memory)
+        return select_tree(ok, system.settle(motion, strains), memory)
 
     def begun(self) -> System:
         """Return the system at the start of the phase, without prescribed motion."""
-        return make_system(self.nodes, self.groups, self.begin, None, self.freedoms)
+        return make_system(self.nodes, self.groups, self.begin, None, self.dof_map)
 
     def leave(
         self, parameter: Float[ArrayLike, ""], motion: Motion, memory: Memory | None = None
@@ -257,28 +257,28 @@ class Ramp:
     ) -> Carry:
         """Return a `Carry` with the loads at a parameter."""
         loads = self.nodal_load(parameter), self.begin.loads, self.amounts(parameter)
-        return Carry(motion, states, *loads, self.begin.bearing)
+        return Carry(motion, states, *loads, self.begin.support_rotation)
 
 
-def _restrict_to_supports(added, freedoms):
+def _restrict_to_supports(added, dof_map):
     """Return the movements of supports on all rows; NaN if one moves a free degree of freedom.
 
     A support cannot move a degree of freedom that it does not hold.
     """
     if added.amplitude is not None:
-        one_by_one = jax.vmap(lambda moved: _restrict_to_supports(Added(moved), freedoms).values)
-        return copy(added, values=one_by_one(added.values))
+        one_by_one = jax.vmap(lambda moved: _restrict_to_supports(Added(moved), dof_map).values)
+        return copy_with(added, values=one_by_one(added.values))
     moved = added.values
-    if freedoms.rows is not None:
-        moved = moved[freedoms.rows]
-    if freedoms.inner is not None:
-        moved = jnp.where(freedoms.inner[:, None], 0.0, moved)
+    if dof_map.node_of_row is not None:
+        moved = moved[dof_map.node_of_row]
+    if dof_map.inner is not None:
+        moved = jnp.where(dof_map.inner[:, None], 0.0, moved)
     shift = moved[:, :3]
-    if freedoms.axes is not None:
+    if dof_map.axes is not None:
         rounding = 8 * jnp.finfo(shift.dtype).eps * jnp.max(jnp.abs(shift))
-        shift = along(freedoms.axes, shift)
+        shift = to_local(dof_map.axes, shift)
         shift = jnp.where(jnp.abs(shift) <= rounding, 0.0, shift)
-    loose = ~freedoms.fixed[:, :3] & (shift != 0)
+    loose = ~dof_map.fixed[:, :3] & (shift != 0)
     return Added(jnp.where(jnp.any(loose), jnp.nan, moved))
 
 
@@ -288,28 +288,30 @@ def _change_supports(nodes, groups, carry, data):
     A load on an inactive degree of freedom stays, and acts once an element activates it. A node
     that is partly supported before and after has the same directions in both (`preparation`).
     """
-    before = make_system(nodes, groups, carry, carry.motion, data.freedoms_before)
-    was, now = data.freedoms_before.fixed, data.freedoms.fixed
-    newly = data.freedoms.by_supports & ~data.freedoms_before.by_supports
-    if data.freedoms.axes is None:
+    before = make_system(nodes, groups, carry, carry.motion, data.dof_map_before)
+    was, now = data.dof_map_before.fixed, data.dof_map.fixed
+    newly = data.dof_map.fixed_by_supports & ~data.dof_map_before.fixed_by_supports
+    if data.dof_map.axes is None:
         released = jnp.where(was & ~now, before.unbalanced(carry.motion), 0.0)
-        return copy(carry, nodal_load=jnp.where(newly, 0.0, carry.nodal_load)), released
+        return copy_with(carry, nodal_load=jnp.where(newly, 0.0, carry.nodal_load)), released
     reaction, load = before.reactions(carry.motion), carry.nodal_load
-    if carry.bearing is not None:
+    if carry.support_rotation is not None:
         turned_anew = jnp.any((was != now)[:, 3:], axis=1, keepdims=True)
-        bearing = jnp.where(turned_anew, carry.motion[:, 3:], carry.bearing)
-        carry = copy(carry, bearing=bearing)
-    after = make_system(nodes, groups, carry, carry.motion, data.freedoms)
+        bearing = jnp.where(turned_anew, carry.motion[:, 3:], carry.support_rotation)
+        carry = copy_with(carry, support_rotation=bearing)
+    after = make_system(nodes, groups, carry, carry.motion, data.dof_map)
     released, left = [], []
-    pairs = zip(*(system.space.directions(carry.motion) for system in (after, before)), strict=True)
+    pairs = zip(
+        *(system.space.dof_directions(carry.motion) for system in (after, before)), strict=True
+    )
     for k, (axes, axes_before) in enumerate(pairs):
         part = slice(3 * k, 3 * k + 3)
-        gone = jnp.where(now[:, part], 0.0, along(axes, reaction[:, part]))
-        released.append(combined(axes, gone))
+        gone = jnp.where(now[:, part], 0.0, to_local(axes, reaction[:, part]))
+        released.append(to_global(axes, gone))
         whole = jnp.all(now[:, part], axis=1)[:, None, None]
         axes = jnp.where(whole, axes_before, axes)
         ended = newly[:, part]
-        left.append(combined(axes, jnp.where(ended, 0.0, along(axes, load[: len(was), part]))))
-    # without a change the load itself, which `along` and `combined` would round
+        left.append(to_global(axes, jnp.where(ended, 0.0, to_local(axes, load[: len(was), part]))))
+    # without a change the load itself, which `to_local` and `to_global` would round
     left = jnp.where(jnp.any(was != now), jnp.concatenate(left, axis=1), load)
-    return copy(carry, nodal_load=left), jnp.concatenate(released, axis=1)
+    return copy_with(carry, nodal_load=left), jnp.concatenate(released, axis=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from ..common.tree import copy, pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, Int
 from ..spaces.space import Motion
 from .assembly import System
@@ -41,7 +41,7 @@ class Reading:
     @property
     def of_path(self) -> Reading:
         """The part of the output that is recorded for every increment."""
-        return copy(self, found={name: self.found[name] for name in self.of_increments})
+        return copy_with(self, found={name: self.found[name] for name in self.of_increments})
 
 
 def read(system: System, motion: Motion) -> Reading:

@@ -54,7 +54,7 @@ def warns(judge: Callable[..., Iterator[str]]) -> Callable[..., None]:
         with np.errstate(all="ignore"):  # numbers may be of any size
             texts = list(judge(*args))
         for text in texts:
-            checks.suspect(text)
+            checks.warn_user(text)
 
     return warn
 
@@ -65,7 +65,7 @@ def stability(solution: Any) -> None:
         return
     for number, (code, stable) in enumerate(zip(*solution.phases.verdicts, strict=True)):
         if int(code) == status.OK and not bool(stable):
-            checks.suspect(
+            checks.warn_user(
                 f"phases[{number}] ends in an unstable equilibrium: its tangent stiffness has a "
                 "negative eigenvalue, and the structure will not stay there; trace_path shows "
                 "where it became so",
@@ -316,7 +316,7 @@ def axial_stiffness(group: Element) -> Float[np.ndarray, " n_elem"] | None:
 
 def _there(value):
     """`value` as NumPy; None if it is None or being traced."""
-    return checks.concrete(value)
+    return checks.array_if_known(value)
 
 
 def _chords(group, nodes):

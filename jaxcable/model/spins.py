@@ -3,8 +3,8 @@
 A mast on a ball joint with guys at its axis can spin: no force, no strain and no node's position
 depends on the spin, but the tangent is singular. Such pieces are found on the host, from the
 geometry, and named in a warning. The analysis restrains one node of each piece softly if the spin
-is indeed without stiffness (`spaces.RigidNodes.regular`). Equilibrium is not affected: under a
-torque about the line no equilibrium exists.
+is indeed without stiffness (`spaces.RotatingNodes.stabilize_free_spins`). Equilibrium is not
+affected: under a torque about the line no equilibrium exists.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def free_spins(
         fixed: held freedoms of all nodes, [n_node, 6], NumPy.
         axes: their directions, [n_node, 3, 3], one in each row of a matrix.
     """
-    nodes = checks.concrete(structure.nodes)
+    nodes = checks.array_if_known(structure.nodes)
     if nodes is None:
         return None  # with traced nodes it is not known which pieces are straight
     rows, piece, ends = [], [], []
@@ -146,7 +146,7 @@ def warn(structure: Any, spins: Spins | None) -> None:
     """Issue an `InputWarning` that names each piece."""
     if spins is None:
         return
-    nodes: Any = checks.concrete(structure.nodes)  # known, because free spins were found
+    nodes: Any = checks.array_if_known(structure.nodes)  # known, because free spins were found
     for number, (first, second) in enumerate(spins.ends.tolist()):
         turning = spins.rows[spins.piece == number]
         turning = turning[turning < structure.n_node]
@@ -157,7 +157,7 @@ def warn(structure: Any, spins: Spins | None) -> None:
             where = f"nodes {turning.min()} to {turning.max()} can spin about their line"
         if not len(turning):
             where = f"the beam from node {first} to {second} can spin about its line"
-        checks.suspect(
+        checks.warn_user(
             f"supports: {where}, along {along.tolist()}: nothing holds that; if it is not meant, "
             f'hold it: pinned(...) + restrained([{first}], about="x", axes={along.tolist()}), or '
             f'in a scene file, in supports, "chosen": [{first}], {_in_a_file(along)}'

@@ -11,13 +11,13 @@ import numpy as np
 from scipy import sparse
 
 from ..common import checks
-from ..common.rules import Rule, refuse
-from ..common.tree import Indices, copy, once, plain, put, pytree
+from ..common.rules import Rule, refuse_if_broken
+from ..common.tree import Indices, computed_once, copy_with, index_array, pytree, set_fields
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..elements import contract
 from ..elements.element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Element
 from ..spaces import Space, space_of
-from ..spaces.freedoms import Rows
+from ..spaces.dof_map import MotionRows
 from . import digits, plausibility
 from .spins import free_spins
 from .spins import warn as warn_of_spins
@@ -37,7 +37,7 @@ def is_group(x: object) -> bool:
 
 def place_rules(nodes, group, where=""):
     """Rules that positions [n_node, 3] and a group's numbers keep together, see `common.rules`."""
-    links = plain(group.links)
+    links = index_array(group.links)
 
     def same(ends, _):
         return (ends == ends[:, :1]).all(axis=(1, 2))
@@ -89,7 +89,7 @@ class Structure:
     rigid: Int[ArrayLike, "n 2"] | None = None
 
     def __post_init__(self):
-        nodes = checks.floats(self.nodes, "nodes")
+        nodes = checks.as_floats(self.nodes, "nodes")
         if nodes.ndim != 2 or nodes.shape[1] != 3:
             hint = ""
             if nodes.ndim == 2 and nodes.shape[1] == 2:
@@ -99,14 +99,14 @@ class Structure:
             raise ValueError(f"nodes: expected shape [n_node, 3], got {nodes.shape}{hint}")
         if nodes.dtype not in (np.float32, np.float64):  # the dtype of the whole analysis
             raise ValueError(f"nodes: expected float32 or float64, got {nodes.dtype}")
-        put(self, nodes=nodes)
+        set_fields(self, nodes=nodes)
         if not isinstance(self.supports, Supports):
-            got = f", got {checks.kind(self.supports, 'pinned(nodes)')}"
+            got = f", got {checks.describe_type(self.supports, 'pinned(nodes)')}"
             raise ValueError(
                 "supports: missing; a structure needs supports=pinned(nodes) or Supports(mask)"
                 f"{'' if self.supports is None else got}"
             )
-        positions = checks.concrete(nodes)
+        positions = checks.array_if_known(nodes)
         if positions is not None and all(is_group(group) for group in self.groups):
             digits.resolution(positions, self.named_groups())
         for where, group in self.named_groups():
@@ -115,8 +115,8 @@ class Structure:
                     f"elements{where}: {type(group).__name__} is not an element group such as "
                     "Cables(links, axial_stiffness=...)"
                 )
-            checks.known(group.links.array, len(nodes), f"elements{where}.links")
-            refuse(place_rules(nodes, group, f"elements{where}."))
+            checks.require_known_nodes(group.links.array, len(nodes), f"elements{where}.links")
+            refuse_if_broken(place_rules(nodes, group, f"elements{where}."))
             if positions is not None:
                 group.check(positions)
                 plausibility.members(group, where, positions)
@@ -151,12 +151,12 @@ class Structure:
         if self.rigid is None:
             return
         if not isinstance(self.rigid, Indices):
-            pairs = checks.integers(self.rigid, "rigid", width=2)
-            put(self, rigid=Indices(pairs) if len(pairs) else None)
+            pairs = checks.as_indices(self.rigid, "rigid", width=2)
+            set_fields(self, rigid=Indices(pairs) if len(pairs) else None)
             if not len(pairs):
                 return
         pairs = self.rigid.array
-        checks.known(pairs, self.n_node, "rigid")
+        checks.require_known_nodes(pairs, self.n_node, "rigid")
         turns = self.joined()
         carried = pairs[:, 1].tolist()
         for k, (carrier, node) in enumerate(pairs.tolist()):
@@ -170,14 +170,14 @@ class Structure:
             if text is not None:
                 raise ValueError(f"rigid[{k}] = {[carrier, node]}: {text}")
 
-    @once
+    @computed_once
     def named_groups(self) -> list[tuple[str, Element]]:
         """Pairs of (key in `elements` as text, element group), in pytree order."""
         leaves = jax.tree_util.tree_leaves_with_path(self.elements, is_leaf=is_group)
         return [(jax.tree_util.keystr(path), group) for path, group in leaves]
 
     @property
-    @once
+    @computed_once
     def groups(self) -> list[Element]:
         """The element groups, a list in pytree order."""
         return jax.tree.leaves(self.elements, is_leaf=is_group)
@@ -192,13 +192,13 @@ class Structure:
         return self.group_tree.unflatten(per_group)
 
     @property
-    @once
+    @computed_once
     def group_tree(self) -> jax.tree_util.PyTreeDef:
         """The tree of the element groups, without them."""
         return jax.tree.structure(self.elements, is_leaf=is_group)
 
     @property
-    @once
+    @computed_once
     def space(self) -> type[Space]:
         """Space of the nodes' motion, a class of `spaces`."""
         return space_of(self.groups)
@@ -227,12 +227,12 @@ class Structure:
             turns[self.rigid.array[:, 1]] = True
         return turns
 
-    @once
-    def rows(self) -> tuple[Rows | None, list[Element]]:
+    @computed_once
+    def rows(self) -> tuple[MotionRows | None, list[Element]]:
         """Rows of motion: one for every node, then hinged ends, and inner numbers of elements.
 
         Returns:
-            rows: `freedoms.Rows`, or None if every row is a node.
+            rows: `dof_map.MotionRows`, or None if every row is a node.
             groups: element groups whose links are rows of motion.
         """
         count = self.n_node
@@ -256,14 +256,14 @@ class Structure:
                 links = np.column_stack([links, extra.reshape(len(links), -1)])
                 count += len(extra)
             if links is not group.links.array:
-                group = copy(group, links=Indices(links.astype(np.int32)), hinges=None)
+                group = copy_with(group, links=Indices(links.astype(np.int32)), hinges=None)
             groups.append(group)
         if count == self.n_node:
             return None, groups
         idles = np.zeros((count, 3), bool)
         for start, unused in idle:
             idles[start : start + len(unused)] = unused
-        return Rows(np.concatenate(nodes), np.concatenate(inner), idles), groups
+        return MotionRows(np.concatenate(nodes), np.concatenate(inner), idles), groups
 
     def fixed(self, supports: Supports) -> Fixed:
         """Fixed freedoms under `supports`, `Fixed` [n_row, 3 or 6]; checks that they make sense.
@@ -273,7 +273,7 @@ class Structure:
         """
         return self._own_fixed() if supports is self.supports else self._fixed(supports)
 
-    @once
+    @computed_once
     def _own_fixed(self):
         """`fixed` under the structure's own supports."""
         return self._fixed(self.supports)
@@ -292,8 +292,8 @@ class Structure:
                 )
             fixed = fixed[:, :3]
             if rows is not None:
-                fixed, axes = fixed[rows.node], axes[rows.node]
-                fixed[rows.inner], axes[rows.inner] = rows.idle[rows.inner], np.eye(3)
+                fixed, axes = fixed[rows.node_of_row], axes[rows.node_of_row]
+                fixed[rows.inner], axes[rows.inner] = rows.inactive[rows.inner], np.eye(3)
             return Fixed(fixed, None if (axes == np.eye(3)).all() else axes)
         if self.rigid is not None:
             carried = self.rigid.array[:, 1]
@@ -306,9 +306,9 @@ class Structure:
         fixed[:, 3:] |= ~self.rotating()[:, None]
         spins = free_spins(self, fixed, axes)
         if rows is not None:
-            fixed, axes = fixed[rows.node], axes[rows.node]
+            fixed, axes = fixed[rows.node_of_row], axes[rows.node_of_row]
             fixed[self.n_node :, 3:] = False  # a support acts on the node, not beyond the hinge
-            fixed[rows.inner, 3:], fixed[rows.inner, :3] = True, rows.idle[rows.inner]
+            fixed[rows.inner, 3:], fixed[rows.inner, :3] = True, rows.inactive[rows.inner]
             axes[rows.inner] = np.eye(3)
         plain = (axes == np.eye(3)).all() and (fixed[:, 3:].sum(axis=1) != 1).all()
         return Fixed(fixed, None if plain else axes, spins)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..common import checks
-from ..common.tree import Indices, put, pytree
+from ..common.tree import Indices, pytree, set_fields
 from ..common.types import ArrayLike, Bool, Float, Int
 from .spins import Spins
 
@@ -104,8 +104,8 @@ class Supports:
             value = getattr(self, name)
             if value is not None and not isinstance(value, Indices):
                 if name in numbers:
-                    value = checks.integers(value, f"{numbers[name]} nodes")
-                put(self, **{name: Indices(value)})
+                    value = checks.as_indices(value, f"{numbers[name]} nodes")
+                set_fields(self, **{name: Indices(value)})
         self._check_directions()
         if self.mask is not None and not isinstance(self.mask, Indices):
             mask = np.asarray(self.mask)
@@ -114,7 +114,7 @@ class Supports:
                     f"supports mask: expected booleans [n_node, {N_FREEDOM}] or [n_node, 6], "
                     f"got {mask.dtype} {mask.shape}; for node numbers use pinned(nodes)"
                 )
-            put(self, mask=Indices(mask))
+            set_fields(self, mask=Indices(mask))
 
     def _check_directions(self):
         """Put in default `axes`; raise ValueError unless `chosen` and `held` are given in shape."""
@@ -128,7 +128,7 @@ class Supports:
                 )
         if self.axes is None:
             axes = np.tile(np.eye(3), (len(self.chosen), 1, 1))
-            put(self, axes=Indices(axes))
+            set_fields(self, axes=Indices(axes))
         count = len(self.chosen)
         if self.held.shape != (count, 6) or self.held.array.dtype != bool:
             raise ValueError(f"supports held: expected booleans [{count}, 6]")
@@ -177,10 +177,10 @@ class Supports:
         for name, nodes, width in (("pinned", self.nodes, 3), ("clamped", self.clamps, 6)):
             if nodes is None:
                 continue
-            checks.known(nodes.array, n_node, f"{name} nodes")
+            checks.require_known_nodes(nodes.array, n_node, f"{name} nodes")
             fixed[nodes.array, :width] = True
         if self.chosen is not None:
-            checks.known(self.chosen.array, n_node, "restrained nodes")
+            checks.require_known_nodes(self.chosen.array, n_node, "restrained nodes")
         return fixed
 
     def directions(self, n_node: int) -> Float[np.ndarray, "n_node 3 3"]:
@@ -272,7 +272,7 @@ def restrained(
         >>> print(roller.directions(4)[3, 0].round(4))
         [-0.7071  0.      0.7071]
     """
-    nodes = np.atleast_1d(checks.integers(nodes, "restrained nodes"))
+    nodes = np.atleast_1d(checks.as_indices(nodes, "restrained nodes"))
     held = np.zeros((len(nodes), 6), bool)
     for start, name, letters in ((0, "along", along), (3, "about", about)):
         if not isinstance(letters, str) or set(letters) - set("xyz"):
@@ -287,7 +287,7 @@ def _directions(axes, count):
     """Directions of length 1, [count, 3, 3], one in each row of a matrix."""
     if axes is None:
         return np.tile(np.eye(3), (count, 1, 1))
-    axes = checks.concrete(checks.floats(axes, "axes"))
+    axes = checks.array_if_known(checks.as_floats(axes, "axes"))
     if axes is None:
         raise ValueError("axes: directions of supports cannot be traced")
     if axes.shape == (3,):

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.tree import Indices, once
+from ..common.tree import Indices, computed_once
 from ..elements.element import Result
 from .supports import Fixed
 
@@ -55,7 +55,7 @@ class Topology(NamedTuple):
     n_node: int
 
 
-@once
+@computed_once
 def topology_of(structure):
     """The `Topology` of a structure."""
     parts = tuple(

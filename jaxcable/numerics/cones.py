@@ -36,7 +36,7 @@ Scalars: TypeAlias = 'Float[Array, " n"]'
 Vectors: TypeAlias = 'Float[Array, "n 3"]'
 
 
-class Scaling(NamedTuple):
+class ConeScaling(NamedTuple):
     """Nesterov-Todd scaling: the Hessian that maps points (u, X) to points (N, -V), see the module.
 
     Attributes:
@@ -59,33 +59,33 @@ def norm(v: Vectors) -> Scalars:
 
 
 @jax.jit
-def products(u: Scalars, x: Vectors, n: Scalars, v: Vectors) -> Scalars:
+def lorentz_products(u: Scalars, x: Vectors, n: Scalars, v: Vectors) -> Scalars:
     """Return the Lorentz product ``u N - X.V`` of every pair; zero where it is complementary."""
     return u * n - jnp.sum(x * v, axis=-1)
 
 
-def wide(numbers: Scalars, v: Vectors) -> Vectors:
+def repeat_for_vectors(numbers: Scalars, v: Vectors) -> Vectors:
     """Repeat the number of every vector for its three components."""
     return lax.broadcast_in_dim(numbers, v.shape, (0,))  # `[:, None]` makes two operations of it
 
 
 @jax.jit
-def scaling(
+def nesterov_todd_scaling(
     u: Scalars, x: Vectors, n: Scalars, v: Vectors, slack: Scalars, other_slack: Scalars
-) -> Scaling:
-    """Return the Nesterov-Todd `Scaling` of points (u, X) and (N, -V), given their slacks."""
-    size, product = slack * (u + u - slack), products(u, x, n, v)
+) -> ConeScaling:
+    """Return the Nesterov-Todd `ConeScaling` of points (u, X) and (N, -V), given their slacks."""
+    size, product = slack * (u + u - slack), lorentz_products(u, x, n, v)
     stiff = jnp.sqrt(other_slack * (n + n - other_slack) / size)
-    normal = x + v / wide(stiff, v)
+    normal = x + v / repeat_for_vectors(stiff, v)
     # the second term is the larger one, but for rounding
     small = size + jnp.maximum(product / stiff, size)
     large = small + jnp.sum(normal * normal, axis=-1)
-    part, across = small / large, normal * wide(lax.rsqrt(large), normal)
-    return Scaling(stiff, across, jnp.sqrt(1 + part), part / stiff)
+    part, across = small / large, normal * repeat_for_vectors(lax.rsqrt(large), normal)
+    return ConeScaling(stiff, across, jnp.sqrt(1 + part), part / stiff)
 
 
 @jax.jit
-def rate_to_boundary(
+def inverse_step_to_boundary(
     u: Scalars, x: Vectors, slack: Scalars, du: Scalars, dx: Vectors
 ) -> Float[Array, ""]:
     """Return 1/t for the smallest t at which a point plus t times its step is on the boundary.
@@ -93,7 +93,7 @@ def rate_to_boundary(
     The result, one number for all points (u, X), is not positive if no step ever leaves the cone.
     """
     rise = norm(dx)
-    square, half = (du - rise) * (du + rise), products(u, x, du, dx)
+    square, half = (du - rise) * (du + rise), lorentz_products(u, x, du, dx)
     size = slack * (u + u - slack)
     # the larger root of size r^2 + 2 half r + square, by the formula without cancellation
     root = jnp.sqrt(half * half - square * size)
@@ -104,7 +104,7 @@ def rate_to_boundary(
 
 
 @jax.jit
-def slack_after(
+def slack_after_step(
     x: Vectors, slack: Scalars, du: Scalars, dx: Vectors, part: Float[Array, ""]
 ) -> Scalars:
     """Return the slacks ``u - |X|`` after `part` times a step, without cancellation."""
@@ -120,7 +120,7 @@ def apply_lorentz_boost(
 ) -> tuple[Scalars, Vectors]:
     """Return ``W (first, rest)`` for the Lorentz boost W with ``W (1, 0) = (w0, w)``."""
     along = jnp.sum(w * rest, axis=-1)
-    return w0 * first + along, rest + wide(first + along / (1 + w0), w) * w
+    return w0 * first + along, rest + repeat_for_vectors(first + along / (1 + w0), w) * w
 
 
 def jordan_quotient(
@@ -135,12 +135,12 @@ def jordan_quotient(
         size: their determinants, ``u^2 - |X|^2``.
         first, rest: the dividends.
     """
-    own = products(u, x, first, rest) / size
-    return own, (rest - wide(own, x) * x) / wide(u, x)
+    own = lorentz_products(u, x, first, rest) / size
+    return own, (rest - repeat_for_vectors(own, x) * x) / repeat_for_vectors(u, x)
 
 
-def correction(
-    scaled: Scaling,
+def second_order_corrector(
+    scaled: ConeScaling,
     second: tuple[Scalars, Vectors, Scalars],
     steps: tuple[Scalars, Vectors, Scalars, Vectors],
     aim: Scalars,
@@ -149,10 +149,10 @@ def correction(
 
     With it the scaled Jordan products of both points are ``aim (1, 0)`` to second order. It is
     ``F (lam \\ (aim (1, 0) - F^-1 (du, dX) o F (dN, -dV)))`` with the root F of the inverse of the
-    Hessian of `Scaling`, ``lam = F (N, -V)``, the Jordan product o and the division \\ by it.
+    Hessian of `ConeScaling`, ``lam = F (N, -V)``, the Jordan product o and the division \\ by it.
 
     Args:
-        scaled: the `Scaling`.
+        scaled: the `ConeScaling`.
         second: N and V, and their slack.
         steps: predicted changes of u, X, N and V.
         aim: barrier parameter less the first numbers of the Jordan products of the changes, which
@@ -161,11 +161,11 @@ def correction(
     (n, v, slack), (du, dx, dn, dv) = second, steps
     stiff, across, ratio, spring = scaled
     factor = lax.rsqrt(stiff * (spring + spring))
-    w0, w = ratio * factor, across * wide(factor, across)
+    w0, w = ratio * factor, across * repeat_for_vectors(factor, across)
     shift, turn = apply_lorentz_boost(w0, w, dn, -dv)
     longer, change = apply_lorentz_boost(w0, -w, du, dx)
-    rest = wide(shift, v) * change + wide(longer, v) * turn
+    rest = repeat_for_vectors(shift, v) * change + repeat_for_vectors(longer, v) * turn
     first, along = apply_lorentz_boost(w0, w, n, -v)
     lacks = jordan_quotient(first, along, slack * (n + n - slack), aim, -rest)
     force, back = apply_lorentz_boost(w0, -w, *lacks)
-    return stiff * force, wide(stiff, v) * back
+    return stiff * force, repeat_for_vectors(stiff, v) * back

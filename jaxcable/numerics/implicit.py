@@ -1,8 +1,8 @@
 """The derivative of an equilibrium by the implicit function theorem: adjoint and tangent solves.
 
 With ``R(x, p) = 0`` the derivative of ``x`` is ``dx = -K^-1 R_p dp``, whatever iteration found
-``x`` and however many increments it took. `rooted` attaches it to ``x``. Derivatives of any order,
-in forward mode (one solve with K) and reverse mode (one adjoint solve with K^T), follow from
+``x`` and however many increments it took. `implicit_root` attaches it to ``x``. Derivatives of any
+order, in forward mode (one solve with K) and reverse mode (one adjoint solve with K^T), follow from
 `lax.custom_linear_solve`. Results without a valid derivative get NaN, never a silent zero.
 """
 
@@ -16,17 +16,17 @@ import numpy as np
 from jax import lax
 
 from .. import linear
-from ..common.tree import fill, thaw, where
+from ..common.tree import merge_indices, select_tree, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..linear.sparse import Factored
-from .rooted import rooted
+from ..linear.sparse import FactoredMatrix
+from .implicit_root import implicit_root
 
 Tree = TypeVar("Tree")
 System: TypeAlias = Any
 """`mechanics.assembly.System`, which cannot be imported here: it stands on this room."""
 
 
-def gate(open_: Bool[ArrayLike, ""], tree: Tree) -> Tree:
+def stop_gradient_unless(open_: Bool[ArrayLike, ""], tree: Tree) -> Tree:
     """Return `tree`, with the derivatives of its floats stopped (zero) unless `open_` is true.
 
     By a select, because a product with zero would let a NaN of a backward pass through.
@@ -35,23 +35,26 @@ def gate(open_: Bool[ArrayLike, ""], tree: Tree) -> Tree:
     def one(x):
         x = jnp.asarray(x)
         floating = jnp.issubdtype(x.dtype, jnp.floating)
-        return where(open_, x, lax.stop_gradient(x)) if floating else x
+        return select_tree(open_, x, lax.stop_gradient(x)) if floating else x
 
     return jax.tree.map(one, tree)
 
 
-def attach(
+def attach_derivative(
     system: System, x: Float[Array, "n_row n_motion"], valid: Bool[ArrayLike, ""]
 ) -> Float[Array, "n_row n_motion"]:
-    """Return the equilibrium `x` of `system` with its implicit derivative; see `attach_apart`."""
-    return attach_apart(system, x, valid)[0]
+    """Return the equilibrium `x` of `system` with its implicit derivative.
+
+    See `attach_derivative_with_marks`.
+    """
+    return attach_derivative_with_marks(system, x, valid)[0]
 
 
-def attach_apart(
+def attach_derivative_with_marks(
     system: System,
     x: Float[Array, "n_row n_motion"],
     valid: Bool[ArrayLike, ""],
-    factored: Factored | None = None,
+    factored: FactoredMatrix | None = None,
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
 ) -> tuple[Float[Array, "n_row n_motion"], Float[Array, "n_row n_motion"], Float[Array, " n_row"]]:
@@ -75,43 +78,43 @@ def attach_apart(
             in a product would be multiplied by zero in second derivatives and spread everywhere.
     """
     x = lax.stop_gradient(x)
-    _, numbers, back = system.chart(system.carried(x))
+    _, numbers, back = system.chart(system.with_support_rotations(x))
     if not numbers.size:  # nothing is free
         return back(numbers), back(numbers), jnp.zeros(system.nodes.shape[0], x.dtype)
     # Marks are further unknowns beside the root. A NaN in the root itself would enter the residual
     # there, where second derivatives would multiply it by zero.
     start = jnp.concatenate([numbers, jnp.zeros_like(numbers)])
-    problem = thaw((system, x, valid, factored, tol, limit))
-    found = rooted(_residual_with_marks, start, problem, _solve_linearized)
+    problem = split_indices((system, x, valid, factored, tol, limit))
+    found = implicit_root(_residual_with_marks, start, problem, _solve_linearized)
     found, mark = jnp.split(found, 2)
-    number, numbering = system.freedoms.number, system.freedoms.numbering
+    number, numbering = system.dof_map.unknown_of_dof, system.dof_map.unknown_assembly
     if numbering is None:
-        marks = linear.with_zero(mark)[number]
+        marks = linear.append_zero(mark)[number]
     else:  # whose transpose needs no scatter
-        marks = numbering.spread(mark).reshape(number.shape)
+        marks = numbering.apply_transpose(mark).reshape(number.shape)
     marks = jnp.sum(marks, axis=1)
     return back(found + mark), back(found), marks
 
 
 def _residual_with_marks(found, problem):
     """Return the equations of root and marks, [2 n]: residual at a step, and the marks (zero)."""
-    system, x, *_ = fill(*problem)
-    residual, numbers, _ = system.chart(system.carried(x))
+    system, x, *_ = merge_indices(*problem)
+    residual, numbers, _ = system.chart(system.with_support_rotations(x))
     return jnp.concatenate([residual(found[: numbers.size]), found[numbers.size :]])
 
 
 def _solve_linearized(problem, linearized, rhs):
     """Solve with `linearized`, the derivative of `_residual_with_marks`, for a right side [2 n]."""
     problem = lax.stop_gradient(problem)
-    pattern = fill(*problem)[0].freedoms.pattern
+    pattern = merge_indices(*problem)[0].dof_map.pattern
     if pattern is None or (pattern.solver.on_device and not pattern.solver.fused):
         factor = _factorize_tangent(problem)  # one factor for forward and adjoint solves
 
         def answered(_, b):
-            return factor.marked(b)
+            return factor.solve_with_marks(b)
 
         def adjoint(_, b):
-            return factor.adjoint(b)
+            return factor.solve_adjoint(b)
     else:
         answered, adjoint = _solve_tangent, _solve_adjoint
 
@@ -129,41 +132,41 @@ def _solve_linearized(problem, linearized, rhs):
 
 def _solve_tangent(problem, b):
     """Return ``K^-1 b``, and True for unknowns whose result is not defined."""
-    return _factorize_tangent(problem).marked(b)
+    return _factorize_tangent(problem).solve_with_marks(b)
 
 
 def _solve_adjoint(problem, b):
     """Return ``K^-T b``; where b is zero (a phase without influence) nothing is assembled."""
     return lax.cond(
-        jnp.any(b != 0), lambda b: _factorize_tangent(problem).adjoint(b), jnp.zeros_like, b
+        jnp.any(b != 0), lambda b: _factorize_tangent(problem).solve_adjoint(b), jnp.zeros_like, b
     )
 
 
 def _factorize_tangent(problem):
     """Assemble and factorize the tangent of `_residual_with_marks`; NaN at a nonsmooth point."""
-    system, x, valid, *known = fill(*problem)
-    matrix = linear.or_identity(system.tangent(x), valid)
-    matrix = linear.or_nan(matrix, ~(system.kinked(x) & valid))
-    loose = system.loose_nodes(x)[system.freedoms.row_of_unknown] & valid
+    system, x, valid, *known = merge_indices(*problem)
+    matrix = linear.identity_unless(system.tangent(x), valid)
+    matrix = linear.nan_unless(matrix, ~(system.kinked(x) & valid))
+    loose = system.loose_nodes(x)[system.dof_map.row_of_unknown] & valid
     return linear.factorize(matrix, loose, *known)
 
 
-def undifferentiated(tree: Tree, parameters: PyTree[Any]) -> Tree:
+def with_nan_derivative(tree: Tree, parameters: PyTree[Any]) -> Tree:
     """Return `tree`, with NaN for its derivatives with respect to `parameters`.
 
     For results whose derivative is not computed: a NaN is seen, a zero would be silently wrong.
     """
-    touched = touch(parameters)
+    probe = gradient_probe(parameters)
 
     def one(x):
         x = jnp.asarray(x)
         floating = jnp.issubdtype(x.dtype, jnp.floating)
-        return _nan_derivative(lax.stop_gradient(x), touched) if floating else x
+        return _nan_derivative(lax.stop_gradient(x), probe) if floating else x
 
     return jax.tree.map(one, tree)
 
 
-def first_order(tree: Tree) -> Tree:
+def first_derivative_only(tree: Tree) -> Tree:
     """Return `tree` with its first derivative, and NaN for all higher derivatives.
 
     For results that are exact at first order only: a higher derivative would be silently wrong.
@@ -179,21 +182,21 @@ def first_order(tree: Tree) -> Tree:
 
 def nan_unless(ok: Bool[ArrayLike, ""], tree: Tree, parameters: PyTree[Any]) -> Tree:
     """Return `tree` if `ok`, else NaN with NaN derivatives with respect to `parameters`."""
-    return nan_beside(ok, tree, touch(parameters))
+    return nan_unless_probed(ok, tree, gradient_probe(parameters))
 
 
-def nan_beside(ok: Bool[ArrayLike, ""], tree: Tree, touched: Float[Array, ""]) -> Tree:
+def nan_unless_probed(ok: Bool[ArrayLike, ""], tree: Tree, probe: Float[Array, ""]) -> Tree:
     """Return `tree` if `ok`, else NaN, as `nan_unless` does, from a ready probe.
 
     Args:
         ok: whether the values are valid.
         tree: the values.
-        touched: ``touch(parameters)``, which is cheaper if it is computed outside of loops.
+        probe: ``gradient_probe(parameters)``, which is cheaper if it is computed outside of loops.
     """
-    return jax.tree.map(lambda x: _identity_or_nan(ok, x, touched), tree)
+    return jax.tree.map(lambda x: _identity_or_nan(ok, x, probe), tree)
 
 
-def touch(parameters: PyTree[Any]) -> Float[Array, ""]:
+def gradient_probe(parameters: PyTree[Any]) -> Float[Array, ""]:
     """Return zero, with derivative 1 with respect to every float in `parameters`.
 
     What is computed from this probe gets a derivative, such as NaN, by all of them.
@@ -215,10 +218,10 @@ def _probe_floats_jvp(primals, tangents):
     return _probe_floats(*primals), sum((jnp.sum(x) for x in tangents[0]), jnp.zeros(()))
 
 
-def _identity_or_nan(ok, x, touched):
-    """Return the array `x` if `ok`, else NaN; linear in `x` and in the result of `touch`.
+def _identity_or_nan(ok, x, probe):
+    """Return the array `x` if `ok`, else NaN; linear in `x` and in the result of `gradient_probe`.
 
-    The transpose of this map gives NaN, to `x` and through `touched` to every parameter, only where
+    The transpose of this map gives NaN, to `x` and through `probe` to every parameter, only where
     a cotangent is not zero. A product with NaN would give 0 NaN for cases of a batch whose
     cotangent is zero, and pollute the parameters that the cases share. Tracing cannot yield such a
     pair of maps; `lax.custom_linear_solve` of the identity takes both as given, and all
@@ -232,9 +235,9 @@ def _identity_or_nan(ok, x, touched):
         return jax.tree.map(lambda x: jnp.where(ok, x, jnp.nan), b)
 
     def backward(_, b):
-        x, touched = b
+        x, probe = b
         wanted = jnp.any(x != 0)
-        return jnp.where(ok | (x == 0), x, jnp.nan), jnp.where(ok | ~wanted, touched, jnp.nan)
+        return jnp.where(ok | (x == 0), x, jnp.nan), jnp.where(ok | ~wanted, probe, jnp.nan)
 
     def beside(x, other):
         """`x`, made differentiable wherever `other` is (jax 0.10 wants both or none)."""
@@ -242,14 +245,14 @@ def _identity_or_nan(ok, x, touched):
 
     if not x.size:
         return x
-    touched = touched.astype(x.dtype)
-    both = beside(x, touched), beside(touched, x.ravel()[0])
+    probe = probe.astype(x.dtype)
+    both = beside(x, probe), beside(probe, x.ravel()[0])
     return beside(*lax.custom_linear_solve(identity, both, forward, backward))
 
 
 @jax.custom_jvp
-def _nan_derivative(x, touched):
-    """Return `x` with derivative NaN by everything that the probe `touched` depends on."""
+def _nan_derivative(x, probe):
+    """Return `x` with derivative NaN by everything that the probe `probe` depends on."""
     return x
 
 

@@ -10,12 +10,12 @@ from jax import lax
 
 from ..common import jax_internals as internals
 from ..common.types import Array, Float
-from .rooted import rooted
+from .implicit_root import implicit_root
 
 _MAX_STEPS = 120  # enough for bisection alone to halve any bracket of floats to its last digit
 
 
-def rising_root(
+def bracketed_root(
     function: Callable[[Float[Array, ""]], Float[Array, ""]],
     guess: Float[Array, ""],
     low: Float[Array, ""],
@@ -66,6 +66,6 @@ def rising_root(
 
     guess = jnp.clip(guess, low, high)  # clips the start only, not a result
     low, high, guess = (lax.stop_gradient(v) for v in (low, high, guess))
-    given, parameters = internals.opened(function, guess)
+    given, parameters = internals.convert_closure(function, guess)
     root = solve(lambda x: given(x, lax.stop_gradient(parameters)), guess)
-    return rooted(given, root, parameters, lambda p, g, y: y / g(jnp.ones_like(y)))
+    return implicit_root(given, root, parameters, lambda p, g, y: y / g(jnp.ones_like(y)))

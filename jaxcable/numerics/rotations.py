@@ -2,7 +2,8 @@
 
 Besides quaternions there are rotation vectors, ``angle axis``, and *stereographic* parameters,
 ``tan(angle / 4) axis``, also called modified Rodrigues parameters. A *spin* is a small rotation
-vector in space, applied after the rotation: ``q <- exp(spin) q``; rotation vectors are never added.
+vector in space, applied after the rotation: ``q <- exp_map(spin) q``; rotation vectors are never
+added.
 
 Where a formula has 0/0 a series replaces it, and the formula is evaluated at another point, so that
 all derivatives exist. Functions that elements call have no such cases at all, because they are
@@ -44,7 +45,7 @@ def cross(a: Float[Array, " 3"], b: Float[Array, " 3"]) -> Float[Array, " 3"]:
     return (jnp.asarray(_CROSS, b.dtype) @ b) @ a
 
 
-def product(p: Float[Array, " 4"], q: Float[Array, " 4"]) -> Float[Array, " 4"]:
+def compose(p: Float[Array, " 4"], q: Float[Array, " 4"]) -> Float[Array, " 4"]:
     """Return the quaternion product: the rotation by `q`, then by `p`."""
     return (jnp.asarray(_QUATERNION_PRODUCT, q.dtype) @ q) @ p
 
@@ -59,18 +60,18 @@ for _k in range(3):
     _MATRIX[_j, _i, 0, _k + 1], _MATRIX[_i, _j, 0, _k + 1] = 2.0, -2.0
 
 
-def matrix(q: Float[Array, " 4"]) -> Float[Array, "3 3"]:
-    """Return the rotation matrix of a quaternion: ``matrix(q) @ v`` is ``rotate(q, v)``."""
+def to_matrix(q: Float[Array, " 4"]) -> Float[Array, "3 3"]:
+    """Return the rotation matrix of a quaternion: ``to_matrix(q) @ v`` is ``rotate(q, v)``."""
     table = jnp.asarray(_MATRIX.reshape(9, 16), q.dtype)
     return (table @ jnp.outer(q, q).ravel()).reshape(3, 3)
 
 
-def inverse(q: Float[Array, " 4"]) -> Float[Array, " 4"]:
+def invert(q: Float[Array, " 4"]) -> Float[Array, " 4"]:
     """Return the inverse of the rotation `q`: its conjugate quaternion."""
     return q * jnp.array([1.0, -1.0, -1.0, -1.0], q.dtype)
 
 
-def unit(q: Float[Array, " 4"]) -> Float[Array, " 4"]:
+def normalize(q: Float[Array, " 4"]) -> Float[Array, " 4"]:
     """Return the quaternion `q` scaled to length 1."""
     return q / jnp.sqrt(q @ q)
 
@@ -81,7 +82,7 @@ def rotate(q: Float[Array, " 4"], v: Float[Array, " 3"]) -> Float[Array, " 3"]:
     return v + q[0] * t + cross(q[1:], t)
 
 
-def exp(spin: Float[Array, " 3"]) -> Float[Array, " 4"]:
+def exp_map(spin: Float[Array, " 3"]) -> Float[Array, " 4"]:
     """Return the quaternion of the rotation vector `spin`: angle |spin|, axis along it."""
     square = spin @ spin
     small = square < _SERIES_BELOW
@@ -94,7 +95,7 @@ def exp(spin: Float[Array, " 3"]) -> Float[Array, " 4"]:
     return jnp.append(w[None], factor * spin)
 
 
-def stereographic(q: Float[Array, " 4"]) -> Float[Array, " 3"]:
+def to_stereographic(q: Float[Array, " 4"]) -> Float[Array, " 3"]:
     """Convert a quaternion to ``tan(angle / 4) axis``, [3]; smooth below half a turn."""
     q = jnp.where(q[0] < 0, -q, q)  # q and -q are one rotation
     return q[1:] / (1 + q[0])
@@ -107,7 +108,7 @@ def _angle_factor(t):
     return value, slope
 
 
-def from_stereographic(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
+def small_rotation_vector(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """Convert a small ``r = tan(angle / 4) axis`` to the rotation vector ``angle axis``, [3].
 
     By a series without branches, ``4 r atan(|r|)/|r|`` up to the fourth power of ``|r|^2``. The
@@ -116,7 +117,9 @@ def from_stereographic(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
     return _angle_factor(r @ r)[0] * r
 
 
-def moment_of_spin(r: Float[Array, " 3"], moment: Float[Array, " 3"]) -> Float[Array, " 3"]:
+def moment_conjugate_to_spin(
+    r: Float[Array, " 3"], moment: Float[Array, " 3"]
+) -> Float[Array, " 3"]:
     """Transform a moment conjugate to the rotation vector of a small `r` to one conjugate to spins.
 
     The work of both is equal: a spin w changes r by ``[(1 - r^2) w - 2 r x w + 2 r (r.w)] / 4``
@@ -124,7 +127,7 @@ def moment_of_spin(r: Float[Array, " 3"], moment: Float[Array, " 3"]) -> Float[A
 
     Args:
         r: the rotation, ``tan(angle / 4) axis``.
-        moment: conjugate to the rotation vector ``from_stereographic(r)``, N m.
+        moment: conjugate to the rotation vector ``small_rotation_vector(r)``, N m.
     """
     t = r @ r
     value, slope = _angle_factor(t)
@@ -132,13 +135,13 @@ def moment_of_spin(r: Float[Array, " 3"], moment: Float[Array, " 3"]) -> Float[A
     return 0.25 * ((1 - t) * of_r + 2 * cross(r, of_r) + 2 * (r @ of_r) * r)
 
 
-def exp_stereographic(r: Float[Array, " 3"]) -> Float[Array, " 4"]:
+def from_stereographic(r: Float[Array, " 3"]) -> Float[Array, " 4"]:
     """Convert ``r = tan(angle / 4) axis`` to a quaternion; for any angle below a full turn."""
     t = r @ r
     return jnp.append((1 - t)[None], 2 * r) / (1 + t)
 
 
-def moment_of_stereographic(
+def moment_conjugate_to_stereographic(
     r: Float[Array, " 3"], moment: Float[Array, " 3"]
 ) -> Float[Array, " 3"]:
     """Transform a moment conjugate to spins to one conjugate to ``r = tan(angle / 4) axis``."""
@@ -146,7 +149,7 @@ def moment_of_stereographic(
     return 4 / (1 + t) ** 2 * ((1 - t) * moment - 2 * cross(r, moment) + 2 * (r @ moment) * r)
 
 
-def angles(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
+def rotation_vector(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """Convert ``r = tan(angle / 4) axis`` to the rotation vector; for angles below a full turn."""
     t = r @ r
     small = t < _SERIES_BELOW
@@ -155,43 +158,47 @@ def angles(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
     return jnp.where(small, series, 4 * jnp.arctan(size) / size) * r
 
 
-def middle(p: Float[Array, " 4"], q: Float[Array, " 4"]) -> Float[Array, " 4"]:
+def halfway_rotation(p: Float[Array, " 4"], q: Float[Array, " 4"]) -> Float[Array, " 4"]:
     """Return the rotation halfway between the rotations `p` and `q`."""
-    return unit(p + jnp.where(p @ q < 0, -q, q))
+    return normalize(p + jnp.where(p @ q < 0, -q, q))
 
 
-def shortest(
+def shortest_rotation(
     a: Float[Array, " 3"], b: Float[Array, " 3"], change: Float[Array, " 3"]
 ) -> Float[Array, " 4"]:
     """Return the smallest rotation from the unit vector `a` to `b`; not for opposite vectors.
 
     `change` is ``b - a``: a caller that knows it to more digits than the subtraction gives them.
     """
-    return unit(jnp.append((1 + a @ b)[None], cross(a, change)))
+    return normalize(jnp.append((1 + a @ b)[None], cross(a, change)))
 
 
-def turned(motion: Float[Array, " 7"], step: Float[Array, " 6"]) -> Float[Array, " 7"]:
+def move_node(motion: Float[Array, " 7"], step: Float[Array, " 6"]) -> Float[Array, " 7"]:
     """Move a node by a step: add the translation, apply the spin.
 
     Args:
         motion: displacement and quaternion of the node.
         step: translation and spin.
     """
-    return jnp.concatenate([motion[:3] + step[:3], unit(product(exp(step[3:]), motion[3:]))])
+    return jnp.concatenate(
+        [motion[:3] + step[:3], normalize(compose(exp_map(step[3:]), motion[3:]))]
+    )
 
 
-def turning(
+def move_node_by_series(
     motion: Float[Array, " 7"], step: Float[Array, " 6"], order: int = 5
 ) -> Float[Array, " 7"]:
-    """Move a node by a step as `turned` does, by a series up to an order, 1 or 5, in the spin.
+    """Move a node by a step as `move_node` does, by a series up to an order, 1 or 5, in the spin.
 
     For derivatives at a zero step: a polynomial compiles faster, and has no case for small angles.
     """
-    return jnp.concatenate([motion[:3] + step[:3], product(turn_by(step[3:], order), motion[3:])])
+    return jnp.concatenate(
+        [motion[:3] + step[:3], compose(exp_map_by_series(step[3:], order), motion[3:])]
+    )
 
 
-def turn_by(spin: Float[Array, " 3"], order: int = 5) -> Float[Array, " 4"]:
-    """Return the quaternion of a spin by the series of `exp` up to an order, 1 or 5.
+def exp_map_by_series(spin: Float[Array, " 3"], order: int = 5) -> Float[Array, " 4"]:
+    """Return the quaternion of a spin by the series of `exp_map` up to an order, 1 or 5.
 
     For derivatives at a zero spin: a polynomial compiles faster, and has no case for small angles.
     """
@@ -201,14 +208,15 @@ def turn_by(spin: Float[Array, " 3"], order: int = 5) -> Float[Array, " 4"]:
     return jnp.append((1 - t / 8 * (1 - t / 48))[None], 0.5 * (1 - t / 24 * (1 - t / 80)) * spin)
 
 
-def conjugate(
+def conjugate_moment(
     spin: Float[Array, " 3"], moment: Float[Array, " 3"], order: int = 5
 ) -> Float[Array, " 3"]:
     """Transform a moment fixed in space to one conjugate to the rotation vector `spin`, [3].
 
-    At ``exp(spin)`` a change d of the vector is a further spin ``T d`` with the tangent operator
-    ``T = sum_k [spin x]^k / (k + 1)!``; the result is ``T^T moment``, for derivatives at a zero
-    spin up to `order`. It linearizes a moment that keeps its direction, which has no potential.
+    At ``exp_map(spin)`` a change d of the vector is a further spin ``T d`` with the tangent
+    operator ``T = sum_k [spin x]^k / (k + 1)!``; the result is ``T^T moment``, for derivatives at a
+    zero spin up to `order`. It linearizes a moment that keeps its direction, which has no
+    potential.
     """
     term = total = moment
     for k in range(2, order + 2):

@@ -12,21 +12,21 @@ from ..common.types import Array, ArrayLike, Float
 _SMALLEST_SHAPE = 1e-12
 
 
-def relative(
+def relative_residual(
     residual: Float[ArrayLike, " *n"], scale: Float[ArrayLike, " *n"]
 ) -> Float[Array, " *n"]:
     """Return ``residual / scale``, or the residual itself where the scale is zero."""
     return residual / jnp.where(scale > 0, scale, 1.0)
 
 
-def length(vectors: Float[Array, "*n k"]) -> Float[Array, " *n"]:
+def safe_norm(vectors: Float[Array, "*n k"]) -> Float[Array, " *n"]:
     """Return the lengths of vectors; the derivative of a zero length is zero instead of NaN."""
     square = jnp.sum(vectors**2, axis=-1)
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
 @jax.jit
-def unit_shapes(
+def normalize_mode_shapes(
     shapes: Float[ArrayLike, "n n_node 3"], vectors: Float[ArrayLike, "n n_free"]
 ) -> Float[Array, "n n_node 3"]:
     """Normalize mode shapes: length 1 at the node that moves most, largest component positive.
@@ -37,7 +37,7 @@ def unit_shapes(
         shapes: displacements of all nodes in every mode.
         vectors: unknowns of the same modes; a shape that is tiny beside them is only rounding.
     """
-    size = jnp.max(length(shapes), axis=-1)
+    size = jnp.max(safe_norm(shapes), axis=-1)
     flat = shapes.reshape(len(shapes), -1)
     largest = jnp.take_along_axis(flat, jnp.argmax(jnp.abs(flat), axis=1)[:, None], axis=1)[:, 0]
     moves = size > _SMALLEST_SHAPE * jnp.max(jnp.abs(vectors), axis=-1)

@@ -9,7 +9,7 @@ from ..common.types import Array, Float
 
 
 @jax.jit  # one function in a program, however often it is called
-def inner(a: Float[Array, " n"], b: Float[Array, " n"]) -> Float[Array, ""]:
+def scalar_product(a: Float[Array, " n"], b: Float[Array, " n"]) -> Float[Array, ""]:
     """Return the scalar product of two short vectors, as a sum.
 
     XLA makes a matrix product of ``a @ b`` under `jax.vmap`, which on CPUs is a call of a library:

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..common import status
-from ..common.tree import copy
+from ..common.tree import copy_with
 from ..common.types import ArrayLike, Int
 from ..equilibrium.newton import Newton
 from ..mechanics.ramp import Ramp
@@ -53,7 +53,7 @@ def follow_path(
     def advance(current):
         step = StepDecision(problem, current)
         (rows, n_point), (event_records, n_event) = record_point(step), record_events(step)
-        after = copy(
+        after = copy_with(
             step.next_state(),
             point_records=rows,
             n_point=n_point,
@@ -71,9 +71,9 @@ def _initial_state(problem, code):
     n_point, n_event = problem.capacity
     dtype = ramp.begin.motion.dtype
     zero, no, number = jnp.zeros((), dtype), jnp.zeros((), bool), jnp.int32(0)
-    x = begin.place(ramp.begin.motion)
+    x = begin.impose_supports(ramp.begin.motion)
     no_element = jnp.zeros(sum(len(group.links) for group in ramp.groups), bool)
-    still = jnp.zeros(begin.freedoms.free.shape[0], dtype)
+    still = jnp.zeros(begin.dof_map.free.shape[0], dtype)
     tangent = still, zero + 1
     point = PathPoint(x, zero, *tangent, ramp.memory, number, zero, still, still, still, no_element)
     row = jax.eval_shape(lambda: make_point_record(ramp, point, ramp.memory))

@@ -43,7 +43,7 @@ class CorrectorState:
         direction, rise: tangent of the path, du [n_free] and df, scaled so that
             ``row . du + rise df = 1`` with `row` and `rise` of the condition.
         residual_by_factor: derivative of the residual by the load factor, [n_free], N.
-        matrix: tangent stiffness, dense or `linear.Sparse`.
+        matrix: tangent stiffness, dense or `linear.SparseMatrix`.
         converged: whether x is in equilibrium.
         regular: whether the bordered matrix is regular, so that there is a tangent.
         failed: whether the iteration has broken down.
@@ -59,7 +59,7 @@ class CorrectorState:
     direction: Float[Array, " n_free"]
     rise: Float[Array, ""]
     residual_by_factor: Float[Array, " n_free"]
-    matrix: Float[Array, "n_free n_free"] | linear.Sparse
+    matrix: Float[Array, "n_free n_free"] | linear.SparseMatrix
     converged: Bool[Array, ""]
     regular: Bool[Array, ""]
     failed: Bool[Array, ""]
@@ -93,18 +93,18 @@ def correct_onto_path(
     row, rise, target = condition
     zero = jnp.zeros((), x.dtype)
     begin = ramp.at(factor, memory)
-    came_from = begin.rounding(begin.place(x))
+    came_from = begin.rounding(begin.impose_supports(x))
 
     def unfinished(it):
         return active & ~it.converged & ~it.failed & (it.steps <= _MAX_ITERATIONS)
 
     def iterate(it):
         system = ramp.at(it.factor, memory)
-        x = system.place(it.x)
+        x = system.impose_supports(it.x)
 
         def unbalanced(f):
             system = ramp.at(f, memory)
-            return system.residual_and_scale(system.place(x))
+            return system.residual_and_scale(system.impose_supports(x))
 
         unit = zero + 1
         residual, residual_by_factor, scale = jax.jvp(
@@ -156,4 +156,4 @@ def unknowns_without_stiffness(
     system: System, x: Float[Array, "n_row n_motion"]
 ) -> Bool[Array, " n_free"]:
     """Return which unknowns belong to nodes that touch only slack elements, [n_free] bool."""
-    return system.loose_nodes(x)[system.freedoms.row_of_unknown]
+    return system.loose_nodes(x)[system.dof_map.row_of_unknown]

@@ -44,7 +44,7 @@ class PathPoint:
         memory: history variables with which a step from here begins, or None.
         n_negative: number of negative eigenvalues of the tangent stiffness.
         stiffness, phi, left_phi: eigenvalue nearest to zero, its right and its left eigenvector, as
-            from `linear.spectrum`.
+            from `linear.inertia_and_nearest_mode`.
         residual_by_factor: derivative of the residual by the load factor, [n_free], N.
         is_slack: which elements are slack, all groups one after the other, bool.
     """

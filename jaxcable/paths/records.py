@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..common.tree import where
+from ..common.tree import select_tree
 from ..common.types import Array, Bool, Int, PyTree
 from ..mechanics.ramp import Ramp
 from ..mechanics.reading import read
@@ -20,7 +20,7 @@ from .step_decision import StepDecision
 def record_point(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Array, ""]]:
     """Add the end of a step to the recorded points, if wanted; return them and their number."""
     current, corrected = step.current, step.corrected
-    shown = where(step.ends_in_failure, current.anchor, step.point)
+    shown = select_tree(step.ends_in_failure, current.anchor, step.point)
     row = make_point_record(step.problem.ramp, shown, current.anchor.memory)
     row |= {"iterations": corrected.steps, "residual": corrected.residual}
     row |= {"scale": corrected.scale, "rounding": corrected.rounding}
@@ -53,7 +53,7 @@ def record_events(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Arr
     current, a, p = step.current, step.current.anchor, step.point
     event_records, count, whole = current.event_records, current.n_event, ~step.has_failure
     fork = (step.has_bifurcation | step.on_other_branch) & ~step.has_limit_point & whole
-    beside = where(step.on_other_branch, current.bracket_end, step.bracket_end)
+    beside = select_tree(step.on_other_branch, current.bracket_end, step.bracket_end)
     crossing, at_limit = count_crossings(beside, a, step.is_first)
     zero = jnp.where(step.interpolated, _factor_at_zero_stiffness(a, p), p.factor)
     none, no_element = jnp.int32(0), jnp.zeros_like(p.is_slack)

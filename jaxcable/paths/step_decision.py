@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from ..common import status
-from ..common.tree import copy, where
+from ..common.tree import copy_with, select_tree
 from .path_state import PathState
 from .step_events import NEAR, StepEvents
 from .step_length import bracketing_step_length, cosine_between_tangents, soft_step_length
@@ -58,20 +58,20 @@ class StepDecision(StepEvents):
         """Return the `PathState` after the step; its records and status are not yet updated."""
         current, settings = self.current, self.problem.settings
         a, p = current.anchor, self.point
-        anchor = where(self.accepted, self._commit_end_point(), a)
+        anchor = select_tree(self.accepted, self._commit_end_point(), a)
         # the anchor stays on the path, but counts as behind the bifurcation that was recorded
         passing = self.located & self.on_other_branch
         passed = {
             of: jnp.where(passing, getattr(current.bracket_end, of), getattr(anchor, of))
             for of in ("n_negative", "stiffness")
         }
-        anchor = copy(anchor, **passed)
+        anchor = copy_with(anchor, **passed)
         nominal_ds = self._next_nominal_length()
         bracket = jnp.where(
             self.accepted & current.locating, current.bracket - current.ds, current.bracket
         )
         bracket = jnp.where(self.too_long, current.ds, bracket)
-        bracket_end = where(
+        bracket_end = select_tree(
             self.too_long & ~self.on_other_branch, self.bracket_end, current.bracket_end
         )
         close = jnp.where(bracket_end.has_bifurcation, NEAR * settings.step, current.tol)
@@ -86,7 +86,7 @@ class StepDecision(StepEvents):
         span = (reach - a.factor) / jnp.where(a.rise == 0, 1.0, a.rise)
         ds = jnp.where(self.overshoots, jnp.abs(span), ds)
         onward_by_load = by_load & self.accepted & ~locating
-        return copy(
+        return copy_with(
             current,
             anchor=anchor,
             mode=mode.astype(jnp.int32),
@@ -108,7 +108,7 @@ class StepDecision(StepEvents):
         """Commit the history variables at the end of the step; return this `PathPoint`."""
         if not self.system.remembers:
             return self.point
-        return copy(self.point, memory=self.system.settle(self.point.x, self.strains))
+        return copy_with(self.point, memory=self.system.settle(self.point.x, self.strains))
 
     def _next_nominal_length(self):
         """Return the length of the next ordinary step, longer after few iterations."""
@@ -154,4 +154,4 @@ class StepDecision(StepEvents):
             strict=True,
         )
         code = jnp.select(happened, codes, status.OK).astype(jnp.int32)
-        return copy(current, code=code, done=done | (code != status.OK))
+        return copy_with(current, code=code, done=done | (code != status.OK))

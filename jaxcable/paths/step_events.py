@@ -60,7 +60,7 @@ class StepEvents(TrialStep):
         self.has_bifurcation = crossed | unstable_start
         self.newly_slack, self.newly_taut = p.is_slack & ~a.is_slack, a.is_slack & ~p.is_slack
         self.ruptured = jnp.zeros_like(p.is_slack)
-        if self.system.breaks:
+        if self.system.has_rupture:
             self.ruptured = self.system.broken(self.strains)
         self.has_slackening = known & jnp.any(self.newly_slack)
         self.has_tightening = known & jnp.any(self.newly_taut)

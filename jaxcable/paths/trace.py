@@ -18,9 +18,9 @@ from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..analysis.states import on_nodes
 from ..common import checks, status
-from ..common.compilation import program
-from ..common.rules import refuse
-from ..common.tree import copy, fill
+from ..common.compilation import jit_program
+from ..common.rules import refuse_if_broken
+from ..common.tree import copy_with, merge_indices
 from ..common.types import ArrayLike, Bool, Float
 from ..equilibrium.newton import Newton
 from ..loads import Varying, as_list
@@ -128,7 +128,7 @@ def trace_path(
                 "phase is that of loads proportional to the load factor, let an earlier one add it"
             )
     for name, count in (("steps", steps), ("events", events)):
-        checks.whole(count, name, least=2)
+        checks.require_whole_number(count, name, least=2)
     if len(phases) > 1:
         start = solve(structure, phases[:-1], method, start=start)
     task = prepare(structure, phases[-1:], method, start, len(phases) - 1)
@@ -138,12 +138,12 @@ def trace_path(
     )
     path = per_element(with_peaks(on_nodes(structure, path)), structure.arrange)
     happened = on_nodes(structure, path.events, ("displacement", "mode"))
-    happened = copy(happened, elements=structure.arrange(happened.elements))
+    happened = copy_with(happened, elements=structure.arrange(happened.elements))
     if not isinstance(n_point, jax.core.Tracer):
         happened = _first_entries(happened, int(n_event))
-        reached = _first_entries(copy(path, status=None, events=None), int(n_point))
-        path = copy(reached, status=path.status)
-    return copy(path, events=happened)
+        reached = _first_entries(copy_with(path, status=None, events=None), int(n_point))
+        path = copy_with(reached, status=path.status)
+    return copy_with(path, events=happened)
 
 
 @functools.partial(jax.jit, static_argnames=("count",))
@@ -158,19 +158,19 @@ def check_path_settings(structure, until, down_to, step, largest, tol, through):
     if tol is None:
         tol = 1e-9 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
     numbers = until, down_to, step, largest, tol
-    refuse(PathSettings(*numbers, through).rules())
+    refuse_if_broken(PathSettings(*numbers, through).rules())
     return PathSettings(*(jnp.asarray(v, dtype) for v in numbers), jnp.asarray(through, bool))
 
 
-@functools.partial(program, static=("capacity", "bundles"))
+@functools.partial(jit_program, static=("capacity", "bundles"))
 def _trace_compiled(thawed, arrays, method, settings, code, capacity, bundles):
     """Trace a path, compiled; return `TracedPath` of full length, numbers of points and events."""
-    parameters = fill(thawed, arrays)
+    parameters = merge_indices(thawed, arrays)
     code = status.first_failure(code, verdicts(parameters, method, settings)[1][0])
     nodes, groups, carry, schedule = ready(parameters, bundles)
     # rounding limits how short a bracket can be
     closest = 64 * jnp.finfo(settings.tol.dtype).eps
-    settings = copy(settings, tol=jnp.maximum(settings.tol * settings.step, closest))
+    settings = copy_with(settings, tol=jnp.maximum(settings.tol * settings.step, closest))
     problem = nodes, groups, carry, schedule.phase(0)
     ramp = Ramp.build(*lax.stop_gradient(problem))
     method, settings = lax.stop_gradient((method, settings))
@@ -192,23 +192,23 @@ def _trace_compiled(thawed, arrays, method, settings, code, capacity, bundles):
         status=final.code,
         factorizations=None,
         equilibrated=None,
-        relative_residual=scaled.relative(rows["residual"], rows.pop("scale")),
+        relative_residual=scaled.relative_residual(rows["residual"], rows.pop("scale")),
         events=Events(load_factor=None, elements=None, **event_records, **known),
         **rows,
         **element_fields(found),
     )
-    path = implicit.undifferentiated(path, parameters)
+    path = implicit.with_nan_derivative(path, parameters)
     located = jax.vmap(lambda *event: _event_load_factor(*event, ramp, problem, parameters))
     counts = np.cumsum([0, *(len(group.links) for group in ramp.groups)])
     parts = [elements[:, a:b] for a, b in itertools.pairwise(counts)]
-    events = copy(
+    events = copy_with(
         path.events,
         load_factor=_mask_unreached(
             located(event_records["kind"], factor, point, has_null_vector), happened
         ),
         elements=bundles.apart(parts, axis=1),
     )
-    return copy(path, events=events), final.n_point, final.n_event
+    return copy_with(path, events=events), final.n_point, final.n_event
 
 
 def _mask_unreached(values, there):
@@ -227,10 +227,10 @@ def _mode_shape(ramp, point):
     space = ramp.at(point.factor, point.memory).space
 
     def moved(step):
-        return space.spread(point.x, step)[:, :3]
+        return space.prolong(point.x, step)[:, :3]
 
     shape = jax.jvp(moved, (jnp.zeros_like(point.phi),), (point.phi,))[1]
-    return scaled.unit_shapes(shape[None], point.phi[None])[0]
+    return scaled.normalize_mode_shapes(shape[None], point.phi[None])[0]
 
 
 def _event_load_factor(kind, factor, point, has_null_vector, ramp, problem, parameters):
@@ -239,11 +239,11 @@ def _event_load_factor(kind, factor, point, has_null_vector, ramp, problem, para
     At a limit point the left null vector phi of the tangent eliminates the unknowns from the
     derivative of R(u, f, p) = 0: ``phi.R_f df + phi.R_p dp = 0``.
     """
-    factor = implicit.undifferentiated(factor, parameters)
+    factor = implicit.with_nan_derivative(factor, parameters)
     if ramp.memory is not None:  # history variables depend on all points before
         return factor
-    system = Ramp.build(*implicit.first_order(problem)).at(point.factor, point.memory)
-    function, numbers, _ = system.chart(system.carried(point.x))
+    system = Ramp.build(*implicit.first_derivative_only(problem)).at(point.factor, point.memory)
+    function, numbers, _ = system.chart(system.with_support_rotations(point.x))
     work = point.left_phi @ function(lax.stop_gradient(numbers))
     along = point.left_phi @ point.residual_by_factor
     smooth = (kind == LIMIT_POINT) & has_null_vector & (along != 0)

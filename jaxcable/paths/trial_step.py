@@ -87,7 +87,7 @@ class TrialStep:
         scale = jnp.where(known > 0, known, new)
         self.system = system = problem.ramp.at(corrected.factor, a.memory)
         self.point = self._end_point(scale)
-        looks = system.breaks or system.remembers
+        looks = system.has_rupture or system.remembers
         self.strains = system.strains(corrected.x) if looks else []
         self.turns_sharply = (
             (cosine_between_tangents(a, self.point) < _LEAST_COSINE) & free & ~self.is_first
@@ -135,7 +135,7 @@ class TrialStep:
         size = jnp.where((size > 0) & jnp.isfinite(size), size, 1.0)
         near_bifurcation = self.current.locating & self.current.bracket_end.has_bifurcation
         loose = unknowns_without_stiffness(system, corrected.x)
-        inertia = linear.spectrum(
+        inertia = linear.inertia_and_nearest_mode(
             corrected.matrix, loose, system.may_be_unsymmetric, near_bifurcation
         )
         return PathPoint(

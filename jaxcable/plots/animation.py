@@ -13,7 +13,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from ..analysis.solution import Solution
-from ..common.writing import written
+from ..common.writing import atomic_write
 from ..model.structure import Structure
 from .glyphs import draw_supports, support_keys
 from .layout import arrange, settle
@@ -130,7 +130,7 @@ def _gif(images, path, rate):
     """Save all frames as a GIF that repeats, the last frame for longer."""
     times = [round(1000 / rate)] * len(images)
     times[-1] *= _HOLD
-    with written(path, "wb") as stream:
+    with atomic_write(path, "wb") as stream:
         options = {"save_all": True, "append_images": images[1:], "duration": times, "loop": 0}
         images[0].save(stream, "GIF", **options)
 
@@ -158,5 +158,5 @@ def _html(images, path, rate):
         "@WAIT@": str(round(1000 / rate)),
         "@FRAMES@": ",\n".join(frames),
     }
-    with written(path) as stream:
+    with atomic_write(path) as stream:
         stream.write(filled("frames.html", parts))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..common.types import ArrayLike
-from ..common.writing import written
+from ..common.writing import atomic_write
 
 _TYPES: dict[str, Any] = {"f": np.dtype("<f4"), "u": np.dtype("<u4"), "b": np.dtype("u1")}
 SCRIPTS = ("data", "camera", "shape", "draw", "pick", "panel", "main")
@@ -98,6 +98,6 @@ def write(
     whole = filled("view.html", parts)
     if path is not None:
         path = Path(path)
-        with written(path) as stream:
+        with atomic_write(path) as stream:
             stream.write(whole)
     return Page(whole, path)

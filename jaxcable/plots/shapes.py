@@ -12,7 +12,7 @@ import numpy as np
 
 from ..analysis.results import common_fields
 from ..analysis.solution import Solution, State
-from ..common.tree import copy
+from ..common.tree import copy_with
 from ..common.types import Bool, Float, Int
 from ..elements.abilities import Bending, Sagging
 from ..elements.prestress import element
@@ -156,7 +156,7 @@ class Shapes:
         fields["displacement"] = np.asarray(end.positions) - self.start
         if not self.straight:
             fields["carry"] = _carry_after(last, self.structure, phase, end)
-        return copy(last, phase=np.int32(phase), load_factor=np.ones(()), **fields)
+        return copy_with(last, phase=np.int32(phase), load_factor=np.ones(()), **fields)
 
     def _curves(self, motion, sag):
         """`Curves` at a motion of all rows, with the cables hanging by `sag`."""
@@ -264,7 +264,7 @@ def _carry_after(last, structure, phase, end):
     """The `Carry` after a phase, as far as shapes depend on it."""
     carry: Any = last.carry
     amounts = [
-        copy(amount, factors=amount.factors * (np.asarray(stack.phase) <= phase))
+        copy_with(amount, factors=amount.factors * (np.asarray(stack.phase) <= phase))
         for stack, amount in zip(carry.loads, carry.amounts, strict=True)
     ]
     then, now = (per_group(structure, x.rest_length) for x in (end, last))
@@ -276,9 +276,9 @@ def _carry_after(last, structure, phase, end):
             longer = None
             if state.elongation is not None:
                 longer = np.asarray(state.elongation) + (np.asarray(state.rest_length) - length)
-            state = copy(state, rest_length=length, elongation=longer)
+            state = copy_with(state, rest_length=length, elongation=longer)
         if state.present is not None:
-            state = copy(state, present=present)
+            state = copy_with(state, present=present)
         states.append(state)
     motion = end.path.motion
     if motion is None:  # from the initial nodes, which an earlier analysis may have left
@@ -286,4 +286,4 @@ def _carry_after(last, structure, phase, end):
         motion = np.concatenate([moved, np.asarray(carry.motion)[len(moved) :]])
     else:
         motion = np.asarray(motion[-1])
-    return copy(carry, motion=motion, states=states, amounts=amounts)
+    return copy_with(carry, motion=motion, states=states, amounts=amounts)

@@ -16,7 +16,7 @@ from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from ..common.writing import written
+from ..common.writing import atomic_write
 
 MADE_BY = "jaxcable (matplotlib)"
 """What pictures say of themselves in their metadata."""
@@ -102,7 +102,7 @@ def save(figure: Figure, path: str | os.PathLike[str], dpi: float) -> None:
         raise ValueError(f"path = {str(path)!r}: expected a name that ends with one of {known}")
     names = {"png": "Software", "pdf": "Creator", "svg": "Creator"}
     metadata = {names[kind]: MADE_BY} if kind in names else None
-    with written(path, "wb") as stream:
+    with atomic_write(path, "wb") as stream:
         figure.savefig(stream, format=kind, dpi=dpi, metadata=metadata)
 
 

@@ -205,12 +205,12 @@ def _used(group, stress):
 def _limits(group):
     """Smallest and largest stress of laws that end: scalars, [n_elem, 1, 1] or [n_fibre], Pa."""
     none = np.array(-np.inf), np.array(np.inf)
-    if not group.breaks:
+    if not group.has_rupture:
         return none
     if group.section is None:
         if group.area is None:
             return none
         limits = [np.asarray(force) / np.asarray(group.area) for force in group.capacity()]
         return [limit.reshape(-1, 1, 1) for limit in limits]
-    pairs = [law.capacity if law.breaks else none for law in group.section.laws]
+    pairs = [law.capacity if law.has_rupture else none for law in group.section.laws]
     return [np.repeat([float(pair[k]) for pair in pairs], group.section.counts) for k in (0, 1)]

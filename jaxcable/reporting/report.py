@@ -14,7 +14,7 @@ import numpy as np
 from ..analysis.phases import Phase
 from ..analysis.solution import Solution, State
 from ..common import status
-from ..common.writing import written_together
+from ..common.writing import atomic_write_together
 from ..files.results import as_csv
 from ..model.parts import groups_by_name, one_case, there
 from ..model.structure import Structure
@@ -114,7 +114,7 @@ class Report:
             texts = {path: self.text(rows=10**9)}  # all lines
         else:
             raise ValueError(f"path = {str(path)!r}: expected a name with .txt, .csv or .json")
-        with written_together() as begin:
+        with atomic_write_together() as begin:
             for name, text in texts.items():
                 begin(name).write(text)
         return list(texts)

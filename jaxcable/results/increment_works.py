@@ -15,8 +15,8 @@ from jax import lax
 
 from ..analysis.preparation import ready
 from ..common import status
-from ..common.compilation import program
-from ..common.tree import copy, fill, pytree
+from ..common.compilation import jit_program
+from ..common.tree import copy_with, merge_indices, pytree
 from ..common.types import Array, Float
 from ..elements.element_state import Amounts, ElementState
 from ..mechanics.carry import Carry, knowing
@@ -29,7 +29,7 @@ from ..spaces import space_of
 _SMALL = 1e-6
 
 
-@functools.partial(program, static=("bundles",))
+@functools.partial(jit_program, static=("bundles",))
 def increment_works(thawed, arrays, paths, bundles):
     """Compute works and energies of all increments; compiled.
 
@@ -45,10 +45,10 @@ def increment_works(thawed, arrays, paths, bundles):
             energy; and the stored energy at the end of the phase.
         end: `end_fingerprint` of the analysis, by which its end is compared with a solution.
     """
-    nodes, groups, carry, schedule = ready(fill(thawed, arrays), bundles)
+    nodes, groups, carry, schedule = ready(merge_indices(thawed, arrays), bundles)
 
     def marks_of(carry):
-        return end_fingerprint(copy(carry, states=bundles.apart(carry.states)))
+        return end_fingerprint(copy_with(carry, states=bundles.apart(carry.states)))
 
     phase_terms, end, loads = [], marks_of(carry), carry.loads
     for k, (codes, path) in enumerate(paths):
@@ -71,7 +71,7 @@ def _phase_works(ramp, codes, path):
     """Return the terms of a phase's increments [6, n_inc], its final stored energy and `Carry`."""
     begin, n_inc, space = ramp.begin.motion, len(codes), space_of(ramp.groups)
     good, n_good = codes == status.OK, jnp.sum(codes == status.OK)
-    path = path if space.kept(path) is not None else begin[None] + path
+    path = path if space.stored_motion(path) is not None else begin[None] + path
     path = jnp.where(good[:, None, None], path, begin[None])
     motions = jnp.concatenate([begin[None], path])
     factors = jnp.arange(n_inc + 1, dtype=begin.dtype) / n_inc
@@ -81,7 +81,7 @@ def _phase_works(ramp, codes, path):
         lambda point: _evaluate_load_factor(ramp, small, *point), (factors, motions, memories)
     )
     old, new = (jax.tree.map(lambda x, s=s: x[s], points) for s in (np.s_[:-1], np.s_[1:]))
-    moved = jax.vmap(space.between)(old.motion, new.motion)
+    moved = jax.vmap(space.displacement_between)(old.motion, new.motion)
 
     def work(name):
         force = getattr(points, name)
@@ -188,7 +188,7 @@ def _evaluate_load_factor(ramp, small, factor, motion, memory):
     if ramp.moved is not None:
         supports = system.reactions(motion) + (0.0 if supports is None else supports)
     if system.followers is not None:
-        following = system.space.padded(system.following(system.nodes + motion[:, :3]))
+        following = system.space.pad_moments(system.following(system.nodes + motion[:, :3]))
     lists = [[], [], [], []]
     for group, state, least in zip(system.groups, system.states, small, strict=True):
         if state.jack_force is not None:
@@ -273,7 +273,7 @@ def _energy_of_mixed_points(ramp, points, k, lengths, motions, memory):
     def of_increment(indices):
         from_length, from_motion, from_memory = indices
         state, load = _entry_of_each(states, from_length), _entry_of_each(along, from_motion)
-        state = copy(state, memory=_entry_of_each(states.memory, from_memory))
+        state = copy_with(state, memory=_entry_of_each(states.memory, from_memory))
         state = state if load is None else _with_element_loads(state, load)
         return _group_energy(ramp.groups[k], state, ramp.nodes, points.motion[from_motion])
 
@@ -294,7 +294,7 @@ def _element_loads(state):
 def _with_element_loads(state, along):
     """Return the state of a group with other loads along its elements."""
     acting = state.element_load.with_amounts(along, state.rest_length)
-    return copy(state, element_load=acting)
+    return copy_with(state, element_load=acting)
 
 
 def _is_unloaded(load):

@@ -8,7 +8,7 @@ import numpy as np
 from ..analysis.phase_results import PhaseResult
 from ..analysis.solution import Solution, State
 from ..common import checks
-from ..common.rules import Rule, or_nan
+from ..common.rules import Rule, nan_if_broken
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.abilities import Bending
 from ..elements.prestress import element
@@ -81,28 +81,28 @@ def section_forces(
         if places < 2:
             raise ValueError(f"places = {places}: expected at least 2, the two ends")
         places = np.linspace(0.0, 1.0, places)
-    places = checks.floats(places, "places")
+    places = checks.as_floats(places, "places")
     if places.ndim != 1 or not places.size:
         raise ValueError(
             f"places: expected a whole number, or an array [n], got shape {places.shape}"
         )
     text = "expected from 0 to 1"
-    places = or_nan(Rule("places", places, lambda v: (v < 0) | (v > 1), text))
+    places = nan_if_broken(Rule("places", places, lambda v: (v < 0) | (v > 1), text))
     if isinstance(state, PhaseResult):
         if isinstance(places, jax.core.Tracer):
             raise ValueError("places: cannot be traced for the end of a phase; give known numbers")
         forces = listed(structure, state.section_forces)
         at = state.positions, np.asarray(places)
         return structure.arrange(interpolate_recorded_forces(structure.groups, forces, *at))
-    thawed, arrays, freedoms = split_state(structure, state)
-    return structure.arrange(_section_forces_at(thawed, arrays, freedoms.of_supports, places))
+    thawed, arrays, dof_map = split_state(structure, state)
+    return structure.arrange(_section_forces_at(thawed, arrays, dof_map.without_unknowns, places))
 
 
 @jax.jit
-def _section_forces_at(thawed, arrays, freedoms, places):
+def _section_forces_at(thawed, arrays, dof_map, places):
     """Compute section forces [n_elem, n_place, 6] of each group of beams; None for others."""
     nodes, groups, carry = merge_state(thawed, arrays)
-    system = make_system(nodes, groups, carry, carry.motion, freedoms)
+    system = make_system(nodes, groups, carry, carry.motion, dof_map)
     places = places.astype(nodes.dtype)
 
     def along(group, state):

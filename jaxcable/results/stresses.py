@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 
 from ..analysis.phase_results import PhaseResult
-from ..common.tree import fill, thaw
+from ..common.tree import merge_indices, split_indices
 from ..common.types import Array, Float, PyTree
 from ..elements.prestress import element
 from ..model.parts import listed
@@ -50,14 +50,14 @@ def fibre_stress(
         raise ValueError(f"phase: expected one of solution.phases, got {type(phase).__name__}")
     path = phase.path
     records = [listed(structure, tree) for tree in (path.strain, path.tension, phase.began)]
-    return structure.arrange(_stresses_of_groups(*thaw((structure.groups, *records))))
+    return structure.arrange(_stresses_of_groups(*split_indices((structure.groups, *records))))
 
 
 @jax.jit
 def _stresses_of_groups(thawed, arrays):
     """Compute the stresses of every group, None without a section or law; compiled."""
     stresses = []
-    for group, strain, tension, memory in zip(*fill(thawed, arrays), strict=True):
+    for group, strain, tension, memory in zip(*merge_indices(thawed, arrays), strict=True):
         if strain is not None:
             stresses.append(_stress_history(group, strain, memory))
         else:  # no strains are recorded for a linear law: its stress follows from the tension
@@ -79,6 +79,6 @@ def _stress_history(group, strain, memory):
         return jax.vmap(lambda e: of_all("fibre_stress", e, None))(strain)
 
     def increment(memory, e):
-        return of_all("settle", e, memory), of_all("fibre_stress", e, memory)
+        return of_all("commit_memory", e, memory), of_all("fibre_stress", e, memory)
 
     return jax.lax.scan(increment, memory, strain)[1]

@@ -81,8 +81,8 @@ def roof_ring(
         >>> len(phases)
         8
     """
-    checks.whole(n, "n", least=3)
-    checks.whole(lifts, "lifts")
+    checks.require_whole_number(n, "n", least=3)
+    checks.require_whole_number(lifts, "lifts")
     require_positive(drop=drop, radius=radius, hub=hub, height=height, pretension=pretension)
     if not hub < radius:
         raise ValueError(f"hub = {hub}: must be less than the radius of the rings, {radius} m")

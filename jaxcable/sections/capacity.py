@@ -38,7 +38,7 @@ def interaction(section: Fibres, n_angle: int = 24, n_axial: int = 21) -> Sectio
     for name, count, least in (("n_angle", n_angle, 1), ("n_axial", n_axial, 2)):
         if count < least:
             raise ValueError(f"{name} = {count}: expected at least {least}")
-    if not section.breaks:
+    if not section.has_rupture:
         raise ValueError(
             "interaction: the capacity of this section is unlimited, because no law of it has a "
             "rupture strain; give it a law that ends, such as Polygonal"
@@ -53,13 +53,13 @@ def interaction(section: Fibres, n_angle: int = 24, n_axial: int = 21) -> Sectio
         rate = section.fibre_strain(*direction)
         factors = []
         for law, part in zip(section.laws, section._law_slices(), strict=True):
-            (low, high), fibre_rate = law.limits, rate[part]
+            (low, high), fibre_rate = law.strain_limits, rate[part]
             moving = jnp.where(fibre_rate == 0, 1.0, fibre_rate)
             factor = jnp.where(fibre_rate > 0, high / moving, low / moving)
             factors.append(jnp.where(fibre_rate == 0, jnp.inf, factor))
         factor = jnp.min(jnp.concatenate(factors))
         ends = jnp.isfinite(factor)
-        forces = section.extended().forces(*(jnp.where(ends, factor, 0.0) * direction))
+        forces = section.extrapolated().forces(*(jnp.where(ends, factor, 0.0) * direction))
         return tuple(jnp.where(ends, force, jnp.inf) for force in forces)
 
     return jax.vmap(lambda t: jax.vmap(lambda a: point(t, a))(angle))(slant)

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.rules import or_nan, positive
-from ..common.tree import joined, stacked
+from ..common.rules import nan_if_broken, positive
+from ..common.tree import concatenate, stack_trees
 from ..common.types import ArrayLike, Float, Int
 from ..materials.law import Law
 from .fibres import Fibres
@@ -72,7 +72,7 @@ def composite(
 
     def join(name):
         arrays = [getattr(section, name) for section in sections]
-        return None if any(array is None for array in arrays) else joined(arrays)
+        return None if any(array is None for array in arrays) else concatenate(arrays)
 
     points, cells, own = join("points"), None, join("own")
     if points is not None:
@@ -115,13 +115,13 @@ def group_by_law(
 
 def _checked_torsion(torsion, n_law):
     """Check a given torsion constant, and return it as [n_law]."""
-    torsion = checks.floats(torsion, "torsion")
+    torsion = checks.as_floats(torsion, "torsion")
     if torsion.shape != (n_law,) and not (n_law == 1 and torsion.shape == ()):
         raise ValueError(
             f"torsion: expected {'a scalar' if n_law == 1 else f'shape ({n_law},)'}, one constant "
             f"per law, got shape {torsion.shape}"
         )
-    return or_nan(positive("torsion", torsion)).reshape(n_law)
+    return nan_if_broken(positive("torsion", torsion)).reshape(n_law)
 
 
 def _sum_torsion(sections, parts, kinds):
@@ -131,7 +131,7 @@ def _sum_torsion(sections, parts, kinds):
     """
     if any(constant is None for *_, constant in parts):
         return None
-    total = stacked([sum(c for _, law, _, c in parts if law is kind) for kind in kinds])
+    total = stack_trees([sum(c for _, law, _, c in parts if law is kind) for kind in kinds])
     if len(sections) == 1:
         return total
     alike = are_concentric_circles(
@@ -140,6 +140,6 @@ def _sum_torsion(sections, parts, kinds):
             for s, _, part, constant in parts
         ]
     )
-    if checks.concrete(alike) is None:
+    if checks.array_if_known(alike) is None:
         return jnp.where(alike, total, jnp.nan)
     return total if alike else None

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.tree import copy
+from ..common.tree import copy_with
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..materials import Elastic
 from ..materials.law import Law, Numbers, Values
@@ -55,9 +55,9 @@ class Fibres:
         return all(isinstance(law, Elastic) for law in self.laws)
 
     @property
-    def breaks(self) -> bool:
+    def has_rupture(self) -> bool:
         """Whether a law of the section has a rupture strain."""
-        return any(law.breaks for law in self.laws)
+        return any(law.has_rupture for law in self.laws)
 
     @property
     def remembers(self) -> bool:
@@ -153,7 +153,7 @@ class Fibres:
         force = self.fibre_stress(e0, ky, kz, memory)
         return tuple(jnp.moveaxis(force @ (self.area[:, None] * self._lever_arms()), -1, 0))
 
-    def linearized(
+    def forces_and_tangent(
         self, e0: Numbers, ky: Numbers, kz: Numbers, memory: FibreMemory | None = None
     ) -> tuple[Float[Array, "*shape 3"], Float[Array, "*shape 3 3"]]:
         """Return forces and their tangent by (e0, ky, kz); arguments as for `forces`.
@@ -176,7 +176,9 @@ class Fibres:
         outer = (weighted[:, :, None] * lever[:, None, :]).reshape(-1, 9)
         return stress @ weighted, (modulus @ outer).reshape(*shape, 3, 3)
 
-    def size(self, e0: Numbers, ky: Numbers, kz: Numbers, memory: FibreMemory | None) -> Values:
+    def absolute_force(
+        self, e0: Numbers, ky: Numbers, kz: Numbers, memory: FibreMemory | None
+    ) -> Values:
         """Return the sum of the absolute forces of all fibres, N: the scale of rounding errors.
 
         Laws in parallel within a fibre count one by one.
@@ -194,7 +196,7 @@ class Fibres:
             return 0.5 * jnp.sum(strain * (strain @ self.stiffness()), axis=-1)
         return self._integrate_over_area(_energy_of_law, self.fibre_strain(e0, ky, kz), memory)
 
-    def settle(
+    def commit_memory(
         self,
         e0: Numbers,
         ky: Numbers,
@@ -211,21 +213,23 @@ class Fibres:
         """
         each = self._fibres_by_law(self.fibre_strain(e0, ky, kz), memory)
         return tuple(
-            None if remembered is None else law.settle(e, remembered, duration)
+            None if remembered is None else law.commit_memory(e, remembered, duration)
             for law, e, remembered in each
         )
 
-    def beyond(self, e0: Numbers, ky: Numbers, kz: Numbers) -> Bool[Array, "*shape"]:
+    def is_ruptured(self, e0: Numbers, ky: Numbers, kz: Numbers) -> Bool[Array, "*shape"]:
         """Return whether any fibre is beyond its rupture strain, [...] bool."""
         strain, pairs = (
             self.fibre_strain(e0, ky, kz),
             zip(self.laws, self._law_slices(), strict=True),
         )
-        return jnp.any(jnp.concatenate([law.beyond(strain[..., p]) for law, p in pairs], -1), -1)
+        return jnp.any(
+            jnp.concatenate([law.is_ruptured(strain[..., p]) for law, p in pairs], -1), -1
+        )
 
-    def extended(self) -> Self:
+    def extrapolated(self) -> Self:
         """Return the section with laws that go on elastically beyond rupture, for iterations."""
-        return copy(self, laws=tuple(law.extended() for law in self.laws))
+        return copy_with(self, laws=tuple(law.extrapolated() for law in self.laws))
 
     def corner_distance(
         self, e0: Numbers, ky: Numbers, kz: Numbers, memory: FibreMemory | None = None

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import jax.numpy as jnp
 
-from ..common.tree import copy, stacked
+from ..common.tree import copy_with, stack_trees
 from ..common.types import Array, ArrayLike, Float
 from .fibres import Fibres
 
@@ -25,8 +25,8 @@ def shifted(
         >>> print(f"{section.z.min():.2f} to {section.z.max():.2f} m")  # middles of ten layers
         0.01 to 0.19 m
     """
-    points = None if section.points is None else section.points + stacked([y, z])[None]
-    return copy(section, y=section.y + y, z=section.z + z, points=points, placed=True)
+    points = None if section.points is None else section.points + stack_trees([y, z])[None]
+    return copy_with(section, y=section.y + y, z=section.z + z, points=points, placed=True)
 
 
 def centroid(section: Fibres) -> tuple[Float[Array, ""], Float[Array, ""]]:

@@ -16,9 +16,9 @@ def checked_corners(points: Float[ArrayLike, "n 2"], name: str) -> Float[np.ndar
     Raises:
         ValueError: traced, not of shape [n, 2], fewer than three, or not finite; names `name`.
     """
-    if checks.concrete(points) is None:
+    if checks.array_if_known(points) is None:
         raise ValueError(f"{name}: cannot be traced; use Section.mesh(points, cells, laws)")
-    points = checks.floats(points, name)
+    points = checks.as_floats(points, name)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
         raise ValueError(f"{name}: expected shape [n, 2] with n >= 3, got {points.shape}")
     finite = np.isfinite(points).all(axis=1)
@@ -70,7 +70,7 @@ def describe_polygon_fault(
                 where = _describe_crossing(other, named[other], name, named[name], pair)
                 return f"{other}: a hole crosses it or another hole: {where}"
     for name, hole in list(named.items())[1:]:
-        outside = ~inside(hole, outline)
+        outside = ~points_inside(hole, outline)
         if outside.any():
             k = int(outside.argmax())
             return f"{name}[{k}] = {hole[k].tolist()}: outside of the outline"
@@ -106,7 +106,7 @@ def _describe_crossing(name, ring, other, around, pair):
     )
 
 
-def inside(
+def points_inside(
     points: Float[np.ndarray, "n 2"], ring: Float[np.ndarray, "m 2"]
 ) -> Bool[np.ndarray, " n"]:
     """Return whether points are inside a polygon, [n] bool, by the crossings of a ray."""

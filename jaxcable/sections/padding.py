@@ -7,12 +7,15 @@ from collections.abc import Hashable, Sequence
 import jax
 import numpy as np
 
-from ..common.tree import copy, joined
+from ..common.tree import concatenate, copy_with
 from .section import Section
 
 
-def sort(section: Section) -> Hashable:
-    """Return a hashable key; sections with equal keys can be padded to equal shapes by `evened`."""
+def padding_key(section: Section) -> Hashable:
+    """Return a hashable key.
+
+    Sections with equal keys can be padded to equal shapes by `pad_to_equal`.
+    """
     laws = [jax.tree.flatten(law) for law in section.laws]
     # history variables are results of every fibre: the number of such fibres cannot be changed
     counts = section.counts if section.remembers else len(section.counts)
@@ -20,8 +23,8 @@ def sort(section: Section) -> Hashable:
     return counts, missing, tuple((tree, tuple(map(np.shape, leaves))) for leaves, tree in laws)
 
 
-def evened(sections: Sequence[Section]) -> list[Section]:
-    """Pad sections with equal keys of `sort` to equal numbers of fibres of each law.
+def pad_to_equal(sections: Sequence[Section]) -> list[Section]:
+    """Pad sections with equal keys of `padding_key` to equal numbers of fibres of each law.
 
     The meshes for pictures are left out.
     """
@@ -31,7 +34,7 @@ def evened(sections: Sequence[Section]) -> list[Section]:
 
 def _split_last_fibres(section, counts):
     """Return a section with `counts` fibres of each law, whose last fibre is split equally."""
-    section = copy(section, points=None, cells=None, placed=True)
+    section = copy_with(section, points=None, cells=None, placed=True)
     if section.counts == counts:
         return section
     pieces = [wanted - count + 1 for wanted, count in zip(counts, section.counts, strict=True)]
@@ -42,8 +45,8 @@ def _split_last_fibres(section, counts):
             last = values[start + count - 1 : start + count]
             parts += [values[start : start + count - 1], *[last / n if shared else last] * n]
             start += count
-        return joined(parts)
+        return concatenate(parts)
 
     moments = None if section.own is None else spread(section.own, True)
     places = {name: spread(getattr(section, name), False) for name in ("y", "z")}
-    return copy(section, area=spread(section.area, True), own=moments, counts=counts, **places)
+    return copy_with(section, area=spread(section.area, True), own=moments, counts=counts, **places)

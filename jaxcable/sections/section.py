@@ -5,14 +5,14 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from ..common import checks
-from ..common.rules import Rule, positive, refuse
-from ..common.tree import Indices, put, pytree
+from ..common.rules import Rule, positive, refuse_if_broken
+from ..common.tree import Indices, pytree, set_fields
 from ..common.types import Array, Float
 from ..materials import Parallel
-from ..materials.law import Law, uniaxial
+from ..materials.law import Law, require_law
 from . import capacity, composites, geometry, shapes, strains
 from .fibres import Fibres
-from .linear import Linear
+from .linear_section import LinearSection
 
 
 @pytree(static=("counts", "placed"), indices=("cells",))
@@ -65,19 +65,21 @@ class Section(Fibres):
 
     def __post_init__(self):
         for name in ("y", "z", "area"):
-            value = checks.floats(getattr(self, name), name)
+            value = checks.as_floats(getattr(self, name), name)
             if value.ndim != 1 or len(value) != len(self.y) or len(value) == 0:
                 raise ValueError(f"{name}: expected shape [n_fibre] as y, got {value.shape}")
-            put(self, **{name: value})
-        refuse(self.rules())
+            set_fields(self, **{name: value})
+        refuse_if_broken(self.rules())
         if self.own is not None:
-            put(self, own=checks.floats(self.own, "own"))
+            set_fields(self, own=checks.as_floats(self.own, "own"))
             if self.own.shape != (self.n_fibre, 3):
                 raise ValueError(f"own: expected shape [n_fibre, 3], got {self.own.shape}")
-        put(self, laws=tuple(self.laws) if isinstance(self.laws, list | tuple) else (self.laws,))
+        set_fields(
+            self, laws=tuple(self.laws) if isinstance(self.laws, list | tuple) else (self.laws,)
+        )
         for k, law in enumerate(self.laws):
-            uniaxial(law, f"laws[{k}]")
-        put(self, counts=(len(self.y),) if self.counts is None else tuple(self.counts))
+            require_law(law, f"laws[{k}]")
+        set_fields(self, counts=(len(self.y),) if self.counts is None else tuple(self.counts))
         if len(self.counts) != len(self.laws) or sum(self.counts) != len(self.y):
             raise ValueError(
                 f"counts = {self.counts}: expected the number of fibres of each law, "
@@ -86,20 +88,20 @@ class Section(Fibres):
         for name, shape in (("torsion", (len(self.laws),)), ("points", None)):
             if getattr(self, name) is None:
                 continue
-            value = checks.floats(getattr(self, name), name)
+            value = checks.as_floats(getattr(self, name), name)
             if value.shape != (shape or (len(value) if value.ndim else 0, 2)):
                 wanted = f"one constant per law, {list(shape)}" if shape else "[n_point, 2]"
                 raise ValueError(f"{name}: expected shape {wanted}, got {value.shape}")
-            put(self, **{name: value})
+            set_fields(self, **{name: value})
         if self.cells is not None and not isinstance(self.cells, Indices):
-            cells = checks.integers(self.cells, "cells", 4)
+            cells = checks.as_indices(self.cells, "cells", 4)
             count = 0 if self.points is None else len(self.points)
             if len(cells) != self.n_fibre or cells.max(initial=-1) >= count:
                 raise ValueError(
                     f"cells: expected four indices of points, 0 to {count - 1}, for each of "
                     f"{self.n_fibre} fibres"
                 )
-            put(self, cells=Indices(cells))
+            set_fields(self, cells=Indices(cells))
 
     def rules(self) -> list[Rule]:
         """Return the rules that its numbers must satisfy, see `common.rules`; laws have others."""
@@ -145,12 +147,15 @@ class Section(Fibres):
             return area, self.laws[0]
         return area, Parallel(self.laws, jnp.stack(areas) / area)
 
-    def reduced(self) -> Section | Linear:
-        """Return the section as an analysis uses it: `Linear` if all laws are, else `extended`."""
+    def for_analysis(self) -> Section | LinearSection:
+        """Return the section as an analysis uses it.
+
+        `LinearSection` if all laws are, else `extended`.
+        """
         if not self.is_elastic:
-            return self.extended()
+            return self.extrapolated()
         torsion = None if self.torsion is None else self.torsional_stiffness()
-        return Linear(self.stiffness(), torsion)
+        return LinearSection(self.stiffness(), torsion)
 
     # --- equilibrium of the section
 

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..common import checks
-from ..common.rules import Rule, or_nan, positive
-from ..common.tree import stacked
+from ..common.rules import Rule, nan_if_broken, positive
+from ..common.tree import stack_trees
 from ..common.types import ArrayLike, Float, Int
 from ..materials.law import Law
 from . import meshes, outlines
@@ -131,7 +131,7 @@ def rectangle(
     """
     width, height = _positive_length(width, "width"), _positive_length(height, "height")
     points, quads = meshes.square_mesh(*_mesh_shape(shape))
-    points = points * stacked([width / 2, height / 2])[None, :]
+    points = points * stack_trees([width / 2, height / 2])[None, :]
     return _from_mesh(
         cls, points, _quads_or_triangles(quads, cells), law, rectangle_torsion(width, height)
     )
@@ -228,8 +228,8 @@ def box(
     lying = rectangle(cls, width, plate, law, (along, through))
     standing = rectangle(cls, web, height - 2 * plate, law, (through, tall))
     y, z = (width - web) / 2, (height - plate) / 2
-    middle = _SQUARE_CORNERS * stacked([y, z])[None, :]
-    torsion = bredt_torsion(middle, stacked([plate, web, plate, web]))
+    middle = _SQUARE_CORNERS * stack_trees([y, z])[None, :]
+    torsion = bredt_torsion(middle, stack_trees([plate, web, plate, web]))
     plates = [lying.shifted(z=z), lying.shifted(z=-z), standing.shifted(y), standing.shifted(-y)]
     return composite(cls, plates, torsion).shifted()
 
@@ -323,10 +323,10 @@ def mesh(
     cells = np.asarray(cells)
     if cells.ndim != 2 or cells.shape[1] not in (3, 4):
         raise ValueError(f"cells: expected shape [n_cell, 3] or [n_cell, 4], got {cells.shape}")
-    cells = checks.integers(cells, "cells", cells.shape[1])
+    cells = checks.as_indices(cells, "cells", cells.shape[1])
     if cells.shape[1] == 3:
         cells = np.column_stack([cells, cells[:, 2]])
-    points = checks.floats(points, "points")
+    points = checks.as_floats(points, "points")
     if points.ndim != 2 or points.shape[1] != 2:
         raise ValueError(f"points: expected shape [n_point, 2], got {points.shape}")
     if (cells >= len(points)).any():
@@ -351,7 +351,7 @@ def _from_mesh(
     area, centroid, moments = meshes.cell_moments(points, cells)
     y, z = centroid[:, 0], centroid[:, 1]
     if torsion is not None:
-        torsion = stacked([torsion])
+        torsion = stack_trees([torsion])
     if round_inertia is not None:
         # A polygon with the area of a circle has a little more inertia than the circle: the
         # difference is shared among the cells in proportion to their areas.
@@ -380,15 +380,15 @@ def _mesh_shape(shape, least=(1, 1)):
 
 def _positive_length(value, name):
     """Return a dimension as a float; if it is not positive, refuse it, or return NaN if traced."""
-    return _as_float(or_nan(positive(name, checks.floats(value, name))))
+    return _as_float(nan_if_broken(positive(name, checks.as_floats(value, name))))
 
 
 def _length_unless(value, broken, name, text):
     """Return a dimension; if `broken` is true, refuse it, or return NaN if it is traced."""
-    return _as_float(or_nan(Rule(name, (value, broken), lambda _, broken: broken, text)))
+    return _as_float(nan_if_broken(Rule(name, (value, broken), lambda _, broken: broken, text)))
 
 
 def _as_float(value):
     """Return a scalar dimension as a float, or unchanged if it is traced."""
-    value = checks.scalar(value, "dimension")
-    return value if checks.concrete(value) is None else float(value)
+    value = checks.as_scalar(value, "dimension")
+    return value if checks.array_if_known(value) is None else float(value)

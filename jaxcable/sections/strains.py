@@ -18,7 +18,7 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from ..materials.law import Numbers, Values
 from ..numerics import implicit
-from ..numerics.search import search
+from ..numerics.line_search import line_search
 from .fibres import FibreMemory, Fibres
 
 
@@ -99,18 +99,18 @@ def solve_strains(
     found, steps, residual, good = _iterate_strains(
         *frozen, lax.stop_gradient(radius), tol, max_steps
     )
-    broken = section.beyond(*(found / radius))
+    broken = section.is_ruptured(*(found / radius))
     code = jnp.where(good, status.OK, status.SECTION_UNBALANCED)
     code = jnp.where(broken, status.BEYOND_CAPACITY, code).astype(jnp.int32)
     ok = code == status.OK
-    section, target, memory = implicit.gate(ok, parameters)
+    section, target, memory = implicit.stop_gradient_unless(ok, parameters)
     radius = lax.stop_gradient(radius)  # it scales the unknowns and has no effect on the strains
 
     def unbalanced(v):
-        return _scaled_forces(section.extended(), v, radius, memory) - target / radius
+        return _scaled_forces(section.extrapolated(), v, radius, memory) - target / radius
 
     def tangent_solve(linearized, rhs):
-        matrix = _scaled_tangent(frozen[0].extended(), found, radius, frozen[2])
+        matrix = _scaled_tangent(frozen[0].extrapolated(), found, radius, frozen[2])
         matrix = jnp.where(ok, matrix, jnp.eye(3, dtype=found.dtype))
         return linear.factorize(matrix).solve(rhs, linearized)
 
@@ -151,7 +151,7 @@ def _scaled_forces(section, scaled, radius, memory):
 
 def _scaled_tangent(section, scaled, radius, memory):
     """Return the derivative of `_scaled_forces` by `scaled`, [3, 3], N."""
-    _, tangent = section.linearized(*(scaled / radius), memory)
+    _, tangent = section.forces_and_tangent(*(scaled / radius), memory)
     return tangent / jnp.outer(radius, radius)
 
 
@@ -161,7 +161,7 @@ def _iterate_strains(section, target, memory, radius, tol, max_steps):
     Returns:
         Scaled strains [3], number of iterations, largest residual, N, and whether it converged.
     """
-    section = section.extended()
+    section = section.extrapolated()
     eps = jnp.finfo(target.dtype).eps
     tol = jnp.maximum(64 * eps, jnp.asarray(64 * eps if tol is None else tol))
     load = jnp.max(jnp.abs(target / radius))
@@ -186,7 +186,7 @@ def _iterate_strains(section, target, memory, radius, tol, max_steps):
         # under `jax.vmap` finished cases stay in the loop: they must not prolong the line search
         usable = definite & jnp.isfinite(slope) & (slope < 0) & unfinished(s)
         step = jnp.where(usable, step, 0.0)
-        a, new_residual, new_scale, found = search(
+        a, new_residual, new_scale, found = line_search(
             lambda a: evaluate(v + a * step), step, slope, usable
         )
         # The shift, a residual per strain, keeps the tangent of a yielded section regular. Where

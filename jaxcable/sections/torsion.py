@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.rules import or_nan, positive
+from ..common.rules import nan_if_broken, positive
 from ..common.types import ArrayLike, Bool, Float
 from . import outlines
 
@@ -69,7 +69,7 @@ def bredt_torsion(
         >>> print(f"{box.torsional_stiffness() / 1e6:.2f} MN m2")  # G J
         5.54 MN m2
     """
-    points, thickness = checks.floats(points, "points"), checks.floats(thickness, "thickness")
+    points, thickness = checks.as_floats(points, "points"), checks.as_floats(thickness, "thickness")
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
         raise ValueError(f"points: expected shape [n, 2] with n >= 3, got {points.shape}")
     if thickness.shape not in ((), (len(points),)):
@@ -77,15 +77,15 @@ def bredt_torsion(
             f"thickness: expected a scalar or shape ({len(points)},), one value per wall, "
             f"got shape {thickness.shape}"
         )
-    thickness = or_nan(positive("thickness", thickness))
-    known = checks.concrete(points)
+    thickness = nan_if_broken(positive("thickness", thickness))
+    known = checks.array_if_known(points)
     if (
         known is not None
         and np.isfinite(known).all()
         and (text := outlines.describe_line_fault(known))
     ):
         raise ValueError(text)
-    traced = known is None or checks.concrete(thickness) is None
+    traced = known is None or checks.array_if_known(thickness) is None
     pack = jnp if traced else np
     y, z = points.T
     next_y, next_z = pack.roll(y, -1), pack.roll(z, -1)
@@ -106,7 +106,7 @@ def are_concentric_circles(parts: Sequence[tuple[Any, ...]]) -> Bool[ArrayLike, 
     """
     if any(moments is None or torsion is None for *_, moments, torsion in parts):
         return False
-    traced = any(checks.concrete(v) is None for part in parts for v in part)
+    traced = any(checks.array_if_known(v) is None for part in parts for v in part)
     pack = jnp if traced else np
     y, z, area = (pack.concatenate([part[k] for part in parts]) for k in range(3))
     y0, z0 = area @ y / area.sum(), area @ z / area.sum()

@@ -1,11 +1,11 @@
 """`Space`: what a `System` needs to know about the motion of its nodes.
 
-The *motion* of a row (a node, or a row of an element, see `freedoms`) begins with its displacement.
+The *motion* of a row (a node, or a row of an element, see `dof_map`) begins with its displacement.
 Forces on a row, and steps of a row, begin with three components along x, y, z. The iterate ``x`` is
 the motion of all rows, [n_row, n_motion] (of nets with a *low-order part*, see
 `translations`). A *step* [n_free] from ``x`` has an entry for every unknown, all of them lengths.
-The step of every row, [n_row, n_freedom], follows from it by *prolongation* (`Space.spread`).
-Forces on rows become forces at the unknowns by the transpose, *restriction* (`Space.collected`):
+The step of every row, [n_row, n_freedom], follows from it by *prolongation* (`Space.prolong`).
+Forces on rows become forces at the unknowns by the transpose, *restriction* (`Space.restrict`):
 both do the same work.
 """
 
@@ -21,8 +21,8 @@ import numpy as np
 
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int
-from ..linear.pattern import Sparse
-from .freedoms import Freedoms, along, combined
+from ..linear.pattern import SparseMatrix
+from .dof_map import DofMap, to_global, to_local
 
 Motion: TypeAlias = 'Float[Array, "n_row n_motion"]'
 """Motion of all rows: the iterate."""
@@ -30,9 +30,9 @@ Forces: TypeAlias = 'Float[Array, "n_row n_freedom"]'
 """Forces on all rows, or a step of all rows."""
 Step: TypeAlias = 'Float[Array, " n_free"]'
 """An entry for every unknown."""
-Part: TypeAlias = 'tuple[Float[Array, "n_elem d d"], Int[ArrayLike, "n_elem d"]]'
+MatrixPart: TypeAlias = 'tuple[Float[Array, "n_elem d d"], Int[ArrayLike, "n_elem d"]]'
 """Matrices of elements, and the indices of the unknowns of their rows and columns."""
-Matrix: TypeAlias = 'Float[Array, "n_free n_free"] | Sparse'
+Matrix: TypeAlias = 'Float[Array, "n_free n_free"] | SparseMatrix'
 
 
 class ElementGroup(Protocol):
@@ -50,7 +50,7 @@ class Space(abc.ABC):
     """Motions that the supports allow: from unknowns to nodes and back.
 
     Attributes:
-        freedoms: `Freedoms`, the degree-of-freedom map.
+        dof_map: `DofMap`, the degree-of-freedom map.
         prescribed: prescribed motion of all rows, [n_row, n_motion], used where supports fix them;
             None where supports are not needed.
         n_motion, n_freedom: how many numbers the motion of a row has, and its degrees of freedom.
@@ -58,7 +58,7 @@ class Space(abc.ABC):
         symmetric: whether the tangent is symmetric under all dead loads.
     """
 
-    freedoms: Freedoms
+    dof_map: DofMap
     prescribed: Motion | None
 
     n_motion: ClassVar[int] = 3
@@ -74,38 +74,39 @@ class Space(abc.ABC):
         cls,
         nodes: Float[Array, "n_row 3"],
         groups: Sequence[ElementGroup],
-        freedoms: Freedoms,
+        dof_map: DofMap,
         prescribed: Motion | None,
-        bearing: Float[Array, "n_row 4"] | None,
+        support_rotation: Float[Array, "n_row 4"] | None,
     ) -> Self:
         """Make the space of a system.
 
         Args:
             nodes: initial positions of all rows, m.
             groups: the element groups.
-            freedoms: degree-of-freedom map of the phase.
+            dof_map: degree-of-freedom map of the phase.
             prescribed: prescribed motion of all rows, or None.
-            bearing: rotation of every row when its support was set, as in `ramp.Carry`, or None.
+            support_rotation: rotation of every row when its support was set, as in `ramp.Carry`, or
+                None.
         """
 
     @classmethod
     @abc.abstractmethod
-    def still(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
+    def at_rest(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
         """Return the motion of rows that have not moved."""
 
     @classmethod
     @abc.abstractmethod
-    def advanced(cls, motion: Motion, step: Forces) -> Motion:
+    def moved_by(cls, motion: Motion, step: Forces) -> Motion:
         """Return the motion after a step of all rows, of any size."""
 
     @classmethod
     @abc.abstractmethod
-    def between(cls, before: Motion, after: Motion) -> Forces:
+    def displacement_between(cls, before: Motion, after: Motion) -> Forces:
         """Return displacement (and rotation vector) from one motion to another."""
 
     @classmethod
     @abc.abstractmethod
-    def borne(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
+    def rigid_link_motion(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
         """Return the motion of rows that are joined to other rows by rigid links.
 
         Args:
@@ -124,14 +125,14 @@ class Space(abc.ABC):
         return None
 
     @classmethod
-    def kept(
+    def stored_motion(
         cls, motion: Float[Array, "n_inc n_row n_motion"]
     ) -> Float[Array, "n_inc n_row n_motion"] | None:
         """Return the motions that a path must store beside displacements; None if it need not."""
         return None
 
     @classmethod
-    def padded(cls, force: Float[Array, "... n"]) -> Float[Array, "... n_freedom"]:
+    def pad_moments(cls, force: Float[Array, "... n"]) -> Float[Array, "... n_freedom"]:
         """Append zeros for missing moments to forces, [..., 3] or [..., n_freedom]."""
         missing = [(0, 0)] * (force.ndim - 1) + [(0, cls.n_freedom - force.shape[-1])]
         return jnp.pad(force, missing) if missing[-1][1] else force
@@ -143,7 +144,7 @@ class Space(abc.ABC):
         """`prescribed`, for methods that need supports: it is not None there."""
         return self.prescribed  # type: ignore[return-value]  # not None where it is asked for
 
-    def place(self, x: Motion) -> Motion:
+    def impose_supports(self, x: Motion) -> Motion:
         """Return `x` with the degrees of freedom that supports fix at their prescribed values."""
         return self._impose_displacements(x[:, :3])
 
@@ -151,14 +152,14 @@ class Space(abc.ABC):
         self, displacement: Float[Array, "n_row 3"]
     ) -> Float[Array, "n_row 3"]:
         """Return displacements with prescribed values along the directions that are fixed, m."""
-        fixed, axes = self.freedoms.fixed[:, :3], self.freedoms.axes
+        fixed, axes = self.dof_map.fixed[:, :3], self.dof_map.axes
         prescribed = self._known_prescribed[:, :3]
         if axes is None:
             return jnp.where(fixed, prescribed, displacement)
-        components = jnp.where(fixed, along(axes, prescribed), along(axes, displacement))
-        return combined(axes, components)
+        components = jnp.where(fixed, to_local(axes, prescribed), to_local(axes, displacement))
+        return to_global(axes, components)
 
-    def carried(self, x: Motion) -> Motion:
+    def with_support_rotations(self, x: Motion) -> Motion:
         """Return `x`, a constant, with its derivative by the rotations of supports.
 
         Without rotations there is none.
@@ -166,14 +167,14 @@ class Space(abc.ABC):
         return x
 
     @abc.abstractmethod
-    def spread(self, x: Motion, step: Step) -> Forces:
+    def prolong(self, x: Motion, step: Step) -> Forces:
         """Return the step of every row that belongs to a step of the unknowns (prolongation)."""
 
     @abc.abstractmethod
     def move(self, x: Motion, step: Step) -> Motion:
         """Return the motion after a step of the unknowns from `x`."""
 
-    def held_still(self, residual: Step, step: Step) -> Step:
+    def hold_temporarily_fixed(self, residual: Step, step: Step) -> Step:
         """Add equations ``step = 0``, with a unit stiffness, for unknowns fixed in this phase.
 
         They are unknowns only because another phase releases them.
@@ -182,7 +183,7 @@ class Space(abc.ABC):
             residual: residual at the step, with zeros at these unknowns.
             step: the step of the unknowns.
         """
-        bound = self.freedoms.bound
+        bound = self.dof_map.temporarily_fixed
         if bound is None:
             return residual
         return residual + jnp.where(bound, step - jax.lax.stop_gradient(step), 0.0)
@@ -190,11 +191,11 @@ class Space(abc.ABC):
     # --- forces
 
     @abc.abstractmethod
-    def size(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
+    def force_norm(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
         """Return the norms of generalized forces, N; moments are divided by a length."""
 
     @abc.abstractmethod
-    def collected(self, force: Forces, x: Motion, row_step: Forces | None = None) -> Step:
+    def restrict(self, force: Forces, x: Motion, row_step: Forces | None = None) -> Step:
         """Return forces at the unknowns that do the same work as forces on all rows (restriction).
 
         Args:
@@ -206,7 +207,7 @@ class Space(abc.ABC):
             Forces at the unknowns, [n_free], N.
         """
 
-    def conjugate(self, load: Forces, row_step: Forces) -> Forces:
+    def conjugate_loads(self, load: Forces, row_step: Forces) -> Forces:
         """Return dead loads as forces that are work-conjugate to `row_step`, a step of all rows."""
         return load
 
@@ -214,17 +215,17 @@ class Space(abc.ABC):
     def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:
         """Return the support reactions from unbalanced forces on all rows; zero where free."""
 
-    def directions(self, motion: Motion) -> list[Float[ArrayLike, "n_row 3 3"] | None]:
+    def dof_directions(self, motion: Motion) -> list[Float[ArrayLike, "n_row 3 3"] | None]:
         """List the axes along which displacements, and spins if there are any, are fixed.
 
         Each entry is [n_row, 3, 3], with a direction in each row of a matrix, or None for x, y, z.
         """
-        return [self.freedoms.axes]
+        return [self.dof_map.axes]
 
     # --- matrices
 
     @classmethod
-    def coupled(
+    def coupled_unknowns(
         cls, number: Int[np.ndarray, "n_row n_freedom"]
     ) -> list[Int[np.ndarray, "n_row d"]]:
         """List the indices of unknowns that each row couples without an element, [n_row, d] each.
@@ -234,18 +235,18 @@ class Space(abc.ABC):
         return []
 
     @abc.abstractmethod
-    def slopes(self, x: Motion) -> Float[Array, "n_row n_freedom d"] | None:
+    def motion_jacobian(self, x: Motion) -> Float[Array, "n_row n_freedom d"] | None:
         """Return the Jacobian of each row's step by its unknowns; None if it is the identity."""
 
     @abc.abstractmethod
-    def part(
+    def transform_to_unknowns(
         self,
         blocks: Float[Array, "n_elem ..."],
         links: Int[ArrayLike, "n_elem n_end"],
         width: int,
         inner: Sequence[tuple[int, int]],
         x: Motion,
-    ) -> Part:
+    ) -> MatrixPart:
         """Transform element matrices from degrees of freedom of the ends to unknowns.
 
         Args:
@@ -256,10 +257,13 @@ class Space(abc.ABC):
             x: motion of all rows.
 
         Returns:
-            Matrices by unknowns, [n_elem, d, d], and the indices of these, for `linear.assemble`.
+            Matrices by unknowns, [n_elem, d, d], and the indices of these, for
+            `linear.assemble_matrix`.
         """
 
-    def own_parts(self, load: Forces, unbalanced: Callable[[], Forces], x: Motion) -> list[Part]:
+    def load_stiffness(
+        self, load: Forces, unbalanced: Callable[[], Forces], x: Motion
+    ) -> list[MatrixPart]:
         """List terms of the tangent from dead loads on rotating nodes (load stiffness).
 
         Args:
@@ -268,11 +272,11 @@ class Space(abc.ABC):
             x: motion of all rows.
 
         Returns:
-            Matrices and the indices of their unknowns, as from `part`.
+            Matrices and the indices of their unknowns, as from `transform_to_unknowns`.
         """
         return []
 
-    def regular(self, matrix: Matrix, x: Motion) -> Matrix:
+    def stabilize_free_spins(self, matrix: Matrix, x: Motion) -> Matrix:
         """Return the tangent with springs at spins of beams about their own line, see `FreeSpins`.
 
         They have no stiffness, and results do not depend on them.

@@ -2,7 +2,7 @@
 
 A motion [n_row, 3] has as many digits as a float. Nets are iterated with a *low-order part*
 beside it, in three more columns: the displacement is the sum of both, to nearly twice as many
-digits (double-double, see `numerics.exact`).
+digits (double-double, see `numerics.compensated`).
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from jax import lax
 
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int
-from ..linear import with_zero
-from ..numerics import exact
-from .freedoms import Freedoms, along, combined, element_unknowns
+from ..linear import append_zero
+from ..numerics import compensated
+from .dof_map import DofMap, element_unknowns, to_global, to_local
 from .space import (
     ElementGroup,
     Forces,
+    MatrixPart,
     Motion,
-    Part,
     Space,
     Step,
     as_square_matrices,
@@ -33,17 +33,17 @@ from .space import (
 _COLUMNS_WITH_LOW_PART = 6
 
 
-def is_fine(x: Float[Array, "... n_motion"]) -> bool:
+def has_low_part(x: Float[Array, "... n_motion"]) -> bool:
     """Return whether motions have a low-order part, see the module."""
     return x.shape[-1] == _COLUMNS_WITH_LOW_PART
 
 
-def coarse(motion: Float[Array, "... n_motion"]) -> Float[Array, "... n_motion"]:
+def drop_low_part(motion: Float[Array, "... n_motion"]) -> Float[Array, "... n_motion"]:
     """Return motions without their low-order part, if they have one."""
-    return motion[..., :3] if is_fine(motion) else motion
+    return motion[..., :3] if has_low_part(motion) else motion
 
 
-def refined(motion: Float[Array, "n_row 3"]) -> Float[Array, "n_row 6"]:
+def append_low_part(motion: Float[Array, "n_row 3"]) -> Float[Array, "n_row 6"]:
     """Append a low-order part of zero to displacements, m."""
     return jnp.concatenate([motion, jnp.zeros_like(motion)], axis=1)
 
@@ -57,96 +57,94 @@ class Translations(Space):
         cls,
         nodes: Float[Array, "n_row 3"],
         groups: Sequence[ElementGroup],
-        freedoms: Freedoms,
+        dof_map: DofMap,
         prescribed: Motion | None,
-        bearing: Float[Array, "n_row 4"] | None,
+        support_rotation: Float[Array, "n_row 4"] | None,
     ) -> Self:
         """Make the space of a system, see `Space.of`."""
-        return cls(freedoms, prescribed)
+        return cls(dof_map, prescribed)
 
     @classmethod
-    def still(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
+    def at_rest(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
         """Return zero displacements."""
         return jnp.zeros_like(nodes)
 
     @classmethod
-    def advanced(cls, motion: Motion, step: Forces) -> Motion:
+    def moved_by(cls, motion: Motion, step: Forces) -> Motion:
         """Return the motion after a step of all rows: their sum."""
-        return _add_compensated(motion, step) if is_fine(motion) else motion + step
+        return _add_compensated(motion, step) if has_low_part(motion) else motion + step
 
     @classmethod
-    def between(cls, before: Motion, after: Motion) -> Forces:
+    def displacement_between(cls, before: Motion, after: Motion) -> Forces:
         """Return the displacement from one motion, without a low-order part, to another."""
-        shift = coarse(after) - before
-        return shift + after[:, 3:] if is_fine(after) else shift
+        shift = drop_low_part(after) - before
+        return shift + after[:, 3:] if has_low_part(after) else shift
 
     @classmethod
-    def borne(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
-        """Return the same displacements, because nothing rotates; see `Space.borne`."""
+    def rigid_link_motion(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
+        """Return the same displacements, because nothing rotates; see `Space.rigid_link_motion`."""
         return motion
 
-    def place(self, x: Motion) -> Motion:
+    def impose_supports(self, x: Motion) -> Motion:
         """Return `x` with the displacements that supports fix at their prescribed values."""
-        if not is_fine(x):
-            return super().place(x)
-        fixed, axes, prescribed = self.freedoms.fixed, self.freedoms.axes, self._known_prescribed
+        if not has_low_part(x):
+            return super().impose_supports(x)
+        fixed, axes, prescribed = self.dof_map.fixed, self.dof_map.axes, self._known_prescribed
         high, low = x[:, :3], x[:, 3:]
         if axes is None:
             placed = [jnp.where(fixed, prescribed, high), jnp.where(fixed, 0.0, low)]
             return jnp.concatenate(placed, axis=1)
         # the difference, because components of the displacement itself would be rounded
-        away = along(axes, (prescribed - high) - low)
-        return _add_compensated(x, combined(axes, jnp.where(fixed, away, 0.0)))
+        away = to_local(axes, (prescribed - high) - low)
+        return _add_compensated(x, to_global(axes, jnp.where(fixed, away, 0.0)))
 
-    def spread(self, x: Motion, step: Step) -> Forces:
+    def prolong(self, x: Motion, step: Step) -> Forces:
         """Return the displacement of every row that belongs to a step of the unknowns."""
-        numbering = self.freedoms.numbering
+        numbering = self.dof_map.unknown_assembly
         if numbering is None:
-            components = with_zero(step)[self.freedoms.number]
+            components = append_zero(step)[self.dof_map.unknown_of_dof]
         else:
-            components = numbering.spread(step).reshape(self.freedoms.number.shape)
-        return (
-            components if self.freedoms.axes is None else combined(self.freedoms.axes, components)
-        )
+            components = numbering.apply_transpose(step).reshape(self.dof_map.unknown_of_dof.shape)
+        return components if self.dof_map.axes is None else to_global(self.dof_map.axes, components)
 
     def move(self, x: Motion, step: Step) -> Motion:
         """Return the motion after a step of the unknowns from `x`."""
-        return self.advanced(x, self.spread(x, step))
+        return self.moved_by(x, self.prolong(x, step))
 
-    def size(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
+    def force_norm(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
         """Return the norms of forces, N."""
         return jnp.sqrt(jnp.sum(force**2, axis=-1))
 
-    def collected(self, force: Forces, x: Motion, row_step: Forces | None = None) -> Step:
+    def restrict(self, force: Forces, x: Motion, row_step: Forces | None = None) -> Step:
         """Return the components of forces along the free degrees of freedom, [n_free], N."""
-        components = force if self.freedoms.axes is None else along(self.freedoms.axes, force)
-        flat, numbering = components.reshape(-1), self.freedoms.numbering
-        chosen = flat[self.freedoms.free] if numbering is None else numbering(flat)
-        return self.freedoms.released(chosen)
+        components = force if self.dof_map.axes is None else to_local(self.dof_map.axes, force)
+        flat, numbering = components.reshape(-1), self.dof_map.unknown_assembly
+        chosen = flat[self.dof_map.free] if numbering is None else numbering(flat)
+        return self.dof_map.zero_temporarily_fixed(chosen)
 
     def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:
         """Return the support reactions: unbalanced forces along fixed degrees of freedom."""
-        fixed, axes = self.freedoms.fixed, self.freedoms.axes
+        fixed, axes = self.dof_map.fixed, self.dof_map.axes
         if axes is None:
             return jnp.where(fixed, unbalanced, 0.0)
-        return combined(axes, jnp.where(fixed, along(axes, unbalanced), 0.0))
+        return to_global(axes, jnp.where(fixed, to_local(axes, unbalanced), 0.0))
 
-    def slopes(self, x: Motion) -> Float[Array, "n_row 3 3"] | None:
+    def motion_jacobian(self, x: Motion) -> Float[Array, "n_row 3 3"] | None:
         """Return the directions of the unknowns, one in each column; None if they are x, y, z."""
-        axes = self.freedoms.axes
+        axes = self.dof_map.axes
         return None if axes is None else jnp.swapaxes(jnp.asarray(axes), 1, 2)
 
-    def part(
+    def transform_to_unknowns(
         self,
         blocks: Float[Array, "n_elem ..."],
         links: Int[ArrayLike, "n_elem n_end"],
         width: int,
         inner: Sequence[tuple[int, int]],
         x: Motion,
-    ) -> Part:
-        """Transform element matrices to unknowns, see `Space.part`."""
-        number = element_unknowns(self.freedoms.number, links, width, inner)
-        blocks, slopes = as_square_matrices(blocks), self.slopes(x)
+    ) -> MatrixPart:
+        """Transform element matrices to unknowns, see `Space.transform_to_unknowns`."""
+        number = element_unknowns(self.dof_map.unknown_of_dof, links, width, inner)
+        blocks, slopes = as_square_matrices(blocks), self.motion_jacobian(x)
         if slopes is not None:
             n_end = (blocks.shape[1] - len(inner)) // width
             blocks = transform_by_jacobian(blocks, slopes[links[:, :n_end]], len(inner))
@@ -155,6 +153,6 @@ class Translations(Space):
 
 def _add_compensated(x, step):
     """Add a step of all rows to a motion with a low-order part, without rounding errors."""
-    high, lost = exact.two_sum(x[:, :3], step)
-    high, low = exact.two_sum(high, x[:, 3:] + lax.stop_gradient(lost))
+    high, lost = compensated.two_sum(x[:, :3], step)
+    high, low = compensated.two_sum(high, x[:, 3:] + lax.stop_gradient(lost))
     return jnp.concatenate([high, lax.stop_gradient(low)], axis=1)

@@ -10,14 +10,14 @@ import jax.numpy as jnp
 from .. import linear
 from ..analysis.solution import Solution, State
 from ..common import checks
-from ..common.tree import Indices, copy, pytree
+from ..common.tree import Indices, copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging
 from ..elements.element import Element
 from ..linear import unbatched
 from ..mechanics.carry import make_system, unloaded
 from ..model.structure import Structure
-from ..numerics.scaled import unit_shapes
+from ..numerics.scaled import normalize_mode_shapes
 from .tangent import (
     compiled_tangent,
     displacement_jacobian,
@@ -133,10 +133,10 @@ def buckling_factor(
         >>> print(solution.status, jnp.round(found.factor, 5), found.shapes[0, 1])
         0 [4.] [0. 1. 0.]
     """
-    checks.whole(n, "n")
+    checks.require_whole_number(n, "n")
     require_symmetric_elements(structure, "buckling_factor")
-    thawed, arrays, freedoms = split_state(structure, state, fixed)
-    require_dense_memory(freedoms, _DENSE_MATRICES, "buckling_factor")
+    thawed, arrays, dof_map = split_state(structure, state, fixed)
+    require_dense_memory(dof_map, _DENSE_MATRICES, "buckling_factor")
     _refuse_follower_loads(thawed[2], "state")
     catenary = any(isinstance(group, Sagging) for group in structure.groups)
     if reference is None and catenary and thawed[2].loads:
@@ -144,19 +144,19 @@ def buckling_factor(
             "reference: missing; loads change the stiffness of catenaries, so that there is no "
             "unstressed state to compare with; give the state before the loads to be multiplied"
         )
-    after, slack = compiled_tangent(thawed, arrays, freedoms), _slack_elements(thawed, arrays)
+    after, slack = compiled_tangent(thawed, arrays, dof_map), _slack_elements(thawed, arrays)
     alike: Bool[ArrayLike, ""]
     if reference is None:
         alike = _can_be_unstressed(structure, slack)
         bare = _unstressed_with_zero_loads(thawed, arrays, slack)
-        before = compiled_tangent((*thawed[:2], bare), arrays, freedoms)
+        before = compiled_tangent((*thawed[:2], bare), arrays, dof_map)
     else:
         if not isinstance(reference, Solution | State):
             raise ValueError(
                 "reference: expected a Solution or its last, such as jc.solve(structure, "
                 f"phases[:1]), got {type(reference).__name__}"
             )
-        held = Indices(freedoms.fixed)
+        held = Indices(dof_map.fixed)
         reference_frame, reference_arrays, reference_freedoms = split_state(
             structure, reference, held
         )
@@ -166,23 +166,23 @@ def buckling_factor(
         alike = jnp.all(jnp.stack([jnp.all(a == b) for a, b in pairs]))
         alike &= _same_elements_present(reference_frame[2], thawed[2])
     symmetric = linear.is_symmetric(before) & linear.is_symmetric(after)
-    if checks.concrete(symmetric) is not None and not symmetric:
+    if checks.array_if_known(symmetric) is not None and not symmetric:
         if not _nodal_moments_act(thawed, arrays):
             raise ValueError(
                 "state: its tangent stiffness is unsymmetric although no moments act on nodes; if "
                 "an element class of your own is the cause, declare symmetric = False in it "
                 "(`elements.check` tests this)"
             )
-        checks.suspect(
+        checks.warn_user(
             "state: moments that keep their direction act on nodes and have no potential; the "
             "factors are those of semi-tangential moments, which follow half of the rotation of "
             "their nodes (symmetric part of the tangent); trace_path follows the given moments"
         )
     factor, vectors = _solve_buckling_problem(before, after, min(n, len(after)))
     factor = jnp.where(alike, factor, jnp.nan)
-    moved = displacement_jacobian(thawed, arrays, freedoms)[: structure.n_node]
+    moved = displacement_jacobian(thawed, arrays, dof_map)[: structure.n_node]
     shapes = jnp.moveaxis(jnp.tensordot(moved, vectors, 1), -1, 0)
-    return Buckling(factor, unit_shapes(shapes, vectors.T))
+    return Buckling(factor, normalize_mode_shapes(shapes, vectors.T))
 
 
 def _refuse_follower_loads(carry, name):
@@ -205,7 +205,7 @@ def _can_be_unstressed(structure, slack):
         if not group.tension_only or type(group).unstressed is not Element.unstressed:
             continue
         sound &= ~jnp.any(own)
-        known = checks.concrete(own)
+        known = checks.array_if_known(own)
         if known is not None and known.any():
             raise ValueError(
                 f"reference: missing; elements{where} ({type(group).__name__}) has slack elements, "
@@ -248,8 +248,8 @@ def _unstressed_with_zero_loads(thawed, arrays, slack):
     It has the loads of the state times zero, so that one compiled program serves both tangents.
     """
     bare, carry = _unstressed_without_loads(thawed, arrays, slack), thawed[2]
-    amounts = [copy(amount, factors=0.0 * amount.factors) for amount in carry.amounts]
-    return copy(bare, loads=carry.loads, amounts=amounts)
+    amounts = [copy_with(amount, factors=0.0 * amount.factors) for amount in carry.amounts]
+    return copy_with(bare, loads=carry.loads, amounts=amounts)
 
 
 @jax.jit
@@ -261,8 +261,8 @@ def _unstressed_without_loads(thawed, arrays, slack):
     present = [state.present for state in carry.states]
     for group, is_slack, there in zip(groups, slack, present, strict=True):
         state = group.unstressed(nodes[group.links], is_slack)
-        states.append(state if there is None else copy(state, present=there))
-    return copy(bare, states=states)
+        states.append(state if there is None else copy_with(state, present=there))
+    return copy_with(bare, states=states)
 
 
 @jax.jit

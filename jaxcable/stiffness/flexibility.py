@@ -58,8 +58,8 @@ def flexibility(
         >>> print(solution.status, jnp.round(1 / jnp.diagonal(given), 3))  # N/m
         0 [108000. 108000. 384000.]
     """
-    nodes = checks.integers(nodes, "nodes")
-    checks.known(nodes, structure.n_node, "nodes")
+    nodes = checks.as_indices(nodes, "nodes")
+    checks.require_known_nodes(nodes, structure.n_node, "nodes")
     if not isinstance(axes, str) or not axes or set(axes) - set(_AXIS_INDEX):
         raise ValueError(f'axes = {axes!r}: expected some of "x", "y", "z"')
     at = split_state(structure, state, fixed)

@@ -16,7 +16,7 @@ from ..common import checks
 from ..common.tree import pytree, replace
 from ..common.types import ArrayLike, Bool, Float
 from ..model.structure import Structure
-from ..numerics.scaled import unit_shapes
+from ..numerics.scaled import normalize_mode_shapes
 from .tangent import (
     compiled_tangent,
     displacement_jacobian,
@@ -92,7 +92,7 @@ def modes(
         >>> print(solution.status, np.round(found.stiffness, 3))
         0 [1000. 2000. 2000. 3000.]
     """
-    checks.whole(n, "n")
+    checks.require_whole_number(n, "n")
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((structure, state))):
         raise ValueError(
             "state: is traced; eigenmodes have no derivatives: compute them outside of jax.grad "
@@ -106,13 +106,13 @@ def modes(
     if not np.isfinite(tangent).all():
         raise ValueError("state: its tangent stiffness is not finite; the analysis has failed")
     if not linear.is_symmetric(tangent):
-        checks.suspect(
+        checks.warn_user(
             "state: follower loads or nodal moments make its tangent stiffness unsymmetric; "
             "these are modes of its symmetric part"
         )
     values, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T))
     values, vectors = values[:n], vectors[:, :n]
-    shapes = unit_shapes(np.moveaxis(moved @ vectors, -1, 0), vectors.T)
+    shapes = normalize_mode_shapes(np.moveaxis(moved @ vectors, -1, 0), vectors.T)
     return Modes(values, np.asarray(shapes))
 
 
@@ -151,7 +151,7 @@ def imperfect(
         >>> print(leaning.nodes[1])
         [0.01 0.   0.1 ]
     """
-    shapes = checks.floats(shapes, "shapes")
+    shapes = checks.as_floats(shapes, "shapes")
     if shapes.ndim == 2:
         shapes = shapes[None]
     if shapes.ndim != 3 or shapes.shape[1:] != (structure.n_node, 3):
@@ -159,7 +159,7 @@ def imperfect(
             f"shapes: expected [k, {structure.n_node}, 3], displacements of every node, got "
             f"{shapes.shape}"
         )
-    amplitudes = checks.per_element(amplitudes, len(shapes), "amplitudes")
+    amplitudes = checks.floats_per_element(amplitudes, len(shapes), "amplitudes")
     moved = jnp.tensordot(jnp.asarray(amplitudes), jnp.asarray(shapes), axes=1)
     nodes = jnp.asarray(structure.nodes)
     upright = [group.oriented(nodes) for group in structure.groups]

@@ -10,15 +10,15 @@ import numpy as np
 
 from ..analysis.presence import idle_of
 from ..analysis.solution import Solution, State
-from ..common import memory
-from ..common.tree import cast, fill, thaw
+from ..common import memory_limit
+from ..common.tree import cast_floats, merge_indices, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.element import Element
 from ..mechanics.carry import Carry, make_system
 from ..model.structure import Structure
 from ..model.supports import Fixed
 from ..model.topology import require_same
-from ..spaces.freedoms import Freedoms, number_freedoms
+from ..spaces.dof_map import DofMap, make_dof_map
 
 _SplitModel: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], Carry]"
 _IndexArrays: TypeAlias = "list[np.ndarray]"
@@ -46,7 +46,7 @@ def tangent_of(
 
     Returns:
         [n_free, n_free], N/m; unknowns node by node, x, y, z. With beams, the three rotations of a
-        node follow its displacements, times a length (`spaces.RigidNodes.arm`).
+        node follow its displacements, times a length (`spaces.RotatingNodes.rotation_length`).
 
     Raises:
         ValueError: not a state, or `fixed` of the wrong shape.
@@ -69,20 +69,20 @@ def tangent_of(
 
 
 @jax.jit
-def compiled_tangent(thawed, arrays, freedoms):
+def compiled_tangent(thawed, arrays, dof_map):
     """Compute the tangent stiffness from the results of `split_state`, [n_free, n_free], N/m."""
     nodes, groups, carry = merge_state(thawed, arrays)
-    system = make_system(nodes, groups, carry, carry.motion, freedoms)
+    system = make_system(nodes, groups, carry, carry.motion, dof_map)
     return system.tangent(carry.motion)
 
 
 @jax.jit
 def displacement_jacobian(
-    thawed: _SplitModel, arrays: _IndexArrays, freedoms: Freedoms
+    thawed: _SplitModel, arrays: _IndexArrays, dof_map: DofMap
 ) -> Float[Array, "n_row 3 n_free"]:
     """Return the derivative of all displacements by the unknowns, [n_row, 3, n_free]."""
     nodes, groups, carry = merge_state(thawed, arrays)
-    system = make_system(nodes, groups, carry, carry.motion, freedoms)
+    system = make_system(nodes, groups, carry, carry.motion, dof_map)
     return system.displaced_by(carry.motion)
 
 
@@ -90,7 +90,7 @@ def split_state(
     structure: Structure,
     state: Solution | State,
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
-) -> tuple[_SplitModel, _IndexArrays, Freedoms]:
+) -> tuple[_SplitModel, _IndexArrays, DofMap]:
     """Prepare the state of a solution for compiled functions such as `compiled_tangent`.
 
     Returns:
@@ -111,9 +111,9 @@ def split_state(
         raise ValueError(
             f"fixed: expected booleans of shape {state.fixed[-1].shape}, got {fixed.shape}"
         )
-    nodes = structure.nodes if rows is None else structure.nodes[rows.node]
-    freedoms = number_freedoms(fixed, rows, rigid=structure.rigid)
-    return *thaw((nodes, groups, state.carry)), freedoms
+    nodes = structure.nodes if rows is None else structure.nodes[rows.node_of_row]
+    dof_map = make_dof_map(fixed, rows, rigid=structure.rigid)
+    return *split_indices((nodes, groups, state.carry)), dof_map
 
 
 def require_symmetric_elements(structure: Structure, what: str) -> None:
@@ -131,16 +131,16 @@ def require_symmetric_elements(structure: Structure, what: str) -> None:
             )
 
 
-def require_dense_memory(freedoms: Freedoms, count: int, what: str) -> None:
+def require_dense_memory(dof_map: DofMap, count: int, what: str) -> None:
     """Raise ValueError if dense matrices of all unknowns do not fit into memory.
 
     Args:
-        freedoms: numbering of the unknowns.
+        dof_map: numbering of the unknowns.
         count: how many matrices there are at once.
         what: name of the caller, for the message.
     """
-    n = len(freedoms.free)
-    memory.require(
+    n = len(dof_map.free)
+    memory_limit.require_memory(
         count * n**2 * jnp.zeros(0).dtype.itemsize,
         f"{what}: {count} dense matrices of {n} unknowns",
         "leave out degrees of freedom by `fixed`, or take a coarser structure",
@@ -149,8 +149,8 @@ def require_dense_memory(freedoms: Freedoms, count: int, what: str) -> None:
 
 def merge_state(thawed: _SplitModel, arrays: _IndexArrays) -> _SplitModel:
     """Put the index arrays of `split_state` back; cast all floats to the dtype of the nodes."""
-    frame = fill(thawed, arrays)
-    return cast(frame, jnp.asarray(frame[0]).dtype)
+    frame = merge_indices(thawed, arrays)
+    return cast_floats(frame, jnp.asarray(frame[0]).dtype)
 
 
 def _fixed_in_phase_of(state):

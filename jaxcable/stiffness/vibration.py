@@ -13,7 +13,7 @@ from jax import lax
 from .. import linear
 from ..analysis.solution import Solution, State
 from ..common import checks
-from ..common.rules import not_negative, or_nan, positive
+from ..common.rules import nan_if_broken, not_negative, positive
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging
@@ -21,7 +21,7 @@ from ..linear import unbatched
 from ..mechanics.carry import make_system
 from ..mechanics.elementwise import each
 from ..model.structure import Structure
-from ..numerics.scaled import unit_shapes
+from ..numerics.scaled import normalize_mode_shapes
 from .tangent import (
     compiled_tangent,
     displacement_jacobian,
@@ -136,35 +136,35 @@ def natural_frequencies(
         >>> print(solution.status, jnp.round(found.frequency, 6))  # Hz, in x and in y
         0 [0.5 0.5]
     """
-    checks.whole(n, "n")
+    checks.require_whole_number(n, "n")
     if distribution is not None and distribution not in _DISTRIBUTIONS:
         names = ", ".join(map(repr, _DISTRIBUTIONS))
         raise ValueError(f"distribution = {distribution!r}: expected one of {names}")
-    gravity = or_nan(positive("gravity", gravity))
+    gravity = nan_if_broken(positive("gravity", gravity))
     if masses is not None:
-        masses = jnp.broadcast_to(checks.floats(masses, "masses"), structure.n_node)
-        masses = or_nan(not_negative("masses", masses))
+        masses = jnp.broadcast_to(checks.as_floats(masses, "masses"), structure.n_node)
+        masses = nan_if_broken(not_negative("masses", masses))
     require_symmetric_elements(structure, "natural_frequencies")
-    thawed, arrays, freedoms = split_state(structure, state, fixed)
-    require_dense_memory(freedoms, _DENSE_MATRICES, "natural_frequencies")
+    thawed, arrays, dof_map = split_state(structure, state, fixed)
+    require_dense_memory(dof_map, _DENSE_MATRICES, "natural_frequencies")
     weights = [group.weight for group in structure.groups]
-    known = [checks.concrete(amount) for amount in (*weights, masses) if amount is not None]
+    known = [checks.array_if_known(amount) for amount in (*weights, masses) if amount is not None]
     if not any(amount is None or (amount > 0).any() for amount in known):
         raise ValueError(
             "masses: no element group has a weight; give weight=... in N/m, or masses=... in kg"
         )
-    stiffness = compiled_tangent(thawed, arrays, freedoms)
+    stiffness = compiled_tangent(thawed, arrays, dof_map)
     symmetric = linear.is_symmetric(stiffness)
-    if checks.concrete(symmetric) is not None and not symmetric:
+    if checks.array_if_known(symmetric) is not None and not symmetric:
         raise ValueError(
             "state: follower loads or nodal moments make its tangent stiffness unsymmetric; "
             "frequencies may be complex, and only symmetric problems are solved"
         )
-    moved = displacement_jacobian(thawed, arrays, freedoms)[: structure.n_node]
-    mass = _mass_matrix(thawed, arrays, freedoms, gravity, distribution=distribution)
+    moved = displacement_jacobian(thawed, arrays, dof_map)[: structure.n_node]
+    mass = _mass_matrix(thawed, arrays, dof_map, gravity, distribution=distribution)
     if masses is not None:
         mass = mass + jnp.einsum("nci,n,ncj->ij", moved, masses.astype(mass.dtype), moved)
-    if not (checks.concrete(jnp.trace(mass)) is None or jnp.trace(mass) > 0):
+    if not (checks.array_if_known(jnp.trace(mass)) is None or jnp.trace(mass) > 0):
         hint = ""
         if any(isinstance(group, Sagging) for group in structure.groups):
             hint = "; catenaries have no modes within their span: use a chain of Cables"
@@ -178,16 +178,16 @@ def natural_frequencies(
 
 
 @functools.partial(jax.jit, static_argnames=("distribution",))
-def _mass_matrix(thawed, arrays, freedoms, gravity, distribution):
+def _mass_matrix(thawed, arrays, dof_map, gravity, distribution):
     """Assemble the mass matrix of the elements, [n_free, n_free], kg."""
     nodes, groups, carry = merge_state(thawed, arrays)
-    system = make_system(nodes, groups, carry, carry.motion, freedoms)
+    system = make_system(nodes, groups, carry, carry.motion, dof_map)
     return system.mass(carry.motion, jnp.asarray(gravity, nodes.dtype), distribution)
 
 
 def _warn_of_modes_within_spans(structure, thawed, arrays, gravity, found):
     """Warn of catenaries that vibrate within their span more slowly than a mode that was found."""
-    highest = checks.concrete(jnp.nanmax(jnp.append(found.frequency, -jnp.inf)))
+    highest = checks.array_if_known(jnp.nanmax(jnp.append(found.frequency, -jnp.inf)))
     if highest is None:
         return
     nodes, groups, carry = merge_state(thawed, arrays)
@@ -203,13 +203,13 @@ def _warn_of_modes_within_spans(structure, thawed, arrays, gravity, found):
         span_frequency = (
             jnp.sqrt(tension / jnp.where(mass > 0, mass, jnp.nan) / state.rest_length) / 2
         )
-        span_frequency = checks.concrete(span_frequency)
+        span_frequency = checks.array_if_known(span_frequency)
         if span_frequency is None:
             return
         slow = np.flatnonzero(span_frequency < highest)
         if len(slow):
             k = int(slow[np.argmin(span_frequency[slow])])
-            checks.suspect(
+            checks.warn_user(
                 f"structure: catenary {k} of elements{where} vibrates within its span at about "
                 f"{span_frequency[k]:.3g} Hz, slower than a mode that is returned "
                 f"({highest:.3g} Hz); modes within a span are not found: use a chain of Cables, or "
@@ -248,7 +248,7 @@ def _solve_vibration_problem(stiffness, mass, moved, n):
     massive = ~(mu <= _MASSLESS * jnp.finfo(mu.dtype).eps * mu[0])
     squared = jnp.where(massive, 1 / jnp.where(massive, mu, 1.0) - shift, jnp.inf)
     modes = unbatched.solve_triangular(root, vectors, transposed=True)
-    shapes = unit_shapes(jnp.moveaxis(jnp.tensordot(moved, modes, 1), -1, 0), modes.T)
+    shapes = normalize_mode_shapes(jnp.moveaxis(jnp.tensordot(moved, modes, 1), -1, 0), modes.T)
     positive = squared > 0
     frequency = jnp.sqrt(jnp.where(positive, squared, 1.0)) / (2 * jnp.pi)
     frequency = jnp.where(positive, frequency, jnp.nan)
@@ -257,7 +257,7 @@ def _solve_vibration_problem(stiffness, mass, moved, n):
 
 def _without_massless_modes(found):
     """Return the modes that have mass; all modes if traced."""
-    known = checks.concrete(found.squared)
+    known = checks.array_if_known(found.squared)
     if known is None:
         return found
     count = int(np.sum(~np.isposinf(known)))

@@ -140,7 +140,7 @@ def test_programs_have_not_grown(name, line_counts):
 
 def test_small_analyses_compile_quickly_and_give_the_same():
     if jax.__version_info__ < (0, 11) and jax.default_backend() == "cpu":  # 0.12 has no such option
-        assert jax_internals.quick_options()
+        assert jax_internals.quick_compile_options()
     solution = jc.solve(STRUCTURE, [PRESTRESS, LOADING])
     inside = jax.jit(
         lambda nodes: jc.solve(jc.replace(STRUCTURE, nodes=nodes), [PRESTRESS, LOADING])
@@ -148,7 +148,7 @@ def test_small_analyses_compile_quickly_and_give_the_same():
     same = inside(np.asarray(STRUCTURE.nodes))
     # sums in another order
     np.testing.assert_allclose(same.tension, solution.tension, rtol=1e-9)
-    run = compilation.program(lambda x: 2 * x)
+    run = compilation.jit_program(lambda x: 2 * x)
     assert [int(run(np.int32(3), size=size)) for size in (10, 10, 10**6)] == [6, 6, 6]
     assert len(run.known) == 2 and int(jax.jit(lambda x: run(x, size=10))(4)) == 8
 
@@ -225,12 +225,12 @@ def test_nothing_is_collected_while_programs_are_traced():
         gc.callbacks.remove(seen)
         gc.set_threshold(*before)
     assert gc.isenabled()
-    with pytest.raises(ZeroDivisionError), compilation.without_collection():
+    with pytest.raises(ZeroDivisionError), compilation.without_garbage_collection():
         raise ZeroDivisionError
     assert gc.isenabled()
     gc.disable()
     try:
-        with compilation.without_collection():
+        with compilation.without_garbage_collection():
             pass
         assert not gc.isenabled()  # as its owner wants it
     finally:

@@ -139,7 +139,7 @@ def test_a_gradient_is_two_functions(name):
 def test_only_nets_are_solved_so():
     def solver(scene, to_end=True):
         schedule = prepare(*scene, None, None, to_end=to_end).thawed[3]
-        return schedule.freedoms.pattern.solver.name
+        return schedule.dof_map.pattern.solver.name
 
     assert [solver(make()[:2]) for make in NETS.values()] == ["rolling"] * len(NETS)
     assert solver(jc.scenes.saddle(3, 3), to_end=False) == "dense"  # a path may become unstable

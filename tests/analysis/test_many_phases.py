@@ -152,7 +152,7 @@ YIELDING = jc.Polygonal([0.0, 0.004, 0.05], [0.0, 4e8, 6e8], "elastic")
 
 
 def test_second_derivatives_within_increments():
-    """Increments with derivatives of their own are scanned: see `test_rooted`.
+    """Increments with derivatives of their own are scanned: see `test_implicit_root`.
 
     The oracle is differences of first derivatives.
     """

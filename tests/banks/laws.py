@@ -108,7 +108,7 @@ def evaluate(law, strain, memory):
     stress, slope = jax.value_and_grad(law.stress_at)(strain, memory)
     energy, gradient = jax.value_and_grad(law.energy_at)(strain, memory)
     distance = law.corner_distance(strain, memory)
-    return stress, slope, energy, gradient, distance, law.beyond(strain)
+    return stress, slope, energy, gradient, distance, law.is_ruptured(strain)
 
 
 @batched
@@ -152,7 +152,7 @@ def _along(law, strains):
     def increment(memory, strain):
         stress = law.stress_at(strain, memory)
         gradient = jax.grad(law.energy_at)(strain, memory)
-        settled = law.settle(strain, memory)
+        settled = law.commit_memory(strain, memory)
         again = law.stress_at(strain, settled)
         back = law.strain_at(stress, memory)
         slack = law.is_slack(strain, memory)

@@ -13,7 +13,7 @@ from jaxcable import linear
 getcontext().prec = 60
 
 _NAMES = ("dense", "superlu", "cholmod", "pardiso")
-INSTALLED = [name for name in _NAMES if linear.named(name).available()]
+INSTALLED = [name for name in _NAMES if linear.solver_named(name).is_installed()]
 """Linear solvers that are there."""
 _THERE = pytest.mark.skipif("pardiso" not in INSTALLED, reason="pypardiso not installed")
 PARDISO = pytest.param("pardiso", marks=_THERE)

@@ -588,7 +588,7 @@ WHOLE = """
 
     sys.argv = ["jaxcable", "solve", "net.json"]
     assert main() == 0
-    assert fusion.fuses() or fusion.fusion_flag(1) is None
+    assert fusion.are_loops_fused() or fusion.fusion_flag(1) is None
 """
 
 

@@ -12,11 +12,11 @@ INSIDE = """
     import jax, matplotlib
     import jaxcable as jc
     from jaxcable.cli import main
-    from jaxcable.common import fusion, keeping
+    from jaxcable.common import fusion, program_store
 
     def settings():
         backend = dict.__getitem__(matplotlib.rcParams, "backend")
-        own = list(keeping._open_place), list(keeping._jax_settings_before)
+        own = list(program_store._open_place), list(program_store._jax_settings_before)
         return dict(jax.config.values), list(warnings.filters), dict(os.environ), str(backend), own
 
     def run(dtype):
@@ -26,7 +26,7 @@ INSIDE = """
         assert main(["solve", "none.json"]) == 2
         changed = [(a, b) for a, b in zip(before, settings()) if a != b]
         assert not changed, changed
-        assert not fusion.fuses()
+        assert not fusion.are_loops_fused()
         assert jax.numpy.ones(2).dtype == dtype
 
     run("float32")

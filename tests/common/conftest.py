@@ -3,15 +3,15 @@
 import jax
 import pytest
 
-from jaxcable.common import jax_internals, keeping
+from jaxcable.common import jax_internals, program_store
 
 
 @pytest.fixture
 def nothing_kept():
     """At first neither this package nor jax keeps programs."""
-    with keeping.restored():
+    with program_store.restore_kept_programs():
         jax.config.update("jax_compilation_cache_dir", None)
         jax_internals.reset_jax_cache()
-        keeping._open_place.clear()
-        keeping._jax_settings_before.clear()
+        program_store._open_place.clear()
+        program_store._jax_settings_before.clear()
         yield

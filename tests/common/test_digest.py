@@ -358,7 +358,7 @@ def test_the_digest_is_of_the_code_in_memory(monkeypatch):
         exec(f"def tension(self, state, nodes, motion):\n    return {factor} * state", space)
         space["tension"].__qualname__ = "Straight.tension"
         changes.append((Straight, "tension", space["tension"]))
-        changes.append((vectors, "a_partial", functools.partial(vectors.inner, b=factor)))
+        changes.append((vectors, "a_partial", functools.partial(vectors.scalar_product, b=factor)))
     name, number = next((n, v) for n, v in vars(newton).items() if type(v) is float)
     code = Straight.tension.__code__
     changes.append((newton, name, 2 * number))

@@ -15,7 +15,7 @@ import pytest
 from test_keeping import product
 
 import jaxcable as jc
-from jaxcable.common import compilation, fusion, jax_internals, keeping
+from jaxcable.common import compilation, fusion, jax_internals, program_store
 from jaxcable.common.program_folder import open_folder
 
 ROOT = Path(__file__).parents[2]
@@ -109,7 +109,7 @@ def test_without_a_rule_of_primitives_there_is_none(name, monkeypatch):
 
     def made():
         same = [lambda x, **_: x] * 5
-        return jax_internals.primitive("same", *same)
+        return jax_internals.define_primitive("same", *same)
 
     assert made() is not None
     monkeypatch.delattr(jax.interpreters.ad, name)
@@ -147,7 +147,7 @@ def test_whether_a_program_is_traced(monkeypatch):
         jax.jit(lambda x: look(x))(1.0)
         jax.grad(jax.jit(lambda x: look(x)))(1.0)
     assert seen == 2 * [False, True, True]
-    run = compilation.program(lambda x: 2 * x)
+    run = compilation.jit_program(lambda x: 2 * x)
     assert float(jax.jit(lambda: run(np.ones(()), size=1))()) == 2.0 and not run.known
     compilation._PROGRAMS.remove(run)
     assert product() == 6.0
@@ -176,14 +176,14 @@ def test_without_names_of_lapack(without):
 def test_without_a_serializer(without, tmp_path):
     without("jax.experimental.serialize_executable")
     assert jax_internals.program_serializer() is None
-    assert keeping._load_program(open_folder(tmp_path, 9), 32 * "0", []) is None
+    assert program_store._load_program(open_folder(tmp_path, 9), 32 * "0", []) is None
 
 
 def test_without_quick_options(monkeypatch):
     """jax 0.12 has none."""
     if jax.default_backend() == "cpu":
-        assert (jax_internals.quick_options() is None) == (jax.__version_info__ >= (0, 12))
-    monkeypatch.setattr(compilation, "quick_options", lambda: None)
+        assert (jax_internals.quick_compile_options() is None) == (jax.__version_info__ >= (0, 12))
+    monkeypatch.setattr(compilation, "quick_compile_options", lambda: None)
     assert product() == 6.0
 
 
@@ -197,7 +197,11 @@ def test_flags_are_set_for_known_versions_only(monkeypatch):
     monkeypatch.setattr("jaxlib.version.__version_info__", (*jax_internals.TESTED[1], 0))
     with pytest.warns(RuntimeWarning, match=r"known for jaxlib 0.10 up to 0.13 only"):
         jc.fuse_loops()
-    assert os.environ.get("XLA_FLAGS") == before and not fusion.fuses() and not fusion.ask()
+    assert (
+        os.environ.get("XLA_FLAGS") == before
+        and not fusion.are_loops_fused()
+        and not fusion.request_fused_loops()
+    )
 
 
 def test_a_file_of_flags_is_left_as_it_is(monkeypatch):
@@ -222,7 +226,7 @@ def test_whether_jax_has_started_may_not_be_known(monkeypatch):
     try:
         with pytest.warns(RuntimeWarning, match="loops are not fused if jax has computed"):
             jc.fuse_loops()
-        assert fusion.fuses()
+        assert fusion.are_loops_fused()
     finally:
         jax.config.update("jax_cpu_enable_async_dispatch", settings)
 

@@ -21,7 +21,7 @@ from test_digest import module_texts
 
 import jaxcable as jc
 from jaxcable.analysis.preparation import prepare
-from jaxcable.common import compilation, host_calls, jax_internals, keeping, python_objects
+from jaxcable.common import compilation, host_calls, jax_internals, program_store, python_objects
 from jaxcable.common.program_folder import open_folder
 from jaxcable.numerics import vectors
 
@@ -173,7 +173,7 @@ def no_tracing(*_, **__):
 
 def product(traced=True):
     """1 + 2 + 3, by a program that this process knows as little as a new one does."""
-    run = compilation.program(vectors.inner)
+    run = compilation.jit_program(vectors.scalar_product)
     compilation._PROGRAMS.remove(run)
     with pytest.MonkeyPatch.context() as patch:
         if not traced:
@@ -249,12 +249,12 @@ def test_programs_that_call_by_address_are_not_kept(tmp_path):
         )
     ):
         compiled = jax.jit(lambda x, told=told: told(x) or x).lower(1.0).compile()
-        keeping._store_program(place, 32 * "a", compiled)
+        program_store._store_program(place, 32 * "a", compiled)
         assert len(programs(tmp_path)) == k
 
 
 def test_forgotten_programs_are_compiled_again():
-    run = compilation.program(vectors.inner)
+    run = compilation.jit_program(vectors.scalar_product)
     before = run(np.ones(3), np.ones(3), size=9)
     assert len(run.known) == 1
     jc.forget_programs()
@@ -271,7 +271,7 @@ WORDS = "jaxcable.analysis.solver", "_analyse"
 def key(structure, phases, method=None):
     task = prepare(structure, phases, method, None)
     core = task.thawed, task.arrays, task.method, task.code
-    return keeping._program_key(WORDS, core, {"bundles": task.bundles})
+    return program_store._program_key(WORDS, core, {"bundles": task.bundles})
 
 
 def test_what_a_program_depends_on(monkeypatch):
@@ -306,9 +306,9 @@ def test_what_a_program_depends_on(monkeypatch):
         others.append(key(structure, phases))
     with monkeypatch.context() as patch:
         patch.setattr(sys, "version", "another version")
-        keeping._describe_machine.cache_clear()
+        program_store._describe_machine.cache_clear()
         others.append(key(structure, phases))
-    keeping._describe_machine.cache_clear()
+    program_store._describe_machine.cache_clear()
     assert len({same, *others}) == 1 + len(others)
 
 
@@ -329,17 +329,17 @@ def test_what_is_defined_elsewhere_is_not_kept():
 
 @pytest.mark.parametrize("folder", ["", "named"])
 def test_the_environment_names_the_folder(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(keeping, "_open_place", [])
+    monkeypatch.setattr(program_store, "_open_place", [])
     monkeypatch.setenv("JAXCABLE_PROGRAMS", str(tmp_path / folder) if folder else "")
     found = jc.keep_programs()
-    assert [place.folder for place in keeping._open_place] == (
+    assert [place.folder for place in program_store._open_place] == (
         [tmp_path / "named"] if folder else []
     )
     assert not folder or found == tmp_path / "named"
 
 
 def test_the_folder_for_caches(tmp_path, monkeypatch):
-    monkeypatch.setattr(keeping, "_open_place", [])
+    monkeypatch.setattr(program_store, "_open_place", [])
     monkeypatch.delenv("JAXCABLE_PROGRAMS")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     if sys.platform.startswith("linux"):
@@ -348,8 +348,8 @@ def test_the_folder_for_caches(tmp_path, monkeypatch):
 
 
 def test_as_many_programs_as_are_allowed(monkeypatch):
-    monkeypatch.setattr(compilation, "MOST", 3)
-    run = compilation.program(lambda x: 2 * x)
+    monkeypatch.setattr(compilation, "MOST_PROGRAMS", 3)
+    run = compilation.jit_program(lambda x: 2 * x)
     for n in (1, 2, 3, 4, 2, 5):
         np.testing.assert_array_equal(run(np.ones(n), size=9), 2 * np.ones(n))
     lengths = [program[1][0][0][0] for program in run.known]
@@ -358,7 +358,7 @@ def test_as_many_programs_as_are_allowed(monkeypatch):
 
 
 def test_where_an_argument_lives_and_its_type_matter():
-    run = compilation.program(lambda x, y: x + y)
+    run = compilation.jit_program(lambda x, y: x + y)
     given = [np.float64(2.0), jnp.float64(2.0), 2.0, 2, np.float32(2.0), jnp.float32(2.0)]
     for x in given:
         assert float(run(x, np.float64(1.0), size=9)) == 3.0

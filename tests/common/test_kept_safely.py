@@ -22,9 +22,9 @@ import scipy
 from test_keeping import product
 
 import jaxcable as jc
-from jaxcable.common import jax_internals, keeping, program_folder, python_objects
-from jaxcable.common.checks import suspect, without_warnings
-from jaxcable.common.compilation import without_collection
+from jaxcable.common import jax_internals, program_folder, program_store, python_objects
+from jaxcable.common.checks import warn_user, without_warnings
+from jaxcable.common.compilation import without_garbage_collection
 from jaxcable.common.program_folder import ProgramFolder, open_folder
 
 posix = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="owners and modes of POSIX")
@@ -108,7 +108,7 @@ def test_a_folder_with_other_things_of_that_name_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"folder: .*xla: contains files that jaxcable has not"):
         jc.keep_programs(tmp_path)
     assert [path.name for path in (tmp_path / "xla").iterdir()] == ["compiler.cc"]
-    assert not keeping._open_place
+    assert not program_store._open_place
 
 
 # --- whose they are
@@ -121,7 +121,9 @@ def refused_twice(folder, said, monkeypatch):
     monkeypatch.setenv("JAXCABLE_PROGRAMS", str(folder))
     with pytest.warns(RuntimeWarning, match=rf"{said}.*; no programs are kept"):
         jc.keep_programs()
-    assert not keeping._open_place and jax.config.jax_compilation_cache_dir != str(folder / "xla")
+    assert not program_store._open_place and jax.config.jax_compilation_cache_dir != str(
+        folder / "xla"
+    )
 
 
 @posix
@@ -139,12 +141,12 @@ def test_files_that_others_own_or_can_write_are_refused(tmp_path, monkeypatch):
     assert place.read(KEYS[0]) == b"of mine"
     (place.programs / f"{KEYS[0]}.program").chmod(0o666)
     with pytest.warns(RuntimeWarning, match="other users can write"):
-        assert keeping._load_program(place, KEYS[0], []) is None
+        assert program_store._load_program(place, KEYS[0], []) is None
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
     with pytest.raises(ValueError, match="belongs to another user"):
         jc.keep_programs(tmp_path)
     with pytest.warns(RuntimeWarning, match="belongs to another user.*compiled again"):
-        assert keeping._load_program(place, KEYS[0], []) is None
+        assert program_store._load_program(place, KEYS[0], []) is None
 
 
 @posix
@@ -171,13 +173,13 @@ def test_a_folder_that_others_can_replace_is_refused(tmp_path, monkeypatch):
     assert sorted(path.name for path in shared.iterdir()) == ["below", "out"]  # nothing is made
     assert not any((shared / "below" / "kept").iterdir()) and not any((tmp_path / "own").iterdir())
     shared.chmod(0o1777)  # as /tmp: nobody moves what others own
-    assert jc.keep_programs(shared / "below" / "kept") and keeping._open_place
+    assert jc.keep_programs(shared / "below" / "kept") and program_store._open_place
     jc.keep_programs(limit=0)
     shared.chmod(0o770)
     monkeypatch.setattr(program_folder, "_is_own_group", lambda number: False)
     refused_twice(shared / "below" / "kept", said, monkeypatch)
     monkeypatch.setattr(program_folder, "_is_own_group", lambda number: True)
-    assert jc.keep_programs(shared / "below" / "kept") and keeping._open_place
+    assert jc.keep_programs(shared / "below" / "kept") and program_store._open_place
 
 
 @posix
@@ -249,7 +251,7 @@ def test_a_file_that_makes_no_sense_is_said_and_not_used(text, tmp_path):
     path = re.escape(str(place.program_path(KEYS[0])))
     named = rf"{path}: the file is damaged; the program is compiled again"
     with pytest.warns(RuntimeWarning, match=named):
-        assert keeping._load_program(place, KEYS[0], []) is None
+        assert program_store._load_program(place, KEYS[0], []) is None
 
 
 def test_a_file_under_another_key_is_not_used(tmp_path):
@@ -341,11 +343,11 @@ def test_settings_are_as_before_when_threads_compile_at_once():
     seconds = jax.config.jax_persistent_cache_min_compile_time_secs
 
     def compiles():
-        with jax_internals.without_jax_cache(), without_collection(), without_warnings():
+        with jax_internals.without_jax_cache(), without_garbage_collection(), without_warnings():
             assert jax.config.jax_persistent_cache_min_compile_time_secs == float("inf")
             time.sleep(1e-4)
             assert not gc.isenabled()
-            suspect("not issued")
+            warn_user("not issued")
 
     assert gc.isenabled()
     filters = list(warnings.filters)
@@ -353,7 +355,7 @@ def test_settings_are_as_before_when_threads_compile_at_once():
     assert gc.isenabled() and warnings.filters == filters
     assert jax.config.jax_persistent_cache_min_compile_time_secs == seconds
     with pytest.warns(jc.InputWarning, match="issued"):
-        suspect("issued")
+        warn_user("issued")
 
 
 # --- what jax lacks
@@ -375,7 +377,7 @@ def test_without_the_settings_of_jax(tmp_path, monkeypatch):
     with pytest.warns(RuntimeWarning, match="lacks jax.config.values: programs are not kept"):
         jc.keep_programs(tmp_path)
     with pytest.raises(python_objects.ForeignError):
-        keeping._program_key(("jaxcable.analysis.solver", "_analyse"), np.ones(2), {})
+        program_store._program_key(("jaxcable.analysis.solver", "_analyse"), np.ones(2), {})
 
 
 def test_a_program_that_jax_cannot_describe_is_said_and_not_kept(tmp_path, monkeypatch):
@@ -385,4 +387,4 @@ def test_a_program_that_jax_cannot_describe_is_said_and_not_kept(tmp_path, monke
     monkeypatch.setattr(jax_internals, "program_serializer", lambda: (fails, None))
     program = types.SimpleNamespace(as_text=lambda: "")
     with pytest.warns(RuntimeWarning, match="could not be saved: NotImplementedError: constants"):
-        keeping._store_program(open_folder(tmp_path, 9), KEYS[0], program)
+        program_store._store_program(open_folder(tmp_path, 9), KEYS[0], program)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.common.owned import owned
+from jaxcable.common.owned import owned_copy
 from jaxcable.common.tree import Indices
 from jaxcable.files.codec import TYPES
 
@@ -171,13 +171,13 @@ def test_what_is_owned_cannot_be_written_to_and_what_nobody_can_change_is_not_co
 def test_other_containers_are_taken_apart():
     """Those that jax knows: what is in them is copied, and they are made anew."""
     one, ordered = np.zeros(2), collections.OrderedDict(b=np.zeros(2), a=[np.zeros(1)])
-    kept = owned({"x": (one, jc.scenes.Scene(None, [one])), "y": ordered, "z": "text"})
+    kept = owned_copy({"x": (one, jc.scenes.Scene(None, [one])), "y": ordered, "z": "text"})
     one += 1.0
     ordered["b"] += 1.0
     ordered["a"].append(one)
     assert kept["x"][0].sum() == kept["x"][1].phases[0].sum() == kept["y"]["b"].sum() == 0.0
     assert list(kept["y"]) == ["b", "a"] and len(kept["y"]["a"]) == 1 and kept["z"] == "text"
-    masked = owned(np.ma.masked_array([1.0, 2.0], [True, False]))
+    masked = owned_copy(np.ma.masked_array([1.0, 2.0], [True, False]))
     assert not masked.flags.writeable
 
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import pytest
 
 import jaxcable as jc
-from jaxcable.common.progress import Increment, Printer, Step, listener
+from jaxcable.common.progress import Increment, Printer, Step, as_listener
 
 
 @pytest.fixture(scope="module")
@@ -112,8 +112,8 @@ def test_lines_come_with_long_work_only(monkeypatch):
 def test_wrong_listeners_are_named(scene):
     with pytest.raises(ValueError, match="progress = 3: expected True, or a function"):
         jc.solve(*scene, progress=3)
-    assert listener(None) is None and listener(False) is None
-    assert listener(True) is listener(True)  # one object: no second compilation
+    assert as_listener(None) is None and as_listener(False) is None
+    assert as_listener(True) is as_listener(True)  # one object: no second compilation
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ MASK = np.arange(12) % 3 == 0
 
 
 def test_a_selection_says_which_elements_are_meant():
-    assert jc.only([1, 3]).chosen(5, "elements").tolist() == [False, True, False, True, False]
-    assert jc.only(MASK).chosen(12, "elements").tolist() == MASK.tolist()
+    assert jc.only([1, 3]).element_mask(5, "elements").tolist() == [False, True, False, True, False]
+    assert jc.only(MASK).element_mask(12, "elements").tolist() == MASK.tolist()
     assert jax.tree.leaves(jc.only(MASK)) == []  # topology: nothing in it is traced
 
 
@@ -30,8 +30,8 @@ def test_booleans_are_the_numbers_where_they_are_true():
 
 NET = jc.scenes.flat_net().structure
 REFUSED = [
-    (lambda: jc.only([7]).chosen(5, "elements"), r"elements\[0\] = 7.*elements 0 to 4"),
-    (lambda: jc.only(MASK).chosen(5, "elements"), "each of 5 elements, got 12"),
+    (lambda: jc.only([7]).element_mask(5, "elements"), r"elements\[0\] = 7.*elements 0 to 4"),
+    (lambda: jc.only(MASK).element_mask(5, "elements"), "each of 5 elements, got 12"),
     (lambda: jc.only([[True, False]]), r"booleans \[n_elem\], got shape"),
     (lambda: jc.only([0, True]), "elements: expected integers, got some booleans among them"),
     (lambda: jc.only([-1]), "element numbers start at 0"),

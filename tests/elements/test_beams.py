@@ -9,7 +9,7 @@ from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
 import jaxcable as jc
-from jaxcable.common.tree import copy
+from jaxcable.common.tree import copy_with
 from jaxcable.elements import AxialState
 from jaxcable.elements.prestress import element
 
@@ -100,7 +100,7 @@ def test_end_forces_are_differences_of_an_independent_energy():
     up = np.array([0.2, -0.5, 1.0])
     soft = jc.Section.rectangle(0.3, 0.2, jc.Elastic(1e3), (4, 4))
     group, state, ends = one_beam(soft, up=up, torsional_stiffness=0.7)
-    group = copy(group, up=jnp.asarray(up), torsional_stiffness=jnp.asarray(0.7))
+    group = copy_with(group, up=jnp.asarray(up), torsional_stiffness=jnp.asarray(0.7))
     rigid = Rotation.from_rotvec([2.0, 1.0, -1.5])
     u = rigid.apply(np.array(ends)) - np.array(ends) + 0.05 * RNG.normal(size=(2, 3))
     turns = [Rotation.from_rotvec(0.1 * RNG.normal(size=3)) * rigid for _ in (0, 1)]

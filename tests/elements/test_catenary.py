@@ -16,13 +16,13 @@ from scipy.spatial.transform import Rotation
 
 import jaxcable as jc
 from jaxcable.common import status
-from jaxcable.common.tree import copy
+from jaxcable.common.tree import copy_with
 from jaxcable.elements import hanging, hanging_springs
 from jaxcable.elements.element_state import ElementLoad
 from jaxcable.elements.hanging_sag import strain_at_sag
 from jaxcable.elements.stated import Stated
 from jaxcable.mechanics.elementwise import each
-from jaxcable.numerics.roots import rising_root
+from jaxcable.numerics.roots import bracketed_root
 
 mp = mpmath.mp.clone()
 mp.dps = 60
@@ -56,8 +56,8 @@ def middle_force(x, z, length, weight, stiffness):
     nodes = jnp.zeros((2 * n, 3), x.dtype).at[n:, 0].set(x).at[n:, 2].set(z)
     links = np.arange(2 * n).reshape(2, n).T
     group = jc.Catenaries(links, axial_stiffness=stiffness, rest_length=length)
-    group = copy(group, links=links)
-    state = copy(
+    group = copy_with(group, links=links)
+    state = copy_with(
         group.start(nodes[links]), element_load=ElementLoad(jnp.outer(weight, DOWN.astype(x.dtype)))
     )
     still = jnp.zeros_like(nodes)
@@ -266,7 +266,7 @@ def test_plumb_and_collapsed_cables_have_derivatives():
 
 def test_a_root_outside_of_its_bracket_is_no_number():
     for low, high, expected in ((0.0, 3.0, 2.0), (0.0, 1.0, np.nan), (3.0, 5.0, np.nan)):
-        root = rising_root(lambda u: u**3 - 8.0, jnp.array(1.5), jnp.array(low), jnp.array(high))
+        root = bracketed_root(lambda u: u**3 - 8.0, jnp.array(1.5), jnp.array(low), jnp.array(high))
         assert float(root) == pytest.approx(expected, rel=1e-15, nan_ok=True)
 
 
@@ -445,8 +445,8 @@ def test_spans_hang_by_the_force_that_belongs_to_their_sag():
     ends = np.linalg.norm(pull, axis=2)
     np.testing.assert_allclose(solution.tension, ends.mean(axis=1), rtol=1e-12)
     np.testing.assert_allclose(solution.peak_tension, ends.max(axis=1), rtol=1e-12)
-    state, own = solution.last.carry.states[0], copy(cables, links=links)
-    state = copy(
+    state, own = solution.last.carry.states[0], copy_with(cables, links=links)
+    state = copy_with(
         state, element_load=ElementLoad(jnp.asarray(np.tile(WEIGHT / WARMTH * DOWN, (n, 1))))
     )
     told = each("end_tensions", own, state, structure.nodes, jnp.zeros((2 * n, 3)))

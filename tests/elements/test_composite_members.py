@@ -8,7 +8,7 @@ from banks.laws import CURVES
 
 import jaxcable as jc
 from jaxcable import materials
-from jaxcable.common.tree import copy
+from jaxcable.common.tree import copy_with
 from jaxcable.elements import AxialState
 
 E, FY, HARD = 210e9, 235e6, 0.01
@@ -68,9 +68,9 @@ def history(law, strains):
 
     def step(memory, e):
         stress, gradient = law.stress_at(e, memory), jax.grad(law.energy_at)(e, memory)
-        settled = law.settle(e, memory)
-        again = law.stress_at(e, settled), law.settle(e, settled) - settled
-        fibres = law.stresses(e, memory)
+        settled = law.commit_memory(e, memory)
+        again = law.stress_at(e, settled), law.commit_memory(e, settled) - settled
+        fibres = law.stress_of_each_law(e, memory)
         found = law.strain_at(stress, memory)
         slack = law.is_slack(e, memory)
         return settled, (stress, gradient, slack, fibres, found, settled, again)
@@ -120,7 +120,7 @@ def test_a_cable_of_two_laws_along_a_path(number):
 def test_secant_of_a_cable_of_two_laws():
     """K (u - u0) = f(u) - f(u0), from taut to slack and to longer."""
     rng = np.random.default_rng(2)
-    group = copy(jc.Cables([[0, 1]], section=two_parts()), links=None)
+    group = copy_with(jc.Cables([[0, 1]], section=two_parts()), links=None)
     ends = np.array([[0.0, 0, 0], [1.0, 0.5, 0.2]])
     chord = np.linalg.norm(ends[1])
     state = AxialState(0.999 * chord, 0.001 * chord, memory=np.array([2e-3]))
@@ -274,7 +274,7 @@ def test_compliance_is_one_spring_beside_a_law_of_points():
 def test_a_law_that_yields_in_series_with_a_spring():
     """Law level: past yield and back, virgin and yielded; the end of the curve moves with it."""
     spring, law = 2e-12, materials.Parallel((STEEL, SOFT), SHARES)
-    soft = law.softened(0.5 * spring).softened(0.5 * spring)
+    soft = law.in_series_with_spring(0.5 * spring).in_series_with_spring(0.5 * spring)
     own = np.random.default_rng(1).uniform(-0.04, 0.04, 120)
     cable, memory = Cable(*SHARES), 0.0
     strains, expected = [], []
@@ -292,10 +292,10 @@ def test_a_law_that_yields_in_series_with_a_spring():
     assert np.abs(found - np.array(strains)).max() <= 100 * size / 35e9  # the smallest slope
     assert not np.asarray(slack).any()
     top = 0.3 * float(STEEL.stress[-1]) + 0.7 * 50e9 * 0.05
-    assert np.allclose(soft.limits, [-0.05 - spring * top, 0.05 + spring * top], rtol=1e-14)
+    assert np.allclose(soft.strain_limits, [-0.05 - spring * top, 0.05 + spring * top], rtol=1e-14)
     modulus = 0.3 * E + 0.7 * 50e9
     assert float(soft.modulus) == pytest.approx(modulus / (1 + spring * modulus), rel=1e-14)
-    beyond = soft.beyond(0.05 + spring * top * np.array([0.99, 1.01]))
+    beyond = soft.is_ruptured(0.05 + spring * top * np.array([0.99, 1.01]))
     assert beyond.tolist() == [False, True]
 
 

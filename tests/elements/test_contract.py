@@ -13,7 +13,7 @@ from extensions.own_membrane import Cloth, Membranes
 from extensions.own_saddle import Saddles
 
 import jaxcable as jc
-from jaxcable.common.tree import Indices, copy, pytree
+from jaxcable.common.tree import Indices, copy_with, pytree
 from jaxcable.elements import abilities, check
 from jaxcable.elements.element import Element, Result
 from jaxcable.elements.element_state import ElementState
@@ -87,7 +87,7 @@ def test_every_name_that_is_asked_for_is_in_the_contract():
         found[where] = holes(pairs, where.split("/")[0], extra)
         seen |= {name for variable, name in pairs if variable == "group"}
     assert {where: missing for where, missing in found.items() if missing} == {}
-    assert {"strain", "tension", "lock", "beyond", "links", "symmetric"} <= seen
+    assert {"strain", "tension", "lock", "is_ruptured", "links", "symmetric"} <= seen
 
 
 def test_the_search_finds_what_is_missing():
@@ -134,11 +134,11 @@ def test_what_does_not_keep_the_contract_is_told():
         check(Jacks([[0, 1]], 1e3), NODES)
 
     class Careless(Brittle):
-        beyond = Element.beyond
+        is_ruptured = Element.is_ruptured
 
     group, text = (
         Careless([[0, 1]], 1e3),
-        r"elements\['own'\] \(Careless\): breaks = True needs .*`b",
+        r"elements\['own'\] \(Careless\): has_rupture = True needs .*`is",
     )
     with pytest.raises(ValueError, match=text):
         jc.Structure(NODES[:2], {"own": group}, jc.pinned([0]))
@@ -294,21 +294,21 @@ class Everywhere(Cloth):
     """It takes a statement for some elements as one for all."""
 
     def restate(self, state, ends, statements):
-        return copy(state, stress=statements["pretension"].values)
+        return copy_with(state, stress=statements["pretension"].values)
 
 
 class Summed(Cloth):
     """It forgets that values have components."""
 
     def restate(self, state, ends, statements):
-        return copy(state, stress=statements["pretension"].values[:, 0])
+        return copy_with(state, stress=statements["pretension"].values[:, 0])
 
 
 class Deaf(Cloth):
     """It asks for a statement of another name."""
 
     def restate(self, state, ends, statements):
-        return copy(state, stress=statements["stress"].values)
+        return copy_with(state, stress=statements["stress"].values)
 
 
 @pytest.mark.parametrize(
@@ -321,7 +321,7 @@ class Deaf(Cloth):
 )
 def test_statements_are_tried(kind, sentence):
     group = pytree(indices=("links",))(kind)([[0, 1, 2]], 1e4)
-    stressed = copy(group.start(NODES[None, :3]), stress=jnp.array([[3.0, 2.0]]))
+    stressed = copy_with(group.start(NODES[None, :3]), stress=jnp.array([[3.0, 2.0]]))
     with pytest.raises(ValueError, match=sentence):
         check(group, NODES, stressed)
 
@@ -345,7 +345,7 @@ class Lost(Dampers):
     """One that is added has a memory of another shape."""
 
     def found(self, state, ends, motion):
-        return copy(state, memory=motion)
+        return copy_with(state, memory=motion)
 
 
 class Nowhere(Dampers):

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.common.tree import copy, fill, thaw
+from jaxcable.common.tree import copy_with, merge_indices, split_indices
 from jaxcable.elements import AxialState
 from jaxcable.elements.element_state import ElementLoad
 from jaxcable.mechanics.assembly import System
 from jaxcable.spaces import space_of
-from jaxcable.spaces.freedoms import number_freedoms
+from jaxcable.spaces.dof_map import make_dof_map
 
 CURVE = jc.Polygonal([-0.2, -0.1, 0.0, 0.05, 0.3], [-5e3, -3e3, 0.0, 1.5e3, 4e3])
 YIELDING = jc.Polygonal([-0.9, -0.1, 0.0, 0.1, 0.9], [-11e3, -3e3, 0.0, 3e3, 11e3], "elastic")
@@ -82,36 +82,36 @@ def system(name, held=False):
     fixed[3, 1] = True
     structure = jc.Structure(nodes, group, jc.Supports(fixed))
     rows, (group,) = structure.rows()
-    freedoms = number_freedoms(structure.fixed(structure.supports), rows)
+    dof_map = make_dof_map(structure.fixed(structure.supports), rows)
     count = n if rows is None else len(rows)
-    nodes = jnp.asarray(nodes if rows is None else nodes[rows.node])
+    nodes = jnp.asarray(nodes if rows is None else nodes[rows.node_of_row])
     load, held_at = rng.normal(size=(2, count, 3))
     load[n:] = 0.0
-    group = copy(group, links=group.links.array).extended()
+    group = copy_with(group, links=group.links.array).extrapolated()
     if group.rotates or name in ("catenary", "sliding cable"):
         along = rng.normal(size=(len(chord), 3))
         if name == "catenary":
             along[::4] = 0.0  # there it is a straight cable, or a slack one without force
-        state = copy(state, element_load=ElementLoad(jnp.asarray(along)))
+        state = copy_with(state, element_load=ElementLoad(jnp.asarray(along)))
     held_at[n:] = 0.0
     held_at, size = jnp.asarray(0.01 * held_at), 0.1
     if group.rotates:
         still = np.tile([1.0, 0, 0, 0], (count, 1))
         held_at = jnp.concatenate([held_at, still], axis=1)
     kind = space_of([group])
-    space = kind.of(nodes, [group], freedoms, held_at, None)
+    space = kind.of(nodes, [group], dof_map, held_at, None)
     if group.rotates:
-        size = 0.3 * space.arm
-    load = kind.padded(jnp.asarray(load))  # without moments, which have no potential
+        size = 0.3 * space.rotation_length
+    load = kind.pad_moments(jnp.asarray(load))  # without moments, which have no potential
     made = System(nodes, [group], [state], load, space)
-    step = size * rng.normal(size=len(freedoms.free))
-    return made, made.move(made.place(kind.still(nodes)), jnp.asarray(step))
+    step = size * rng.normal(size=len(dof_map.free))
+    return made, made.move(made.impose_supports(kind.at_rest(nodes)), jnp.asarray(step))
 
 
 @jax.jit
 def figures(thawed, arrays, x):
     """Residual twice, slope of the energy, tangent, Jacobian; the arrays are indices."""
-    made = fill(thawed, arrays)
+    made = merge_indices(thawed, arrays)
     residual, numbers, back = made.chart(x)
 
     def twice(v):
@@ -133,7 +133,7 @@ CASES += [ALIKE, *((name, True) for name in JACKED)]
 def test_energy_residual_and_tangent_belong_together(name, held):
     """The residual is the gradient of the energy, the tangent its symmetric Jacobian."""
     made, x = system(name, held)
-    found = figures(*thaw(made), x)
+    found = figures(*split_indices(made), x)
     residual, about, gradient, tangent, jacobian = map(np.asarray, found)
     size = np.abs(residual).max()
     assert np.abs(gradient - residual).max() < 1e-12 * size
@@ -162,7 +162,7 @@ def test_residual_agrees_with_differences_of_an_independent_energy(name):
         return (0.5 * stiffness * rest * strain**2).sum() - (np.asarray(made.load) * u).sum()
 
     h = 1e-6
-    steps = h * np.eye(len(made.freedoms.free))
+    steps = h * np.eye(len(made.dof_map.free))
     differences = [(energy(step) - energy(-step)) / (2 * h) for step in steps]
     # truncation h^2 and rounding eps/h of an energy of order 10: both near 1e-9
     assert np.abs(np.asarray(made.residual(x)) - differences).max() < 1e-7
@@ -177,7 +177,7 @@ def test_a_slack_cable_has_exactly_no_force_and_no_stiffness():
 
 
 def test_tangent_at_zero_strain_is_that_of_the_taut_side():
-    one = copy(jc.Cables([[0, 1]], axial_stiffness=7.0), links=None, axial_stiffness=7.0)
+    one = copy_with(jc.Cables([[0, 1]], axial_stiffness=7.0), links=None, axial_stiffness=7.0)
     assert float(jax.grad(one.force)(0.0)) == 7.0
     assert float(jax.grad(one.force)(-1e-300)) == 0.0
     assert np.isnan(one.force(jnp.nan))  # a NaN is not slack

@@ -12,7 +12,7 @@ from extensions.own_links import Brittle, Dampers, Hooks, Lying, Series, Thruste
 from numpy.testing import assert_allclose
 
 import jaxcable as jc
-from jaxcable.common import memory, status
+from jaxcable.common import memory_limit, status
 from jaxcable.elements.element import Result
 from jaxcable.mechanics.assembly import System
 
@@ -284,7 +284,7 @@ def test_a_law_with_memory_by_itself():
     slope = jax.vmap(jax.grad(LAW.energy_at))(strain, p)
     assert_allclose(slope, stress, atol=1e-6)  # of 1e9 Pa
     assert_allclose(LAW.strain_at(stress, p), strain, atol=1e-15)
-    after = LAW.settle(strain, p)
+    after = LAW.commit_memory(strain, p)
     assert_allclose(LAW.stress_at(strain, after), stress, atol=1e-6)
     assert np.abs(after - p).max() > 1e-4
 
@@ -481,12 +481,12 @@ def test_a_torque_buckles_a_column_as_if_semi_tangential():
 
 
 def test_dense_matrices_that_do_not_fit_are_refused(monkeypatch):
-    assert 2**20 < memory.available() < 2**50
-    memory.require(1.0, "nothing", "")
+    assert 2**20 < memory_limit.available_bytes() < 2**50
+    memory_limit.require_memory(1.0, "nothing", "")
     structure, phases = jc.scenes.flat_net()
     solution = jc.solve(structure, phases)
-    monkeypatch.setattr(memory, "available", lambda: 2000)
-    monkeypatch.setattr(memory, "_NEVER_REFUSED", 0)  # the net of this test is small
+    monkeypatch.setattr(memory_limit, "available_bytes", lambda: 2000)
+    monkeypatch.setattr(memory_limit, "_NEVER_REFUSED", 0)  # the net of this test is small
     for call in (
         jc.stiffness.tangent_of,
         jc.stiffness.modes,

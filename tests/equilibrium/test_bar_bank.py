@@ -11,7 +11,7 @@ from banks.bar_bank import KINDS, drawn, judged
 from banks.net_bank import together
 
 import jaxcable as jc
-from jaxcable.common.tree import copy
+from jaxcable.common.tree import copy_with
 
 DEFAULT = "string", "prism", "blown"  # bars only, with prestressed cables, cables alone
 
@@ -37,7 +37,7 @@ def test_a_judgement_can_fail(kind):
     assert not judged(one, solution).wrong
     reactions = 1.001 * solution.reactions
     tension = jax.tree.map(lambda force: 1.001 * force, solution.tension)
-    assert judged(one, copy(solution, reactions=reactions, tension=tension)).wrong
+    assert judged(one, copy_with(solution, reactions=reactions, tension=tension)).wrong
     assert judged(one, jc.solve(one.structure, one.phases, jc.Newton(max_steps=2))).code == 1
 
 

@@ -83,7 +83,7 @@ def test_secant_stiffness_is_exact():
     rng = np.random.default_rng(5)
     for group in (jc.Bars, jc.Cables):
         law = group([[0, 1]], axial_stiffness=50.0)
-        one = jc.common.tree.copy(law, links=None, axial_stiffness=50.0)
+        one = jc.common.tree.copy_with(law, links=None, axial_stiffness=50.0)
         for held in (None, 3.0):
             for _ in range(8):
                 ends, before, after = rng.normal(size=(3, 2, 3))

@@ -11,7 +11,7 @@ from banks.net_bank import KINDS, derivative, drawn, judged, slope, together
 from oracles.convex_oracle import find
 
 import jaxcable as jc
-from jaxcable.common.tree import copy
+from jaxcable.common.tree import copy_with
 
 
 def with_slow_marks(kinds, *default):
@@ -46,7 +46,9 @@ def test_a_judgement_can_fail():
     solution = jc.solve(one.structure, one.phases)
     assert judged(one, solution).excess <= 1
     for name in ("displacement", "tension"):
-        false = copy(solution, **{name: jax.tree.map(lambda a: 1.001 * a, getattr(solution, name))})
+        false = copy_with(
+            solution, **{name: jax.tree.map(lambda a: 1.001 * a, getattr(solution, name))}
+        )
         assert judged(one, false).wrong
     stopped = judged(one, jc.solve(one.structure, one.phases, jc.Newton(max_steps=2)))
     assert stopped.missed and not stopped.ok

@@ -113,17 +113,17 @@ def test_strain_at_a_stress_in_float32_and_beyond_the_end():
         found = float(law.strain_at(np.float32(target)))
         assert found == pytest.approx(np.interp(target, stress, strain), rel=1e-5)
     assert np.isnan(law.strain_at(np.float32(17.0)))
-    beyond = float(law.extended().strain_at(np.float32(26.0)))
+    beyond = float(law.extrapolated().strain_at(np.float32(26.0)))
     assert beyond == pytest.approx(4e-8 + 10 / 1e9, rel=1e-5)
 
 
 def test_the_law_without_softening_is_the_same_up_to_its_peak():
     law = jc.Polygonal(np.r_[-0.05, -0.02, STRAIN], np.r_[-0.1e7, -1e7, STRESS])
-    risen = law.risen()
+    risen = law.without_softening()
     inside = np.linspace(-0.02, 0.04, 50)
     np.testing.assert_allclose(
         risen.stress_at(inside), law.stress_at(inside), rtol=1e-12, atol=1e-3
     )
     outside = np.linspace(-0.05, 0.09, 200)
-    assert (np.diff(risen.stress_at(outside)) > 0).all() and risen.rising
-    assert jc.Polygonal([0.0, 0.1], [0.0, 1.0]).risen().rising
+    assert (np.diff(risen.stress_at(outside)) > 0).all() and risen.monotone
+    assert jc.Polygonal([0.0, 0.1], [0.0, 1.0]).without_softening().monotone

@@ -160,7 +160,7 @@ def test_a_zero_eigenvalue_is_not_negative():
         values = np.geomspace(1e-3, 1.0, 20)
         values[0] = lowest
         matrix = jnp.asarray(basis * values @ basis.T)
-        found = linear.is_definite(linear.plus_diagonal(matrix, zero_eigenvalue_bound(matrix)))
+        found = linear.is_definite(linear.add_to_diagonal(matrix, zero_eigenvalue_bound(matrix)))
         assert bool(found) == expected
 
 

@@ -8,10 +8,10 @@ from jaxcable.extend import (
     Element,
     ElementState,
     Indices,
-    put,
     pytree,
     register,
     rotations,
+    set_fields,
 )
 
 
@@ -37,9 +37,9 @@ class GroundSprings(Element):
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            put(self, links=Indices(self.links))
+            set_fields(self, links=Indices(self.links))
         if not isinstance(self.stiffness, jax.Array):
-            put(self, stiffness=np.asarray(self.stiffness))
+            set_fields(self, stiffness=np.asarray(self.stiffness))
 
     def start(self, ends):
         return Nothing()
@@ -68,7 +68,7 @@ class TurningSprings(Element):
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            put(self, links=Indices(self.links))
+            set_fields(self, links=Indices(self.links))
 
     def start(self, ends):
         return Nothing()

@@ -61,7 +61,7 @@ class Floors(Element):
         if not isinstance(self.links, Indices):
             object.__setattr__(self, "links", Indices(np.asarray(self.links, np.int32)))
         for name in self.per_element:
-            own = checks.per_element(getattr(self, name), len(self.links), name)
+            own = checks.floats_per_element(getattr(self, name), len(self.links), name)
             object.__setattr__(self, name, own)
 
     def start(self, ends):

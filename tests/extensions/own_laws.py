@@ -47,7 +47,7 @@ class Prager(Law):
         new = jnp.where(jnp.abs(over) > self.y, (stress - jnp.sign(over) * self.y) / self.H, p)
         return new + stress / self.E
 
-    def settle(self, strain, memory, duration=0.0):
+    def commit_memory(self, strain, memory, duration=0.0):
         return self._after(strain, memory)[1][..., None]
 
     def corners(self, memory=None):
@@ -86,6 +86,6 @@ class Maxwell(Law):
     def strain_at(self, stress, memory=None):
         return stress / self.E + self._crept(stress, memory)
 
-    def settle(self, strain, memory, duration=0.0):
+    def commit_memory(self, strain, memory, duration=0.0):
         rate = self.stress_at(strain, memory) / self.viscosity
         return memory + (duration * rate)[..., None]

@@ -12,11 +12,11 @@ from jaxcable.extend import (
     ElementState,
     Indices,
     Jacked,
-    copy,
-    per_element,
-    put,
+    copy_with,
+    floats_per_element,
     pytree,
     register,
+    set_fields,
 )
 
 
@@ -34,10 +34,10 @@ class Joined(Element):
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            put(self, links=Indices(np.asarray(self.links, np.int32)))
+            set_fields(self, links=Indices(np.asarray(self.links, np.int32)))
         for name in self.per_element:
-            own = per_element(getattr(self, name), len(self.links), name)
-            put(self, **{name: own})
+            own = floats_per_element(getattr(self, name), len(self.links), name)
+            set_fields(self, **{name: own})
 
     def start(self, ends):
         return Nothing()
@@ -66,7 +66,7 @@ class Hooks(Joined):
 
     per_element = ("stiffness", "slack", "weight")
     results = (TENSION,)
-    tension_only = rising = True
+    tension_only = monotone = True
 
     def _longer(self, ends, motion):
         before, after, _ = self._way(ends, motion)
@@ -95,7 +95,7 @@ class Brittle(Joined):
     weight: object = None
 
     results = (TENSION, SECTION_STRAIN)
-    breaks = has_length = True
+    has_rupture = has_length = True
 
     def start(self, ends):
         return Long(self.chord(ends))
@@ -114,7 +114,7 @@ class Brittle(Joined):
         strain = self.section_strain(state, ends, motion)
         return 0.5 * self.stiffness * strain**2 * self._way(ends, motion)[0]
 
-    def beyond(self, strain):
+    def is_ruptured(self, strain):
         return strain > 0.01
 
 
@@ -210,7 +210,7 @@ class Dampers(Joined):
         return motion[1] - motion[0]
 
     def found(self, state, ends, motion):
-        return copy(state, memory=motion[1] - motion[0])
+        return copy_with(state, memory=motion[1] - motion[0])
 
 
 @pytree(indices=("links",))

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from jaxcable.extend import Dead, floats, put, pytree, register
+from jaxcable.extend import Dead, as_floats, pytree, register, set_fields
 
 PLACES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 PLACES, WEIGHTS = 0.5 * (1 + PLACES), 0.5 * WEIGHTS  # from 0 to 1 along an element
@@ -27,8 +27,8 @@ class PowerLawWind(Dead):
     scales = ("reference",)
 
     def __post_init__(self):
-        put(self, reference=floats(self.reference, "reference"))
-        put(self, exponent=floats(self.exponent, "exponent"))
+        set_fields(self, reference=as_floats(self.reference, "reference"))
+        set_fields(self, exponent=as_floats(self.exponent, "exponent"))
 
     def check(self, structure):
         if any(group.links.shape[1] != 2 for group in structure.groups):

@@ -15,11 +15,11 @@ from jaxcable.extend import (
     Indices,
     Prestressable,
     Result,
-    copy,
-    per_element,
-    put,
+    copy_with,
+    floats_per_element,
     pytree,
     register,
+    set_fields,
 )
 
 
@@ -61,10 +61,10 @@ class Membranes(Prestressable):
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            put(self, links=Indices(np.asarray(self.links, np.int32)))
+            set_fields(self, links=Indices(np.asarray(self.links, np.int32)))
         for name in self.per_element:
-            own = per_element(getattr(self, name), len(self.links), name)
-            put(self, **{name: own})
+            own = floats_per_element(getattr(self, name), len(self.links), name)
+            set_fields(self, **{name: own})
 
     def start(self, ends):
         area = jax.vmap(lambda own: self._place(own)[2])(ends)
@@ -72,11 +72,13 @@ class Membranes(Prestressable):
 
     def found(self, state, ends, motion):
         none = jax.tree.map(jnp.zeros_like, state)
-        return copy(none, area=self._place(ends + motion)[2], moved=motion, present=state.present)
+        return copy_with(
+            none, area=self._place(ends + motion)[2], moved=motion, present=state.present
+        )
 
     def restate(self, state, ends, statements):
         stated = statements["prestrain"]
-        return copy(state, prestrain=stated.over(stated.values, state.prestrain))
+        return copy_with(state, prestrain=stated.over(stated.values, state.prestrain))
 
     def weights(self, state):
         return None if self.weight is None else self.weight * state.area
@@ -147,7 +149,7 @@ class Cloth(Membranes):
 
     def restate(self, state, ends, statements):
         stated = statements["pretension"]
-        return copy(state, stress=stated.over(stated.values, state.stress))
+        return copy_with(state, stress=stated.over(stated.values, state.stress))
 
     def _strain(self, state, ends, motion):
         gradient, strain, inverse, area = super()._strain(state, ends, motion)

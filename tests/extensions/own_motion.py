@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import lax
 
 import jaxcable as jc
-from jaxcable.common.tree import copy, fill, pytree, thaw
+from jaxcable.common.tree import copy_with, merge_indices, pytree, split_indices
 from jaxcable.elements.element_state import with_fields
 from jaxcable.equilibrium.newton import equilibrate
 from jaxcable.mechanics.assembly import System
@@ -72,7 +72,7 @@ class Moving(System):
     def rates(self, begun, x):
         """Velocity and acceleration at a motion `x` of rows at the end of the step."""
         (_, _, beta, gamma), h = self._numbers(), self.duration
-        mean = self.space.between(begun.motion, x) / h
+        mean = self.space.displacement_between(begun.motion, x) / h
         now = (mean - begun.velocity) / (beta * h) - (0.5 / beta - 1) * begun.acceleration
         return begun.velocity + h * ((1 - gamma) * begun.acceleration + gamma * now), now
 
@@ -83,25 +83,25 @@ class Moving(System):
         total = (1 - m) * acceleration + m * begun.acceleration
         total = total + self.damping * ((1 - f) * velocity + f * begun.velocity)
         total = total[:, : len(mass) // len(x)]
-        return self.space.padded((mass @ total.reshape(-1)).reshape(total.shape)) / (1 - f)
+        return self.space.pad_moments((mass @ total.reshape(-1)).reshape(total.shape)) / (1 - f)
 
     def external_force(self, x, spread=None):
-        at = x if spread is None else self.space.advanced(x, spread)
+        at = x if spread is None else self.space.moved_by(x, spread)
         ends = []
         for group, mass in zip(self.groups, self.masses, strict=True):
             placed = jax.tree.map(lambda a, links=group.links: a[links], (self.begun, at))
             ends.append(jax.vmap(self._resistance)(mass, *placed))
         f = self._numbers()[1]
         against = self.at_rows(ends) + f / (1 - f) * self.begun.unbalanced
-        against = against if spread is None else self.space.conjugate(against, spread)
+        against = against if spread is None else self.space.conjugate_loads(against, spread)
         return super().external_force(x, spread) - against
 
     def external_parts(self, x):
         def of_element(mass, begun, x):
             def force(step):
-                step = self.space.padded(step)
-                resistance = self._resistance(mass, begun, self.space.advanced(x, step))
-                return self.space.conjugate(resistance, step)[:, :width]
+                step = self.space.pad_moments(step)
+                resistance = self._resistance(mass, begun, self.space.moved_by(x, step))
+                return self.space.conjugate_loads(resistance, step)[:, :width]
 
             width = len(mass) // len(x)
             return jax.jacfwd(force)(jnp.zeros((len(x), width)))
@@ -128,41 +128,41 @@ def step_in_time(system, begun, masses, duration, damping=0.0, rho=None, method=
     end = moving(system, begun, masses, duration, damping, rho)
     method = jc.Newton() if method is None else method
     outcome, _ = equilibrate(lax.stop_gradient(end), begun.motion, method, True)
-    x = implicit.attach(end, outcome.x, outcome.equilibrated)
+    x = implicit.attach_derivative(end, outcome.x, outcome.equilibrated)
     ended = InMotion(x, *end.rates(begun, x), system.unbalanced(x))
     if system.remembers:
-        pairs = zip(system.states, system.settle(x, duration=duration), strict=True)
+        pairs = zip(system.states, system.commit_memory(x, duration=duration), strict=True)
         states = [state if new is None else with_fields(state, memory=new) for state, new in pairs]
-        system = copy(system, states=states)
+        system = copy_with(system, states=states)
     return system, ended, outcome.code
 
 
 def at_rest(structure, solution):
     """The system of a solution, and its motion."""
-    thawed, arrays, freedoms = tangent.split_state(structure, solution)
+    thawed, arrays, dof_map = tangent.split_state(structure, solution)
     nodes, groups, carry = tangent.merge_state(thawed, arrays)
-    return make_system(nodes, groups, carry, carry.motion, freedoms), carry.motion
+    return make_system(nodes, groups, carry, carry.motion, dof_map), carry.motion
 
 
 def let_go(system, x, velocity, damping=0.0, distribution=None):
     """`InMotion` at a motion `x` with a velocity [n_row, n_freedom]; masses of the elements."""
     mass = system.mass(x, GRAVITY, distribution)
     pulled = jnp.linalg.lstsq(mass, -system.residual(x))[0]  # a spin may have no mass
-    acceleration = system.space.spread(x, pulled) - damping * velocity
+    acceleration = system.space.prolong(x, pulled) - damping * velocity
     begun = InMotion(x, velocity, acceleration, system.unbalanced(x))
     return begun, system.masses(x, GRAVITY, distribution)
 
 
 @partial(jax.jit, static_argnames=("rho",))
 def _program(thawed, arrays, states, *numbers, rho):
-    system = copy(fill(thawed, arrays), states=states)
+    system = copy_with(merge_indices(thawed, arrays), states=states)
     system, ended, code = step_in_time(system, *numbers, rho)
     return system.states, ended, code
 
 
 def history(system, start, duration, count, damping=0.0, rho=None):
     """A number of steps: `InMotion` at the start (of `let_go`) and after each, and statuses."""
-    (thawed, arrays), states = thaw(copy(system, states=None)), system.states
+    (thawed, arrays), states = split_indices(copy_with(system, states=None)), system.states
     (begun, masses), codes = start, []
     found = [begun]
     for _ in range(count):

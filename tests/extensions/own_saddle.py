@@ -14,14 +14,14 @@ from jaxcable.extend import (
     Result,
     Rule,
     Statement,
-    copy,
+    copy_with,
+    floats_per_element,
     not_negative,
-    per_element,
     positive,
-    put,
     pytree,
-    refuse,
+    refuse_if_broken,
     register,
+    set_fields,
 )
 
 
@@ -71,10 +71,10 @@ class Saddles(Prestressable):
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            put(self, links=Indices(np.asarray(self.links, np.int32)))
-        own = per_element(self.stiffness, len(self.links), "stiffness")
-        put(self, stiffness=own)
-        refuse(self.rules())
+            set_fields(self, links=Indices(np.asarray(self.links, np.int32)))
+        own = floats_per_element(self.stiffness, len(self.links), "stiffness")
+        set_fields(self, stiffness=own)
+        refuse_if_broken(self.rules())
 
     def rules(self):
         return [positive("stiffness", self.stiffness)]
@@ -100,7 +100,7 @@ class Saddles(Prestressable):
             length = jnp.sum(_sides(ends)[1], axis=-1)
             rest = length / (1 + stated.values / self.stiffness)
             changes["rest_length"] = stated.over(rest, state.rest_length)
-        return copy(state, **changes)
+        return copy_with(state, **changes)
 
     # --- one element
 
@@ -148,7 +148,7 @@ class Saddles(Prestressable):
     def found(self, state, ends, motion):
         before, length = _sides(ends)[1], _sides(ends + motion)[1]
         memory = length[0] / jnp.sum(length) - before[0] / jnp.sum(before)
-        return copy(state, rest_length=jnp.sum(length), memory=memory)
+        return copy_with(state, rest_length=jnp.sum(length), memory=memory)
 
 
 def _sides(places):

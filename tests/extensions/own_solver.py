@@ -10,7 +10,7 @@ class ByNumpy(Solver):
 
     name = "numpy"
 
-    def analyse(self, n, indptr, indices):
+    def analyze(self, n, indptr, indices):
         rows = np.repeat(np.arange(n), np.diff(indptr))
         return Places(n, rows, indices)
 

@@ -15,7 +15,7 @@ from file_cases import CHECK, MAST, SCENES, changed, read_scene, require_same, s
 
 import jaxcable as jc
 from jaxcable.common.tree import pytree
-from jaxcable.common.writing import written
+from jaxcable.common.writing import atomic_write
 from jaxcable.files import FileError, codec
 from jaxcable.files.results import flat
 
@@ -150,19 +150,19 @@ def test_what_a_file_cannot_hold_is_refused(tmp_path):
 def test_a_file_is_there_as_a_whole_or_not_at_all(tmp_path):
     path, link = tmp_path / "a.txt", tmp_path / "link.txt"
     path.write_text("old")
-    with pytest.raises(KeyboardInterrupt), written(path) as stream:
+    with pytest.raises(KeyboardInterrupt), atomic_write(path) as stream:
         stream.write("half")
         raise KeyboardInterrupt
     assert path.read_text() == "old" and len(list(tmp_path.iterdir())) == 1
     link.symlink_to(path)
-    with written(link) as stream:
+    with atomic_write(link) as stream:
         stream.write("new")
     assert path.read_text() == "new" and link.is_symlink()
     umask = os.umask(0)
     os.umask(umask)
     assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(OSError, match="Is not a regular file"), written(tmp_path / "pipe"):
+    with pytest.raises(OSError, match="Is not a regular file"), atomic_write(tmp_path / "pipe"):
         pass
 
 

@@ -96,7 +96,7 @@ def test_no_definition_hides_what_a_field_says():
 
 PYTHON = re.compile(
     r"\b(None|True|False|dict|tuple|pytree|constructors?)\b|\w\((?!z\))[^)]*\)\w?|"
-    r"`(only|pinned|clamped|restrained|net_faces|tension_only|extended|softened|centred|shifted)`"
+    r"`(only|pinned|clamped|restrained|net_faces|tension_only|extrapolated|in_series_with_spring|centred|shifted)`"
 )
 
 

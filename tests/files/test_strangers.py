@@ -57,17 +57,17 @@ def test_kept_programs_leave_strangers_alone(tmp_path):
 
 
 def test_a_file_keeps_its_permissions_and_a_failed_set_leaves_nothing(tmp_path):
-    from jaxcable.common.writing import written_together
+    from jaxcable.common.writing import atomic_write_together
 
     (tmp_path / "a.txt").write_text("old")
     (tmp_path / "a.txt").chmod(0o600)
-    with pytest.raises(np.exceptions.AxisError), written_together() as begin:
+    with pytest.raises(np.exceptions.AxisError), atomic_write_together() as begin:
         begin(tmp_path / "a.txt").write("new")
         begin(tmp_path / "b.txt").write("new")
         raise np.exceptions.AxisError("a fault")
     assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
     assert (tmp_path / "a.txt").read_text() == "old"
-    with written_together() as begin:
+    with atomic_write_together() as begin:
         begin(tmp_path / "a.txt").write("new")
         begin(tmp_path / "b.txt").write("new")
     assert (tmp_path / "a.txt").read_text() == (tmp_path / "b.txt").read_text() == "new"

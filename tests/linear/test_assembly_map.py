@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcable.linear import gathering, with_zero
+from jaxcable.linear import append_zero, make_assembly_map
 
 RNG = np.random.default_rng(7)
 CASES = {  # the sum that each row goes to, and the number of sums; beyond them it is left out
@@ -23,9 +23,9 @@ def transformed(sums, rows, back):
     return {
         "sums": sums(rows),
         "jvp": jax.jvp(sums, (rows,), (rows,))[1],
-        "transpose of copies": jax.vjp(sums.spread, back)[1](rows)[0],
+        "transpose of copies": jax.vjp(sums.apply_transpose, back)[1](rows)[0],
         "batch of sums": jax.vmap(sums, 1, 1)(rows),
-        "copies": sums.spread(back),
+        "copies": sums.apply_transpose(back),
         "transpose of sums": jax.vjp(sums, rows)[1](back)[0],
         "batch of gradients": 0.5 * jax.vmap(jax.grad(lambda r: sums(r) @ sums(r)), 1, 1)(rows),
     }
@@ -36,7 +36,7 @@ def test_sums_and_copies_are_transposes(name):
     target, n = np.array(CASES[name][0]), CASES[name][1]
     matrix = (np.arange(n)[:, None] == target).astype(float)  # [sum, row]
     rows, back = RNG.normal(size=(len(target), 2)), RNG.normal(size=(n, 2))
-    sums = jax.tree.map(jnp.asarray, gathering(target, n))
+    sums = jax.tree.map(jnp.asarray, make_assembly_map(target, n))
     program = jax.jit(transformed).lower(sums, rows, back)
     assert "scatter" not in program.as_text()
     found = program.compile()(sums, rows, back)
@@ -57,17 +57,19 @@ def test_of_any_shape(shape):
     target, n = CASES["some left out"]
     values, expected = RNG.normal(size=(len(target), *shape)), np.zeros((15, *shape))
     np.add.at(expected, target, values)
-    np.testing.assert_allclose(gathering(target, n)(values), expected[:n], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(
+        make_assembly_map(target, n)(values), expected[:n], rtol=0, atol=1e-13
+    )
 
 
 def test_no_sums_at_all():
-    sums = jax.tree.map(jnp.asarray, gathering(np.zeros(4, int), 0))
+    sums = jax.tree.map(jnp.asarray, make_assembly_map(np.zeros(4, int), 0))
     assert sums(np.ones((4, 2))).shape == (0, 2)
-    np.testing.assert_array_equal(sums.spread(jnp.zeros((0, 2))), np.zeros((4, 2)))
+    np.testing.assert_array_equal(sums.apply_transpose(jnp.zeros((0, 2))), np.zeros((4, 2)))
 
 
 def test_whole_numbers_stay_so():
-    sums = gathering(np.array([0, 0, 2, 2, 2]), 4)
+    sums = make_assembly_map(np.array([0, 0, 2, 2, 2]), 4)
     np.testing.assert_array_equal(sums(jnp.arange(1, 6, dtype=jnp.int32)), [3, 0, 12, 0])
     assert sums(jnp.arange(5, dtype=jnp.int32)).dtype == jnp.int32
 
@@ -75,12 +77,14 @@ def test_whole_numbers_stay_so():
 def test_a_hub_costs_little():
     """Tables read some two numbers for each that is added, however many meet at a hub."""
     target = np.append(np.repeat(np.arange(300), 4), np.full(500, 300))
-    sums = gathering(target, 301)
+    sums = make_assembly_map(target, 301)
     read = sum(np.size(table) for table in sums.tables)
     assert len(target) < read < 2 * len(target)
     assert np.size(sums.tables[0]) > 0
 
 
 def test_a_zero_after_the_end():
-    np.testing.assert_array_equal(with_zero(jnp.array([1.0, 2.0]))[np.array([2, 0, 1])], [0, 1, 2])
-    assert with_zero(jnp.ones((2, 3))).shape == (3, 3)
+    np.testing.assert_array_equal(
+        append_zero(jnp.array([1.0, 2.0]))[np.array([2, 0, 1])], [0, 1, 2]
+    )
+    assert append_zero(jnp.ones((2, 3))).shape == (3, 3)

@@ -16,7 +16,7 @@ from jax import lax
 
 import jaxcable as jc
 from jaxcable import linear
-from jaxcable.linear import choose, host
+from jaxcable.linear import choose_solver, host
 from jaxcable.linear.banded import solve_banded
 
 SPARSE = ["superlu", "banded", NUMPY, CHOLMOD, PARDISO]
@@ -42,7 +42,7 @@ def matrix(n, symmetric, solver, seed=0, shift=3.0):
     dense = np.zeros((n + 1, n + 1))
     for rows, block in zip(number, blocks, strict=True):
         dense[np.ix_(rows, rows)] += block
-    sparse = linear.assemble([(jnp.asarray(blocks), number)], n, pattern)
+    sparse = linear.assemble_matrix([(jnp.asarray(blocks), number)], n, pattern)
     return sparse.add_to_diagonal(shift), dense[:n, :n] + shift * np.eye(n)
 
 
@@ -53,8 +53,8 @@ def test_assembly_product_and_diagonal(symmetric):
     assert np.abs(sparse.dense() - dense).max() < 1e-14 * np.abs(dense).max()
     assert np.abs(sparse @ jnp.asarray(v) - dense @ v).max() < 1e-13
     assert np.abs(linear.diagonal(sparse) - np.diag(dense)).max() < 1e-14
-    assert np.array_equal(linear.or_identity(sparse, jnp.array(False)).dense(), np.eye(9))
-    assert np.array_equal(linear.or_identity(sparse, jnp.array(True)).dense(), sparse.dense())
+    assert np.array_equal(linear.identity_unless(sparse, jnp.array(False)).dense(), np.eye(9))
+    assert np.array_equal(linear.identity_unless(sparse, jnp.array(True)).dense(), sparse.dense())
 
 
 @jax.jit
@@ -62,7 +62,7 @@ def transformed(sparse, b, direction, scales):
     """x(scale, b) = A^-1 b / scale and its transformations, in one program."""
 
     def solution(scale, b):
-        scaled = linear.Sparse(scale * sparse.values, sparse.pattern)
+        scaled = linear.SparseMatrix(scale * sparse.values, sparse.pattern)
         return linear.factorize(scaled).solve(b, lambda v: scaled @ v)
 
     def total(scale):
@@ -117,12 +117,12 @@ def test_loose_and_singular(solver):
     asked = jax.grad(lambda b: jnp.sum(factor.solve(b, lambda v: sparse @ v)))(b)
     assert np.isnan(asked).all()
     # nothing at all, and what is not a number
-    nothing = linear.factorize(linear.Sparse(jnp.zeros_like(sparse.values), sparse.pattern))
+    nothing = linear.factorize(linear.SparseMatrix(jnp.zeros_like(sparse.values), sparse.pattern))
     assert not bool(nothing.regular)
     assert np.isnan(nothing.solve(b, lambda v: v)).all()
-    same = nothing.or_identity()
+    same = nothing.identity_if_singular()
     assert np.abs(same.solve(b, lambda v: v) - b).max() < 1e-15
-    wrong = linear.Sparse(sparse.values.at[3].set(jnp.nan), sparse.pattern)
+    wrong = linear.SparseMatrix(sparse.values.at[3].set(jnp.nan), sparse.pattern)
     assert not bool(linear.factorize(wrong).regular)
 
 
@@ -132,7 +132,7 @@ def springs(solver, stiffness):
     number = np.column_stack([np.arange(n - 1), np.arange(1, n)])
     pattern = linear.make_pattern([number], n, True, solver)
     blocks = stiffness[:, None, None] * np.array([[1.0, -1], [-1, 1]])
-    return linear.assemble([(jnp.asarray(blocks), number)], n, pattern), pattern
+    return linear.assemble_matrix([(jnp.asarray(blocks), number)], n, pattern), pattern
 
 
 @pytest.mark.parametrize("solver", SPARSE)
@@ -140,7 +140,7 @@ def test_a_stiffness_of_rounding_is_singular_and_a_small_one_is_not(solver):
     """A chain of springs on nothing, and on a spring of 1e-10."""
     free, pattern = springs(solver, np.random.default_rng(1).uniform(0.5, 2, 19))
     assert not bool(linear.factorize(free).regular)
-    held = linear.Sparse(free.values.at[0].add(1e-10), pattern)
+    held = linear.SparseMatrix(free.values.at[0].add(1e-10), pattern)
     assert bool(linear.factorize(held).regular)
 
 
@@ -149,11 +149,13 @@ def test_sequences_reuse_factors_and_say_what_is_not_definite(solver):
     first, _ = matrix(12, True, solver, seed=1)
     pattern = first.pattern
     b = jnp.asarray(RNG.normal(size=12))
-    near = linear.Sparse(first.values * (1 + 1e-3 * RNG.normal(size=len(first.values))), pattern)
+    near = linear.SparseMatrix(
+        first.values * (1 + 1e-3 * RNG.normal(size=len(first.values))), pattern
+    )
     far, _ = matrix(12, True, solver, seed=5, shift=50.0)
     indefinite = first.add_to_diagonal(-20.0)
-    next_ = jax.jit(linear.solve_next, static_argnames="limit")
-    factored, counts = linear.nothing_factored(pattern, b.dtype), []
+    next_ = jax.jit(linear.solve_reusing_factor, static_argnames="limit")
+    factored, counts = linear.no_factored_matrix(pattern, b.dtype), []
     for k, (own, tol, limit) in enumerate(
         [(first, 1e-8, 9), (near, 1e-8, 9), (near, 1e-8, 0), (far, 1e-12, 2), (first, 1e-8, 0)]
     ):
@@ -174,12 +176,12 @@ def test_sequences_reuse_factors_and_say_what_is_not_definite(solver):
 def test_pivots_of_few_digits_are_taken_only_where_they_are_asked_for(solver):
     """A chain of springs on one of 16 roundings: its last pivot is below the bound of 20."""
     free, pattern = springs(solver, np.ones(19))
-    soft = linear.Sparse(free.values.at[0].add(2.0**-48), pattern)
+    soft = linear.SparseMatrix(free.values.at[0].add(2.0**-48), pattern)
     b = jnp.zeros(20).at[19].set(1.0)
 
     def taken(matrix, limit):
-        nothing = linear.nothing_factored(pattern, b.dtype)
-        x, definite, _ = linear.solve_next(matrix, b, nothing, 1e-8, limit, True)
+        nothing = linear.no_factored_matrix(pattern, b.dtype)
+        x, definite, _ = linear.solve_reusing_factor(matrix, b, nothing, 1e-8, limit, True)
         return bool(definite), np.asarray(x)
 
     may = solver is not NUMPY  # which judges its matrices by itself
@@ -220,11 +222,11 @@ def test_a_batch_of_sparse_systems_is_solved_as_banded_ones_where_that_is_small(
     own, _ = matrix(12, True, solver, seed=2)
     assert own.pattern.band is not None
     scales, b = np.array([1.0, 2.0, 4.0]), jnp.asarray(RNG.normal(size=12))
-    factored = linear.nothing_factored(own.pattern, b.dtype)
+    factored = linear.no_factored_matrix(own.pattern, b.dtype)
 
     def solve(scale, factored):
-        scaled = linear.Sparse(scale * own.values, own.pattern)
-        return linear.solve_next(scaled, b, factored, 1e-8, 9, True)
+        scaled = linear.SparseMatrix(scale * own.values, own.pattern)
+        return linear.solve_reusing_factor(scaled, b, factored, 1e-8, 9, True)
 
     x, definite, after = jax.vmap(solve, (0, None))(scales, factored)
     assert definite.all()
@@ -236,10 +238,10 @@ def test_a_batch_of_sparse_systems_is_solved_as_banded_ones_where_that_is_small(
     assert pattern.band is None
     values = jnp.zeros(len(pattern.indices)).at[pattern.diagonal].set(2.0)
     x, definite, _ = jax.vmap(
-        lambda s: linear.solve_next(
-            linear.Sparse(s * values, pattern),
+        lambda s: linear.solve_reusing_factor(
+            linear.SparseMatrix(s * values, pattern),
             jnp.ones(90),
-            linear.nothing_factored(pattern, values.dtype),
+            linear.no_factored_matrix(pattern, values.dtype),
             *(1e-8, 9, s < 3),
         )
     )(scales)
@@ -273,7 +275,7 @@ def test_the_eigenvalue_nearest_to_zero(solver, n):
     values, vectors = np.linalg.eigh(dense)
     nearest = np.abs(values).argmin()
     assert 0 < nearest < n - 1
-    number, value, right, _ = linear.spectrum(sparse, jnp.zeros(n, bool))
+    number, value, right, _ = linear.inertia_and_nearest_mode(sparse, jnp.zeros(n, bool))
     assert int(number) == np.count_nonzero(values < 0)
     assert float(value) == pytest.approx(values[nearest], rel=1e-9)
     assert abs(right @ vectors[:, nearest]) == pytest.approx(1.0, rel=1e-9)
@@ -312,7 +314,7 @@ def test_factors_that_are_made_and_freed_in_other_threads_give_their_memory_back
     """SciPy frees SuperLU's memory only in the thread that has allocated it."""
     side = sp.diags([-1.0, 2.1, -1.0], [-1, 0, 1], (60, 60))
     grid = sp.csr_matrix(sp.kron(side, sp.eye(60)) + sp.kron(sp.eye(60), side))
-    analysis = linear.named("superlu").analyse(3600, grid.indptr, grid.indices)
+    analysis = linear.solver_named("superlu").analyze(3600, grid.indptr, grid.indices)
 
     def resident():
         return 4096 * int(Path("/proc/self/statm").read_text().split()[1])
@@ -337,28 +339,28 @@ def test_the_way_back_from_another_device_gives_the_same(monkeypatch):
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     x = jax.jit(lambda b: linear.factorize(own).solve(b, lambda v: own @ v))(b)
     assert np.abs(dense @ x - b).max() < 1e-12
-    factored = linear.nothing_factored(own.pattern, x.dtype)
-    y, definite, _ = linear.solve_next(own, jnp.asarray(b), factored, 1e-8, 9, True)
+    factored = linear.no_factored_matrix(own.pattern, x.dtype)
+    y, definite, _ = linear.solve_reusing_factor(own, jnp.asarray(b), factored, 1e-8, 9, True)
     assert bool(definite) and np.abs(y - x).max() < 1e-12
 
 
 def test_solver_by_size_and_by_name(monkeypatch):
     assert chain(48, True, None)[0].solver.name == "dense"
     assert chain(48, True, "superlu")[0].solver.name == "superlu"
-    assert choose(300, True).name == "banded"
-    pardiso, cholmod = (type(linear.named(name)) for name in ("pardiso", "cholmod"))
-    monkeypatch.setattr(pardiso, "available", lambda self: False)
-    monkeypatch.setattr(cholmod, "available", lambda self: False)
-    assert choose(5000, False).name == "superlu"
+    assert choose_solver(300, True).name == "banded"
+    pardiso, cholmod = (type(linear.solver_named(name)) for name in ("pardiso", "cholmod"))
+    monkeypatch.setattr(pardiso, "is_installed", lambda self: False)
+    monkeypatch.setattr(cholmod, "is_installed", lambda self: False)
+    assert choose_solver(5000, False).name == "superlu"
     with pytest.raises(ValueError, match=r"linear_solver = 'cholmod': cvxopt is not installed"):
         jc.Newton(linear_solver="cholmod")
-    monkeypatch.setattr(cholmod, "available", lambda self: True)
-    assert choose(5000, False).name == "cholmod"
+    monkeypatch.setattr(cholmod, "is_installed", lambda self: True)
+    assert choose_solver(5000, False).name == "cholmod"
     with pytest.raises(ValueError, match=r"linear_solver = 'pardiso': pypardiso is not installed"):
         jc.Newton(linear_solver="pardiso")
-    monkeypatch.setattr(pardiso, "available", lambda self: True)
-    assert choose(5000, False).name == "pardiso"
-    assert choose(5000, False, exchanges_rows=True).name == "cholmod"
+    monkeypatch.setattr(pardiso, "is_installed", lambda self: True)
+    assert choose_solver(5000, False).name == "pardiso"
+    assert choose_solver(5000, False, exchanges_rows=True).name == "cholmod"
     for method in (jc.Newton, jc.Incremental):
         with pytest.raises(ValueError, match="linear_solver = 'umfpack': expected None or one of"):
             method(linear_solver="umfpack")
@@ -370,7 +372,7 @@ def test_a_bordered_matrix_is_regular_where_its_block_is_singular(solver, softes
     """Against SciPy on the whole dense matrix, whose condition is 1e3 whatever the block's is."""
     rng = np.random.default_rng(0)
     matrix, pattern = springs(solver, rng.uniform(1, 9, 11))
-    matrix = linear.Sparse(matrix.values.at[0].add(softest), pattern)
+    matrix = linear.SparseMatrix(matrix.values.at[0].add(softest), pattern)
     full = np.asarray(matrix.dense())
     column, row, rhs = rng.normal(size=(3, 12))
     loose = jnp.zeros(12, bool)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxcable import linear
-from jaxcable.common.fusion import fuses
+from jaxcable.common.fusion import are_loops_fused
 from jaxcable.linear import rolling
 
 RNG = np.random.default_rng(3)
@@ -56,4 +56,4 @@ def test_only_matrices_known_to_be_definite():
     number = np.arange(10)[:, None] + np.arange(3)
     for definite in (False, True):
         chosen = linear.make_pattern([number], 12, True, definite=definite).solver.name
-        assert chosen == ("rolling" if definite and fuses() else "dense")
+        assert chosen == ("rolling" if definite and are_loops_fused() else "dense")

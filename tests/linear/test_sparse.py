@@ -26,13 +26,13 @@ def test_a_slack_saddle_in_increments(solver, monkeypatch):
 
     One analysis of the pattern serves all phases, increments and changes of numbers.
     """
-    made, original = [], host.Analysed.__init__
+    made, original = [], host.AnalysedPattern.__init__
 
     def counted(self, *args):
         made.append(1)
         original(self, *args)
 
-    monkeypatch.setattr(host.Analysed, "__init__", counted)
+    monkeypatch.setattr(host.AnalysedPattern, "__init__", counted)
     host.forget_analyses()
     structure, phases = jc.scenes.saddle(7, 7, load=20000.0, increments=(1, 3))
     for scale in (1.0, 1.1):

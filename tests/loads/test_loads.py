@@ -9,7 +9,7 @@ import pytest
 from oracles.taylor import TIGHT, slope
 
 import jaxcable as jc
-from jaxcable.common.tree import fill, thaw
+from jaxcable.common.tree import merge_indices, split_indices
 
 # cables from the corners of a sloping square to its middle, in two groups
 SQUARE = np.array([[0.0, 0, 0], [3, 0, 0], [3, 4, 3.0], [0, 4, 3.0], [1.5, 2, 1.5]])
@@ -68,10 +68,10 @@ def test_loads_go_to_nodes_as_by_hand():
 
 def forces(load, structure):
     """Forces of a dead load on the nodes of a structure that nothing has happened to."""
-    groups = fill(*thaw(structure.groups))
+    groups = merge_indices(*split_indices(structure.groups))
     nodes = jnp.asarray(structure.nodes)
     states = [group.start(nodes[group.links]) for group in groups]
-    load = fill(*thaw(load.among(structure)))
+    load = merge_indices(*split_indices(load.among(structure)))
     return load.element_forces(groups, states, nodes, nodes.shape, float)
 
 

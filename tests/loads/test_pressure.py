@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 import jaxcable as jc
 from jaxcable.analysis.preparation import prepare, ready
-from jaxcable.common.tree import copy, fill, thaw
+from jaxcable.common.tree import copy_with, merge_indices, split_indices
 from jaxcable.mechanics.ramp import Ramp
 
 AXIS = (0.0, -1.0, 0.0)  # what runs along x is pressed up, along axis x d
@@ -102,7 +102,7 @@ def test_each_end_gets_half_of_the_pressure_on_its_element(per):
     """On the chord as it is, or on the unstressed length, across axis and chord."""
     structure, _ = arch(2)
     load = jc.CablePressure(30.0, AXIS, on="edge", per=per).among(structure)
-    groups = fill(*thaw(structure.groups))
+    groups = merge_indices(*split_indices(structure.groups))
     nodes = jnp.asarray(structure.nodes)
     states = [group.start(nodes[group.links]) for group in groups]
     moved = nodes + jnp.array([[0.0, 0, 0], [0.3, 0, 0.5], [0, 0, 0]])
@@ -194,7 +194,7 @@ def test_face_pressure_is_the_derivative_of_the_volume():
     places = np.asarray(structure.nodes)
     places = places + 0.1 * np.random.default_rng(3).normal(size=places.shape)
     load = jc.FacePressure(faces, 2.0)
-    load = copy(load, faces=load.faces.array)
+    load = copy_with(load, faces=load.faces.array)
     force = np.asarray(load.following_forces([], [], None, jnp.asarray(places)))
     h = 1e-5
     for node in np.flatnonzero(~structure.supports.fixed(structure.n_node)[:, 0]):
@@ -377,16 +377,16 @@ def test_tangent_is_the_jacobian_and_symmetric_where_there_is_a_potential(
     @jax.jit
     def tangents(thawed):
         """Of all, as the Jacobian of the residual, and without the loads."""
-        nodes, groups, carry, schedule = ready(fill(thawed, task.arrays), task.bundles)
+        nodes, groups, carry, schedule = ready(merge_indices(thawed, task.arrays), task.bundles)
         system = Ramp.build(nodes, groups, carry, schedule.phase(0)).at(1.0)
-        step = 0.1 * np.random.default_rng(0).normal(size=len(system.freedoms.free))
-        point = system.move(system.place(carry.motion), jnp.asarray(step))
+        step = 0.1 * np.random.default_rng(0).normal(size=len(system.dof_map.free))
+        point = system.move(system.impose_supports(carry.motion), jnp.asarray(step))
         residual, zero, _ = system.chart(point)
         states = [
-            copy(state, pressed=None) if hasattr(state, "pressed") else state
+            copy_with(state, pressed=None) if hasattr(state, "pressed") else state
             for state in system.states
         ]
-        bare = copy(system, followers=None, states=states)
+        bare = copy_with(system, followers=None, states=states)
         return system.tangent(point), jax.jacfwd(residual)(zero), bare.tangent(point)
 
     tangent, jacobian, dead = (

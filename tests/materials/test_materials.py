@@ -44,7 +44,7 @@ def test_stress_and_energy_follow_the_curve(name):
     inside = np.clip(at, strain[0], strain[-1])
     over = np.where((strain[0] == 0) & (at < 0), 0.0, at - inside)  # else slack, not failed
     rise, ends = float(law.modulus) * over, curve(strain, stress, inside)
-    got, _, energy, gradient, *_ = evaluate(law.extended(), at)
+    got, _, energy, gradient, *_ = evaluate(law.extrapolated(), at)
     assert apart(got, ends + rise) <= rounding(law)
     assert apart(gradient, got) <= rounding(law)
     expected = area_under(strain, stress, at) + (ends + 0.5 * rise) * over
@@ -138,14 +138,14 @@ def test_softened_law_is_in_series_with_a_spring(name):
     strain, stress = points_of(law)
     at = np.random.default_rng(2).uniform(strain[0], strain[-1], 100)
     pull = curve(strain, stress, at)
-    soft = law.softened(compliance)
+    soft = law.in_series_with_spring(compliance)
     got = evaluate(soft, at + compliance * pull)[0]
     assert apart(got, pull) <= 4 * rounding(soft)
 
 
 def test_rising_is_known_from_the_points():
-    assert [law.rising for law in LAWS.values()] == [True, True, True, False, True]
-    assert all(law.rising for law in [*ELASTIC.values(), *CABLES.values(), jc.Elastic(E)])
+    assert [law.monotone for law in LAWS.values()] == [True, True, True, False, True]
+    assert all(law.monotone for law in [*ELASTIC.values(), *CABLES.values(), jc.Elastic(E)])
 
 
 # --- derivatives with respect to the points
@@ -178,7 +178,7 @@ def test_taylor_of_the_points(name):
         memory = unloaded = None
         if law.n_memory:  # the path is part of what is differentiated
             unused = jnp.zeros((len(at), law.n_memory))
-            memory = law.settle(jnp.full(len(at), 0.6 * end), unused)
+            memory = law.commit_memory(jnp.full(len(at), 0.6 * end), unused)
             unloaded = memory[: len(TARGETS)]
         weights = jnp.arange(1.0, 1.0 + len(at))
         return jnp.stack(
@@ -220,7 +220,7 @@ def test_preset_steel():
     # quotients of the stated numbers
     assert float(law.modulus) == pytest.approx(205e9, rel=1e-14)
     assert np.allclose(law.capacity, [-top, top], rtol=1e-15)
-    assert np.allclose(law.limits, [-0.04, 0.04], rtol=0)
+    assert np.allclose(law.strain_limits, [-0.04, 0.04], rtol=0)
     assert (law.n_memory, materials.steel(unloading="reversible").n_memory) == (1, 0)
     got = evaluate(law, [-0.03, 1e-3, 0.03])[0]
     at = 355e6 + 0.02 * 205e9 * (0.03 - 355e6 / 205e9)
@@ -231,7 +231,7 @@ def test_preset_strand():
     law = materials.strand()
     assert float(law.modulus) == pytest.approx(195e9, rel=1e-14)
     assert np.allclose(law.capacity, [0.0, 1860e6], rtol=1e-15)
-    assert law.limits[0] == -np.inf and law.limits[1] == 0.02 / 0.9
+    assert law.strain_limits[0] == -np.inf and law.strain_limits[1] == 0.02 / 0.9
     # EN 1992-1-1, figure 3.10: f_pk / gamma at the ultimate strain, 0.9 of it at the corner
     corner, end = 0.9 * 1860e6 / 195e9, 0.02 / 0.9
     got = evaluate(law, [-0.01, corner, 0.5 * (corner + end), end])[0]
@@ -240,7 +240,7 @@ def test_preset_strand():
 
 def test_preset_tension_only():
     brittle = materials.tension_only(E, 400e6)
-    assert np.allclose(brittle.capacity, [0.0, 400e6]) and brittle.limits[1] == 2e-3
+    assert np.allclose(brittle.capacity, [0.0, 400e6]) and brittle.strain_limits[1] == 2e-3
     ductile = materials.tension_only(E, 400e6, 0.02)
     assert np.allclose(evaluate(ductile, [-1.0, 1e-3, 0.02])[0], [0, 200e6, 400e6], rtol=1e-14)
     endless = materials.tension_only(E)
@@ -256,7 +256,9 @@ def test_linear_law():
     assert np.allclose(energy, 0.5 * E * at**2) and np.allclose(gradient, stress)
     assert np.isinf(distance).all() and not beyond.any()
     assert np.allclose(invert(law, stress)[0], at, rtol=1e-15)
-    assert float(law.softened(1e-12).stress_at(1.0)) == pytest.approx(1 / (1 / E + 1e-12))
+    assert float(law.in_series_with_spring(1e-12).stress_at(1.0)) == pytest.approx(
+        1 / (1 / E + 1e-12)
+    )
 
 
 SHARES = np.array([0.2, 0.5, 0.3])
@@ -278,13 +280,13 @@ def test_parallel_law_is_the_weighted_sum():
     # quotients of the points
     modulus = 0.2 * 10e9 + 0.5 * 210e9 + 0.3 * 195e9
     assert float(law.modulus) == pytest.approx(modulus, rel=1e-14)
-    assert law.breaks and law.rising and law.n_memory == 2
+    assert law.has_rupture and law.monotone and law.n_memory == 2
 
 
 def test_a_parallel_law_in_series_with_a_spring():
     at, unused, compliance = np.linspace(-0.04, 0.02, 50), np.zeros(2), 3e-12
     pull = evaluate(TRIO, at, unused)[0]
-    soft, size = TRIO.softened(compliance), rounding(materials.steel())
+    soft, size = TRIO.in_series_with_spring(compliance), rounding(materials.steel())
     stress, _, _, gradient, *_ = evaluate(soft, at + compliance * pull, unused)
     # rounding of the strain over a slope that is at most three times smaller
     assert apart(stress, pull) <= 4 * size
@@ -294,7 +296,7 @@ def test_a_parallel_law_in_series_with_a_spring():
 def test_limits_and_capacity_of_a_parallel_law():
     """The first end: steel in compression, the strand in tension."""
     steel, end = materials.steel(), 0.02 / 0.9
-    limits, capacity = jax.jit(lambda law: (law.limits, law.capacity))(TRIO)
+    limits, capacity = jax.jit(lambda law: (law.strain_limits, law.capacity))(TRIO)
     assert np.allclose(limits, [-0.05, end], rtol=0)
     beyond = evaluate(TRIO, [-0.051, -0.05, end, 0.023], np.zeros(2))[-1]
     assert beyond.tolist() == [True, False, False, True]
@@ -302,7 +304,7 @@ def test_limits_and_capacity_of_a_parallel_law():
     high = 0.2 * 10e9 * end + 0.5 * np.interp(end, steel.strain, steel.stress) + 0.3 * 1860e6
     assert np.allclose(capacity, [low, high], rtol=1e-13)
     endless = materials.Parallel((jc.Elastic(E), jc.Elastic(2 * E)), np.array([0.5, 0.5]))
-    assert not endless.breaks and np.isinf(np.array(endless.capacity)).all()
+    assert not endless.has_rupture and np.isinf(np.array(endless.capacity)).all()
 
 
 @pytest.mark.parametrize("state", ["virgin", "yielded"])

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 import jaxcable as jc
 from jaxcable.common import status
-from jaxcable.common.tree import copy
+from jaxcable.common.tree import copy_with
 from jaxcable.mechanics import bundles
 from jaxcable.mechanics.bundles import Bundles
 from jaxcable.results.energy import energy_balance
@@ -37,7 +37,7 @@ def alone(monkeypatch):
 
 def results(solution):
     """A solution without what only the next analysis reads."""
-    return copy(solution, last=copy(solution.last, carry=None))
+    return copy_with(solution, last=copy_with(solution.last, carry=None))
 
 
 def assert_same(found, expected, near=NEAR):

@@ -21,8 +21,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import jaxcable as jc
-from jaxcable.common.tree import copy
-from jaxcable.spaces.freedoms import number_freedoms
+from jaxcable.common.tree import copy_with
+from jaxcable.spaces.dof_map import make_dof_map
 
 # weights are masses
 pytestmark = pytest.mark.filterwarnings("ignore:elements.*no phase has SelfWeight")
@@ -104,8 +104,8 @@ def test_a_sparse_tangent_has_places_for_inertia(string, paired):
     structure, system, x = string
     links = structure.elements.links, 3, ()
     fixed = structure.fixed(structure.supports)
-    freedoms = number_freedoms(fixed, None, (links, links), "superlu", paired=paired)
-    sparse = copy(system, space=copy(system.space, freedoms=freedoms))
+    dof_map = make_dof_map(fixed, None, (links, links), "superlu", paired=paired)
+    sparse = copy_with(system, space=copy_with(system.space, dof_map=dof_map))
     begun = let_go(system, x, jnp.zeros_like(x))
     ends = [gone(one, begun, 0.02, 1)[-1].motion for one in (system, sparse)]
     assert np.abs(np.asarray(ends[0] - x)).max() > 1e-7
@@ -274,7 +274,7 @@ def test_derivatives_through_steps():
 
     @jax.jit
     def end(p):
-        pulled = copy(system, load=p[0] * system.load)
+        pulled = copy_with(system, load=p[0] * system.load)
         begun, masses = thrown(system, p[1:])
 
         def step(begun, _):
@@ -308,7 +308,7 @@ def test_a_linear_chain(rho, damping):
     solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([n], (30.0, 0.0, 0.0))))
     assert solution.status == 0
     system, x = at_rest(structure, solution)
-    system = copy(system, load=0.0 * system.load)  # let go
+    system = copy_with(system, load=0.0 * system.load)  # let go
 
     stiff = stiffness * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
     mass = weight / GRAVITY * (5 / 6 * np.eye(n) + (np.eye(n, k=1) + np.eye(n, k=-1)) / 12)
@@ -357,7 +357,7 @@ PUSH = 200.0  # reached at once: the bar yields at 235 N
 def pushed(yielding, force):
     """The system under a force along the bar, and its start."""
     system, x = yielding
-    system = copy(system, load=jnp.zeros((2, 3)).at[1, 0].set(force))
+    system = copy_with(system, load=jnp.zeros((2, 3)).at[1, 0].set(force))
     return system, let_go(system, x, jnp.zeros((2, 3)))
 
 
@@ -406,7 +406,7 @@ def test_derivatives_through_steps_with_memory(yielding):
 
         def step(carry, _):
             states, begun = carry
-            now = copy(system, states=states)
+            now = copy_with(system, states=states)
             now, ended, code = step_in_time(now, begun, masses, 0.01, method=taylor.TIGHT)
             return (now.states, ended), code
 
@@ -434,7 +434,7 @@ def test_the_first_period_of_a_cantilever():
     solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([n], (0.0, 0.0, 1.0))))
     assert solution.status == 0
     system, _ = at_rest(structure, solution)
-    system = copy(system, load=jnp.zeros_like(system.load))
+    system = copy_with(system, load=jnp.zeros_like(system.load))
     k = brentq(lambda kl: np.cosh(kl) * np.cos(kl) + 1, 1.5, 2.0) / length
     s, at = (np.sinh, np.cosh, np.sin, np.cos), k * structure.nodes[:, 0]
     sinh, cosh, sin, cos = (f(at) for f in s)
@@ -443,7 +443,7 @@ def test_the_first_period_of_a_cantilever():
     speed = 1e-4 * jnp.zeros((n + 1, 6)).at[:, 2].set(shape).at[:, 4].set(-slope)
     frequency = k**2 * np.sqrt(modulus * inertia / (weight / GRAVITY))
     half, count = np.pi / frequency, 40
-    begun = let_go(system, system.space.still(system.nodes), speed)
+    begun = let_go(system, system.space.at_rest(system.nodes), speed)
     found = gone(system, begun, half / count, count)
     tip = [m.motion[n, 2] * frequency / speed[n, 2] for m in found]
     turned = of_average_acceleration(frequency, half / count) * half
@@ -463,7 +463,7 @@ def test_beams_turn_over_large_angles():
     assert solution.status == 0
     system, _ = at_rest(structure, solution)
     masses = 4.0 * length / n * np.r_[0.5, np.ones(n - 1), 0.5]
-    system = copy(system, load=jnp.zeros((n + 1, 6)).at[:, 2].set(-GRAVITY * masses))
+    system = copy_with(system, load=jnp.zeros((n + 1, 6)).at[:, 2].set(-GRAVITY * masses))
     arms = structure.nodes[:, 0]
     pull = GRAVITY * (masses @ arms) / (masses @ arms**2)
 
@@ -473,7 +473,7 @@ def test_beams_turn_over_large_angles():
     angle = solve_ivp(rate, (0, 1.0), [0.0, 0.0], rtol=1e-10, atol=1e-11).y[0, -1]
     assert angle > 2.0
     exact, errors = length * np.array([np.cos(angle) - 1, 0.0, -np.sin(angle)]), []
-    still = system.space.still(system.nodes), jnp.zeros((n + 1, 6))
+    still = system.space.at_rest(system.nodes), jnp.zeros((n + 1, 6))
     for count in (50, 100):
         found = gone(system, let_go(system, *still, distribution="lumped"), 1.0 / count, count)
         errors.append(np.linalg.norm(np.asarray(found[-1].motion[n, :3]) - exact))

@@ -14,7 +14,7 @@ import jaxcable as jc
 from jaxcable import design, forms
 from jaxcable.analysis.preparation import prepare, verdicts
 from jaxcable.analysis.solution import State
-from jaxcable.common.tree import fill, thaw
+from jaxcable.common.tree import merge_indices, split_indices
 from jaxcable.design.arguments import check_tolerance, check_width, is_valid_tolerance
 from jaxcable.design.bounds import broadcast_to_params
 from jaxcable.mechanics.carry import unloaded
@@ -36,7 +36,7 @@ def code(structure, phases=None, method=None):
     """The verdict of `solve` on numbers, as its compiled core finds it: no analysis is compiled."""
     phases = jc.Phase(loads=PULL) if phases is None else phases
     task = prepare(structure, phases, method, None)
-    return jnp.max(verdicts(fill(task.thawed, task.arrays), task.method)[1])
+    return jnp.max(verdicts(merge_indices(task.thawed, task.arrays), task.method)[1])
 
 
 def net(nodes=NODES, kind=jc.Cables, links=LINKS, **numbers):
@@ -148,7 +148,7 @@ def of_path(name):
         numbers = {"until": 1.0, "down_to": -1.0, "step": 0.1, "largest": 0.1, "tol": 1e-9}
         own = check_path_settings(net(), *(numbers | {name: v}).values(), True)
         task = prepare(net(), jc.Phase(loads=PULL), None, None)
-        return verdicts(fill(task.thawed, task.arrays), task.method, own)[1][0]
+        return verdicts(merge_indices(task.thawed, task.arrays), task.method, own)[1][0]
 
     return make
 
@@ -158,7 +158,7 @@ def unstrained(structure):
     rows, groups = structure.rows()
     assert rows is None
     zero, fixed = jnp.zeros((3, 3)), structure.fixed(structure.supports)
-    carry = unloaded(jnp.asarray(structure.nodes), fill(*thaw(groups)))
+    carry = unloaded(jnp.asarray(structure.nodes), merge_indices(*split_indices(groups)))
     named = {"rotation": carry.motion[:, 3:]} if carry.motion.shape[1] == 7 else {}
     still = {"displacement": zero, "positions": structure.nodes, "reactions": zero, "load": zero}
     still |= {"tension": None, "rest_length": None, "phase": 0, "load_factor": 1.0}

@@ -40,7 +40,7 @@ def hessian(scaled, k):
 @pytest.mark.parametrize("slack", [10.0, 0.1, 1e-4])
 def test_scaling_maps_the_first_point_to_the_second(slack):
     u, x, n, v, y, w = pairs(0, slack)
-    scaled = cones.scaling(u, x, n, v, y, w)
+    scaled = cones.nesterov_todd_scaling(u, x, n, v, y, w)
     for k in range(N):
         matrix = hessian(scaled, k)
         z = np.r_[n[k], -v[k]]
@@ -57,13 +57,13 @@ def test_scaling_maps_the_first_point_to_the_second(slack):
 def test_correction_is_that_of_the_definition():
     """``F (lam \\ (aim e - F^-1 ds o F dz))`` with the root F of the inverse, in NumPy."""
     u, x, n, v, y, w = pairs(2)
-    scaled = cones.scaling(u, x, n, v, y, w)
+    scaled = cones.nesterov_todd_scaling(u, x, n, v, y, w)
     rng = np.random.default_rng(3)
     du, dn = rng.normal(size=(2, N))
     dx, dv = rng.normal(size=(2, N, 3))
     m = rng.uniform(size=N)
     beyond = du * dn - (dx * dv).sum(1)
-    force, back = cones.correction(scaled, (n, v, w), (du, dx, dn, dv), m - beyond)
+    force, back = cones.second_order_corrector(scaled, (n, v, w), (du, dx, dn, dv), m - beyond)
     for k in range(N):
         values, axes = np.linalg.eigh(hessian(scaled, k))
         root = axes * np.sqrt(values) @ axes.T  # F^-1
@@ -84,7 +84,7 @@ def test_rate_leads_to_the_boundary():
     rng = np.random.default_rng(5)
     for _ in range(20):
         du, dx = rng.normal(size=N), rng.normal(size=(N, 3))
-        rate = float(cones.rate_to_boundary(u, x, y, du, dx))
+        rate = float(cones.inverse_step_to_boundary(u, x, y, du, dx))
 
         def least(t, du=du, dx=dx):
             return (u + t * du - np.sqrt(((x + t * dx) ** 2).sum(1))).min()
@@ -95,16 +95,16 @@ def test_rate_leads_to_the_boundary():
 
 def test_rate_of_steps_that_stay_inside_is_not_positive():
     u, x, _, _, y, _ = pairs(6)
-    assert float(cones.rate_to_boundary(u, x, y, u, x)) <= 0
-    assert float(cones.rate_to_boundary(u, x, y, 0 * u, 0 * x)) <= 0
+    assert float(cones.inverse_step_to_boundary(u, x, y, u, x)) <= 0
+    assert float(cones.inverse_step_to_boundary(u, x, y, 0 * u, 0 * x)) <= 0
     # through the tip of the cone
-    assert float(cones.rate_to_boundary(u, 0 * x, u, -2 * u, 0 * x)) == pytest.approx(2)
+    assert float(cones.inverse_step_to_boundary(u, 0 * x, u, -2 * u, 0 * x)) == pytest.approx(2)
 
 
 def test_slacks_keep_their_digits():
     u, x, _, _, y, _ = pairs(7, slack=1e-12)
     du, dx = 1e-3 * u, 1e-3 * x
-    after = cones.slack_after(x, y, du, dx, jnp.asarray(0.5))
+    after = cones.slack_after_step(x, y, du, dx, jnp.asarray(0.5))
     assert np.asarray(after) == pytest.approx(1.0005 * y, rel=1e-3)
     naive = (u + 0.5 * du) - np.sqrt(((x + 0.5 * dx) ** 2).sum(1))
     assert np.abs(naive / y - 1).max() > 1e-6  # control
@@ -112,11 +112,11 @@ def test_slacks_keep_their_digits():
 
 def test_of_single_precision_and_in_batches():
     u, x, n, v, y, w = pairs(8, dtype=np.float32)
-    single = cones.scaling(u, x, n, v, y, w)
-    double = cones.scaling(*pairs(8))
+    single = cones.nesterov_todd_scaling(u, x, n, v, y, w)
+    double = cones.nesterov_todd_scaling(*pairs(8))
     for a, b in zip(single, double, strict=True):
         assert a.dtype == np.float32
         assert np.abs(np.asarray(a) - b).max() < 1e-4 * np.abs(b).max()
     stacked = [np.stack([a, a]) for a in (u, x, n, v, y, w)]
-    for a, b in zip(jax.vmap(cones.scaling)(*stacked), single, strict=True):
+    for a, b in zip(jax.vmap(cones.nesterov_todd_scaling)(*stacked), single, strict=True):
         assert np.asarray(a[1]) == pytest.approx(np.asarray(b), rel=1e-5, abs=1e-7)

@@ -20,20 +20,20 @@ def test_products_and_matrices():
     (p, q), v = RNG.normal(size=(2, 3)), RNG.normal(size=3)
     first, second = Rotation.from_rotvec(q), Rotation.from_rotvec(p)
     p, q = quaternion(p), quaternion(q)
-    both = rotations.product(p, q)
+    both = rotations.compose(p, q)
     tol = 10 * EPS
     np.testing.assert_allclose(rotations.rotate(both, v), (second * first).apply(v), atol=tol)
-    np.testing.assert_allclose(rotations.matrix(both), (second * first).as_matrix(), atol=tol)
-    back = rotations.product(rotations.inverse(q), 3 * q)
-    np.testing.assert_allclose(rotations.unit(back), rotations.IDENTITY, atol=tol)
+    np.testing.assert_allclose(rotations.to_matrix(both), (second * first).as_matrix(), atol=tol)
+    back = rotations.compose(rotations.invert(q), 3 * q)
+    np.testing.assert_allclose(rotations.normalize(back), rotations.IDENTITY, atol=tol)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 9.9e-3, 1.01e-2, 1.0, 3.0])
 def test_exponentials(angle):
     """On both sides of where a series takes over, and their derivatives: of 0, half the axis."""
     spin = angle * np.array([0.6, 0.0, -0.8])
-    np.testing.assert_allclose(rotations.exp(jnp.asarray(spin)), quaternion(spin), atol=2 * EPS)
-    slope = jax.jacfwd(rotations.exp)(jnp.asarray(spin))
+    np.testing.assert_allclose(rotations.exp_map(jnp.asarray(spin)), quaternion(spin), atol=2 * EPS)
+    slope = jax.jacfwd(rotations.exp_map)(jnp.asarray(spin))
     h = 1e-5 * np.eye(3)
     expected = [(quaternion(spin + d) - quaternion(spin - d)) / 2e-5 for d in h]
     np.testing.assert_allclose(slope.T, expected, atol=1e-9)  # h^2 and rounding over h
@@ -42,8 +42,8 @@ def test_exponentials(angle):
 @pytest.mark.parametrize(("degrees", "error"), [(0.0, 1e-16), (10, 1e-15), (23, 1e-11), (45, 1e-7)])
 def test_small_rotations_without_cases(degrees, error):
     vector = np.deg2rad(degrees) * np.array([0.6, 0.0, -0.8])
-    r = rotations.stereographic(-quaternion(vector))  # the same rotation
-    assert np.abs(rotations.from_stereographic(r) - vector).max() <= error
+    r = rotations.to_stereographic(-quaternion(vector))  # the same rotation
+    assert np.abs(rotations.small_rotation_vector(r) - vector).max() <= error
 
 
 def test_a_moment_is_conjugate_to_spins():
@@ -51,9 +51,9 @@ def test_a_moment_is_conjugate_to_spins():
     q = jnp.asarray(quaternion(vector))
 
     def turned(spin):
-        both = rotations.product(rotations.exp(spin), q)
-        return rotations.from_stereographic(rotations.stereographic(both))
+        both = rotations.compose(rotations.exp_map(spin), q)
+        return rotations.small_rotation_vector(rotations.to_stereographic(both))
 
     expected = jax.jacfwd(turned)(jnp.zeros(3)).T @ moment
-    found = rotations.moment_of_spin(rotations.stereographic(q), jnp.asarray(moment))
+    found = rotations.moment_conjugate_to_spin(rotations.to_stereographic(q), jnp.asarray(moment))
     np.testing.assert_allclose(found, expected, rtol=1e-13)

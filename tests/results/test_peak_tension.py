@@ -12,7 +12,7 @@ from oracles.taylor import slope
 
 import jaxcable as jc
 from jaxcable.cli.solve import highlights
-from jaxcable.common.tree import copy
+from jaxcable.common.tree import copy_with
 from jaxcable.elements.element_state import ElementLoad
 from jaxcable.mechanics.elementwise import each
 from jaxcable.plots.forces import Forces
@@ -138,10 +138,10 @@ def test_the_larger_end_tension_differentiates():
     @jax.value_and_grad
     def there(p):
         group = jc.Catenaries([[0, 1]], axial_stiffness=EA * p[1], rest_length=370.0 * p[3])
-        group = copy(group, links=group.links.array)
+        group = copy_with(group, links=group.links.array)
         nodes = p[0] * NODES[:2]
         load = jnp.array([[0.0, 0.0, -WEIGHT]]) * p[2]
-        state = copy(group.start(nodes[group.links]), element_load=ElementLoad(load))
+        state = copy_with(group.start(nodes[group.links]), element_load=ElementLoad(load))
         return each("peak_tension", group, state, nodes, jnp.zeros_like(nodes))[0] / STRENGTH
 
     def peak(p):

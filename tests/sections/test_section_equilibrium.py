@@ -23,7 +23,7 @@ def solve(section, target):
 
 @jax.jit
 def tangents(section, strains):
-    return section.linearized(*strains.T)[1]
+    return section.forces_and_tangent(*strains.T)[1]
 
 
 def feasible(section, n=1000, seed=5):

@@ -46,7 +46,7 @@ def test_forces_of_an_elastic_section_are_exact():
     energy, slope = jax.jit(jax.vmap(jax.value_and_grad(lambda v: section.energy(*v))))(strains)
     assert np.allclose(energy, 0.5 * np.sum(strains * force, axis=1), rtol=1e-13)
     assert np.abs(slope - force).max() <= 1e-14 * np.abs(force).max()
-    found, own = jax.jit(lambda v: section.linearized(*v.T))(strains)
+    found, own = jax.jit(lambda v: section.forces_and_tangent(*v.T))(strains)
     assert np.abs(found - force).max() <= 1e-14 * np.abs(force).max()
     assert np.abs(own - expected[None]).max() <= 1e-14 * ea
 
@@ -69,7 +69,7 @@ def test_exact_inertia_is_differentiable():
 def all_of(section, strains):
     """Forces, slope of the energy, forces again with their tangents."""
     slope = jax.vmap(jax.grad(lambda v: section.energy(*v)))(strains)
-    force, tangents = section.linearized(*strains.T)
+    force, tangents = section.forces_and_tangent(*strains.T)
     return jnp.stack(section.forces(*strains.T), axis=-1), slope, force, tangents
 
 
@@ -167,7 +167,7 @@ def test_moment_cycle_against_a_fibre_simulation():
 
     def increment(memory, v):
         force = jnp.stack(section.forces(*v, memory))
-        settled = section.settle(*v, memory)
+        settled = section.commit_memory(*v, memory)
         return settled, (force, jnp.stack(section.forces(*v, settled)))
 
     start = section.initial_memory()

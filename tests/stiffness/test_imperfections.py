@@ -130,7 +130,9 @@ def test_supports_of_the_phase_that_the_state_belongs_to():
     solution = jc.solve(structure, phases)
     assert int(solution.status) == 0
     assert stiffness.tangent_of(structure, solution).shape == (3, 3)
-    last = jc.common.tree.copy(solution.last, phase=jnp.int32(0))  # as if the second one failed
+    last = jc.common.tree.copy_with(
+        solution.last, phase=jnp.int32(0)
+    )  # as if the second one failed
     assert stiffness.tangent_of(structure, last).shape == (2, 2)
     both = stiffness.tangent_of(structure, last, fixed=np.zeros((3, 3), bool))
     assert both.shape == (9, 9)

@@ -11,7 +11,7 @@ from scenes.frames import in_plane, solid
 import jaxcable as jc
 from jaxcable.mechanics.bundles import Bundles
 from jaxcable.mechanics.carry import make_system
-from jaxcable.spaces.freedoms import number_freedoms
+from jaxcable.spaces.dof_map import make_dof_map
 from jaxcable.stiffness import flexibility, tangent
 from jaxcable.stiffness import natural_frequencies as frequencies
 
@@ -222,8 +222,8 @@ def test_order_of_the_masses_of_beams():
         assert int(solution.status) == 0
         fixed = np.zeros((n + 1, 6), bool)
         fixed[:, [1, 3, 5]] = True
-        for nodes, freedoms in held:
-            fixed[np.ix_(nodes, freedoms)] = True
+        for nodes, dof_map in held:
+            fixed[np.ix_(nodes, dof_map)] = True
         given = {"fixed": fixed, "distribution": distribution}
         found = frequencies(structure, solution, number + 1, **given)
         return np.sqrt(float(found.squared[number]))
@@ -356,8 +356,8 @@ def test_a_sparse_mass_matrix_is_the_dense_one():
     links += [(at, 3, ()) for stack in carry.loads for at in stack.touches(own, bundles)]
     found = []
     for settings in ((), (tuple(links), "superlu", False, None, structure.space)):
-        freedoms = number_freedoms(solution.last.fixed[-1], rows, *settings)
-        system = make_system(nodes, groups, carry, carry.motion, freedoms)
+        dof_map = make_dof_map(solution.last.fixed[-1], rows, *settings)
+        system = make_system(nodes, groups, carry, carry.motion, dof_map)
         assert system.followers
         found.append(system.mass(carry.motion, 9.80665))
     dense, sparse = found

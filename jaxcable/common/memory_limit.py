@@ -10,7 +10,7 @@ import jax
 _CONTROL_GROUP = Path("/sys/fs/cgroup")  # limits of a container (control groups, version 2)
 
 
-def available() -> int | None:
+def available_bytes() -> int | None:
     """Return the bytes of memory left for arrays on the default device; None if that is unknown.
 
     On the host those of the machine and, in a container, those below its limit.
@@ -26,7 +26,7 @@ def available() -> int | None:
 _NEVER_REFUSED = 1 << 26  # bytes that are never refused: less than jax itself takes
 
 
-def require(n_bytes: float, what: str, way_out: str) -> None:
+def require_memory(n_bytes: float, what: str, way_out: str) -> None:
     """Raise ValueError if arrays do not fit into memory.
 
     Args:
@@ -36,7 +36,7 @@ def require(n_bytes: float, what: str, way_out: str) -> None:
     """
     if n_bytes < _NEVER_REFUSED:
         return
-    left = available()
+    left = available_bytes()
     if left is not None and n_bytes > left:
         raise ValueError(
             f"{what}: needs about {_format_bytes(n_bytes)} of memory, and "

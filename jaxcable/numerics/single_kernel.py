@@ -2,8 +2,8 @@
 
 XLA's backend for CPUs compiles a loop to one kernel where it is asked to (`common.fusion`). The
 operations before and after the loop remain many small kernels, and a chain of more than eight is
-handed over to another thread, which takes longer than they do. `as_one` puts a whole function into
-a loop with one iteration.
+handed over to another thread, which takes longer than they do. `as_single_kernel` puts a whole
+function into a loop with one iteration.
 
 Under `jax.vmap` it becomes a loop over the cases. `jax.vmap` would compute both branches of every
 `lax.cond` for all cases, and as many iterations as the slowest of them needs; a loop computes what
@@ -25,13 +25,13 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..common import jax_internals as internals
-from ..common.compilation import without_collection
-from ..common.jax_internals import function_of
+from ..common.compilation import without_garbage_collection
+from ..common.jax_internals import function_of_jaxpr
 
 Tree = TypeVar("Tree")
 
 
-def as_one(function: Callable[..., Tree]) -> Callable[..., Tree]:
+def as_single_kernel(function: Callable[..., Tree]) -> Callable[..., Tree]:
     """Return a function that runs `function` as a single kernel, and batches case by case.
 
     All transformations of jax work on it. Where jax has no primitives to define, the result is
@@ -61,7 +61,7 @@ def as_one(function: Callable[..., Tree]) -> Callable[..., Tree]:
 
 def _run_in_loop(*leaves, program, **_):
     """Evaluate a program inside a loop of one iteration, which XLA compiles to one kernel."""
-    compute = function_of(program)
+    compute = function_of_jaxpr(program)
     floats = [x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating) and x.size]
     if not floats:
         return compute(*leaves)
@@ -111,9 +111,9 @@ def _unpack_by_dtype(vectors, like):
 
 def _kernel_jvp(primals, tangents, *, program, **_):
     """Forward derivative of `_KERNEL`: one kernel for values and linearization, one for changes."""
-    moving = [k for k, t in enumerate(tangents) if not internals.is_zero(t)]
+    moving = [k for k, t in enumerate(tangents) if not internals.is_zero_tangent(t)]
     floating = [jnp.issubdtype(x.dtype, jnp.inexact) for x in program.out_avals]
-    compute, traced = function_of(program), {}
+    compute, traced = function_of_jaxpr(program), {}
 
     def forward(*leaves):
         def of_moving(*some):
@@ -139,7 +139,7 @@ def _kernel_jvp(primals, tangents, *, program, **_):
         kept = iter(_unpack_by_dtype(kept, [x.aval for x, k in pairs if k is None]))
         known = iter(known)
         needed = [next(kept if k is None else known) for k in place]
-        return internals.closed(part, needed)(*changes)
+        return internals.bind_constants(part, needed)(*changes)
 
     arguments = *packed, *given, *(tangents[k] for k in moving)
     known = len(packed) + len(given)
@@ -161,22 +161,22 @@ def _split_by_counts(values, *counts):
 
 def _linear_kernel_jvp(primals, tangents, *, program, known):
     """Forward derivative of `_LINEAR_KERNEL`; linear again if its known arguments do not change."""
-    if any(not internals.is_zero(t) for t in tangents[:known]):
+    if any(not internals.is_zero_tangent(t) for t in tangents[:known]):
         return _kernel_jvp(primals, tangents, program=program)
-    further = *primals[:known], *map(internals.as_array, tangents[known:])
+    further = *primals[:known], *map(internals.instantiate_tangent, tangents[known:])
     return [_LINEAR_KERNEL.bind(*each, program=program, known=known) for each in (primals, further)]
 
 
-@without_collection()
+@without_garbage_collection()
 def _linear_kernel_transpose(back, *arguments, program, **_):
     """Transpose `_LINEAR_KERNEL` in those arguments in which it is linear, for reverse mode."""
-    sought = [k for k, x in enumerate(arguments) if internals.is_sought(x)]
-    asked = [k for k, x in enumerate(back) if not internals.is_zero(x)]
+    sought = [k for k, x in enumerate(arguments) if internals.is_undefined_primal(x)]
+    asked = [k for k, x in enumerate(back) if not internals.is_zero_tangent(x)]
     if not asked:
         return [None] * len(arguments)
     given = [k for k in range(len(arguments)) if k not in set(sought)]
     like = [arguments[k].aval for k in sought]
-    compute = function_of(program)
+    compute = function_of_jaxpr(program)
 
     def pulled(*values):
         known, back = _split_by_counts(values, len(given))
@@ -196,7 +196,7 @@ def _linear_kernel_transpose(back, *arguments, program, **_):
 
 def _kernel_batch_rule(primitive, arguments, axes, *, program, **given):
     """Map a primitive over the cases of a batch under `jax.vmap`: by a loop inside one kernel."""
-    compute = function_of(program)
+    compute = function_of_jaxpr(program)
     of_case = [k for k, axis in enumerate(axes) if axis is not None]
     moved = [jnp.moveaxis(arguments[k], axes[k], 0) for k in of_case]
 
@@ -213,7 +213,7 @@ def _kernel_batch_rule(primitive, arguments, axes, *, program, **given):
 
 def _run_program(*leaves, program, **_):
     """Evaluate a program without the loop, for calls outside of `jax.jit`."""
-    return function_of(program)(*leaves)
+    return function_of_jaxpr(program)(*leaves)
 
 
 def _make_primitive(name, derivative, transposed=None):
@@ -223,7 +223,7 @@ def _make_primitive(name, derivative, transposed=None):
         return _kernel_batch_rule(made, *given, **options)
 
     rules = derivative, mapped, transposed, _run_in_loop
-    made = internals.primitive(name, _run_program, _result_shapes, *rules, several=True)
+    made = internals.define_primitive(name, _run_program, _result_shapes, *rules, several=True)
     return made
 
 

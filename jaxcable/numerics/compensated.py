@@ -77,7 +77,9 @@ def sqrt_of_pair(square: Pair) -> Pair:
     return found, left / jnp.where(found > 0, 2 * found, 1.0)
 
 
-def lengthened(chord: Pair, moved: Pair, guess: Float[Array, "... 1"]) -> Float[Array, "... 1"]:
+def elongation_correction(
+    chord: Pair, moved: Pair, guess: Float[Array, "... 1"]
+) -> Float[Array, "... 1"]:
     """Return the correction of a guessed elongation ``c = |d + w| - |d|`` to twice the precision.
 
     One step of Newton's method for ``c (2 |d| + c) = (2 d + w) w``: an error of the guess of some
@@ -102,7 +104,7 @@ def lengthened(chord: Pair, moved: Pair, guess: Float[Array, "... 1"]) -> Float[
     return left / jnp.where(length > 0, 2 * length, 1.0)
 
 
-def total(terms: Float[Array, "... n"]) -> Float[Array, " ..."]:
+def compensated_sum(terms: Float[Array, "... n"]) -> Float[Array, " ..."]:
     """Return the compensated sum over the last axis: error eps of the sum, eps^2 of the terms.
 
     Terms are added pairwise; the rounding errors of all sums are added at the end.

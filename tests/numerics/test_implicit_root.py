@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from jax import lax
 
-from jaxcable.numerics.rooted import rooted
-from jaxcable.numerics.roots import rising_root
+from jaxcable.numerics.implicit_root import implicit_root
+from jaxcable.numerics.roots import bracketed_root
 
 AT, ALONG = jnp.array([1.0, 2.0]), jnp.array([0.3, 0.7])
 LOADS = jnp.array([1.0, 2.0, 0.5])
@@ -30,7 +30,7 @@ def cubic(q):
     return lax.stop_gradient(x)
 
 
-def chain(p, scan=True, attach=rooted):
+def chain(p, scan=True, attach=implicit_root):
     """Roots one after the other, each from the one before."""
 
     def step(x, load):
@@ -93,7 +93,7 @@ def test_batches():
 
 
 def test_roots_of_jax_lose_them():
-    """Why there is `rooted`: jax 0.10 loses second derivatives, jax 0.12 does not."""
+    """Why there is `implicit_root`: jax 0.10 loses second derivatives, jax 0.12 does not."""
     found = jax.jvp(jax.grad(lambda p: chain(p, True, by_jax)), (AT,), (ALONG,))[1]
     if jax.__version_info__ < (0, 11):
         np.testing.assert_array_equal(found, 0.0)
@@ -104,7 +104,7 @@ def test_roots_of_jax_lose_them():
 
 def test_the_loop_that_finds_a_root_in_an_interval():
     def square_root(p):
-        return rising_root(lambda x: x * x - p, 1.0 + 0 * p, 0.1, 10.0)
+        return bracketed_root(lambda x: x * x - p, 1.0 + 0 * p, 0.1, 10.0)
 
     found = [f(2.0) for f in (square_root, jax.grad(square_root), jax.hessian(square_root))]
     expected = [2**0.5, 0.5 * 2**-0.5, -0.25 * 2**-1.5]
@@ -119,7 +119,7 @@ def test_an_equation_is_traced_only_for_derivatives():
         return x * x - p
 
     def square_root(p):
-        return rooted(equation, jnp.sqrt(lax.stop_gradient(p)), p, solve)
+        return implicit_root(equation, jnp.sqrt(lax.stop_gradient(p)), p, solve)
 
     jax.make_jaxpr(square_root)(2.0)
     assert not traced

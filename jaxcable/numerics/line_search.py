@@ -24,7 +24,7 @@ _MAX_EVALUATIONS = 60  # evaluations in a line search: 60 bisections exhaust flo
 
 
 @pytree
-class Search:
+class LineSearch:
     """State of a line search along a step.
 
     Attributes:
@@ -43,12 +43,12 @@ class Search:
     count: Int[Array, ""]
 
     @classmethod
-    def init(cls, slope: Float[Array, ""]) -> Search:
+    def init(cls, slope: Float[Array, ""]) -> LineSearch:
         """Begin a line search, with the whole step as first length."""
         zero, one, most = (jnp.asarray(end, slope.dtype) for end in (0, 1, jnp.inf))
         return cls(one, slope, zero, slope, one, most, jnp.int32(0))
 
-    def update(self, g: Float[Array, ""]) -> tuple[Search, Bool[Array, ""], Bool[Array, ""]]:
+    def update(self, g: Float[Array, ""]) -> tuple[LineSearch, Bool[Array, ""], Bool[Array, ""]]:
         """Accept or refuse the length that was tried, and choose the next one.
 
         Args:
@@ -69,11 +69,11 @@ class Search:
         secant = low + (high - low) * (-g_low / (g_high - g_low))
         inside = (secant > low) & (secant < high) & (self.count & 1 == 0)  # false for NaN
         length = jnp.where(inside, secant, 0.5 * (low + high))
-        after = Search(length, self.slope, low, g_low, high, g_high, self.count + 1)
+        after = LineSearch(length, self.slope, low, g_low, high, g_high, self.count + 1)
         return after, ~too_far & ~again, again
 
 
-def search(
+def line_search(
     evaluate: Callable[[Float[Array, ""]], tuple[Float[Array, " n"], Float[Array, ""]]],
     step: Float[Array, " n"],
     slope: Float[Array, ""],
@@ -100,7 +100,7 @@ def search(
         return after, tried.length, residual, scale, fine, again
 
     nothing = jnp.zeros_like(slope), jnp.zeros_like(step), jnp.zeros_like(slope)
-    s = (Search.init(slope), *nothing, jnp.zeros((), bool), jnp.ones((), bool))
+    s = (LineSearch.init(slope), *nothing, jnp.zeros((), bool), jnp.ones((), bool))
     s = lax.while_loop(lambda s: s[-1] & usable, trial, s)
     _, length, residual, scale, fine, _ = s
     return length, residual, scale, usable & fine

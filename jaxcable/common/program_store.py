@@ -31,7 +31,7 @@ import scipy
 
 from . import digest, host_calls
 from . import jax_internals as internals
-from .checks import whole
+from .checks import require_whole_number
 from .program_folder import DamagedError, ProgramFolder, UnsafeError, open_folder
 from .python_objects import ForeignError, is_program_module
 
@@ -92,7 +92,7 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
         True
         >>> folder = jc.keep_programs(limit=0)  # no more
     """
-    whole(limit, "limit", least=0)
+    require_whole_number(limit, "limit", least=0)
     named = folder is not None
     path = _parse_folder(os.environ.get(_VARIABLE, _default_folder()) if folder is None else folder)
     if path is None and named:
@@ -113,7 +113,7 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
         ("settings", internals.jax_settings),
     ):
         if is_there() is None:
-            internals.missing(feature)
+            internals.warn_missing_feature(feature)
     if _may_set_jax_cache():
         _set_jax_cache(str(place.jax_cache))
     _count_jax_cache_hits()
@@ -155,11 +155,11 @@ def _set_jax_cache(folder):
             warnings.filterwarnings("ignore", f"Error {verb} persistent compilation cache entry")
     jax.config.update("jax_compilation_cache_dir", folder)
     if not internals.reset_jax_cache() and folder is not None:
-        internals.missing("cache")
+        internals.warn_missing_feature("cache")
 
 
 @contextlib.contextmanager
-def restored() -> Iterator[None]:
+def restore_kept_programs() -> Iterator[None]:
     """Restore, at the end of a block, where programs are kept, by us and by jax."""
     place, before = list(_open_place), list(_jax_settings_before)
     jaxs = {

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from jax import lax
 
-from jaxcable.numerics.one_function import as_one
+from jaxcable.numerics.single_kernel import as_single_kernel
 
 X = jnp.array([0.3, -1.2, 2.5])
 SHIFT = jnp.array([0.5, 1.0, -0.7])
@@ -29,7 +29,7 @@ def plain(x, shift):
     return {"z": z, "count": count, "big": jnp.any(z > 1), "y": y}
 
 
-WHOLE = as_one(plain)
+WHOLE = as_single_kernel(plain)
 
 
 def close(one, other):
@@ -120,7 +120,7 @@ def test_a_case_computes_what_it_needs():
         return lax.cond(x > 0, jnp.sin, lambda x: x, x)
 
     x = jnp.array([1.0, -1.0, 2.0, -3.0])
-    whole, mapped = (jax.jit(jax.vmap(f)) for f in (as_one(function), function))
+    whole, mapped = (jax.jit(jax.vmap(f)) for f in (as_single_kernel(function), function))
     assert "stablehlo.case" in whole.lower(x).as_text()
     assert "stablehlo.case" not in mapped.lower(x).as_text()  # both branches for all cases
     close(whole(x), mapped(x))

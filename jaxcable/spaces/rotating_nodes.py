@@ -2,8 +2,8 @@
 
 The motion of a row has seven numbers, a displacement and a unit quaternion; a step of a row has six
 numbers, a translation and a spin. Rotations are multiplied and never added. The unknown of a spin
-is the spin times a length, the mean length of the beams (`arm`): an arc. Hence all unknowns are
-lengths, all residuals are forces, and one tolerance serves for all.
+is the spin times a length, the mean length of the beams (`rotation_length`): an arc. Hence all
+unknowns are lengths, all residuals are forces, and one tolerance serves for all.
 
 The residual about ``x`` is the derivative of the energy with respect to a step from ``x``, at this
 step. The derivative of the residual is a Hessian, symmetric also off equilibrium. A nodal moment
@@ -28,24 +28,24 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from ..numerics.rotations import (
     IDENTITY,
-    angles,
-    conjugate,
+    compose,
+    conjugate_moment,
     cross,
-    inverse,
-    middle,
-    product,
+    exp_map_by_series,
+    halfway_rotation,
+    invert,
+    move_node,
     rotate,
-    stereographic,
-    turn_by,
-    turned,
+    rotation_vector,
+    to_stereographic,
 )
-from .freedoms import Freedoms, along, combined, element_unknowns
+from .dof_map import DofMap, element_unknowns, to_global, to_local
 from .space import (
     ElementGroup,
     Forces,
     Matrix,
+    MatrixPart,
     Motion,
-    Part,
     Space,
     Step,
     as_square_matrices,
@@ -58,19 +58,19 @@ _SPIN_STIFFNESS_OF_ROUNDING = 1e-9
 
 
 @pytree
-class RigidNodes(Space):
+class RotatingNodes(Space):
     """Space of nodes with rotations: motions are displacement and quaternion; see `Space`.
 
     Attributes:
         nodes: initial positions, [n_row, 3], m.
-        arm: length by which spins are multiplied, m; it scales unknowns, not results.
-        bearing: rotation of every row when its support was set, [n_row, 4], if supports fix
-            rotations along directions other than x, y, z; None if `prescribed` contains it.
+        rotation_length: length by which spins are multiplied, m; it scales unknowns, not results.
+        support_rotation: rotation of every row when its support was set, [n_row, 4], if supports
+            fix rotations along directions other than x, y, z; None if `prescribed` contains it.
     """
 
     nodes: Float[Array, "n_row 3"]
-    arm: Float[Array, ""]
-    bearing: Float[Array, "n_row 4"] | None
+    rotation_length: Float[Array, ""]
+    support_rotation: Float[Array, "n_row 4"] | None
 
     n_motion, n_freedom = 7, 6
     rotates = True
@@ -81,41 +81,41 @@ class RigidNodes(Space):
         cls,
         nodes: Float[Array, "n_row 3"],
         groups: Sequence[ElementGroup],
-        freedoms: Freedoms,
+        dof_map: DofMap,
         prescribed: Motion | None,
-        bearing: Float[Array, "n_row 4"] | None,
+        support_rotation: Float[Array, "n_row 4"] | None,
     ) -> Self:
         """Make the space of a system; its arm is the mean length of elements whose nodes rotate."""
         chords = [group.chord(nodes[group.links]) for group in groups if group.rotates]
         lengths = jnp.concatenate(chords)
         arm = lax.stop_gradient(jnp.mean(lengths)) if lengths.size else jnp.ones((), nodes.dtype)
-        return cls(freedoms, prescribed, nodes, arm, bearing)
+        return cls(dof_map, prescribed, nodes, arm, support_rotation)
 
     # --- motions
 
     @classmethod
-    def still(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
+    def at_rest(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
         """Return zero displacements and rotations."""
         rotation = jnp.broadcast_to(jnp.asarray(IDENTITY, nodes.dtype), (len(nodes), 4))
         return jnp.concatenate([jnp.zeros_like(nodes), rotation], axis=1)
 
     @classmethod
-    def advanced(cls, motion: Motion, step: Forces) -> Motion:
+    def moved_by(cls, motion: Motion, step: Forces) -> Motion:
         """Return the motion after a step: displaced by its translations, rotated by its spins."""
-        return jax.vmap(turned)(motion, step)
+        return jax.vmap(move_node)(motion, step)
 
     @classmethod
-    def between(cls, before: Motion, after: Motion) -> Forces:
+    def displacement_between(cls, before: Motion, after: Motion) -> Forces:
         """Return displacement and rotation vector from one motion to another."""
 
         def rotation(old, new):
-            return angles(stereographic(product(new, inverse(old))))
+            return rotation_vector(to_stereographic(compose(new, invert(old))))
 
         shift = (after - before)[:, :3]
         return jnp.concatenate([shift, jax.vmap(rotation)(before[:, 3:], after[:, 3:])], axis=1)
 
     @classmethod
-    def borne(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
+    def rigid_link_motion(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
         """Return the same rotations, and the displacements of the ends of rotating arms."""
         swung = jax.vmap(rotate)(motion[:, 3:], arm) - arm
         return jnp.concatenate([motion[:, :3] + swung, motion[:, 3:]], axis=1)
@@ -131,7 +131,7 @@ class RigidNodes(Space):
         return force[..., 3:]
 
     @classmethod
-    def kept(
+    def stored_motion(
         cls, motion: Float[Array, "n_inc n_row n_motion"]
     ) -> Float[Array, "n_inc n_row n_motion"]:
         """Return the whole motions, because rotations do not follow from displacements."""
@@ -139,57 +139,61 @@ class RigidNodes(Space):
 
     # --- points and steps
 
-    def place(self, x: Motion) -> Motion:
+    def impose_supports(self, x: Motion) -> Motion:
         """Return `x` with supports as prescribed, and carried nodes moved with their carriers."""
-        clamped = jnp.all(self.freedoms.fixed[:, 3:], axis=1, keepdims=True)
+        clamped = jnp.all(self.dof_map.fixed[:, 3:], axis=1, keepdims=True)
         rotation = jnp.where(clamped, self._known_prescribed[:, 3:], x[:, 3:])
         moved = self._impose_displacements(x[:, :3])
         return self._move_carried_nodes(jnp.concatenate([moved, rotation], axis=1))
 
-    def carried(self, x: Motion) -> Motion:
+    def with_support_rotations(self, x: Motion) -> Motion:
         """Return `x`, a constant, with its derivative by the rotations of hinged supports.
 
         They measure from the rotation of the node when they were set; `x` turns with that one.
         """
-        hinged = jnp.any(self.freedoms.fixed[:, 3:], axis=1, keepdims=True)
+        hinged = jnp.any(self.dof_map.fixed[:, 3:], axis=1, keepdims=True)
         support = self._support_rotations()
-        relative = jax.vmap(product)(x[:, 3:], jax.vmap(inverse)(lax.stop_gradient(support)))
-        rotation = jnp.where(hinged, jax.vmap(product)(relative, support), x[:, 3:])
+        relative = jax.vmap(compose)(x[:, 3:], jax.vmap(invert)(lax.stop_gradient(support)))
+        rotation = jnp.where(hinged, jax.vmap(compose)(relative, support), x[:, 3:])
         return jnp.concatenate([x[:, :3], rotation], axis=1)
 
     def _support_rotations(self) -> Float[Array, "n_row 4"]:
         """Return the rotations from which supports that fix some rotations only measure."""
-        return self._known_prescribed[:, 3:] if self.bearing is None else self.bearing
+        return (
+            self._known_prescribed[:, 3:]
+            if self.support_rotation is None
+            else self.support_rotation
+        )
 
     def move(self, x: Motion, step: Step) -> Motion:
         """Return the motion after a step of the unknowns from `x`."""
-        return self._move_carried_nodes(self.advanced(x, self.spread(x, step)))
+        return self._move_carried_nodes(self.moved_by(x, self.prolong(x, step)))
 
     def _move_carried_nodes(self, x: Motion) -> Motion:
         """Return `x` with the nodes on rigid links moved as their carriers move them."""
-        if self.freedoms.carried is None:
+        if self.dof_map.rigid_links is None:
             return x
-        nodes, by = self.freedoms.carried
+        nodes, by = self.dof_map.rigid_links
         arm, rotation = self.nodes[nodes] - self.nodes[by], x[by, 3:]
         moved = x[by, :3] + jax.vmap(rotate)(rotation, arm) - arm
         return x.at[nodes].set(jnp.concatenate([moved, rotation], axis=1))
 
     def _rotated_arms(self, x: Motion) -> Float[Array, "n 3"]:
         """Return the arms of rigid links, from carriers to carried nodes, rotated as at `x`, m."""
-        nodes, by = self.freedoms.carried  # type: ignore[misc]  # not None
+        nodes, by = self.dof_map.rigid_links  # type: ignore[misc]  # not None
         return jax.vmap(rotate)(x[by, 3:], self.nodes[nodes] - self.nodes[by])
 
-    def spread(self, x: Motion, step: Step) -> Forces:
+    def prolong(self, x: Motion, step: Step) -> Forces:
         """Return translation and spin of every row that belong to a step of the unknowns."""
-        full = jnp.append(step, jnp.zeros(1, step.dtype))[self.freedoms.number]
+        full = jnp.append(step, jnp.zeros(1, step.dtype))[self.dof_map.unknown_of_dof]
         full = full * self._unknown_scale()
-        if self.freedoms.axes is not None:
-            shift = combined(self.freedoms.axes, full[:, :3])
-            full = jnp.concatenate([shift, combined(self._spin_axes(x), full[:, 3:])], axis=1)
-        if self.freedoms.carried is not None:
-            nodes, by = self.freedoms.carried
+        if self.dof_map.axes is not None:
+            shift = to_global(self.dof_map.axes, full[:, :3])
+            full = jnp.concatenate([shift, to_global(self._spin_axes(x), full[:, 3:])], axis=1)
+        if self.dof_map.rigid_links is not None:
+            nodes, by = self.dof_map.rigid_links
             arm, spin = self._rotated_arms(x), full[by, 3:]
-            swung = jax.vmap(lambda s, a: rotate(turn_by(s), a))(spin, arm) - arm
+            swung = jax.vmap(lambda s, a: rotate(exp_map_by_series(s), a))(spin, arm) - arm
             full = full.at[nodes].set(jnp.concatenate([full[by, :3] + swung, spin], axis=1))
         return full
 
@@ -200,99 +204,109 @@ class RigidNodes(Space):
         smallest rotation. Spins along the two other directions, turned by half of the swing, keep
         it so.
         """
-        axes = jnp.asarray(self.freedoms.axes, x.dtype)
-        alone = jnp.sum(self.freedoms.fixed[:, 3:], axis=1) == 1
-        swing = jax.vmap(product)(x[:, 3:], jax.vmap(inverse)(self._support_rotations()))
+        axes = jnp.asarray(self.dof_map.axes, x.dtype)
+        alone = jnp.sum(self.dof_map.fixed[:, 3:], axis=1) == 1
+        swing = jax.vmap(compose)(x[:, 3:], jax.vmap(invert)(self._support_rotations()))
         still = jnp.asarray(IDENTITY, x.dtype)
-        half = jax.vmap(lambda swings, q: middle(still, jnp.where(swings, q, still)))(alone, swing)
+        half = jax.vmap(lambda swings, q: halfway_rotation(still, jnp.where(swings, q, still)))(
+            alone, swing
+        )
         return jax.vmap(lambda q, rows: jax.vmap(lambda v: rotate(q, v))(rows))(half, axes)
 
     def _unknown_scale(self):
         """Return the step of a row by its unknowns along the axes, [1, 6]: 1, and 1/arm."""
-        arm = self.arm
+        arm = self.rotation_length
         return jnp.concatenate([jnp.ones((1, 3), arm.dtype), jnp.full((1, 3), 1 / arm)], axis=1)
 
     # --- forces
 
-    def size(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
-        """Return the norms of forces plus those of moments over the length `arm`, N."""
+    def force_norm(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
+        """Return the norms of forces plus those of moments over the length `rotation_length`, N."""
         size = _vector_norms(force[..., :3])
-        return size + _vector_norms(force[..., 3:]) / self.arm
+        return size + _vector_norms(force[..., 3:]) / self.rotation_length
 
-    def collected(self, force: Forces, x: Motion, row_step: Forces | None = None) -> Step:
+    def restrict(self, force: Forces, x: Motion, row_step: Forces | None = None) -> Step:
         """Return forces at the unknowns; those on carried nodes act on their carriers."""
-        n = self.freedoms.free.shape[0]
+        n = self.dof_map.free.shape[0]
         force = self._shift_to_carriers(force, x, row_step)
-        if self.freedoms.axes is not None:
+        if self.dof_map.axes is not None:
             force = jnp.concatenate(
-                [along(self.freedoms.axes, force[:, :3]), along(self._spin_axes(x), force[:, 3:])],
+                [
+                    to_local(self.dof_map.axes, force[:, :3]),
+                    to_local(self._spin_axes(x), force[:, 3:]),
+                ],
                 axis=1,
             )
         scaled = force * self._unknown_scale()
-        sums = jnp.zeros(n, force.dtype).at[self.freedoms.number].add(scaled, mode="drop")
-        return self.freedoms.released(sums)
+        sums = jnp.zeros(n, force.dtype).at[self.dof_map.unknown_of_dof].add(scaled, mode="drop")
+        return self.dof_map.zero_temporarily_fixed(sums)
 
     def _shift_to_carriers(
         self, force: Forces, x: Motion, row_step: Forces | None = None
     ) -> Forces:
         """Move forces and moments on carried nodes to their carriers, with the arm's moment."""
-        if self.freedoms.carried is None:
+        if self.dof_map.rigid_links is None:
             return force
-        nodes, by = self.freedoms.carried
+        nodes, by = self.dof_map.rigid_links
         arm, carried = self._rotated_arms(x), force[nodes]
         if row_step is None:
             turning = jax.vmap(cross)(arm, carried[:, :3])
         else:
             spin = row_step[by, 3:]
-            arm = jax.vmap(lambda s, a: rotate(turn_by(s), a))(spin, arm)
-            turning = jax.vmap(conjugate)(spin, jax.vmap(cross)(arm, carried[:, :3]))
+            arm = jax.vmap(lambda s, a: rotate(exp_map_by_series(s), a))(spin, arm)
+            turning = jax.vmap(conjugate_moment)(spin, jax.vmap(cross)(arm, carried[:, :3]))
         force = force.at[nodes].set(0.0).at[by, :3].add(carried[:, :3])
         return force.at[by, 3:].add(carried[:, 3:] + turning)
 
-    def conjugate(self, load: Forces, row_step: Forces) -> Forces:
-        """Return loads with moments conjugate to the spins of a step; see `rotations.conjugate`."""
-        moment = jax.vmap(conjugate)(row_step[:, 3:], load[:, 3:])
+    def conjugate_loads(self, load: Forces, row_step: Forces) -> Forces:
+        """Return loads with moments conjugate to the spins of a step.
+
+        See `rotations.conjugate_moment`.
+        """
+        moment = jax.vmap(conjugate_moment)(row_step[:, 3:], load[:, 3:])
         return jnp.concatenate([load[:, :3], moment], axis=1)
 
     def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:
         """Return the support reactions on the structure, forces and moments; zero where free."""
-        force, freedoms = self._shift_to_carriers(unbalanced, motion), self.freedoms
-        fixed = freedoms.fixed
-        if freedoms.inner is not None:
-            fixed = fixed & ~freedoms.inner[:, None]
-        if freedoms.axes is None:
+        force, dof_map = self._shift_to_carriers(unbalanced, motion), self.dof_map
+        fixed = dof_map.fixed
+        if dof_map.inner is not None:
+            fixed = fixed & ~dof_map.inner[:, None]
+        if dof_map.axes is None:
             return jnp.where(fixed, force, 0.0)
         spins = self._spin_axes(motion)
-        shift = jnp.where(fixed[:, :3], along(freedoms.axes, force[:, :3]), 0.0)
-        moment = jnp.where(fixed[:, 3:], along(spins, force[:, 3:]), 0.0)
-        return jnp.concatenate([combined(freedoms.axes, shift), combined(spins, moment)], axis=1)
+        shift = jnp.where(fixed[:, :3], to_local(dof_map.axes, force[:, :3]), 0.0)
+        moment = jnp.where(fixed[:, 3:], to_local(spins, force[:, 3:]), 0.0)
+        return jnp.concatenate([to_global(dof_map.axes, shift), to_global(spins, moment)], axis=1)
 
-    def directions(self, motion: Motion) -> list[Float[ArrayLike, "n_row 3 3"] | None]:
+    def dof_directions(self, motion: Motion) -> list[Float[ArrayLike, "n_row 3 3"] | None]:
         """List the axes along which displacements, and spins, are fixed."""
-        return [self.freedoms.axes, self._spin_axes(motion)]
+        return [self.dof_map.axes, self._spin_axes(motion)]
 
     # --- matrices
 
     @classmethod
-    def coupled(cls, number: Int[np.ndarray, "n_row 6"]) -> list[Int[np.ndarray, "n_row 3"]]:
+    def coupled_unknowns(
+        cls, number: Int[np.ndarray, "n_row 6"]
+    ) -> list[Int[np.ndarray, "n_row 3"]]:
         """List the indices of each row's spins, which nodal moments couple."""
         return [number[:, 3:]]
 
-    def slopes(self, motion: Motion) -> Float[Array, "n_row 6 6"] | None:
+    def motion_jacobian(self, motion: Motion) -> Float[Array, "n_row 6 6"] | None:
         """Return the Jacobian of each row's step by its unknowns; None if it only scales spins."""
-        freedoms = self.freedoms
-        if freedoms.axes is None and freedoms.carried is None:
+        dof_map = self.dof_map
+        if dof_map.axes is None and dof_map.rigid_links is None:
             return None
         scale = self._unknown_scale()
         slopes = jnp.zeros((len(motion), 6, 6), motion.dtype)
-        if freedoms.axes is None:
+        if dof_map.axes is None:
             slopes = slopes + jnp.eye(6, dtype=motion.dtype)[None]
         else:
-            slopes = slopes.at[:, :3, :3].set(jnp.swapaxes(jnp.asarray(freedoms.axes), 1, 2))
+            slopes = slopes.at[:, :3, :3].set(jnp.swapaxes(jnp.asarray(dof_map.axes), 1, 2))
             slopes = slopes.at[:, 3:, 3:].set(jnp.swapaxes(self._spin_axes(motion), 1, 2))
         slopes = slopes * scale[None]
-        if freedoms.carried is not None:
-            nodes, by = freedoms.carried
+        if dof_map.rigid_links is not None:
+            nodes, by = dof_map.rigid_links
             at_carrier = slopes[by]
             swung = jax.vmap(lambda a, spins: jax.vmap(lambda s: cross(s, a), 1, 1)(spins))(
                 self._rotated_arms(motion), at_carrier[:, 3:]
@@ -300,17 +314,17 @@ class RigidNodes(Space):
             slopes = slopes.at[nodes].set(at_carrier.at[:, :3].add(swung))
         return slopes
 
-    def part(
+    def transform_to_unknowns(
         self,
         blocks: Float[Array, "n_elem ..."],
         links: Int[ArrayLike, "n_elem n_end"],
         width: int,
         inner: Sequence[tuple[int, int]],
         x: Motion,
-    ) -> Part:
+    ) -> MatrixPart:
         """Transform element matrices to unknowns; a carried end has those of its carrier."""
-        freedoms, blocks, slopes = self.freedoms, as_square_matrices(blocks), self.slopes(x)
-        number = element_unknowns(freedoms.number, links, width, inner, freedoms.carried)
+        dof_map, blocks, slopes = self.dof_map, as_square_matrices(blocks), self.motion_jacobian(x)
+        number = element_unknowns(dof_map.unknown_of_dof, links, width, inner, dof_map.rigid_links)
         n_end = links.shape[1] - (1 + max((row for row, _ in inner), default=-1))
         if slopes is None:
             if width > 3:
@@ -321,49 +335,51 @@ class RigidNodes(Space):
                 blocks = jnp.einsum("eij,i,j->eij", blocks, factors, factors)
             return blocks, number
         factors = slopes[links[:, :n_end], :width]
-        if freedoms.carried is None:
+        if dof_map.rigid_links is None:
             factors = factors[..., :width]
         return transform_by_jacobian(blocks, factors, len(inner)), number
 
-    def own_parts(self, load: Forces, unbalanced: Callable[[], Forces], x: Motion) -> list[Part]:
+    def load_stiffness(
+        self, load: Forces, unbalanced: Callable[[], Forces], x: Motion
+    ) -> list[MatrixPart]:
         """List terms of the tangent from nodal moments and forces on rigid links, as nodes rotate.
 
-        They are matrices by the spins of one node each; see `rotations.conjugate`.
+        They are matrices by the spins of one node each; see `rotations.conjugate_moment`.
         """
         zero = jnp.zeros_like(x[:, :3])
-        moment, first = self._shift_to_carriers(load, x)[:, 3:], partial(conjugate, order=1)
+        moment, first = self._shift_to_carriers(load, x)[:, 3:], partial(conjugate_moment, order=1)
         change = -jax.vmap(jax.jacfwd(first))(zero, moment)
-        if self.freedoms.carried is not None:
-            nodes, by = self.freedoms.carried
+        if self.dof_map.rigid_links is not None:
+            nodes, by = self.dof_map.rigid_links
             pull, arm = unbalanced()[nodes, :3], self._rotated_arms(x)
             # `moment` and `pull` both contain the moment of loads on arms: count it once
             by_load = jax.vmap(jax.jacfwd(first))(zero[by], jax.vmap(cross)(arm, load[nodes, :3]))
             change = change.at[by].add(by_load)
 
             def turning(spin, arm, pull):
-                return first(spin, cross(rotate(turn_by(spin, order=1), arm), pull))
+                return first(spin, cross(rotate(exp_map_by_series(spin, order=1), arm), pull))
 
             change = change.at[by].add(jax.vmap(jax.jacfwd(turning))(zero[by], arm, pull))
-        if self.freedoms.axes is not None:
+        if self.dof_map.axes is not None:
             axes = self._spin_axes(x)
             change = jnp.einsum("nai,nij,nbj->nab", axes, change, axes)
-        return [(change / self.arm**2, self.freedoms.number[:, 3:])]
+        return [(change / self.rotation_length**2, self.dof_map.unknown_of_dof[:, 3:])]
 
-    def regular(self, matrix: Matrix, x: Motion) -> Matrix:
+    def stabilize_free_spins(self, matrix: Matrix, x: Motion) -> Matrix:
         """Return the tangent with a spring at each free spin that has no stiffness.
 
         The spring acts on one unknown that a spin z with ``K z = 0`` moves. For loads that do no
         work on z the solutions are those of K in which this unknown is zero.
         """
-        if self.freedoms.spins is None:
+        if self.dof_map.free_spins is None:
             return matrix
-        rows, piece, ends = self.freedoms.spins
-        number = self.freedoms.number[rows, 3:]
+        rows, piece, ends = self.dof_map.free_spins
+        number = self.dof_map.unknown_of_dof[rows, 3:]
         lines = self.nodes[ends[:, 1]] - self.nodes[ends[:, 0]]
         lines = lines / jnp.linalg.norm(lines, axis=1, keepdims=True)
         about = jax.vmap(rotate)(x[rows, 3:], lines[piece])
-        if self.freedoms.axes is not None:
-            about = along(self._spin_axes(x)[rows], about)
+        if self.dof_map.axes is not None:
+            about = to_local(self._spin_axes(x)[rows], about)
         diagonal = linear.diagonal(matrix)
         for k in range(len(ends)):
             mine = jnp.asarray(piece == k, about.dtype)[:, None]
@@ -373,7 +389,7 @@ class RigidNodes(Space):
             # (a piece that another phase leaves free has no spin here)
             soft = jnp.max(jnp.abs(matrix @ spin)) <= _SPIN_STIFFNESS_OF_ROUNDING * stiffness
             soft = soft & jnp.any(spin != 0)
-            matrix = linear.plus_entry(matrix, largest, jnp.where(soft, stiffness, 0.0))
+            matrix = linear.add_to_diagonal_entry(matrix, largest, jnp.where(soft, stiffness, 0.0))
         return matrix
 
 

@@ -22,13 +22,13 @@ from jax import lax
 from jax.flatten_util import ravel_pytree
 
 from ..common import jax_internals as internals
-from ..common.compilation import without_collection
+from ..common.compilation import without_garbage_collection
 from ..common.types import Array, Float, PyTree
 
 Tree = TypeVar("Tree")
 
 
-def rooted(
+def implicit_root(
     function: Callable[[Float[Array, "*n"], PyTree[Any]], Float[Array, "*n"]],
     root: Float[Array, "*n"],
     parameters: PyTree[Any],
@@ -47,7 +47,7 @@ def rooted(
             returns ``f_x^-1`` times the right side; None if ``f_x`` is the identity.
     """
     if _ROOT is None or _ROOT_TANGENT is None:
-        internals.missing("primitives")
+        internals.warn_missing_feature("primitives")
         return _root_by_custom_root(function, root, parameters, tangent_solve)
     leaves, tree = jax.tree.flatten(parameters)
 
@@ -64,7 +64,9 @@ def rooted(
     return _ROOT.bind(lax.stop_gradient(root), *arrays, equation=equation, solver=solver)
 
 
-def told(function: Callable[[PyTree[Any]], Tree], values: Tree, parameters: PyTree[Any]) -> Tree:
+def with_deferred_derivative(
+    function: Callable[[PyTree[Any]], Tree], values: Tree, parameters: PyTree[Any]
+) -> Tree:
     """Return known `values` whose derivative is deferred: that of `function`, traced if needed.
 
     Args:
@@ -74,11 +76,13 @@ def told(function: Callable[[PyTree[Any]], Tree], values: Tree, parameters: PyTr
         parameters: a pytree.
     """
     flat, back = ravel_pytree(values)
-    return back(rooted(lambda x, p: x - ravel_pytree(function(p))[0], flat, parameters, None))
+    return back(
+        implicit_root(lambda x, p: x - ravel_pytree(function(p))[0], flat, parameters, None)
+    )
 
 
 def _root_by_custom_root(function, root, parameters, tangent_solve):
-    """Return what `rooted` does by `lax.custom_root`, the documented interface of jax."""
+    """Return what `implicit_root` does by `lax.custom_root`, the documented interface of jax."""
 
     def solver(linear, rhs):
         return rhs if tangent_solve is None else tangent_solve(parameters, linear, rhs)
@@ -100,7 +104,7 @@ def _root_jvp(primals, tangents, *, equation, solver):
     changes = {
         k: change
         for k, (x, change) in pairs
-        if jnp.issubdtype(x.dtype, jnp.inexact) and not internals.is_zero(change)
+        if jnp.issubdtype(x.dtype, jnp.inexact) and not internals.is_zero_tangent(change)
     }
     if not changes:
         return found, internals.zero_tangent(found)
@@ -136,10 +140,10 @@ def _root_tangent_jvp(primals, tangents, *, moving, **given):
     count = len(primals) - len(moving)
     evaluate = partial(_root_tangent, moving=moving, **given)
     out = _ROOT_TANGENT.bind(*primals, moving=moving, **given)
-    if all(internals.is_zero(t) for t in tangents[:count]):
-        further = [internals.as_array(t) for t in tangents[count:]]
+    if all(internals.is_zero_tangent(t) for t in tangents[:count]):
+        further = [internals.instantiate_tangent(t) for t in tangents[count:]]
         return out, _ROOT_TANGENT.bind(*primals[:count], *further, moving=moving, **given)
-    places = [k for k, t in enumerate(tangents) if not internals.is_zero(t)]
+    places = [k for k, t in enumerate(tangents) if not internals.is_zero_tangent(t)]
 
     def some(*values):
         at = list(primals)
@@ -151,11 +155,11 @@ def _root_tangent_jvp(primals, tangents, *, moving, **given):
     return out, jax.jvp(some, start, direction)[1]
 
 
-@without_collection()
+@without_garbage_collection()
 def _root_tangent_transpose(back, *arguments, moving, **given):
     """Transpose `_ROOT_TANGENT` in its changes, for reverse mode: the adjoint of the equation."""
     count = len(arguments) - len(moving)
-    if internals.is_zero(back):
+    if internals.is_zero_tangent(back):
         return [None] * len(arguments)
     known, changes = arguments[:count], arguments[count:]
     evaluate = partial(_root_tangent, *known, moving=moving, **given)
@@ -187,9 +191,11 @@ def _root_batch_rule(arguments, axes, *, equation, solver):
     return found, 0
 
 
-_ROOT = internals.primitive("rooted", _return_root, _return_root, _root_jvp, _root_batch_rule)
+_ROOT = internals.define_primitive(
+    "rooted", _return_root, _return_root, _root_jvp, _root_batch_rule
+)
 # derivative of a root, linear in the changes of parameters
-_ROOT_TANGENT = internals.primitive(
+_ROOT_TANGENT = internals.define_primitive(
     "root_change",
     _root_tangent,
     _root_tangent_shape,

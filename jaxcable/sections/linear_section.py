@@ -11,7 +11,7 @@ from ..materials.law import Law, Numbers, Values
 
 
 @pytree
-class Linear:
+class LinearSection:
     """Stiffness that replaces a `section.Section` in an element if all its laws are linear.
 
     Attributes:
@@ -23,7 +23,7 @@ class Linear:
     torsion: Float[Array, ""] | None
 
     is_elastic = True
-    breaks = False
+    has_rupture = False
     remembers = False
 
     @property

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jaxcable.elements.fine import brought
-from jaxcable.numerics import exact
+from jaxcable.numerics import compensated
 
 DTYPES = [np.float32, np.float64]
 
@@ -45,23 +45,23 @@ def test_sums_and_products_lose_nothing(dtype):
     """Also where the sum is one of a product, which compilers contract."""
     rng, eps = np.random.default_rng(0), Fraction(float(np.finfo(dtype).eps))
     a, b = spread(rng, dtype, 300), rng.permutation(spread(rng, dtype, 300))
-    for run in ways(exact.two_sum):
+    for run in ways(compensated.two_sum):
         high, low = run(a, b)
         np.testing.assert_array_equal(high, a + b)
         assert all(x + y == s + t for x, y, s, t in together(a, b, high, low))
-    for run in ways(exact.split_digits):
+    for run in ways(compensated.split_digits):
         parts = [np.asarray(part) for part in run(a)]
         assert all(x == y + z for x, y, z in together(a, *parts))
         for p, q in itertools.product(parts, parts):  # products of halves are exact
             assert all(x * y == z for x, y, z in together(p, q, p * q))
-    for run in ways(exact.two_product):
+    for run in ways(compensated.two_product):
         for x, y, p, q in together(a, b, *run(a, b)):
             assert abs(x * y - p - q) <= eps**2 * abs(x * y) / 4
             assert abs(q) <= eps * abs(p)
 
     def product_and_sum(a, b, c):
-        high, low = exact.two_product(a, b)
-        high, more = exact.two_sum(high, c)
+        high, low = compensated.two_product(a, b)
+        high, more = compensated.two_sum(high, c)
         return high, low + more
 
     a, b, c = (spread(rng, dtype, 300, decades=2) for _ in range(3))
@@ -77,7 +77,7 @@ def test_scalar_products_roots_and_totals(dtype):
     b[::2, 2] = -(a[::2, 0] * b[::2, 0] + a[::2, 1] * b[::2, 1]) / a[::2, 2]  # it cancels
     b = np.where(np.isfinite(b), b, 1).astype(dtype)
     zero, eps = np.zeros_like(a), Fraction(float(np.finfo(dtype).eps))
-    for run in ways(exact.dot_of_pairs):
+    for run in ways(compensated.dot_of_pairs):
         high, low = run((a, zero), (b, zero))
         for k in range(200):
             products = [x * y for x, y in zip(rational(a[k]), rational(b[k]), strict=True)]
@@ -85,7 +85,7 @@ def test_scalar_products_roots_and_totals(dtype):
             assert error <= 4 * eps**2 * sum(map(abs, products))
     squares = np.abs(spread(rng, dtype, 200))
     mpmath.mp.prec = 400
-    for run in ways(exact.sqrt_of_pair):
+    for run in ways(compensated.sqrt_of_pair):
         high, low = run((squares, np.zeros_like(squares)))
         for x, p, q in zip(squares, high, low, strict=True):
             found = mpmath.mpf(float(p)) + mpmath.mpf(float(q))
@@ -94,7 +94,7 @@ def test_scalar_products_roots_and_totals(dtype):
     for count in (1, 2, 5, 13):
         terms = spread(rng, dtype, 100, count, decades=6)
         terms[:, -1] -= terms.sum(axis=1)
-        for run in ways(exact.total):
+        for run in ways(compensated.compensated_sum):
             for row, found in zip(terms, run(terms), strict=True):
                 true = sum(rational(row))
                 allowed = eps * abs(true) + 4 * count * eps**2 * sum(map(abs, rational(row)))
