@@ -21,7 +21,7 @@ from record import Record, reference
 from scipy.optimize import minimize_scalar
 
 import jaxcable as jc
-from jaxcable.scenes.accuracy import LENGTH, SPAN
+from jaxcable.scenes.accuracy_study import LENGTH, SPAN
 
 # many small programs that run once each: compilation is all the time that there is
 jax.config.update("jax_disable_most_optimizations", True)

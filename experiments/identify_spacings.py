@@ -23,9 +23,9 @@ from record import Record
 import jaxcable as jc
 from jaxcable import design
 from jaxcable.scenes import hypar
-from jaxcable.scenes.nets import grid
+from jaxcable.scenes.nets import orthogonal_grid
 
-PLACES, LINKS, FREE = grid(3, 4)
+PLACES, LINKS, FREE = orthogonal_grid(3, 4)
 SCENE = jc.scenes.hypar_net(disturbed=False, increments=(1, 1))
 START = {"x": jnp.full(4, 0.4), "y": jnp.full(5, 0.4)}
 BOUNDS = (0.1, 2.5)  # m

@@ -26,9 +26,9 @@ from scipy import optimize
 import jaxcable as jc
 from jaxcable import design
 from jaxcable.scenes import hypar
-from jaxcable.scenes.nets import grid
+from jaxcable.scenes.nets import orthogonal_grid
 
-PLACES, LINKS, FREE = grid(3, 4)
+PLACES, LINKS, FREE = orthogonal_grid(3, 4)
 STRUCTURE, _ = jc.scenes.hypar_net(disturbed=False)
 EA = 100.72e3
 CABLE = np.where(np.arange(31) < 16, np.arange(31) // 4, 4 + (np.arange(31) - 16) // 5)

@@ -26,7 +26,7 @@ import numpy as np
 from record import Record, reference
 
 import jaxcable as jc
-from jaxcable.scenes.nets import grid
+from jaxcable.scenes.nets import orthogonal_grid
 from jaxcable.scenes.saddle_net import DIAMETER
 
 PAPER = reference("saddle_net")
@@ -36,7 +36,7 @@ INCREMENTS = (INPUTS["increments_phase_1"], INPUTS["increments_phase_2"])
 STIFFNESS = INPUTS["area_cm2"] * 1e-4 * INPUTS["E_MPa"] * 1e6  # N
 SCENE_STIFFNESS = np.pi / 4 * DIAMETER**2 * INPUTS["E_MPa"] * 1e6  # 19.635 cm2
 PULL, LOAD = 1e3 * INPUTS["pretension_kN"], 1e3 * INPUTS["load_per_free_node_kN"]  # N
-PLACES, LINKS, FREE = grid(15, 6)
+PLACES, LINKS, FREE = orthogonal_grid(15, 6)
 ANCHORS = np.setdiff1d(np.arange(len(PLACES)), FREE)
 MIDDLE = FREE[np.flatnonzero((PLACES[FREE] == [8, 3]).all(axis=1))[0]]
 METHODS = {

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import jaxcable as jc
-from jaxcable.forms.hanging import hanging_chain
+from jaxcable.forms.hanging_cables import hanging_chain
 from jaxcable.scenes.building_blocks import Scene, chain_links, downward_loads, two_phase_scene
 
 FOOT, POUND, INCH = 0.3048, 4.4482216152605, 0.0254

@@ -63,7 +63,7 @@ def run_phase(
         before: the carry before the phase.
         steps: (number of its increments, load factors from 0 on, [1 + n_inc]). Factors above 1 are
             those of phases with more increments: nothing is done at them.
-        method, code, factored, seen, fresh, tell: see `newton.march`.
+        method, code, factored, seen, fresh, tell: see `newton.solve_increments`.
         differentiate_path: whether increments have derivatives, and not only the end.
     """
     ramp, (count, factors) = Ramp.build(*problem), steps
@@ -103,7 +103,9 @@ def _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tel
     """
     (factors, live), method, _ = given
     frozen = lax.stop_gradient(ramp)
-    found = newton.march(frozen, frozen.begin.motion, *given, factored, seen, fresh, tell)
+    found = newton.solve_increments(
+        frozen, frozen.begin.motion, *given, factored, seen, fresh, tell
+    )
     *whole, seen, memory, factored = found
     xs, log, readings = jax.tree.map(lambda x: x[1:], whole)
     factors, good = factors[1:], (log[:, 0] == status.OK) & live[1:]
@@ -111,7 +113,7 @@ def _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tel
     ramp = implicit.stop_gradient_unless(valid, ramp)
     x = xs[-1]  # the point stays where it was when an increment fails
     if memory is None:
-        tol, worth = newton.adjoint_effort(method, ramp.at(factor), factors.dtype)
+        tol, worth = newton.adjoint_cg_settings(method, ramp.at(factor), factors.dtype)
         point = implicit.attach_derivative_with_marks(
             ramp.at(factor), x, valid, factored, tol, worth
         )
@@ -132,7 +134,7 @@ def _stepped(ramp, count, given, fresh, tell):
     """The increments by the paper's scheme, differentiated through; returns as `_iterated`."""
     (factors, live), method, code = given
     increments = factors[1:], live[1:]
-    xs, log = incremental.march(ramp, ramp.begin.motion, increments, method, code, tell)
+    xs, log = incremental.solve_increments(ramp, ramp.begin.motion, increments, method, code, tell)
     x, memory = xs[-1], None
     if ramp.memory is None:
         readings = jax.vmap(lambda f, x: _reading(ramp.at(f), x))(factors[1:], xs)

@@ -235,7 +235,7 @@ def _unless(ok, end, touched):
 
 
 def _teller(listen, phases):
-    """The function `report_progress` of `newton.march`, which reports increments to the listener."""
+    """The function `report_progress` of `newton.solve_increments`, which reports increments to the listener."""
 
     def news(number, count, factor, outcome):
         traced = {

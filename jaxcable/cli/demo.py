@@ -21,8 +21,10 @@ def run(options: Namespace) -> None:
     """Prestress and load the net, print a table of deflections, write a picture."""
     picture = outputs.target(options.plot, outputs.PICTURES, "--plot", usual=_PICTURE)
     structure, phases = scenes.hypar_net()
-    free = hypar.plan()[2]
-    offsets = np.linalg.norm(np.asarray(structure.nodes)[free] - hypar.plan()[0][free], axis=1)
+    free = hypar.identified_plan()[2]
+    offsets = np.linalg.norm(
+        np.asarray(structure.nodes)[free] - hypar.identified_plan()[0][free], axis=1
+    )
     print("Hyperbolic paraboloid net: 31 links, 26 nodes, 12 of them free, EA 100.72 kN")
     print(
         f"  start    the plan with every free node moved (by {1e3 * offsets.min():.0f} to "

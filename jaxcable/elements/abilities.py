@@ -230,7 +230,7 @@ class Room:
 class Pulling(Element):
     """Cables whose end forces at a point follow from one number, their tension.
 
-    A net of them is solved with these tensions as unknowns, see `equilibrium.tensions`.
+    A net of them is solved with these tensions as unknowns, see `equilibrium.tension_unknowns`.
     """
 
     def pulls(self, state: OwnState) -> bool:
@@ -238,7 +238,7 @@ class Pulling(Element):
         return True
 
     def fits_cones(self, state: OwnState) -> bool:
-        """Return whether `equilibrium.cones` applies: straight between nodes, with a linear law."""
+        """Return whether `conic_interior_point` applies: straight between nodes, with a linear law."""
         return False
 
     @abc.abstractmethod

@@ -59,7 +59,7 @@ class TensionOnly(Straight, Pulling):
         )
 
     def fits_cones(self, state: AxialState) -> bool:
-        """Return whether `equilibrium.cones` applies: to cables with a linear law."""
+        """Return whether `conic_interior_point` applies: to cables with a linear law."""
         return self.stiffness_along() is not None
 
     def pulled(self, state: AxialState, ends: Ends, motion: Motion) -> Pull:

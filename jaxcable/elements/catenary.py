@@ -110,7 +110,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         return self._solve_shape(state, ends, motion)[0]
 
     def fits_cones(self, state: AxialState) -> bool:
-        """Return whether `equilibrium.cones` applies: without loads along them in any phase."""
+        """Return whether `conic_interior_point` applies: without loads along them in any phase."""
         return state.line_load is None and super().fits_cones(state)
 
     def pulled(self, state: AxialState, ends: Ends, motion: Motion) -> Pull:

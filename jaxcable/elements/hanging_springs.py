@@ -8,7 +8,7 @@ with ``c_along = tau/(L0 (1 + e))`` and ``c_across = tau/(L0 (A + e))`` of `hang
 tau the force ``c d`` is linear in the chord, and the derivative of Psi by tau is minus the equation
 of `hanging`, which here reads ``spare_length = sag``: how much longer a straight cable could be
 under this tension, and what the sag takes of this. Hence tau can be an unknown of its own beside
-the chords (`equilibrium.tensions`). (Derived for this package.)
+the chords (`equilibrium.tension_unknowns`). (Derived for this package.)
 """
 
 from __future__ import annotations

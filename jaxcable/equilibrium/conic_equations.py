@@ -21,7 +21,7 @@ from ..mechanics.assembly import System
 from ..mechanics.pulls import Pulls, held
 from ..numerics.cones import nesterov_todd_scaling, norm, repeat_for_vectors
 from ..spaces.space import Motion
-from .newton_step import largest
+from .newton_step import max_abs
 
 _BLOCKED = 0.05  # a step of which a smaller fraction is taken is blocked by the boundary
 _NET_STIFFNESS = 1e-4  # stiffness c that decides which cables are active, over tension per length
@@ -194,7 +194,7 @@ class ConicEquations:
         unknowns = self.unknowns
         blocks = pieces.matrices(system, self.slope, self.stiff, self.across, self.ratio)
         matrix = system.tangent(x, [*blocks])
-        size = largest(linear.diagonal(matrix))
+        size = max_abs(linear.diagonal(matrix))
         force = jnp.max(self.guess) + self.load
         # rounding of the forces then moves nodes without stiffness by some part of a length only
         least = _MIN_SHIFT * jnp.finfo(force.dtype).eps * force

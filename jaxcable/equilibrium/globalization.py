@@ -11,7 +11,7 @@ from jax.typing import DTypeLike
 
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int
-from .newton_step import largest
+from .newton_step import max_abs
 
 _KAPPA = 1e-3  # initial shift: harmless in a taut net, a step of 1000 lengths in a slack one
 _KAPPA_MIN, _KAPPA_MAX = 1e-10, 1e14  # bounds that keep the shift a usable float
@@ -93,7 +93,7 @@ class FullStepPhase:
         fine, again = jnp.where(self.is_on, finite, fine), again & ~self.is_on
         if self.may_go_uphill is None:
             return fine, again
-        before, after = map(largest, residuals)
+        before, after = map(max_abs, residuals)
         falls = finite & (after < _MAX_RATIO * before)
         return jnp.where(self.may_go_uphill, falls, fine), again & ~self.may_go_uphill
 

@@ -11,7 +11,7 @@ from ..linear.sparse import FactoredMatrix
 from ..mechanics.assembly import System
 from ..mechanics.pieces import along_chain
 from .newton_state import NewtonState
-from .newton_step import largest
+from .newton_step import max_abs
 
 _MET = 1e-6  # length over initial length at which two nodes have met
 # Residual over its rounding up to which the status is AT_ROUNDING: an iteration that rounding stops
@@ -20,7 +20,7 @@ _NEAR_ROUNDING = 8.0
 
 
 @pytree
-class Outcome:
+class IncrementOutcome:
     """Outcome of an increment.
 
     Attributes:
@@ -89,7 +89,7 @@ def make_outcome(
     active: Bool[ArrayLike, ""],
     ruptured: Bool[ArrayLike, ""],
     factored: FactoredMatrix | None,
-) -> Outcome:
+) -> IncrementOutcome:
     """Return the outcome of an increment from the end of its iteration.
 
     Args:
@@ -100,7 +100,7 @@ def make_outcome(
         ruptured: whether it ended beyond the end of a law's curve.
         factored: what was factored at its start.
     """
-    forces = largest(end.residual), _largest_rounding(end)
+    forces = max_abs(end.residual), _largest_rounding(end)
     code = jnp.maximum(_find_failure_cause(system, end, *forces), status.OK)
     if system.has_rupture:
         ruptured = active & (code != status.NONFINITE) & ruptured
@@ -114,7 +114,7 @@ def make_outcome(
     # after an earlier failure nothing was evaluated
     residual, rounding = (jnp.where(active, force, jnp.nan) for force in forces)
     stable = good & end.stable
-    return Outcome(x, code, end.steps, count, residual, end.scale, rounding, good, stable)
+    return IncrementOutcome(x, code, end.steps, count, residual, end.scale, rounding, good, stable)
 
 
 def _largest_rounding(end):

@@ -30,7 +30,7 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..mechanics.ramp import Ramp
 from ..numerics import implicit
-from .increment_outcome import Outcome
+from .increment_outcome import IncrementOutcome
 from .newton import Newton, equilibrate
 
 
@@ -92,17 +92,17 @@ class Incremental:
         return [Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive")]
 
 
-def march(
+def solve_increments(
     ramp: Ramp,
     x: Float[Array, "n_row n_motion"],
     increments: tuple[Float[Array, " n"], Bool[Array, " n"]],
     method: Incremental,
     code: Int[Array, ""],
-    report: Callable[[Float[Array, ""], Outcome], None] | None = None,
+    report: Callable[[Float[Array, ""], IncrementOutcome], None] | None = None,
 ) -> tuple[Float[Array, "n n_row n_motion"], Float[Array, "n n_log"]]:
     """Solve all increments of a phase, and return their points and their log.
 
-    Arguments and results are those of `newton.march`. Differentiable; increments are
+    Arguments and results are those of `newton.solve_increments`. Differentiable; increments are
     checkpointed, so that the backward pass stores one point of each and no stiffness matrix.
     """
 
@@ -120,7 +120,7 @@ def march(
         def skip(x, code, memory):
             zero, none = jnp.zeros((), x.dtype), jnp.int32(0)
             no = jnp.zeros((), bool)
-            return Outcome(x, code, none, none, zero, zero, zero, no, no), memory
+            return IncrementOutcome(x, code, none, none, zero, zero, zero, no, no), memory
 
         outcome, memory = lax.cond(live, solve, skip, x, code, memory)
         return (outcome.x, outcome.code, memory), (outcome.x, outcome.log_row)
@@ -130,7 +130,7 @@ def march(
 
 
 def _solve_increment(ramp, factor, x, method, code, memory, first):
-    """Return the `Outcome` of one increment, and the history variables after it.
+    """Return the `IncrementOutcome` of one increment, and the history variables after it.
 
     The `first` increment of a phase is solved to equilibrium if its stiffness is singular.
     """
@@ -175,7 +175,7 @@ def _solve_increment(ramp, factor, x, method, code, memory, first):
     rounding = jnp.max(frozen.rounding(reached), initial=0.0)
     # where the energy is not convex, `one_phase` judges stability at the end of the phase
     stable = good & system.convex
-    outcome = Outcome(x, code, steps, steps, largest, scale, rounding, iterated, stable)
+    outcome = IncrementOutcome(x, code, steps, steps, largest, scale, rounding, iterated, stable)
     if memory is not None:
         memory = ramp.settle(system, x, None, good, memory)
     return outcome, memory

@@ -15,10 +15,10 @@ from ..mechanics.assembly import System
 from ..mechanics.chords import Chords, have_chords, relative
 from ..mechanics.pulls import Pulls, loaded
 from ..numerics.line_search import LineSearch
-from .balance import ConvergenceCriterion, IterationSettings, is_stagnant, limit
+from .convergence import ConvergenceCriterion, IterationSettings, is_stagnant, residual_tolerance
 from .globalization import ASTRAY, FullStepPhase, LevenbergShift
 from .newton_state import NewtonState
-from .newton_step import largest, newton_direction, zero_eigenvalue_bound
+from .newton_step import max_abs, newton_direction, zero_eigenvalue_bound
 from .predicted_forces import PredictedForces, is_prediction_step, step_fraction_within_length
 from .tension_unknowns import TensionUnknowns
 
@@ -60,7 +60,7 @@ class EquilibriumSearch:
         self.judges_stability, self.only_evaluates = judges_stability, only_evaluates
         self.criterion = criterion if jnp.finfo(x.dtype).eps < 1e-12 else None
         self.begin = system.impose_supports(system.refined(x))
-        self.tol = limit(method, x.dtype)
+        self.tol = residual_tolerance(method, x.dtype)
         self.length, self.extent = system.length_scale(), system.extent()
         self.is_net = system.is_net
         self.may_be_unstable = not system.always_convex
@@ -113,7 +113,7 @@ class EquilibriumSearch:
 
     def iterate(self, state: NewtonState) -> NewtonState:
         """Evaluate a trial point, decide whether to accept it, and compute the next step."""
-        exact, residual_before = self._needs_fine_part(state), largest(state.residual)
+        exact, residual_before = self._needs_fine_part(state), max_abs(state.residual)
         state, fraction, accepted, search_over = self._evaluate_trial(state, exact)
         state, converged = self._check_convergence(state, search_over, residual_before)
         if self.is_net:  # a long step may lead to where the fine part matters after all
@@ -172,7 +172,7 @@ class EquilibriumSearch:
     def carried_residual(
         self, scale: Float[Array, ""], steps: Int[Array, ""]
     ) -> Float[ArrayLike, " n_free"]:
-        """Return the earlier residual that counts as a load, see `balance`, [n_free], N."""
+        """Return the earlier residual that counts as a load, see `convergence`, [n_free], N."""
         if self.criterion is None:
             return 0.0
         return self.criterion.carried_residual(scale, self.tol, steps)
@@ -198,7 +198,7 @@ class EquilibriumSearch:
         if self.criterion is not None:
             least = jnp.minimum(least, self.criterion.added_load)
         return (state.code < 0) | (
-            largest(state.rounding) > _FINE_PART_FROM * eps * self.tol * least
+            max_abs(state.rounding) > _FINE_PART_FROM * eps * self.tol * least
         )
 
     def _check_convergence(self, state, search_over, residual_before):
@@ -209,7 +209,7 @@ class EquilibriumSearch:
         first = state.code < 0
         finite = jnp.all(jnp.isfinite(state.residual)) & jnp.isfinite(state.scale)
         code = jnp.where(first, jnp.where(finite, status.OK, status.NONFINITE), state.code)
-        start_residual = jnp.where(first, largest(state.residual), state.start_residual)
+        start_residual = jnp.where(first, max_abs(state.residual), state.start_residual)
         state = copy_with(state, code=code.astype(jnp.int32), start_residual=start_residual)
         if self.is_net:
             # forces that rounding hides are not found; without any load they may all be lost
@@ -229,7 +229,7 @@ class EquilibriumSearch:
         converged = jnp.all(jnp.abs(balanced) <= jnp.maximum(self.tol * state.scale, granted))
         if self.criterion is None:
             return state, converged
-        halved = largest(state.residual) < 0.5 * residual_before
+        halved = max_abs(state.residual) < 0.5 * residual_before
         stagnant = state.stagnant_steps + (converged & search_over & ~halved)
         given = state.residual, granted, state.scale, state.start_residual, self.tol
         met, lost = self.criterion.compare_with_load(*given)
@@ -261,7 +261,7 @@ class EquilibriumSearch:
         if self.is_net:
             shift = select_tree(unknowns.uses_line_search, shift, LevenbergShift.initial(x.dtype))
             astray = reach > ASTRAY * self.extent
-            size = largest(state.residual), state.scale
+            size = max_abs(state.residual), state.scale
             given = x, self.begin, accepted, *size, astray, self.length
             new, point, elsewhere = unknowns.switch_mode(*given)
             may_switch = moved & ~converged & ~state.tension_unknowns.uses_line_search
@@ -293,7 +293,7 @@ class EquilibriumSearch:
         def compute(state):
             unknowns, predicted, fraction = state.tension_unknowns, state.predicted, 1.0
             if self.is_net:
-                known, size = (state.elements, state.residual, self.length), largest(state.residual)
+                known, size = (state.elements, state.residual, self.length), max_abs(state.residual)
                 equations = unknowns.step_equations(self.system, state.x, *known)
                 state = copy_with(state, tension_unknowns=equations.unknowns)
                 rhs, is_full = equations.rhs, ~unknowns.uses_line_search
@@ -362,7 +362,7 @@ class EquilibriumSearch:
             axial forces by lengths, [n], N/m; the last two None where no element has a chord.
         """
         tangents, chords = state.elements
-        size, predicting, slopes = largest(state.residual), None, None
+        size, predicting, slopes = max_abs(state.residual), None, None
         if self.predicts:
             predicting = is_prediction_step(state.steps) & ~is_full & ~converged
             forces = state.predicted.geometric_forces(chords, predicting)

@@ -53,10 +53,10 @@ from ..mechanics.assembly import System
 from ..mechanics.ramp import Ramp
 from ..mechanics.reading import Reading, read
 from ..spaces.translations import drop_low_part
-from .balance import ConvergenceCriterion, IterationSettings, limit
-from .increment_outcome import Outcome, is_at_rounding, make_outcome
+from .convergence import ConvergenceCriterion, IterationSettings, residual_tolerance
+from .increment_outcome import IncrementOutcome, is_at_rounding, make_outcome
 from .iteration import EquilibriumSearch
-from .newton_step import CG_LIMIT, largest, zero_eigenvalue_bound
+from .newton_step import CG_LIMIT, max_abs, zero_eigenvalue_bound
 
 
 @pytree(static=("linear_solver", "watch"))
@@ -69,7 +69,7 @@ class Newton:
             Where a phase adds dead loads below 1 % of this force, the residual is at most 50 tol
             of the largest of these, too, and what earlier increments have left is carried along;
             if rounding leaves less than half of the digits of the load, the status is AT_ROUNDING
-            (see `balance`; not in float32). The residual that the rounding of the displacements
+            (see `convergence`; not in float32). The residual that the rounding of the displacements
             leaves, ``8 eps u/L (EA along, 12 EI/L^2 across)``, is allowed, too (`path.rounding`).
             Nets of cables are iterated with nearly twice the digits: there it is ``8 eps^2 u/L
             EA``. Where it is more than 1 % of the forces of a net under load, the status is
@@ -120,14 +120,14 @@ class Newton:
         ]
 
 
-def adjoint_effort(
+def adjoint_cg_settings(
     method: IterationSettings, system: System, dtype: DTypeLike
 ) -> tuple[Float[Array, ""], Int[Array, ""]]:
     """Return tolerance and limit of conjugate gradient steps for an adjoint (`linear.factorize`).
 
     The tolerance is a tenth of that of the equilibrium, so that derivatives are as exact.
     """
-    return 0.1 * limit(method, dtype), jnp.where(system.convex, CG_LIMIT, 0)
+    return 0.1 * residual_tolerance(method, dtype), jnp.where(system.convex, CG_LIMIT, 0)
 
 
 def equilibrate(
@@ -137,7 +137,7 @@ def equilibrate(
     active: Bool[ArrayLike, ""],
     factored: FactoredMatrix | None = None,
     judges_stability: Bool[ArrayLike, ""] = False,
-) -> tuple[Outcome, FactoredMatrix | None]:
+) -> tuple[IncrementOutcome, FactoredMatrix | None]:
     """Bring `system` to equilibrium from `x`.
 
     Args:
@@ -150,7 +150,7 @@ def equilibrate(
         judges_stability: whether to find out if the equilibrium is stable.
 
     Returns:
-        `Outcome`, and what is factored now. Not differentiable: its derivative is added by
+        `IncrementOutcome`, and what is factored now. Not differentiable: its derivative is added by
         `implicit.attach_derivative`.
     """
     if factored is None:
@@ -195,7 +195,7 @@ def _iterate_until_done(
         pairs = zip(system.tensions(x), convex.tensions(x), strict=True)
         apart = [(jnp.abs(force - risen), jnp.abs(risen)) for force, risen in pairs]
         apart, size = (jnp.max(jnp.concatenate(forces)) for forces in zip(*apart, strict=True))
-        return apart <= limit(method, x.dtype) * size
+        return apart <= residual_tolerance(method, x.dtype) * size
 
     x = drop_low_part(x)
     # from beyond a peak the branch is followed on which the increment before has ended
@@ -208,7 +208,7 @@ def _iterate_until_done(
     steps = jnp.where(found, first.steps, 0)
     end = iterate(system, at, active & ~below, first.factored, steps)
     lost = (end.code == status.NOT_CONVERGED) | (end.code == status.MECHANISM)
-    near = is_at_rounding(convex, largest(first.residual), largest(first.rounding))
+    near = is_at_rounding(convex, max_abs(first.residual), max_abs(first.rounding))
     near = ~found & near & (end.code == status.NOT_CONVERGED)
     code = jnp.where(near, status.AT_ROUNDING, end.code)
     code = jnp.where(found & lost, status.BEYOND_PEAK, code)
@@ -230,7 +230,7 @@ def is_stable(system: System, x: Float[Array, "n_row n_motion"]) -> Bool[Array, 
     )
 
 
-def march(
+def solve_increments(
     ramp: Ramp,
     x: Float[Array, "n_row n_motion"],
     increments: tuple[Float[Array, " n"], Bool[Array, " n"]],
@@ -239,7 +239,7 @@ def march(
     factored: FactoredMatrix | None,
     last_reading: Reading,
     is_first: Bool[Array, ""],
-    report: Callable[[Float[Array, ""], Outcome], None] | None = None,
+    report: Callable[[Float[Array, ""], IncrementOutcome], None] | None = None,
 ) -> tuple[
     Float[Array, "n n_row n_motion"],
     Float[Array, "n n_log"],
@@ -261,11 +261,11 @@ def march(
         last_reading: `Reading` of the last good increment.
         is_first: whether no increment has been good so far: then the start is read.
         report: function that is called after every increment with its load factor and its
-            `Outcome`, or None.
+            `IncrementOutcome`, or None.
 
     Returns:
         xs: points, [1 + n_inc, ...]; those of nets with a fine part (`spaces.translations`).
-        log: `Outcome.log_row` of every increment, with latched status.
+        log: `IncrementOutcome.log_row` of every increment, with latched status.
         readings: `Reading.of_path` of every increment; after a failure, of the last good one.
         last_reading: `Reading` of the last good increment.
         memory: history variables at the end.

@@ -48,7 +48,7 @@ def newton_direction(
     # Conjugate gradients cannot see that a matrix is indefinite, so they are used only where the
     # energy is convex. Their tolerance is about the residual that the next Newton step leaves
     # anyway. It steers the effort only: convergence is judged by the residual of the system.
-    relative = largest(state.residual) / state.scale
+    relative = max_abs(state.residual) / state.scale
     forcing = jnp.clip(relative, 0.1 * tol / relative, _MAX_FORCING)
     similar, min_limit = system.convex, 0
     if (
@@ -79,7 +79,7 @@ def newton_direction(
 
 
 @jax.jit  # one function in a program
-def largest(residual: Float[Array, " n_free"]) -> Float[Array, ""]:
+def max_abs(residual: Float[Array, " n_free"]) -> Float[Array, ""]:
     """Return the largest absolute value of an array; 0 without unknowns."""
     return jnp.max(jnp.abs(residual), initial=0.0)
 

@@ -45,7 +45,7 @@ from ..spaces.space import Motion
 from .conic_equations import ConicEquations
 from .conic_interior_point import ConicInteriorPoint
 from .interior_point import InteriorPoint, LengthBoundEquations
-from .newton_step import largest
+from .newton_step import max_abs
 
 MIXED, INTERIOR, FINISH, SEARCH = range(4)
 
@@ -263,7 +263,7 @@ class TensionUnknowns:
             load = jnp.maximum(load, jnp.max(jnp.where(jacked, tension, 0.0)))
         guess = select_tree(self.is_new_mode | self.uses_line_search, tension, self.guess)
         guess = jnp.where(tension <= _OWN_TENSION * (guess + load), tension, guess)
-        best = jnp.where(self.is_new_mode, largest(residual), self.best_residual)
+        best = jnp.where(self.is_new_mode, max_abs(residual), self.best_residual)
         unknowns = copy_with(self, best_residual=best)
         kind: Any = LengthBoundEquations
         if self.has_cones:

@@ -4,11 +4,11 @@ import warnings
 from typing import Any
 
 from .equivalent_prestress import EquivalentPrestress, equivalent_prestress
-from .feasible import Prestress, feasible_prestress
+from .feasible_prestress import Prestress, feasible_prestress
 from .force_density import force_density
 from .form import Form
-from .hanging import catenary_curves, end_tensions, hanging_chain
-from .prescribed import find_form
+from .hanging_cables import catenary_curves, end_tensions, hanging_chain
+from .prescribed_forces import find_form
 from .relaxation import dynamic_relaxation
 from .self_stress import SelfStress, self_stress
 from .symmetry import symmetric_groups

@@ -32,15 +32,15 @@ from ..model.structure import Structure
 from ..model.supports import Fixed
 from ..numerics import implicit
 from ..spaces.dof_map import make_dof_map
-from .along import FormDependentLoads, nodes_coupled_by_loads, split_loads
-from .members import (
+from .force_elements import ForceElementNet
+from .form_dependent_loads import FormDependentLoads, nodes_coupled_by_loads, split_loads
+from .input_checks import (
     input_status,
     require_single_input,
     require_straight_elements,
-    stated,
     sum_nodal_loads,
+    values_by_group,
 )
-from .strings import ForceElementNet
 
 # Forms of given force densities ahead of Newton's method. A saddle net of 64 free nodes, disturbed
 # by 0.4 m, takes 80 Newton steps without them (with loads it fails), 5 steps with 5 and 4 with 10.
@@ -131,7 +131,7 @@ def force_density(
     plausibility.precision(structure.nodes)
     linear.check_solver_name(linear_solver)
     loads, others = split_loads(structure, loads)
-    densities, chosen = stated(q, structure, "q")
+    densities, chosen = values_by_group(q, structure, "q")
     missing = "has no force density; every element needs one"
     require_single_input(structure, ["q"], [chosen], missing)
     fixed = Fixed(structure.held())

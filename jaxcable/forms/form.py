@@ -14,7 +14,7 @@ from ..common.types import Array, Float, Int, PyTree
 from ..elements.bar import Straight
 from ..model.structure import Structure
 from ..numerics import implicit, scaled
-from .along import laws_can_carry
+from .form_dependent_loads import laws_can_carry
 
 
 @pytree

@@ -37,15 +37,15 @@ from ..model.structure import Structure
 from ..model.supports import Fixed
 from ..numerics import implicit, scaled
 from ..spaces.dof_map import make_dof_map
-from .along import split_loads
 from .form import Form, arrange_form, make_form, most_shortened_element
-from .members import (
+from .form_dependent_loads import split_loads
+from .input_checks import (
     input_status,
     require_single_input,
     require_straight_elements,
-    stated,
     sum_nodal_loads,
     system_with_fixed_supports,
+    values_by_group,
 )
 
 # A node that has moved this many times the size of the structure is held by nothing: the status is
@@ -112,8 +112,8 @@ def dynamic_relaxation(
     require_straight_elements(structure)
     plausibility.precision(structure.nodes)
     loads, _ = split_loads(structure, loads, nodal_only=True)
-    forces, prescribed = stated(tension, structure, "tension")
-    rests, cut = stated(rest_length, structure, "rest_length", is_length=True)
+    forces, prescribed = values_by_group(tension, structure, "tension")
+    rests, cut = values_by_group(rest_length, structure, "rest_length", is_length=True)
     require_single_input(structure, ("tension", "rest_length"), (prescribed, cut))
     forces, rests = (
         [None if v is None else Stated(v, which) for v, which in zip(*pair, strict=True)]

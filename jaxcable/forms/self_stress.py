@@ -26,7 +26,7 @@ import numpy as np
 from ..common.tree import pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..model.structure import Structure
-from ._balance import (
+from .equilibrium_matrix import (
     arrange_as_elements,
     equilibrium_matrix,
     incidence_matrix,

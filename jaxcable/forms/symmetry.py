@@ -8,7 +8,7 @@ from ..common import checks
 from ..common.types import Int, PyTree
 from ..model.parts import group_path
 from ..model.structure import Structure
-from ._balance import arrange_as_elements, links_and_tension_only, nodes_as_numpy
+from .equilibrium_matrix import arrange_as_elements, links_and_tension_only, nodes_as_numpy
 
 
 def symmetric_groups(

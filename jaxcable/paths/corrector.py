@@ -20,7 +20,7 @@ from jax import lax
 from .. import linear
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
-from ..equilibrium.newton_step import largest
+from ..equilibrium.newton_step import max_abs
 from ..mechanics.assembly import System
 from ..mechanics.ramp import Ramp
 
@@ -111,7 +111,7 @@ def correct_onto_path(
             unbalanced, (it.factor,), (unit,), has_aux=True
         )
         # an unloaded start has no forces to judge by: take the load that the phase adds
-        scale = jnp.maximum(scale, largest(residual_by_factor))
+        scale = jnp.maximum(scale, max_abs(residual_by_factor))
         rounding = jnp.maximum(system.rounding(x), came_from)
         allowed = jnp.maximum(tol * scale, rounding)
         small = jnp.all(jnp.abs(residual) <= allowed)
@@ -139,9 +139,9 @@ def correct_onto_path(
             regular=usable,
             failed=~converged & ~(usable & jnp.isfinite(scale)),
             steps=it.steps + ~converged,
-            residual=largest(residual),
+            residual=max_abs(residual),
             scale=scale,
-            rounding=largest(rounding),
+            rounding=max_abs(rounding),
         )
 
     no, count = jnp.zeros((), bool), jnp.int32(0)

@@ -50,7 +50,7 @@ class PathProblem:
         self.ramp, self.method, self.settings, self.capacity = ramp, method, settings, capacity
         dtype = ramp.begin.motion.dtype
         self.begin = ramp.at(jnp.zeros((), dtype))
-        self.tol, self.extent = newton.limit(method, dtype), self.begin.extent()
+        self.tol, self.extent = newton.residual_tolerance(method, dtype), self.begin.extent()
 
 
 class TrialStep:

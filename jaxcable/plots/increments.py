@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..analysis.solution import Solution
-from ..equilibrium.balance import default_tolerance
+from ..equilibrium.convergence import default_tolerance
 from .snapshots import refuse_batch
 from .style import FAILED, GRID, SERIES, below, finish, start
 

@@ -1,6 +1,6 @@
 """Ready scenes: a structure and its phases, `jc.solve(*scene)`."""
 
-from .accuracy import accuracy_cable
+from .accuracy_study import accuracy_cable
 from .building_blocks import Scene
 from .hypar import hypar_net
 from .masts import guyed_mast

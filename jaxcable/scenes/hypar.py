@@ -13,7 +13,7 @@ import numpy as np
 from ..common.types import Float, Int
 from ..elements import Cables
 from .building_blocks import Scene, downward_loads, two_phase_scene
-from .nets import add_zero_height, grid, make_anchored_net
+from .nets import add_zero_height, make_anchored_net, orthogonal_grid
 
 NODE_NAMES = (5, 6, 7, 10, 11, 12, 15, 16, 17, 20, 21, 22)
 """Names of the free nodes in the paper, along x first."""
@@ -42,9 +42,11 @@ Source: Mihanovic, Trogrlic, Zivaljic (2011), Table 3, with its reference number
 """
 
 
-def plan() -> tuple[Float[np.ndarray, "26 3"], Int[np.ndarray, "31 2"], Int[np.ndarray, " 12"]]:
+def identified_plan() -> tuple[
+    Float[np.ndarray, "26 3"], Int[np.ndarray, "31 2"], Int[np.ndarray, " 12"]
+]:
     """Return the identified plan: nodes [26, 3], m, links [31, 2], free node numbers [12]."""
-    places, links, free = grid(3, 4)
+    places, links, free = orthogonal_grid(3, 4)
     nodes = add_zero_height(0.4 * places)
     nodes[places[:, 0] == 4, 0] = 1.2 + 0.795
     nodes[places[:, 1] == 5, 1] = 1.6 + 1.084
@@ -88,9 +90,9 @@ def hypar_net(disturbed: bool = True, increments: tuple[int, int] = (100, 10)) -
         >>> structure.n_node, len(structure.elements.links), [phase.increments for phase in phases]
         (26, 31, [100, 10])
     """
-    nodes, links, free = plan()
+    nodes, links, free = identified_plan()
     if disturbed:
-        places = grid(3, 4)[0]
+        places = orthogonal_grid(3, 4)[0]
         nodes[free] += start_disturbance(places[free])
     loaded = [n for n, name in zip(free, NODE_NAMES, strict=True) if name not in UNLOADED]
     structure = make_anchored_net(nodes, Cables(links, axial_stiffness=100.72e3), free)

@@ -11,7 +11,7 @@ from ..model.supports import pinned
 from .building_blocks import Scene, downward_loads, two_phase_scene
 
 
-def grid(
+def orthogonal_grid(
     n_x: int, n_y: int
 ) -> tuple[Int[np.ndarray, "n_node 2"], Int[np.ndarray, "n_elem 2"], Int[np.ndarray, " n_free"]]:
     """Return the topology of an orthogonal net of `n_x` by `n_y` free nodes, without corner nodes.
@@ -62,7 +62,7 @@ def flat_net(load: float = 150.0, increments: tuple[int, int] = (1, 10)) -> Scen
         >>> print(f"{jc.describe(solution.status)}: {solution.displacement[3, 2]:.9f} m")
         converged: -0.012838093 m
     """
-    places, links, free = grid(2, 2)
+    places, links, free = orthogonal_grid(2, 2)
     structure = make_anchored_net(
         add_zero_height(0.4 * places), Cables(links, axial_stiffness=97.97e3), free
     )
@@ -112,7 +112,7 @@ def saddle(
         raise ValueError(
             f"n_x, n_y = {n_x}, {n_y}: a saddle has at least one free node in each direction"
         )
-    places, links, free = grid(n_x, n_y)
+    places, links, free = orthogonal_grid(n_x, n_y)
     x, y = spacing * places.T
     span_x, span_y = spacing * (n_x + 1), spacing * (n_y + 1)
     z = rise * (span_x * (2 * x / span_x - 1) ** 2 - span_y * (2 * y / span_y - 1) ** 2)

@@ -11,7 +11,7 @@ import pytest
 from oracles.taylor import slope
 
 import jaxcable as jc
-from jaxcable.scenes.nets import grid
+from jaxcable.scenes.nets import orthogonal_grid
 
 TIGHT = jc.Newton(tol=1e-13)
 RNG = np.random.default_rng(5)
@@ -21,7 +21,7 @@ RNG = np.random.default_rng(5)
 # prestrain and cold, unstressed length (stated by the phase; by the group, with a turnbuckle), and
 # a jack that phase 2 anchors.
 
-PLACES, LINKS, FREE = grid(4, 4)
+PLACES, LINKS, FREE = orthogonal_grid(4, 4)
 ANCHORS = np.setdiff1d(np.arange(len(PLACES)), FREE)
 GROUPS = ("curved", "dense", "cold", "cut", "turned", "jacked")
 OWN = {name: LINKS[k::6] for k, name in enumerate(GROUPS)}

@@ -53,7 +53,7 @@ OTHERS = {  # what a variable of this name is besides, here
     "load": {"ndim", "shape", "at", "begun"},
     "group": {"_index_fields", "_static_fields"},  # of every `pytree`
 }
-STRAIGHT = ("forms/prescribed.py", "files/opensees.py")
+STRAIGHT = ("forms/prescribed_forces.py", "files/opensees.py")
 """Modules that refuse all groups but those that derive from `Straight` first."""
 
 

@@ -13,7 +13,7 @@ from file_cases import CHECK, MAST, NODES, changed, read_scene
 import jaxcable as jc
 from jaxcable.analysis.presence import presence_of
 from jaxcable.cli import main
-from jaxcable.forms.members import stated
+from jaxcable.forms.input_checks import values_by_group
 
 STEEL = jc.Elastic(210e9)
 TUBE = jc.Section([0.0], [0.0], [0.0014], [STEEL], torsion=[4e-6], own=[[2e-6, 2e-6, 0]])
@@ -97,7 +97,9 @@ def test_they_may_lie_within_others():
 
 def test_form_finding_takes_them_too():
     """What all of its statements go through."""
-    full, short = (stated(q, mast(), "q") for q in ({"guys": 2.0, "mast": None}, {"guys": 2.0}))
+    full, short = (
+        values_by_group(q, mast(), "q") for q in ({"guys": 2.0, "mast": None}, {"guys": 2.0})
+    )
     for one, other in zip(jax.tree.leaves(full), jax.tree.leaves(short), strict=True):
         np.testing.assert_array_equal(one, other)
     assert short[0][1] is None and not short[1][1].any()

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 import jaxcable as jc
 from jaxcable.common.selection import only
-from jaxcable.forms import find_form, prescribed
+from jaxcable.forms import find_form, prescribed_forces
 
 EA = 2e6
 TIGHT = jc.Newton(tol=1e-14)
@@ -339,10 +339,10 @@ def test_a_cable_of_given_length_cannot_push():
 
 def test_changing_numbers_does_not_recompile():
     assert int(find_form(NET, 1e3).status) == 0
-    before = prescribed._solve_form._cache_size()
+    before = prescribed_forces._solve_form._cache_size()
     other = find_form(jc.replace(NET, nodes=np.asarray(NET.nodes) * 1.1), np.full(40, 2e3))
     assert int(other.status) == 0
-    assert prescribed._solve_form._cache_size() == before
+    assert prescribed_forces._solve_form._cache_size() == before
 
 
 GUYED = jc.Structure(  # a mast with guys on both sides, whose head holds a cable

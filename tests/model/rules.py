@@ -186,7 +186,9 @@ def relaxed(v):
 def formed(name, **numbers):
     nothing = {"tension": None, "stress": None, "length": None}
     which = 2 if name == "length" else 0
-    return lambda v: forms.prescribed.statements(net(**numbers), **nothing | {name: v})[which]
+    return lambda v: forms.prescribed_forces.tensions_and_lengths(
+        net(**numbers), **nothing | {name: v}
+    )[which]
 
 
 def chain(v):
@@ -332,19 +334,19 @@ swinging, [1.0] * 4, [1.0, 1.0, -1.0, 1.0]  # masses: masses... = -1.0
 along, [0.5], [1.5]  # places: places[0] = 1.5
 ## forms/relaxation.py
 relaxed, [5.0, 1.0, 1e-9], [5.0, 1.0, -1.0]  # tol: tol... = -1.0
-## forms/members.py
-relaxed, [5.0, 1.0, 1e-9], [-1.0, 1.0, 1e-9]  # stated: tension... = -1.0
-relaxed, [5.0, 1.0, 1e-9], [5.0, -1.0, 1e-9]  # stated: rest_length... = -1.0
-formed("tension"),  # stated: tension[0] = -1.0
-formed("stress", area=1.0, law=jc.Elastic(1e3)),  # stated: stress[0] = -1.0
-formed("length"),  # stated: length[0] = -1.0
-lambda v: jc.force_density(net(), v, PULL),  # stated: q[0] = -1.0
-## forms/hanging.py
+## forms/input_checks.py
+relaxed, [5.0, 1.0, 1e-9], [-1.0, 1.0, 1e-9]  # values_by_group: tension... = -1.0
+relaxed, [5.0, 1.0, 1e-9], [5.0, -1.0, 1e-9]  # values_by_group: rest_length... = -1.0
+formed("tension"),  # values_by_group: tension[0] = -1.0
+formed("stress", area=1.0, law=jc.Elastic(1e3)),  # values_by_group: stress[0] = -1.0
+formed("length"),  # values_by_group: length[0] = -1.0
+lambda v: jc.force_density(net(), v, PULL),  # values_by_group: q[0] = -1.0
+## forms/hanging_cables.py
 chain, [0.1, 1.0, 1e6], [-1.0, 1.0, 1e6]  # hanging_chain: sag = -1.0
 chain, [0.1, 1.0, 1e6], [0.1, -1.0, 1e6]  # hanging_chain: weight = -1.0
 chain, [0.1, 1.0, 1e6], [0.1, 1.0, -1.0]  # hanging_chain: axial_stiffness = -1.0
 hung_to, (1.0, 0.0, 0.2), (0.0, 0.0, 0.2)  # second: first, second: the ends lie above each other
-## forms/feasible.py
+## forms/feasible_prestress.py
 prestressed,  # tension: tension = -1.0: with this tension in group
 ## design/bounds.py
 scaled, [1.0, 1.0], [1.0, -1.0]  # fill: scale[1] = -1.0
@@ -393,7 +395,7 @@ OTHERWISE = {
     "model/plausibility.py:_there": "warnings",
     "loads/movement.py:__post_init__": "a warning",
     "loads/movement.py:check_supported": "NaN where it is traced (`ramp`), status NONFINITE",
-    "forms/feasible.py:feasible_prestress": "NaN where a cable is not taut",
-    "forms/_balance.py:nodes_as_numpy": "traced nodes are refused",
+    "forms/feasible_prestress.py:feasible_prestress": "NaN where a cable is not taut",
+    "forms/equilibrium_matrix.py:nodes_as_numpy": "traced nodes are refused",
 }
 """Where else values are looked at when they are known, and what becomes of traced ones."""

@@ -23,7 +23,7 @@ from jax.typing import DTypeLike
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..mechanics.assembly import System
-from .newton_step import largest
+from .newton_step import max_abs
 
 # Residual beside a small load, over tol: 5e-9 of it. Where a load stops being small, this is half
 # of what the forces allow, so that the criterion hardly jumps there.
@@ -60,7 +60,7 @@ def default_tolerance(dtype: DTypeLike) -> float:
     return 1e-10 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
 
 
-def limit(method: IterationSettings, dtype: DTypeLike) -> Float[Array, ""]:
+def residual_tolerance(method: IterationSettings, dtype: DTypeLike) -> Float[Array, ""]:
     """Return the relative residual that counts as converged: `tol`, but at least 64 eps."""
     tol = default_tolerance(dtype) if method.tol is None else method.tol
     return jnp.maximum(jnp.asarray(tol, dtype), 64 * jnp.finfo(dtype).eps)
@@ -117,7 +117,7 @@ class ConvergenceCriterion:
             tol: relative tolerance.
             steps: Newton steps so far.
         """
-        small = largest(self.earlier_residual) <= _MAX_CARRIED * tol * scale
+        small = max_abs(self.earlier_residual) <= _MAX_CARRIED * tol * scale
         small = small & (self.added_load <= _SMALL_LOAD * scale) & (steps <= _CARRIED_STEPS)
         return jnp.where(small, self.earlier_residual, 0.0)
 
@@ -145,7 +145,7 @@ class ConvergenceCriterion:
             _TOL_OF_LOAD * tol * added, jnp.minimum(granted, _MAX_GRANTED * added)
         )
         met = jnp.all(jnp.abs(residual) <= allowed) | (added > _SMALL_LOAD * scale)
-        lost = largest(residual) > _HALF_DIGITS * eps**0.5 * added
+        lost = max_abs(residual) > _HALF_DIGITS * eps**0.5 * added
         lost = lost & (self.added_load > _NO_LOAD * eps * scale)
         return met, ~met & lost
 

@@ -3,10 +3,10 @@
 Forces ``T`` and loads ``p`` are given, positions are sought: ``sum_j T_ij (x_i - x_j)/l_ij = p_i``.
 They are a stationary point of ``sum T l - p.x``, which is convex where all forces are tensions
 (a sum of norms). With equal tensions the form is a minimal net. Where the length of an element is
-given instead, its force is an unknown: the Lagrange multiplier of that condition (`lengths`).
+given instead, its force is an unknown: the Lagrange multiplier of that condition (`given_lengths`).
 
 `newton.equilibrate` iterates, with a tangent by autodiff and a line search, on elements that keep
-their force whatever their length (`strings`). The derivative follows from the implicit
+their force whatever their length (`force_elements`). The derivative follows from the implicit
 function theorem.
 """
 
@@ -32,18 +32,18 @@ from ..model.structure import Structure
 from ..model.supports import Fixed
 from ..numerics import implicit
 from ..spaces.dof_map import make_dof_map
-from . import lengths
-from .along import FormDependentLoads, nodes_coupled_by_loads, split_loads
+from . import given_lengths
 from .force_density import number_unknowns_by_axis, start_by_force_density
+from .force_elements import ForceElementNet
 from .form import Form, arrange_form, make_form, most_shortened_element
-from .members import (
+from .form_dependent_loads import FormDependentLoads, nodes_coupled_by_loads, split_loads
+from .input_checks import (
     input_status,
     require_single_input,
     require_straight_elements,
-    stated,
     sum_nodal_loads,
+    values_by_group,
 )
-from .strings import ForceElementNet
 
 # Stiffness times length of the springs that nearly keep lengths, over the largest force. Where a
 # third of the elements of a saddle net of 64 free nodes has given lengths, 43 steps lead to the
@@ -134,7 +134,7 @@ def find_form(
     if not isinstance(method, Newton):
         raise ValueError(f"method: expected Newton, got {type(method).__name__}")
     loads, others = split_loads(structure, loads)
-    tensions, sought, given = statements(structure, tension, stress, length)
+    tensions, sought, given = tensions_and_lengths(structure, tension, stress, length)
     mixed = any(mask.any() for mask in sought)
     if mixed and others:
         raise ValueError(
@@ -148,7 +148,7 @@ def find_form(
     coupled = (*((ends, 3, ()) for ends in links), *nodes_coupled_by_loads(structure, others))
     dof_map = make_dof_map(fixed, None, coupled, solver, not others)
     saddle_numbering = (
-        lengths.number_saddle_unknowns(fixed, links, tuple(map(Indices, sought)), solver)
+        given_lengths.number_saddle_unknowns(fixed, links, tuple(map(Indices, sought)), solver)
         if mixed
         else None
     )
@@ -160,7 +160,7 @@ def find_form(
     return arrange_form(_solve_form(thawed, arrays, *numberings, method, convex), structure)
 
 
-def statements(structure, tension, stress, length):
+def tensions_and_lengths(structure, tension, stress, length):
     """Check that every element has one of tension, stress and length; return forces and lengths.
 
     Returns:
@@ -170,9 +170,9 @@ def statements(structure, tension, stress, length):
             [n_elem] bool), or None for a group without lengths.
     """
     (pulls, pulled), (stresses, stressed), (wanted, sought) = (
-        stated(tension, structure, "tension"),
-        stated(stress, structure, "stress"),
-        stated(length, structure, "length", is_length=True),
+        values_by_group(tension, structure, "tension"),
+        values_by_group(stress, structure, "stress"),
+        values_by_group(length, structure, "length", is_length=True),
     )
     names, chosen = ("tension", "stress", "length"), (pulled, stressed, sought)
     require_single_input(structure, names, chosen, "has neither tension, stress nor length")
@@ -239,7 +239,7 @@ def _solve_form(thawed, arrays, dof_map, saddle_numbering, axis_numbering, metho
             *implicit.stop_gradient_unless(valid, (force_net, given)), dof_map, saddle_numbering
         )
         reached = saddle.nodal_motion(z)
-        z = lengths.attach_saddle_derivative(saddle, z, valid)
+        z = given_lengths.attach_saddle_derivative(saddle, z, valid)
         forces, motion = saddle.axial_forces(z), saddle.nodal_motion(z)
         attached = saddle.system
     # without a form take the start, so that lengths and their derivatives stay finite
@@ -267,14 +267,14 @@ def _force_densities(forces, ends):
 
 
 def _make_saddle(force_net, given, dof_map, saddle_numbering):
-    """Make the `lengths.SaddleSystem`.
+    """Make the `given_lengths.SaddleSystem`.
 
     Its unit of force makes the matrix entries of displacements and of forces about equally large.
     """
     made = force_net.make_system(dof_map)
     given = [None if pair is None else pair[0] for pair in given]
     unit = lax.stop_gradient(jnp.sqrt(_force_scale(force_net) / made.length_scale()))
-    return lengths.SaddleSystem(made, given, unit, saddle_numbering)
+    return given_lengths.SaddleSystem(made, given, unit, saddle_numbering)
 
 
 def _force_scale(force_net):
@@ -284,7 +284,7 @@ def _force_scale(force_net):
 
 
 def _solve_with_lengths(force_net, given, start, dof_map, saddle_numbering, method, struts):
-    """Find the form with given lengths: a point of the `lengths.SaddleSystem`.
+    """Find the form with given lengths: a point of the `given_lengths.SaddleSystem`.
 
     For cables alone, stiff springs come first, which lead close to the form from nearly any start;
     then Newton's method on the saddle meets the lengths. With bars, springs may lead away from the
@@ -293,21 +293,21 @@ def _solve_with_lengths(force_net, given, start, dof_map, saddle_numbering, meth
 
     Args:
         force_net: `ForceElementNet` without springs.
-        given: per group lengths and where they are given, from `statements`.
+        given: per group lengths and where they are given, from `tensions_and_lengths`.
         start: displacements at the start, [n_node, 3], m.
         dof_map: numbering of the free displacements.
-        saddle_numbering: `lengths.SaddleNumbering`.
+        saddle_numbering: `given_lengths.SaddleNumbering`.
         method: `Newton`.
         struts: whether there are bars.
 
     Returns:
         The unknowns [n_all], status, number of steps, unbalanced forces [n_free] and their scale.
     """
-    tol = newton.limit(method, start.dtype)
+    tol = newton.residual_tolerance(method, start.dtype)
     saddle = _make_saddle(force_net, given, dof_map, saddle_numbering)
     known = jnp.zeros((), bool)
     if struts:
-        first = lengths.solve_saddle(
+        first = given_lengths.solve_saddle(
             saddle, saddle.unknowns_of_least_residual(start), tol, method.max_steps, ~known
         )
         known = first[1] == status.OK
@@ -321,7 +321,7 @@ def _solve_with_lengths(force_net, given, start, dof_map, saddle_numbering, meth
     z = saddle.join_unknowns(near.x, sprung.tensions(near.x))
     active = ~known & (near.code == status.OK)
     limit = method.max_steps - near.steps
-    z, code, steps, residual, scale = lengths.solve_saddle(saddle, z, tol, limit, active)
+    z, code, steps, residual, scale = given_lengths.solve_saddle(saddle, z, tol, limit, active)
     second = z, jnp.where(active, code, near.code), near.steps + steps, residual, scale
     if not struts:
         return second

@@ -98,7 +98,7 @@ class FormDependentLoads:
         """Generate, for each load and group, the force function of one element or face.
 
         Args:
-            states: per group the `strings.ForceElementState`.
+            states: per group the `force_elements.ForceElementState`.
             moved: positions of all nodes, [n_node, 3], m.
 
         Yields:

@@ -25,8 +25,8 @@ from ..equilibrium.newton import Newton
 from ..mechanics.assembly import System
 from ..numerics import implicit
 from ..spaces.dof_map import DofMap
-from .along import FormDependentLoads, laws_can_carry
-from .members import system_with_fixed_supports
+from .form_dependent_loads import FormDependentLoads, laws_can_carry
+from .input_checks import system_with_fixed_supports
 
 
 @pytree
@@ -121,7 +121,7 @@ class ForceElementNet:
         dof_map: DofMap,
         allowed: Int[Array, ""],
         laws: Sequence[Straight] = (),
-    ) -> tuple[newton.Outcome, Int[Array, ""], System, Float[Array, "n_node 3"]]:
+    ) -> tuple[newton.IncrementOutcome, Int[Array, ""], System, Float[Array, "n_node 3"]]:
         """Find the equilibrium of the net by Newton's method, with an implicit derivative.
 
         Args:
@@ -146,7 +146,7 @@ class ForceElementNet:
             code = status.first_failure(code, law_code)
         valid = code == status.OK
         system = implicit.stop_gradient_unless(valid, self).make_system(dof_map)
-        tol, worth = newton.adjoint_effort(method, system, start.dtype)
+        tol, worth = newton.adjoint_cg_settings(method, system, start.dtype)
         motion, *_ = implicit.attach_derivative_with_marks(
             system, found.x, valid, factored, tol, worth
         )

@@ -14,7 +14,7 @@ import numpy as np
 from ..common import checks, memory_limit
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..model.structure import Structure
-from .members import require_straight_elements
+from .input_checks import require_straight_elements
 
 Nodes = TypeVar("Nodes", jax.Array, np.ndarray)
 """Type of positions: results are NumPy arrays for NumPy arrays, and jax arrays for jax arrays."""

@@ -20,7 +20,7 @@ from ..common.rules import Rule, nan_if_broken
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..model.structure import Structure
-from ._balance import (
+from .equilibrium_matrix import (
     arrange_as_elements,
     equilibrium_matrix,
     links_and_tension_only,

@@ -4,7 +4,7 @@ The form is a stationary point of the Lagrangian ``sum T l + sum N (l - L) - p.x
 are the free displacements x and the forces N of the elements of given length L. It is a saddle
 point: the Hessian, by autodiff, is symmetric and indefinite. Newton's method halves its step until
 the residual falls. It starts from a form in which stiff springs nearly keep the lengths
-(`prescribed`).
+(`prescribed_forces`).
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ class SaddleSystem:
 
     def axial_forces(self, z: Float[Array, " n_all"]) -> list[Float[Array, " n_elem"]]:
         """Return the axial forces of all elements, per group [n_elem], N."""
-        states: Sequence[Any] = self.system.states  # of `strings.ForceElementState`
+        states: Sequence[Any] = self.system.states  # of `force_elements.ForceElementState`
         pairs = zip(states, self.numbering.given_elements, self.split_unknowns(z)[1], strict=True)
         return [
             state.force if chosen is None else state.force.at[chosen].set(given)
@@ -193,7 +193,7 @@ class SaddleSystem:
     ) -> Float[Array, "n_all n_all"] | linear.SparseMatrix:
         """Return the Hessian of the Lagrangian, a matrix of `linear`."""
         system, motion = self.system_with_forces(z)
-        dof_map = copy_with(system.dof_map, number=self.numbering.unknown_of_dof)
+        dof_map = copy_with(system.dof_map, unknown_of_dof=self.numbering.unknown_of_dof)
         system = copy_with(system, space=copy_with(system.space, dof_map=dof_map))
         parts = system.parts(system.tangents(motion), motion)
         return self._assemble_hessian(parts, motion)

@@ -55,7 +55,7 @@ def sum_nodal_loads(
     return sum(forces, start=jnp.zeros(shape, dtype))
 
 
-def stated(
+def values_by_group(
     value: PyTree[Float[ArrayLike, " ..."] | Only] | None,
     structure: Structure,
     name: str,
@@ -122,7 +122,7 @@ def require_single_input(
     Args:
         structure: `Structure`.
         names: names of the inputs (tension, length ...).
-        chosen: which elements each of them concerns, from `stated`.
+        chosen: which elements each of them concerns, from `values_by_group`.
         missing: end of the message for an element without input; None if elements may have none.
     """
     for k, masks in enumerate(zip(*chosen, strict=True)):
