@@ -85,7 +85,7 @@ FAULTS = (
         "bent = bent - bow * (second - first) / 2 + bow**2 / 14",
         "bent = bent - bow * (second - first) / 2",
         "a beam's stretch by the square of its sag under a load is lost"),
-    Fault("elements/member.py",
+    Fault("elements/beam_element.py",
         "return force + jnp.where(force < 0, -half, half)", "return force + half",
         "the peak force of a compressed beam is its smallest compression"),
     Fault("elements/corotation.py",

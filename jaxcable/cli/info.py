@@ -83,8 +83,9 @@ def _print_scene(structure, phases):
             weight = float(group.weights(group.start(nodes[group.links.array])).sum())
             mass = inputs.format_number(weight / STANDARD_GRAVITY / float(sizes.sum()))
             print(f"  weighs {inputs.format_number(weight)} N in total, {mass} kg/m2")
-        if isinstance(group, Cables | Bars) and group.law is not None:
-            print(f"  stress-strain law {type(group.law).__name__}")
+        straight = group if isinstance(group, Cables | Bars) else None
+        if straight is not None and straight.law is not None:
+            print(f"  stress-strain law {type(straight.law).__name__}")
         if group.section is not None:
             print(f"  section of {counted(len(np.ravel(group.section.y)), 'fibre')}")
     presence = presence_of(structure, phases, None)

@@ -1,18 +1,18 @@
 """Abilities that only some elements have: one base class each, from which an element derives.
 
-Other abilities are stated by an attribute of `Element`, because a law or a load decides on them:
+Other abilities are attributes of `Element`, because they depend on a law or a load:
 
 | attribute | methods that an element must then have |
 |---|---|
 | `remembers` | `size`, `initial_memory`; `settled`, or `commit_memory` and `section_strain` |
-| `has_rupture` | `is_ruptured`, `section_strain`; `extrapolated` if it may not pass an end |
+| `has_rupture` | `is_ruptured`, `section_strain`; `extrapolated` if forces end at rupture |
 | `tension_only` | `is_slack`, `at_kink` |
 | `rotates` | `end_forces_about` |
 | `slides` | `slid` |
 | `face` | none: loads on areas then find it by its group |
-| `inner`, `n_inner_row` | `unused_columns`; its end forces and motion have rows for them |
+| `inner_unknowns`, `n_inner_row` | `unused_columns`; its end forces and motion have rows for them |
 
-`contract.require` refuses a group that lacks one of them; `contract.check` tries all methods.
+`contract.require` refuses a group that lacks one of them; `contract.check` calls all methods.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ STATEMENTS = {
 
 
 class Prestressable(Element):
-    """Elements whose state is changed by statements of a phase (`Phase`).
+    """Elements whose state is changed by statements of a `Phase`, such as a pretension.
 
     Attributes:
-        statements: those that the group accepts: names of `STATEMENTS`, and a `Statement` for each
-            of its own, which users state by ``Phase(own={name: values})``.
+        statements: the statements that the group accepts: names of `STATEMENTS`, and a `Statement`
+            for each of its own, which users give by ``Phase(own={name: values})``.
         components: names of the components of statements that have several numbers for an element,
             by statement, such as ``{"pretension": ("warp", "weft")}``; values then are
             [n_elem, n_component], and one number is for all components.
@@ -61,17 +61,17 @@ class Prestressable(Element):
         ends: Float[Array, "n_elem n_end 3"],
         statements: Mapping[str, Stated],
     ) -> ElementState:
-        """State of the group after statements, by name; ends [n_elem, n_end, 3].
+        """Return the state of the group after statements, by name; ends [n_elem, n_end, 3].
 
-        Those that hold from the beginning of a phase (`Statement.ramped`) are given first, in a
-        call of their own. What a phase does not state is not among the `statements`.
+        Statements that hold from the beginning of a phase (not `Statement.ramped`) come first, in a
+        call of their own. `statements` has only those that the phase states.
         """
 
     def between(self, start: OwnState, end: OwnState, factor: Scalar) -> OwnState:
-        """State of the group at a load `factor` of a phase that leads from `start` to `end`.
+        """Interpolate the state of the group at a load `factor` of a phase from `start` to `end`.
 
-        Numbers that do not change keep every digit, and factor 1 gives `end` exactly. Arrays that
-        are not floating point are those of `end` from the beginning.
+        Numbers that do not change keep every digit, and factor 1 gives `end` exactly. Arrays of
+        other than floating-point numbers are those of `end` at any factor.
         """
 
         def one(a, b):
@@ -81,20 +81,20 @@ class Prestressable(Element):
 
 
 def statements_of(group: Element) -> dict[str, Statement]:
-    """The statements that a group accepts, by name; none if it is not `Prestressable`."""
+    """Return the statements that a group accepts, by name; none if it is not `Prestressable`."""
     accepted = group.statements if isinstance(group, Prestressable) else ()
     found = [STATEMENTS[s] if isinstance(s, str) else s for s in accepted]
     return {statement.name: statement for statement in found}
 
 
 def components_of(group: Element, name: str) -> tuple[str, ...]:
-    """Names of the components of a statement of a group; none if it is one number."""
+    """Return the names of the components of a statement of a group; none if it is one number."""
     return group.components.get(name, ()) if isinstance(group, Prestressable) else ()
 
 
 @jax.jit  # traced once, although a program calls it for every number of a state
 def mixed(start: Array, end: Array, factor: Float[ArrayLike, ""]) -> Array:
-    """Value at a load factor; what does not change keeps every digit, and factor 1 gives `end`."""
+    """Interpolate at a load factor; equal numbers keep every digit, and factor 1 gives `end`."""
     return end - (1 - factor) * (end - start)
 
 
@@ -108,18 +108,18 @@ class Uniaxial(Element):
 
     @abc.abstractmethod
     def strain(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Strain on the unstressed length."""
+        """Return the strain on the unstressed length."""
 
     @abc.abstractmethod
     def force(self, strain: Scalar, memory: PyTree[Array] | None = None) -> Scalar:
-        """Axial force at a strain, N."""
+        """Return the axial force at a strain, N."""
 
     @abc.abstractmethod
     def strain_at(self, force: Scalar, memory: PyTree[Array] | None = None) -> Scalar:
-        """Strain at an axial force, N; NaN if the law does not reach this force."""
+        """Return the strain at an axial force, N; NaN if the law does not reach this force."""
 
     def section_strain(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Strain of the material; another one than `strain` where a jack prescribes the force."""
+        """Return the strain of the material; not `strain` where a jack prescribes the force."""
         return self.strain(state, ends, motion)
 
 
@@ -131,11 +131,11 @@ class Jacked(Prestressable):
 
     @abc.abstractmethod
     def tension(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Axial force, N; that of the jack where the state has one."""
+        """Return the axial force, N; the jack force where the state has one."""
 
     @abc.abstractmethod
     def lock(self, state: OwnState, ends: Ends, motion: Motion) -> ElementState:
-        """State of one element whose jack is anchored here: it keeps the jack force."""
+        """Return the state of one element after lock-off of its jack: it keeps the jack force."""
 
 
 class Sagging(Prestressable):
@@ -146,7 +146,7 @@ class Sagging(Prestressable):
 
     @abc.abstractmethod
     def tension(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Axial force, N; its mean along the element."""
+        """Return the axial force, N: its mean along the element."""
 
     @abc.abstractmethod
     def strain_at_sag(
@@ -155,48 +155,48 @@ class Sagging(Prestressable):
         sag: Float[Array, " n_elem"],
         warmth: float | Float[Array, " n_elem"] = 1.0,
     ) -> Float[Array, " n_elem"]:
-        """Strains of the initial chords at which elements have the sags `sag` [n_elem], m.
+        """Return the strains of the initial chords at which elements have given sags [n_elem], m.
 
         A sag is the vertical distance of an element from its chord at midspan, under its weight.
         """
 
     @abc.abstractmethod
     def sag(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Distance of the element from its chord at midspan, along the load, m."""
+        """Return the distance of the element from its chord at midspan, along the load, m."""
 
     @abc.abstractmethod
     def end_tensions(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " 2"]:
-        """Tensions at the first and the second end, [2], N."""
+        """Return the tensions at the first and the second end, [2], N."""
 
     @abc.abstractmethod
     def curve(
         self, state: OwnState, ends: Ends, motion: Motion, parts: Float[Array, " n"]
     ) -> Float[Array, "n 3"]:
-        """Positions along the element, [n, 3], m, at parts [n] of its unstressed length."""
+        """Return positions along the element, [n, 3], m, at parts [n] of its unstressed length."""
 
 
 class Secant(Element):
-    """Elements with a secant stiffness between two motions, which the secant scheme needs."""
+    """Elements with a secant stiffness between two motions, for the secant method."""
 
     @abc.abstractmethod
     def secant(
         self, state: OwnState, ends: Ends, before: Motion, motion: Motion
     ) -> Float[Array, "n_end 3 n_end 3"]:
-        """Symmetric matrix, in the shape of `tangent`, with ``K (u - u0) = f(u) - f(u0)``."""
+        """Return the symmetric K, in the shape of `tangent`, with ``K (u - u0) = f(u) - f(u0)``."""
 
 
 @pytree
 class Pull:
-    """What a cable does at a point.
+    """Tension and end forces of a cable at a point of the iteration.
 
     Attributes:
-        tension: the unknown of the cable, not negative, N: its axial force; of one that hangs the
+        tension: unknown of the cable, not negative, N: its axial force, or of a hanging cable the
             mean of the tensions at its ends less half of the load on it.
-        slope: its derivative by the length, N/m.
-        along: derivative of the end forces by the tension, [n_end, 3]; of a straight cable that of
-            its length by the displacements of the ends, too.
+        slope: derivative of the tension by the length, N/m.
+        along: derivative of the end forces by the tension, [n_end, 3]; for a straight cable also
+            the derivative of its length by the displacements of the ends.
         forces: end forces, [n_end, 3], N.
-        shape: what `Pulling.room` needs to know of the point.
+        shape: data of the point for `Pulling.room`.
     """
 
     tension: Scalar
@@ -208,15 +208,15 @@ class Pull:
 
 @pytree
 class Room:
-    """What a tension would do to a cable at a point; the cable is in balance where gap = sag.
+    """Length that a given tension leaves a cable at a point; in equilibrium it equals the sag.
 
     Attributes:
-        gap: length that the tension allows a straight cable less the present one, m.
-        compliance: its derivative by the tension, m/N.
+        gap: length of a straight cable under the tension less the present length, m.
+        compliance: derivative of `gap` by the tension, m/N.
         sag: length that the sag takes, m; None for a cable that cannot sag.
         less: minus the derivative of `sag` by the tension, m/N, or None.
-        along, forces: as of `Pull`, but under the tension; None where `along` does not depend on
-            it, so that `forces` is ``tension * along``.
+        along, forces: as of `Pull`, but under the given tension; None where `along` does not depend
+            on it, so that `forces` is ``tension * along``.
     """
 
     gap: Scalar
@@ -228,50 +228,51 @@ class Room:
 
 
 class Pulling(Element):
-    """Cables whose state at a point follows from one number, their tension.
+    """Cables whose end forces at a point follow from one number, their tension.
 
     A net of them is solved with these tensions as unknowns, see `equilibrium.tension_unknowns`.
     """
 
     def pulls(self, state: OwnState) -> bool:
-        """Whether the elements have such a number in this state."""
+        """Return whether the tension is such an unknown in this state."""
         return True
 
     def fits_cones(self, state: OwnState) -> bool:
-        """Whether `conic_interior_point` applies: straight between nodes, and of a linear law."""
+        """Return whether `conic_interior_point` applies: straight pieces, with a linear law."""
         return False
 
     @abc.abstractmethod
     def pulled(self, state: OwnState, ends: Ends, motion: Motion) -> Pull:
-        """The `Pull` at a point."""
+        """Return the `Pull` at a point."""
 
     @abc.abstractmethod
     def brought(
         self, state: OwnState, ends: Ends, motion: Motion, wanted: Bool[Array, ""]
     ) -> tuple[ElementState, Ends, Motion]:
-        """The element where a motion with a fine part, [n_end, 6], has brought it (`fine`).
+        """Rebase the element after a motion with a low-order part, [n_end, 6] (`fine`).
 
-        State, ends [n_end, 3] and motion [n_end, 3] of an element that begins there and has not
-        moved. Its elongation is exact, if this is `wanted`; its ends are relative to the first.
+        Return state, ends [n_end, 3] and motion [n_end, 3] of an element that begins at the present
+        positions and has not moved. Its elongation has full precision if this is `wanted`; its ends
+        are relative to the first.
         """
 
     @abc.abstractmethod
     def room(self, state: OwnState, tension: Scalar, shape: PyTree[Array]) -> Room:
-        """The `Room` under a tension, N, at the point of a `Pull` that has this shape."""
+        """Return the `Room` under a tension, N, at the point of a `Pull` with this `shape`."""
 
     @abc.abstractmethod
     def bent(
         self, state: OwnState, ends: Ends, motion: Motion, tension: Scalar
     ) -> Float[Array, "n_end 3 n_end 3"]:
-        """Stiffness that a tension gives by itself, as the ends move, N/m."""
+        """Return the geometric stiffness of a tension, N/m."""
 
 
 class Rounding(Element):
-    """Elements whose force may vanish while its rounding error does not."""
+    """Elements that estimate the rounding error of a force, which may be all that is left of it."""
 
     @abc.abstractmethod
     def rounding(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
-        """Error that the rounding of displacements leaves in the end forces, in their shape."""
+        """Return the error of the end forces by rounding of displacements, in their shape."""
 
 
 class Bending(Element):
@@ -287,12 +288,12 @@ class Bending(Element):
         motion: Motion,
         places: Float[ArrayLike, " n"] | None = None,
     ) -> Float[Array, "n 6"]:
-        """``N, Vy, Vz, T, My, Mz`` at `places` along the axis, from 0 to 1, [n, 6], N and N m."""
+        """Return ``N, Vy, Vz, T, My, Mz`` at `places` on the axis, from 0 to 1, [n, 6], N, N m."""
 
     def deflected(
         self, state: OwnState, ends: Ends, motion: Motion
     ) -> tuple[Float[Array, "2 3"], Float[Array, "3 3"]] | None:
-        """How the axis leaves its chord, for pictures; None (the default) draws the chord.
+        """Return the slopes of the deflected axis at its ends, for pictures; None draws the chord.
 
         Returns:
             Slopes of the axis against its chord at both ends, in space, [2, 3]; and the axes of the

@@ -21,20 +21,20 @@ class Axial(Element):
 
     @abc.abstractmethod
     def tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Axial force, N."""
+        """Return the axial force, N."""
 
     def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Internal force at both ends, [2, 3], N."""
+        """Return the internal force at both ends, [2, 3], N."""
         pull = self._pull(state, ends, motion)
         return jnp.stack([-pull, pull])
 
     def _pull(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, " 3"]:
-        """Axial force as a vector from the first end to the second, [3], N."""
+        """Return the axial force as a vector from the first end to the second, [3], N."""
         vector, length, _, _ = stretch(ends, motion)
         return self.tension(state, ends, motion) * vector / length
 
     def tangent(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, "2 3 2 3"]:
-        """Tangent stiffness, [2, 3, 2, 3], N/m, by autodiff of the end forces.
+        """Return the tangent stiffness, [2, 3, 2, 3], N/m, by autodiff of the end forces.
 
         The end forces depend only on the relative displacement of the ends. Hence the derivatives
         by the displacement of the second end give all of them.

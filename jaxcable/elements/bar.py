@@ -13,18 +13,18 @@ from .prestress import AxialState, jacked_or, stretch
 from .straight import Straight
 
 
-class Plain(Straight, Jacked, Secant, Rounding):
+class TwoNodeStraight(Straight, Jacked, Secant, Rounding):
     """Straight elements whose force depends only on their own strain."""
 
     def lock(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """State after anchoring the jack: its unstressed length gives the jack force here."""
+        """Return the state after lock-off: its unstressed length gives the jack force here."""
         _, length, change, _ = stretch(ends, motion)
         return self.locked(state, length, change)
 
     def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Error that the rounding of displacements leaves in the end forces, [2, 3], N."""
+        """Return the error of the end forces by rounding of displacements, [2, 3], N."""
         vector, length, _, _ = stretch(ends, motion)
-        _, stiffness = self.stretched(state, ends, motion)
+        _, stiffness = self.tension_and_stiffness(state, ends, motion)
         moved = jnp.max(jnp.abs(motion)) / length
         force = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * jnp.abs(vector)
         return jnp.stack([force, force])
@@ -32,7 +32,7 @@ class Plain(Straight, Jacked, Secant, Rounding):
     def secant(
         self, state: AxialState, ends: Ends, before: Motion, motion: Motion
     ) -> Float[Array, "2 3 2 3"]:
-        """Symmetric secant stiffness, [2, 3, 2, 3]: K (u - u0) = f(u) - f(u0) exactly.
+        """Return the symmetric secant stiffness, [2, 3, 2, 3]: K (u - u0) = f(u) - f(u0) exactly.
 
         Between the chord ``d`` at u0 (length l_0, force density q_0) and ``d + w`` at u (l, q),
         with m = 2 d + w and m.w = l^2 - l_0^2, the difference q (d + w) - q_0 d equals
@@ -65,7 +65,7 @@ class Plain(Straight, Jacked, Secant, Rounding):
 
 
 @pytree(indices=("links",))
-class Bars(Plain):
+class Bars(TwoNodeStraight):
     """A group of straight two-node bars (struts, ties): tension and compression.
 
     ``N = EA e`` or ``N = A s(e)`` with ``e = (l - L0) / L0``, exact for any displacement and
@@ -84,7 +84,7 @@ class Bars(Plain):
         weight: self-weight per unstressed length, scalar or [n_elem], N/m; it acts where a phase
             has `SelfWeight`.
         expansion: thermal expansion coefficient, scalar or [n_elem], 1/K.
-        strength: breaking force, scalar or [n_elem], N; kept with the group for reports.
+        strength: breaking force, scalar or [n_elem], N; for utilization in reports and design.
         compliance: strain per force of a spring in series with every element, scalar or [n_elem],
             1/N (soft end fittings).
 

@@ -2,14 +2,14 @@
 
 The formulation is corotational (Crisfield 1990; Battini and Pacoste 2002). `corotation` has the
 frame of the element, which follows its chord and the mean of the rotations of its ends, and the
-statics of forces in this frame. `bending` has the strains along the axis, from cubic deflections
-(Bernoulli) and from what a load, or a neutral axis off the node axis, adds to them. A rigid motion
-of any size changes none of the strains. Shear flexibility and warping are not modelled.
+statics of forces in this frame. `bending` has the strains along the axis: from cubic deflections
+(Bernoulli), and from a load or a neutral axis off the node axis. A rigid motion of any size changes
+no strain. Shear flexibility and warping are not modelled.
 
 An end is joined to its node rigidly, by a hinge, or by a joint. A hinge releases all rotations; the
 end then has a further row of motion for its rotation (see `Structure.rows`). A joint releases some
-rotations, or restrains them by springs; the rotation of the end against its node is then among the
-inner numbers of the element (`inner`).
+rotations, or restrains them by springs; the rotation of the end against its node is then an inner
+unknown of the element (`inner_unknowns`).
 """
 
 from __future__ import annotations
@@ -35,31 +35,29 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.rotations import cross
 from ..numerics.vectors import scalar_product
 from ..sections import Section
-from ..sections.geometry import bends_alike
 from .abilities import Bending, Rounding
+from .beam_axes import LEANING_SINE, VERTICAL_SINE, is_isotropic, is_known_anisotropic
+from .beam_element import BeamElement
 from .element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Ends, Motion, Scalar
-from .member import Member
 from .prestress import AxialState, Prestressed, checked_links, of_each
 
-_UPRIGHT = 1e-3  # sine of the angle to z below which an element counts as vertical
-_MOST_POINTS = 1000  # integration points of an element; all fibres are evaluated at each
-_LEANING = 0.1  # sine below which an element that is not upright needs `up`: its axes could jump
+_MAX_POINTS = 1000  # integration points: all fibres are evaluated at each, so that more is a slip
 
 
 @pytree(indices=("links", "hinges"), static=("points",))
-class Beams(Member, Prestressed, Bending, Rounding):
+class Beams(BeamElement, Prestressed, Bending, Rounding):
     """A group of beam elements; their nodes have rotations.
 
     They are straight at first: a curved member takes several of them between its loads, or the
     moment of the axial force at the rise of its arc is missing. `section_forces` has the signs.
 
     Args:
-        links: node numbers, [n_elem, 2].
+        links: node indices, [n_elem, 2].
         section: `Section` of all elements of the group; one fibre with E, A, I, J is enough.
         up: vector in the plane of the element's axis and the section's z, [3] or [n_elem, 3];
             default the global z, for vertical elements (within 0.06 degrees) the global x. An
-            element that leans by up to 6 degrees has no default, unless its section bends alike in
-            all directions: the axes would jump by 90 degrees with a small lean.
+            element that leans by up to 6 degrees has no default, unless its bending stiffness is
+            the same in all directions: its axes would jump by 90 degrees with a small lean.
         torsional_stiffness: GJ, scalar or [n_elem], N m2; needed unless the section has `torsion`,
             from which it is taken with Poisson's ratio 0.3.
         rest_length, weight, expansion, strength: as for `Bars`. Weight bends the element.
@@ -143,21 +141,21 @@ class Beams(Member, Prestressed, Bending, Rounding):
         if self.points is None:
             put(self, "points", 3 if self.section.is_elastic else 5)
         whole = isinstance(self.points, int | np.integer) and not isinstance(self.points, bool)
-        if not whole or not 3 <= self.points <= _MOST_POINTS:
+        if not whole or not 3 <= self.points <= _MAX_POINTS:
             raise ValueError(
-                f"points = {self.points!r}: expected an integer from 3 to {_MOST_POINTS}"
+                f"points = {self.points!r}: expected an integer from 3 to {_MAX_POINTS}"
             )
         self._check_hinges()
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Rules that the numbers of the group keep, see `common.rules`."""
+        """Return the rules that the numbers of the group must keep, see `common.rules`."""
         above = ("torsional_stiffness", "rest_length", "strength")
         rules = [positive(name, getattr(self, name)) for name in above]
         return rules + [not_negative(name, getattr(self, name)) for name in ("weight", "springs")]
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
-        """The rule that `up` is not along an element, for positions [n_node, 3]."""
+        """Return the rule that `up` is not along an element, for positions [n_node, 3]."""
         if self.up is None:
             return []
         links = index_array(self.links)
@@ -175,7 +173,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
         return [Rule("up", (self.up, chord), along, text)]
 
     def _check_hinges(self):
-        """Check `hinges` and `springs`, and make both [n_elem, 2, 3].
+        """Check `hinges` and `springs`, and broadcast both to [n_elem, 2, 3].
 
         Without springs, and with all hinges in all directions, `springs` becomes None.
         """
@@ -206,9 +204,9 @@ class Beams(Member, Prestressed, Bending, Rounding):
                 )
             pack = jnp if isinstance(springs, jax.Array) else np
             springs = pack.broadcast_to(springs, (count, 2, 3))
-        put(self, "springs", nan_if_broken(_twisted(springs, hinges)) if partly else None)
+        put(self, "springs", nan_if_broken(_torsion_rule(springs, hinges)) if partly else None)
         if not partly:
-            refuse_if_broken([_twisted(springs, hinges)])
+            refuse_if_broken([_torsion_rule(springs, hinges)])
 
     def check(self, nodes: Float[np.ndarray, "n_node 3"]) -> None:
         """Raise ValueError if positions [n_node, 3] leave default axes of an element unclear."""
@@ -216,8 +214,8 @@ class Beams(Member, Prestressed, Bending, Rounding):
         length = np.linalg.norm(chord, axis=1)
         if self.up is None:
             sine = np.linalg.norm(chord[:, :2], axis=1) / length
-            leaning = (sine >= _UPRIGHT) & (sine < _LEANING)
-            if leaning.any() and _differs(self.section):
+            leaning = (sine >= VERTICAL_SINE) & (sine < LEANING_SINE)
+            if leaning.any() and is_known_anisotropic(self.section):
                 k = int(leaning.argmax())
                 raise ValueError(
                     f"up: missing; element {k} leans by {np.degrees(np.arcsin(sine[k])):.3g} "
@@ -226,42 +224,42 @@ class Beams(Member, Prestressed, Bending, Rounding):
                 )
 
     def start(self, ends: Float[Array, "n_elem n_end 3"]) -> AxialState:
-        """State before the first phase; its lengths are NaN where the default axes are unclear."""
+        """Return the state before the first phase; lengths are NaN if default axes are unclear."""
         state = super().start(ends)
         if self.up is not None:
             return state
         chord = ends[:, 1] - ends[:, 0]
         sine = jnp.sqrt(jnp.sum(chord[:, :2] ** 2, axis=1) / jnp.sum(chord**2, axis=1))
-        unknown = (sine >= _UPRIGHT) & (sine < _LEANING) & ~of_each("bends_alike", self)
+        leaning = (sine >= VERTICAL_SINE) & (sine < LEANING_SINE)
+        unknown = leaning & ~of_each("bends_isotropically", self)
         return copy_with(state, rest_length=jnp.where(unknown, jnp.nan, state.rest_length))
 
     def partly(self, state: AxialState, present: Bool[Array, " n_elem"]) -> AxialState:
-        """State of a group whose elements come and go: those that come may be joined with kinks."""
+        """Return the state of a group with activation: activated beams may be joined with kinks."""
         kinks = state.kinks
         if kinks is None:
             kinks = jnp.zeros((len(state.rest_length), 2, 3), state.rest_length.dtype)
         return copy_with(state, present=present, kinks=kinks)
 
     def found(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """State of a beam that is added here: straight, and joined to its ends as it finds them."""
+        """Return the state of a beam activated here: straight, joined to its ends as they are."""
         state = super().found(state, ends, motion)
-        return copy_with(
-            state, kinks=self._pose(copy_with(state, kinks=None), ends, motion)[1].rotations
-        )
+        _, pose = self._axes_and_pose(copy_with(state, kinks=None), ends, motion)
+        return copy_with(state, kinks=pose.rotations)
 
     def at_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
-        """Halves of `amount` [n_elem] at the two ends, zero at inner rows, [n_elem, n_end]."""
+        """Return halves of `amount` [n_elem] at the ends, zero at inner rows, [n_elem, n_end]."""
         halves = jnp.repeat((0.5 * amount)[:, None], 2, axis=1)
         return jnp.pad(halves, ((0, 0), (0, self.n_inner_row)))
 
     # --- the group
 
     def hinged_ends(self) -> Bool[np.ndarray, "n_elem 2"] | None:
-        """Ends that turn freely in all directions and have a further row, [n_elem, 2], or None.
+        """Return which ends rotate freely and have a further row, [n_elem, 2], or None.
 
-        Ends with springs, or with hinges in some directions only, are joints with inner numbers
+        Ends with springs, or with hinges in some directions only, are joints with inner unknowns
         instead.
         """
         if self.hinges is None or self.springs is not None:
@@ -269,10 +267,10 @@ class Beams(Member, Prestressed, Bending, Rounding):
         return self.hinges.array.all(axis=2)
 
     def unused_columns(self) -> Bool[np.ndarray, "n_elem n_inner_row 3"]:
-        """Columns of the inner rows that contain no number, [n_elem, n_inner_row, 3] bool."""
+        """Return which entries of the inner rows hold no unknown, [n_elem, n_inner_row, 3] bool."""
         count = len(self.links)
         idle = np.ones((count, self.n_inner_row, 3), bool)
-        for row, column in self.field_places:
+        for row, column in self.field_indices:
             idle[:, row, column] = False
             if row == 1:  # fibres on one line do not resist bending along this line
                 places = checks.array_if_known((self.section.z, self.section.y)[column])
@@ -282,7 +280,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
         return idle
 
     def axes_of(self, nodes: Float[ArrayLike, "n_node 3"]) -> Float[Array, "n_elem 3 3"]:
-        """Axes of elements at initial positions [n_node, 3]: along, y and z, [n_elem, 3, 3].
+        """Return the axes at initial positions [n_node, 3]: along, y and z, [n_elem, 3, 3].
 
         Example:
             >>> section = jc.Section.rectangle(0.04, 0.1, jc.Elastic(20e9))
@@ -300,33 +298,33 @@ class Beams(Member, Prestressed, Bending, Rounding):
         return jax.vmap(one)(self.up, ends)
 
     def oriented(self, nodes: Float[ArrayLike, "n_node 3"]) -> Self:
-        """The group with its axes kept as they are at initial positions [n_node, 3]."""
+        """Return the group with its axes fixed as they are at initial positions [n_node, 3]."""
         return self if self.up is not None else replace(self, up=self.axes_of(nodes)[:, 2])
 
     @property
     def remembers(self) -> bool:  # type: ignore[override]  # read only
-        """Whether a law of the fibres remembers earlier strains."""
+        """Whether a law of the fibres has history variables."""
         return template_of(self.section).remembers
 
     @property
     def has_rupture(self) -> bool:  # type: ignore[override]  # read only
-        """Whether a fibre can be strained beyond its curve."""
+        """Whether a law of the fibres has a rupture strain."""
         return template_of(self.section).has_rupture
 
     def initial_memory(self) -> PyTree[Float[Array, "n_elem n_point n_fibre n_memory"]] | None:
-        """Memory of elements that have not been strained yet, per law, or None."""
+        """Return the history variables of elements not strained yet, per law, or None."""
         if not self.remembers:
             return None
         return template_of(self.section).initial_memory((len(self.links), self.points))
 
     def extrapolated(self) -> Self:
-        """The group for an iteration, whose laws go on beyond their ends."""
+        """Return the group with laws continued beyond their rupture strains."""
         return copy_with(
             self, section=apply_to_each(lambda section: section.for_analysis(), self.section)
         )
 
     def capacity(self) -> tuple[float | Scalar, float | Scalar]:
-        """Smallest and largest axial force without bending, N."""
+        """Return the smallest and the largest axial force without bending, N."""
         area, law = self.section.axial()
         low, high = law.capacity
         return low * area, high * area
@@ -334,7 +332,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
     def strain_at(
         self, force: Scalar, memory: PyTree[Float[Array, " ..."]] | None = None
     ) -> Scalar:
-        """Strain at an axial force without bending, N."""
+        """Return the strain at an axial force without bending, N."""
         if memory is not None:
             raise ValueError("pretension: state that of an elastic-plastic beam as prestrain")
         area, law = self.section.axial()
@@ -342,16 +340,16 @@ class Beams(Member, Prestressed, Bending, Rounding):
 
     # --- one element
 
-    def bends_alike(self) -> Bool[Array, ""]:
-        """Whether the element bends alike in all directions, so that its axes do not matter."""
-        return bends_alike(self.section)
+    def bends_isotropically(self) -> Bool[Array, ""]:
+        """Return whether its bending stiffness is the same in all directions."""
+        return is_isotropic(self.section)
 
     def axes(self, ends: Ends) -> Float[Array, "3 3"]:
-        """Initial axes of the element, [3, 3]: ``axes[0]`` along it, then the section's y and z."""
+        """Return the initial axes [3, 3]: ``axes[0]`` along it, then the section's y and z."""
         chord = ends[1] - ends[0]
         along = chord / jnp.sqrt(scalar_product(chord, chord))
         if self.up is None:
-            upright = along[0] ** 2 + along[1] ** 2 < _UPRIGHT**2
+            upright = along[0] ** 2 + along[1] ** 2 < VERTICAL_SINE**2
             up: Float[ArrayLike, " 3"] = jnp.where(
                 upright, *jnp.eye(3, dtype=along.dtype)[jnp.array([0, 2])]
             )
@@ -364,15 +362,15 @@ class Beams(Member, Prestressed, Bending, Rounding):
     def deflected(
         self, state: AxialState, ends: Ends, motion: Motion
     ) -> tuple[Float[Array, "2 3"], Float[Array, "3 3"]]:
-        """Slopes against the chord at both ends, [2, 3], and turned axes, [3, 3]: see `Bending`."""
-        _, pose = self._pose(state, ends, motion)
+        """Return slopes against the chord, [2, 3], and rotated axes, [3, 3], see `Bending`."""
+        _, pose = self._axes_and_pose(state, ends, motion)
         _, about_y, about_z = pose.rotations.T
         slopes = jnp.stack([jnp.zeros_like(about_y), about_z, -about_y], axis=1)
         return slopes @ pose.axes, pose.axes
 
 
-def _twisted(springs, hinges):
-    """The rule that something keeps each element from spinning about its axis.
+def _torsion_rule(springs, hinges):
+    """Return the rule that torsion is restrained at one end of each element.
 
     Only the constructor can check it: in the compiled core hinges are rows of motion instead.
     """
@@ -388,11 +386,3 @@ def _twisted(springs, hinges):
         )
 
     return Rule("springs", (springs, hinges), broken, text)
-
-
-def _differs(section):
-    """Whether a section is known not to bend alike in all directions."""
-    if any(checks.array_if_known(leaf) is None for leaf in jax.tree.leaves(section)):
-        return False  # traced numbers are judged by `start`
-    with jax.ensure_compile_time_eval():
-        return not bool(bends_alike(section))

@@ -1,4 +1,4 @@
-"""Strains along a beam in the frame of the element, and the forces that they make.
+"""Strains along a beam in the frame of the element, and the forces conjugate to them.
 
 Along the axis, ``s`` from 0 to 1, with Legendre's polynomials on it, ``P1 = 2 s - 1`` and
 ``P2 = 6 s^2 - 6 s + 1``:
@@ -34,40 +34,40 @@ from .element import Scalar
 
 
 @pytree
-class Field:
-    """Strains along an element, and their derivatives for the forces.
+class StrainField:
+    """Strains along an element, and their derivatives by its end rotations.
 
     Attributes:
         strain: coefficients of e0, ky, kz for 1, P1, P2, [3, 3].
         shortening: derivatives of h by ``t_1``, ``t_2`` and b, each about y and z, [3, 2].
         sag: b about y and z, [2], 1/m.
         twist: rotation of the second end about the axis relative to the first, rad.
-        yielding: curvature per moment about the neutral axis of a linear section, [2, 2]; None for
-            other sections and without load.
+        bending_compliance: curvature per moment about the neutral axis of a linear section, [2, 2];
+            None for other sections and without load.
     """
 
     strain: Float[Array, "3 3"]
     shortening: Float[Array, "3 2"]
     sag: Float[Array, " 2"]
     twist: Scalar
-    yielding: Float[Array, "2 2"] | None = None
+    bending_compliance: Float[Array, "2 2"] | None = None
 
 
-def field(
+def strain_field(
     rotations: Float[Array, "2 3"],
     stretch: Scalar,
     length: Scalar,
     load: Float[Array, " 3"] | None,
     stiffness: Float[Array, "3 3"] | None = None,
     inner: Float[Array, "2 2"] | None = None,
-) -> Field:
-    """`Field` of an element.
+) -> StrainField:
+    """Return the `StrainField` of an element.
 
     Args:
         rotations: of the ends, [2, 3], rad.
         stretch: e.
         length: unstressed length L, m.
-        load: dead load per unstressed length along the turned axes, [3], N/m, or None.
+        load: dead load per unstressed length along the rotated axes, [3], N/m, or None.
         stiffness: stiffness of a linear section, [3, 3]; None for other sections.
         inner: ``(a_1, a_2), (b_y, b_z)`` of a section that is not linear, [2, 2], -, 1/m, or None.
     """
@@ -83,9 +83,11 @@ def field(
         coupling = stiffness[0, 1:] / stiffness[0, 0]
         a_1, a_2, sag = -coupling @ odd, jnp.zeros_like(stretch), None
         if load is not None:
-            yielding = _inverse(stiffness[1:, 1:] - jnp.outer(coupling, stiffness[0, 1:]))
+            yielding = _inverse_or_diagonal(
+                stiffness[1:, 1:] - jnp.outer(coupling, stiffness[0, 1:])
+            )
             a_1 = a_1 - 0.5 * load[0] * length / stiffness[0, 0]
-            sag = yielding @ (length**2 / 12 * across(load))
+            sag = yielding @ (length**2 / 12 * bending_components(load))
             a_2 = -coupling @ sag
     if sag is None:
         sag = jnp.zeros_like(even)
@@ -97,11 +99,11 @@ def field(
         slopes = slopes + jnp.stack([by_end, -by_end, by_sag])
     axial = jnp.stack([stretch + jnp.sum(bent) / 30, a_1, a_2])
     strain = jnp.column_stack([axial, jnp.stack([even, odd, sag])])
-    return Field(strain, slopes, sag, rotations[1, 0] - rotations[0, 0], yielding)
+    return StrainField(strain, slopes, sag, rotations[1, 0] - rotations[0, 0], yielding)
 
 
-def _inverse(matrix):
-    """Inverse of a matrix [2, 2]; zero about an axis without bending stiffness.
+def _inverse_or_diagonal(matrix):
+    """Invert a matrix [2, 2]; zero about an axis without bending stiffness.
 
     Fibres on one line have no stiffness for bending along this line.
     """
@@ -113,25 +115,27 @@ def _inverse(matrix):
     return jnp.where(regular, inverse, jnp.diag(jnp.stack(diagonal)))
 
 
-def across(load: Float[Array, " 3"]) -> Float[Array, " 2"]:
-    """Bending effect of a load [3] about y and z, [2]: moment per length and lever arm."""
+def bending_components(load: Float[Array, " 3"]) -> Float[Array, " 2"]:
+    """Return the components of a load [3] that bend about y and z, [2]."""
     return jnp.stack([-load[2], load[1]])
 
 
-def basis(places: Float[ArrayLike, " n"]) -> Float[Array, "n 3"]:
-    """1, P1 and P2 at positions s [n], [n, 3]."""
+def legendre_basis(places: Float[ArrayLike, " n"]) -> Float[Array, "n 3"]:
+    """Return 1, P1 and P2 at positions s [n], [n, 3]."""
     place = jnp.asarray(places)
     return jnp.stack([jnp.ones_like(place), 2 * place - 1, 6 * place * (place - 1) + 1], axis=1)
 
 
-def displaced(field: Field, rotations: Float[Array, "2 3"], length: Scalar) -> Float[Array, " 3"]:
-    """Mean displacement of the axis against its chord, along the turned axes, [3], m."""
+def mean_deflection(
+    field: StrainField, rotations: Float[Array, "2 3"], length: Scalar
+) -> Float[Array, " 3"]:
+    """Return the mean displacement of the axis from its chord, along the rotated axes, [3], m."""
     bow = length / 12 * (rotations[0, 1:] - rotations[1, 1:]) + length**2 / 60 * field.sag
     return jnp.stack([-field.strain[1, 0] * length / 6, bow[1], -bow[0]])
 
 
-def generalized(
-    field: Field,
+def generalized_forces(
+    field: StrainField,
     rotations: Float[Array, "2 3"],
     length: Scalar,
     sums: Float[Array, "3 3"],
@@ -139,14 +143,14 @@ def generalized(
     load: Float[Array, " 3"] | None,
     following: tuple[Float[Array, " 3"], Float[Array, "3 3"]] | None = None,
 ) -> tuple[Scalar, Float[Array, "2 3"], Float[Array, " 3"], Float[Array, "2 2"]]:
-    """Forces of an element from the sums of its section's forces over the axis.
+    """Return the forces of an element from integrals of its section forces over the axis.
 
     Args:
-        field, rotations, length, load: as of `field`.
+        field, rotations, length, load: as of `strain_field`.
         sums: integrals over s of N, My, Mz times 1, P1, P2, [3, 3], N and N m.
         torsion: torsional stiffness, N m2.
-        following: derivatives of a following load, the last two results of `corotation.pressed`,
-            or None.
+        following: derivatives of a following load, the last two results of
+            `corotation.pressure_load`, or None.
 
     Returns:
         Axial force, N; moments on the ends [2, 3], N m; torque on the frame [3], N m; and residuals
@@ -154,7 +158,7 @@ def generalized(
     """
     force, even, odd = sums[0, 0], sums[0, 1:], 3 * sums[1, 1:]
     if load is not None:
-        odd_load = length**2 / 12 * across(load)
+        odd_load = length**2 / 12 * bending_components(load)
         first_load, second_load = odd_load, -odd_load
     bend = length * force * field.shortening
     first, second = bend[0] - even + odd, bend[1] + even + odd
@@ -163,12 +167,12 @@ def generalized(
     torque = jnp.zeros(3, force.dtype)
     if load is not None:
         first, second = first - first_load, second - second_load
-        by_sag = by_sag - length**3 / 60 * across(load)
+        by_sag = by_sag - length**3 / 60 * bending_components(load)
         by_axial = by_axial + jnp.stack([load[0] * length**2 / 6, jnp.zeros_like(force)])
-        pull = -length * displaced(field, rotations, length)
-        if field.yielding is not None:
+        pull = -length * mean_deflection(field, rotations, length)
+        if field.bending_compliance is not None:
             # b changes with a load that turns against the frame
-            turned = length**2 / 12 * (field.yielding @ bend[2])
+            turned = length**2 / 12 * (field.bending_compliance @ bend[2])
             pull = pull + jnp.stack([jnp.zeros_like(force), turned[1], -turned[0]])
         torque = cross(load, pull)
         if following is not None:
@@ -179,22 +183,24 @@ def generalized(
     return force, moments, torque, jnp.stack([by_axial, by_sag])
 
 
-def linear_sums(stiffness: Float[Array, "3 3"], strain: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
-    """Sums for `generalized` in a linear section, where the orders are uncoupled, [3, 3]."""
+def linear_section_integrals(
+    stiffness: Float[Array, "3 3"], strain: Float[Array, "3 3"]
+) -> Float[Array, "3 3"]:
+    """Sums for `generalized_forces` in a linear section, where the orders are uncoupled, [3, 3]."""
     return strain @ stiffness * jnp.array([1, 1 / 3, 1 / 5], strain.dtype)[:, None]
 
 
-def curve(
-    field: Field,
+def deflected_axis(
+    field: StrainField,
     rotations: Float[Array, "2 3"],
     length: Scalar,
     chord: Scalar,
     places: Float[ArrayLike, " n"],
 ) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"], Float[Array, "n 3"]]:
-    """The deflected axis along the turned axes of the element.
+    """Return the deflected axis, in components along the rotated axes of the element.
 
     Args:
-        field, rotations, length: as of `field`.
+        field, rotations, length: as of `strain_field`.
         chord: length of the chord, m.
         places: positions s, [n].
 
@@ -221,7 +227,18 @@ def curve(
 
 
 def lobatto(n: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Gauss-Lobatto points from 0 to 1 and their weights, [n] each (exact to degree 2 n - 3)."""
+    """Return Gauss-Lobatto points from 0 to 1 and weights, [n] each (exact to degree 2 n - 3)."""
     legendre = np.polynomial.legendre.Legendre.basis(n - 1)
     points = np.concatenate([[-1.0], np.sort(legendre.deriv().roots().real), [1.0]])
     return 0.5 + 0.5 * points, 1 / (n * (n - 1) * legendre(points) ** 2)
+
+
+def split_strains(strain: Float[Array, "n_point 3"]) -> tuple[Array, Array, Array]:
+    """Split section strains [n_point, 3] into strain and both curvatures."""
+    strain, about_y, about_z = strain.T
+    return strain, about_y, about_z
+
+
+def cross_products(a: Float[Array, "... 3"], b: Float[Array, "... 3"]) -> Float[Array, "... 3"]:
+    """Return the cross products of arrays [..., 3], by shifts: fewer operations to compile."""
+    return jnp.roll(a, -1, -1) * jnp.roll(b, 1, -1) - jnp.roll(a, 1, -1) * jnp.roll(b, -1, -1)

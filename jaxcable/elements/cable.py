@@ -15,7 +15,7 @@ from ..common.types import Array, Bool, Float
 from ..materials import Parallel
 from . import fine
 from .abilities import Pull, Pulling, Room
-from .bar import Plain
+from .bar import TwoNodeStraight
 from .element import Ends, Motion, Scalar
 from .prestress import AxialState, jacked_or
 from .straight import Straight
@@ -27,57 +27,57 @@ class TensionOnly(Straight, Pulling):
     tension_only = True
 
     def force(self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
-        """Axial force, N: zero in a slack cable."""
-        return self._cut(super().force(strain, memory), strain, memory)
+        """Return the axial force, N; zero in a slack cable."""
+        return self._zero_if_slack(super().force(strain, memory), strain, memory)
 
     def energy_per_length(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
     ) -> Scalar:
-        """Stored energy per unstressed length, J/m: zero in a slack cable without memory.
+        """Return the energy per unstressed length, J/m; zero in a slack cable without memory.
 
         Parts of a law that have yielded still pull and push each other in a slack cable.
         """
         energy = super().energy_per_length(strain, memory)
-        return energy if memory is not None else self._cut(energy, strain, memory)
+        return energy if memory is not None else self._zero_if_slack(energy, strain, memory)
 
     def fibre_stress(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
     ) -> Float[Array, " n_fibre"] | Scalar:
-        """Stress of every fibre, Pa; the sum of stress times area is zero in a slack cable.
+        """Return the stress of every fibre, Pa; stress times area sums up to zero in a slack cable.
 
         Each stress is zero, too, unless the cable has several laws and some have yielded: then the
-        stresses at which it went slack remain, in balance.
+        stresses at which it went slack remain, in equilibrium.
         """
-        return self._cut(super().fibre_stress(strain, memory), strain, memory)
+        return self._zero_if_slack(super().fibre_stress(strain, memory), strain, memory)
 
     def is_slack(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Whether the cable is shorter than its unstressed length and hence without force."""
+        """Return whether the cable is shorter than its unstressed length: without force."""
         return jacked_or(
             state,
             jnp.zeros((), bool),
-            lambda: self._slack(self.strain(state, ends, motion), state.memory),
+            lambda: self._is_slack_at(self.strain(state, ends, motion), state.memory),
         )
 
     def fits_cones(self, state: AxialState) -> bool:
-        """Whether `conic_interior_point` applies: to a linear law, as they are straight."""
+        """Return whether `conic_interior_point` applies: to cables with a linear law."""
         return self.stiffness_along() is not None
 
     def pulled(self, state: AxialState, ends: Ends, motion: Motion) -> Pull:
-        """Tension and what belongs to it at a point, see `Pulling`."""
-        tension, slope = self.stretched(state, ends, motion)
-        along = self.end_forces(_under_unit(state), ends, motion)
+        """Return the `Pull` at a point, see `Pulling`."""
+        tension, slope = self.tension_and_stiffness(state, ends, motion)
+        along = self.end_forces(_with_unit_force(state), ends, motion)
         shape = self.strain(state, ends, motion)
         return Pull(tension, slope, along, tension * along, shape)
 
     def brought(
         self, state: AxialState, ends: Ends, motion: Motion, wanted: Bool[Array, ""]
     ) -> tuple[AxialState, Ends, Motion]:
-        """The cable where a motion with a fine part has brought it, see `Pulling`."""
+        """Rebase the cable after a motion with a low-order part, see `Pulling`."""
         elongation, places = fine.brought(state.elongation, ends, motion, wanted)
         return copy_with(state, elongation=elongation), places, jnp.zeros_like(places)
 
     def room(self, state: AxialState, tension: Scalar, shape: Scalar) -> Room:
-        """Length under a tension less that at a strain, `shape`."""
+        """Return the length under a tension less that at a strain, `shape`."""
         one = jnp.ones_like(tension)
         under, slope = jax.jvp(lambda n: self.strain_at(n, state.memory), (tension,), (one,))
         return Room(state.rest_length * (under - shape), state.rest_length * slope)
@@ -85,11 +85,11 @@ class TensionOnly(Straight, Pulling):
     def bent(
         self, state: AxialState, ends: Ends, motion: Motion, tension: Scalar
     ) -> Float[Array, "n_end 3 n_end 3"]:
-        """Stiffness of a tension: it times the second derivative of the length."""
-        return tension * self.tangent(_under_unit(state), ends, motion)
+        """Return the geometric stiffness: tension times second derivative of the length, N/m."""
+        return tension * self.tangent(_with_unit_force(state), ends, motion)
 
     def at_kink(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Whether the cable is exactly unstressed, up to rounding: between taut and slack."""
+        """Return whether the cable is unstressed up to rounding: between taut and slack."""
 
         def unstressed():
             strain = self.strain(state, ends, motion)
@@ -98,13 +98,14 @@ class TensionOnly(Straight, Pulling):
 
         return jacked_or(state, jnp.zeros((), bool), unstressed)
 
-    def _cut(self, value, strain, memory):
-        """`value`, or zero in a slack cable; a `Parallel` law has done so itself."""
+    def _zero_if_slack(self, value, strain, memory):
+        """Return `value`, or zero in a slack cable; a `Parallel` law does so itself."""
         if isinstance(self._section()[1], Parallel):
             return value
-        return jnp.where(self._slack(strain, memory), 0.0, value)
+        return jnp.where(self._is_slack_at(strain, memory), 0.0, value)
 
-    def _slack(self, strain, memory):
+    def _is_slack_at(self, strain, memory):
+        """Return whether the law gives no tension at a strain."""
         if memory is None:
             return strain < 0
         # plastic strain has lengthened the cable: the law (or several of them, by the sum of their
@@ -112,17 +113,18 @@ class TensionOnly(Straight, Pulling):
         return self._section()[1].is_slack(strain, memory)
 
     def _section(self):
+        """Return the triple of `Straight._section`, with a law that carries tension only."""
         stiffness, law, area = super()._section()
         return stiffness, None if law is None else law.tension_only(), area
 
 
-def _under_unit(state):
-    """The state of an element whose force is 1 N."""
+def _with_unit_force(state):
+    """Return the state of an element whose jack force is 1 N."""
     return copy_with(state, jack_force=jnp.ones_like(state.rest_length), jacked=None)
 
 
 @pytree(indices=("links",))
-class Cables(TensionOnly, Plain):
+class Cables(TensionOnly, TwoNodeStraight):
     """A group of straight two-node cables: as `Bars`, but in tension only.
 
     ``N = max(EA e, 0)`` or ``N = A s(e)`` with ``e = (l - L0) / L0``; at ``e = 0`` the tangent is

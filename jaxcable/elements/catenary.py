@@ -76,11 +76,15 @@ class Catenaries(TensionOnly, Sagging, Rounding):
             raise ValueError("law, area, section: a catenary is elastic; give axial_stiffness")
         super().__post_init__()
 
-    def _hang(self, state, ends, motion):
-        """Middle tension vector F, tau, theta (see `hanging`), and the chord of one element."""
+    def _solve_shape(self, state, ends, motion):
+        """Return the tension vector F in the middle, tau, theta (see `hanging`), and the chord."""
         chord = (ends[1] - ends[0]) + (motion[1] - motion[0])
         force, tau, theta = hanging.hang(
-            chord, excess(state, ends, motion), state.line_load, state.rest_length, self._stiffness
+            chord,
+            squared_length_excess(state, ends, motion),
+            state.line_load,
+            state.rest_length,
+            self._stiffness,
         )
         return force, tau, theta, chord
 
@@ -89,83 +93,96 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         return self._section()[0]
 
     def has_result(self, name: str, state: AxialState) -> bool:
-        """Whether it has a result; a peak tension only where there is a load."""
+        """Return whether it has a result; a peak tension only under a load."""
         if name == "peak_tension":
             return state.line_load is not None
         return super().has_result(name, state)
 
     def tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Mean of the tensions at both ends, N."""
+        """Return the mean of the tensions at both ends, N."""
         if state.line_load is None:
             return super().tension(state, ends, motion)
-        return self._hang(state, ends, motion)[1]
+        return self._solve_shape(state, ends, motion)[1]
 
     def _pull(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, " 3"]:
         if state.line_load is None:
             return super()._pull(state, ends, motion)
-        return self._hang(state, ends, motion)[0]
+        return self._solve_shape(state, ends, motion)[0]
 
     def fits_cones(self, state: AxialState) -> bool:
-        """Whether `conic_interior_point` applies: where no load acts along them in any phase."""
+        """Return whether `conic_interior_point` applies: without loads along them in any phase."""
         return state.line_load is None and super().fits_cones(state)
 
     def pulled(self, state: AxialState, ends: Ends, motion: Motion) -> Pull:
-        """Tension and what belongs to it; under a load the tension is ``tau - |q| L0/2``."""
+        """Return the `Pull` at a point; under a load its tension is ``tau - |q| L0/2``."""
         if state.line_load is None:
             return super().pulled(state, ends, motion)
-        shape = (ends[1] - ends[0]) + (motion[1] - motion[0]), excess(state, ends, motion)
+        shape = (
+            (ends[1] - ends[0]) + (motion[1] - motion[0]),
+            squared_length_excess(state, ends, motion),
+        )
         span = (*shape, state.line_load, state.rest_length, self._stiffness)
-        tension = hanging.least_tension(*span)
-        at = hanging_springs.under(tension, *span)
-        give = at.compliance + at.less
+        tension = hanging.tension_unknown(*span)
+        at = hanging_springs.hanging_under_tension(tension, *span)
+        give = at.compliance + at.sag_compliance
         # a slack cable without load has no stiffness
         slope = jnp.where((tension > 0) | (shape[1] >= 0), 1 / give, 0.0)
-        along, forces = jnp.stack([-at.along, at.along]), jnp.stack([-at.force, at.force])
+        along, forces = (
+            jnp.stack([-at.force_per_tension, at.force_per_tension]),
+            jnp.stack([-at.force, at.force]),
+        )
         return Pull(tension, slope, along, forces, shape)
 
     def room(self, state: AxialState, tension: Scalar, shape: PyTree[Array]) -> Room:
-        """What a tension would do to a hanging cable, see `hanging_springs`."""
+        """Return the `Room` under a tension; of a hanging cable by `hanging_springs`."""
         if state.line_load is None:
             return super().room(state, tension, shape)
         chord, above = shape
         load, rest_length = state.line_load, state.rest_length
-        at = hanging_springs.under(tension, chord, above, load, rest_length, self._stiffness)
-        along, forces = jnp.stack([-at.along, at.along]), jnp.stack([-at.force, at.force])
-        return Room(at.gap, at.compliance, at.sag, at.less, along, forces)
+        at = hanging_springs.hanging_under_tension(
+            tension, chord, above, load, rest_length, self._stiffness
+        )
+        along, forces = (
+            jnp.stack([-at.force_per_tension, at.force_per_tension]),
+            jnp.stack([-at.force, at.force]),
+        )
+        return Room(at.spare_length, at.compliance, at.sag, at.sag_compliance, along, forces)
 
     def bent(
         self, state: AxialState, ends: Ends, motion: Motion, tension: Scalar
     ) -> Float[Array, "2 3 2 3"]:
-        """Stiffness of a tension; under a load that of the two springs of `hanging_springs`."""
+        """Return the geometric stiffness; under a load by the two springs of `hanging_springs`."""
         if state.line_load is None:
             return super().bent(state, ends, motion, tension)
-        block = hanging_springs.matrix(tension, state.line_load, state.rest_length, self._stiffness)
+        block = hanging_springs.tension_stiffness(
+            tension, state.line_load, state.rest_length, self._stiffness
+        )
         return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])
 
     def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Error that the rounding of displacements leaves in the end forces, [2, 3], N."""
+        """Return the error of the end forces by rounding of displacements, [2, 3], N."""
         at = self.pulled(state, ends, motion)
         moved = 8 * jnp.finfo(motion.dtype).eps * jnp.max(jnp.abs(motion))
         return moved * at.slope * jnp.abs(at.along)
 
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Stored energy and potential of the load along it, less its shares at the ends, J."""
+        """Return stored energy plus potential of the load along it, less its end shares, J."""
         if state.line_load is None:
             return super().energy(state, ends, motion)
-        force, tau, theta, chord = self._hang(state, ends, motion)
+        force, tau, theta, chord = self._solve_shape(state, ends, motion)
         return hanging.stored_energy(
             force, tau, theta, chord, state.line_load, state.rest_length, self._stiffness
         )
 
     def is_slack(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Whether its unstressed length exceeds its chord and no load acts on it."""
+        """Return whether its unstressed length exceeds its chord and no load acts on it."""
         slack = self.strain(state, ends, motion) < 0
         if state.line_load is None:
             return slack
         return slack & jnp.all(state.line_load == 0)
 
     def at_kink(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Whether it is exactly unstressed and without load; a load makes its force smooth."""
+        """Return whether it is unstressed and without load; a load makes its force smooth."""
         kink = super().at_kink(state, ends, motion)
         return kink if state.line_load is None else kink & jnp.all(state.line_load == 0)
 
@@ -173,19 +190,19 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         """Tensions at the first and the second end, [2], N."""
         if state.line_load is None:
             return jnp.repeat(super().tension(state, ends, motion), 2)
-        return _end_tensions(self._hang(state, ends, motion)[0], state)
+        return _end_tensions(self._solve_shape(state, ends, motion)[0], state)
 
     def peak_tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """The larger of the tensions at both ends, N; the tension between them is smaller."""
+        """Return the larger of the tensions at both ends, N; it is smaller between them."""
         return jnp.max(self.end_tensions(state, ends, motion))
 
     def reading(
         self, state: AxialState, ends: Ends, motion: Motion, names: Sequence[str]
     ) -> dict[str, Array]:
-        """Results by name; the shape, which takes an iteration, is found once for all of them."""
+        """Return results by name; the shape, which takes an iteration, is computed once."""
         if state.line_load is None:
             return super().reading(state, ends, motion, names)
-        force, tau, *_ = self._hang(state, ends, motion)
+        force, tau, *_ = self._solve_shape(state, ends, motion)
         known = {
             "tension": tau,
             "peak_tension": jnp.max(_end_tensions(force, state)),
@@ -195,21 +212,23 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         return others | {name: known[name] for name in names if name in known}
 
     def sag(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Distance of the cable from its chord at midspan, along the load, m."""
-        force, _, theta, _ = self._hang(state, ends, motion)
+        """Return the distance of the cable from its chord at midspan, along the load, m."""
+        force, _, theta, _ = self._solve_shape(state, ends, motion)
         load: Float[Array, " 3"] = state.line_load  # type: ignore[assignment]  # under a load
         return hanging_sag.midspan_sag(force, theta, load, self._stiffness)
 
     def curve(
         self, state: AxialState, ends: Ends, motion: Motion, parts: Float[Array, " n"]
     ) -> Float[Array, "n 3"]:
-        """Positions along the element, [n, 3], m, at parts [n] of its unstressed length."""
+        """Return positions along the element, [n, 3], m, at parts [n] of its unstressed length."""
         first = ends[0] + motion[0]
         if state.line_load is None:
             return first[None] + jnp.outer(parts, ends[1] + motion[1] - first)
-        force, tau, _, _ = self._hang(state, ends, motion)
+        force, tau, _, _ = self._solve_shape(state, ends, motion)
         load, rest_length = state.line_load, state.rest_length
-        return first[None] + hanging.places(parts, force, tau, load, rest_length, self._stiffness)
+        return first[None] + hanging.positions_along(
+            parts, force, tau, load, rest_length, self._stiffness
+        )
 
     def strain_at_sag(
         self,
@@ -217,10 +236,10 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         sag: Float[Array, " n_elem"],
         warmth: float | Float[Array, " n_elem"] = 1.0,
     ) -> Float[Array, " n_elem"]:
-        """Strains of the chords at which elements have the sags `sag` [n_elem], m.
+        """Return the strains of the chords at which elements have given sags [n_elem], m.
 
         Sags are vertical distances from the chords between the initial ends [n_elem, 2, 3] at
-        midspan, under the whole weight of the group along -z. `warmth` as of `AxialState`: an
+        midspan, under the whole weight of the group along -z. `warmth` as in `AxialState`: an
         element that heat has lengthened weighs less per length.
         """
 
@@ -234,13 +253,13 @@ class Catenaries(TensionOnly, Sagging, Rounding):
 
 
 def _end_tensions(force, state):
-    """Tensions at both ends, [2], N, from the tension vector in the middle, [3]."""
+    """Return the tensions at both ends, [2], N, from the tension vector in the middle, [3]."""
     half = 0.5 * state.rest_length * state.line_load
     return jnp.sqrt(jnp.stack([jnp.sum((force + half) ** 2), jnp.sum((force - half) ** 2)]))
 
 
-def excess(state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-    """``|chord|^2 - L0^2``, computed without this subtraction, m2."""
+def squared_length_excess(state: AxialState, ends: Ends, motion: Motion) -> Scalar:
+    """Return ``|chord|^2 - L0^2``, computed without this subtraction, m2."""
     start, w = ends[1] - ends[0], motion[1] - motion[0]
     length = stretch(ends, jnp.zeros_like(ends))[3]
     return state.elongation * (length + state.rest_length) + scalar_product(2 * start + w, w)

@@ -1,7 +1,7 @@
 """Check that a class of elements keeps the contract of `element` and `abilities`.
 
-`require` is asked of every group of a structure, by attributes alone. `check` is for authors of
-elements: it calls the methods of a group, and compares forces, tangent and energy.
+`require` checks the attributes of every group of a structure. `check` is for authors of elements:
+it also calls the methods of a group, and compares forces, tangent and energy.
 """
 
 from __future__ import annotations
@@ -15,33 +15,33 @@ from .element import SECTION_STRAIN, Element, Result
 from .element_state import ElementState
 from .stated import Statement
 
-METHODS = {
+REQUIRED_METHODS = {
     "remembers": ("size", "initial_memory"),
     "has_rupture": ("is_ruptured",),
     "tension_only": ("is_slack", "at_kink"),
     "rotates": ("end_forces_about",),
     "slides": ("slid",),
 }
-"""Methods that a group must have where an attribute is true, see the table in `abilities`."""
+"""Methods that a group must define where an attribute is True; see the table in `abilities`."""
 
 
 def require(group: Element, name: str) -> None:
-    """Raise ValueError if a group lacks what its attributes promise.
+    """Raise ValueError if a group lacks methods or results that its attributes require.
 
     Args:
         group: element group.
-        name: of the group, as a user writes it, for messages.
+        name: name of the group in messages.
     """
-    for text in _lacks(group):
+    for text in _missing_abilities(group):
         raise ValueError(f"{name} ({type(group).__name__}): {text}")
 
 
-def _lacks(group):
-    """Iterate over what a group lacks by its attributes, in words."""
+def _missing_abilities(group):
+    """Yield a sentence for everything that a group lacks according to its attributes."""
     kind = type(group)
-    for attribute, methods in METHODS.items():
+    for attribute, methods in REQUIRED_METHODS.items():
         for method in methods:
-            if getattr(group, attribute) and _inherits(kind, method):
+            if getattr(group, attribute) and _has_default(kind, method):
                 yield f"{attribute} = True needs a method `{method}`"
     wrong = [result for result in group.results if not isinstance(result, Result)]
     if wrong:
@@ -52,10 +52,10 @@ def _lacks(group):
     if face is not None and not known:
         yield f"face: expected a tuple of 3 or 4 ends of 0 to {len(ends) - 1}, got {face!r}"
     names = [result.name for result in group.results]
-    if not group.remembers and not _inherits(kind, "settled"):
+    if not group.remembers and not _has_default(kind, "settled"):
         yield "settled: it is only asked where remembers = True"
-    by_strain = group.remembers and _inherits(kind, "settled")
-    if by_strain and _inherits(kind, "commit_memory"):
+    by_strain = group.remembers and _has_default(kind, "settled")
+    if by_strain and _has_default(kind, "commit_memory"):
         yield "remembers = True needs a method `commit_memory`, or `settled`"
     for attribute, needs in (("remembers", by_strain), ("has_rupture", group.has_rupture)):
         if needs and SECTION_STRAIN.name not in names:
@@ -83,8 +83,8 @@ def _lacks(group):
                 yield f"statements: {name!r} needs the ability `{ability.__name__}`"
 
 
-def _inherits(kind, method):
-    """Whether a class has nothing but the default of `Element` for a method."""
+def _has_default(kind, method):
+    """Return whether a class inherits the default of `Element` for a method."""
     return getattr(kind, method) is getattr(Element, method)
 
 
@@ -97,40 +97,43 @@ def check(
     tol: float = 1e-6,
     conservative: bool | None = None,
 ) -> None:
-    """Try a class of elements of your own: its methods, their shapes, forces against energy.
+    """Test a class of elements of your own: shapes of all methods, forces against energy.
 
     The end forces must be the gradient of the energy and the tangent symmetric, unless the group
     says ``symmetric = False``; the tangent must be the derivative of the end forces in any case.
     Forces, tangent and energy must be finite, also before any motion. Arrays must be fields of the
-    pytree, since others are lost where jax takes it apart. A statement that concerns no element
-    must leave the state as it is, and an element that is added must get a state of the same fields
-    and shapes. Where elements rotate, the quaternions q and -q are the same rotation.
+    pytree, since others are lost where jax takes it apart. A statement that selects no element must
+    not change the state, and an element that is added must get a state of the same fields and
+    shapes. Where elements rotate, the quaternions q and -q must give the same forces.
 
     Args:
         group: element group, with some elements.
-        nodes: initial positions, [n_node, 3], m. Elements with inner numbers need a row for each
-            inner row after the nodes, at any position, and links that name these rows.
-        state: state of the group; default that before the first phase.
-        motion: of all rows, [n_row, 3], or with rotations [n_row, 7]; default a random one of 1 %
-            of the mean distance of the ends (1 cm for elements of one end). It should strain the
-            elements, and be off their kinks.
+        nodes: initial positions, [n_node, 3], m. Elements with inner unknowns need further rows
+            after the nodes, at any position, and links to these rows.
+        state: state of the group; default: the state before the first phase.
+        motion: motion of all rows, [n_row, 3], or [n_row, 7] with rotations; default: random, of
+            1 % of the mean distance of the ends (1 cm for elements of one end). It should strain
+            the elements, and no force may have a kink there.
 
     Options:
-        tol: largest difference, relative to the largest entry; it must allow for the rounding of
-            forces (use double precision).
-        conservative: whether forces are to be compared with the energy; default `symmetric`.
+        tol: largest allowed difference, relative to the largest entry; it must allow for the
+            rounding of forces (use double precision).
+        conservative: whether to compare forces with the energy; default: `symmetric`.
 
     Raises:
-        ValueError: the group does not keep the contract; the message has all that was found.
+        ValueError: the group does not keep the contract; the message lists all faults.
 
     Example:
         >>> nodes = [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [3.0, 4.0, 0.0]]
         >>> bars = jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e6)
-        >>> jc.elements.check(bars, nodes)  # it says nothing
+        >>> jc.elements.check(bars, nodes)  # no message: no fault
     """
-    found = [*trial.declared(group, len(np.asarray(nodes)))]
-    if not found:  # what follows needs all of it
+    found = [*trial.declaration_faults(group, len(np.asarray(nodes)))]
+    if not found:  # calling methods needs a sound declaration
         conservative = group.symmetric if conservative is None else conservative
-        found = [*_lacks(group), *trial.tried(group, nodes, state, motion, tol, conservative)]
+        found = [
+            *_missing_abilities(group),
+            *trial.method_faults(group, nodes, state, motion, tol, conservative),
+        ]
     if found:
         raise ValueError(f"{type(group).__name__}: " + "; ".join(found))

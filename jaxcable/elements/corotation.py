@@ -55,10 +55,11 @@ class Pose:
         mean: direction a that the mean rotation gives the initial axis, [3].
         chord: direction b of the chord, [3].
         axes: axes of the element after its rotation, [3, 3], one in each row of the matrix.
-        half: half of the rotation between the ends, quaternion [4].
-        turns: rotations of the ends relative to the frame, `to_stereographic`, along its axes, [2,
-            3].
-        rotations: `turns` as rotation vectors, less those of the unstressed element, [2, 3], rad.
+        half_rotation: half of the rotation between the ends, quaternion [4].
+        end_rotations: rotations of the ends relative to the frame, `to_stereographic`, along its
+            axes, [2, 3].
+        rotations: `end_rotations` as rotation vectors, less those of the unstressed element, [2,
+            3], rad.
     """
 
     length: Scalar
@@ -66,8 +67,8 @@ class Pose:
     mean: Float[Array, " 3"]
     chord: Float[Array, " 3"]
     axes: Float[Array, "3 3"]
-    half: Float[Array, " 4"]
-    turns: Float[Array, "2 3"]
+    half_rotation: Float[Array, " 4"]
+    end_rotations: Float[Array, "2 3"]
     rotations: Float[Array, "2 3"]
 
 
@@ -78,7 +79,7 @@ def pose(
     quaternions: Float[Array, "2 4"],
     kinks: Float[Array, "2 3"] | None = None,
 ) -> Pose:
-    """`Pose` from initial axes [3, 3], as of `Pose.axes`, initial ends [2, 3] and their motion.
+    """Return the `Pose` for initial axes [3, 3], initial ends [2, 3] and their motion.
 
     `kinks` are the rotations [2, 3] at which the element is unstressed; None where they are zero.
     """
@@ -101,10 +102,10 @@ def pose(
     return Pose(length, change, mean, chord, turned, half, turns, rotations)
 
 
-def pressed(
+def pressure_load(
     pose: Pose, pressures: Pressures, rest_length: Scalar
 ) -> tuple[Float[Array, " 3"], Float[Array, " 3"], Float[Array, "3 3"]]:
-    """Load of pressures per unstressed length, along the turned axes, and its derivatives.
+    """Return the load of pressures per unstressed length, along rotated axes, and derivatives.
 
     Args:
         pose: of the element.
@@ -136,7 +137,7 @@ def pressed(
 def end_forces(
     pose: Pose, force: Scalar, moments: Float[Array, "2 3"], torque: Float[Array, " 3"]
 ) -> tuple[Float[Array, " 3"], Float[Array, "2 3"]]:
-    """Pull on the second end [3], N, and moments on both ends [2, 3], N m, in space.
+    """Return pull on the second end [3], N, and moments on both ends [2, 3], N m, in space.
 
     Args:
         pose: of the element.
@@ -145,11 +146,11 @@ def end_forces(
         torque: moment T of loads that do not turn with the frame, see the module, [3], N m. Its
             components, and those of the moments, are along the turned axes.
     """
-    by_spin = jax.vmap(moment_conjugate_to_spin)(pose.turns, moments)
+    by_spin = jax.vmap(moment_conjugate_to_spin)(pose.end_rotations, moments)
     first, second = by_spin @ pose.axes
     onto = first + second + torque @ pose.axes
     along = scalar_product(onto, pose.chord) / (1 + scalar_product(pose.mean, pose.chord))
     shared = along * (pose.mean + pose.chord)
-    skew = cross(pose.half[1:], shared) / (2 * pose.half[0])
+    skew = cross(pose.half_rotation[1:], shared) / (2 * pose.half_rotation[0])
     pull = force * pose.chord - cross(onto - along * pose.mean, pose.chord) / pose.length
     return pull, jnp.stack([first - 0.5 * shared + skew, second - 0.5 * shared - skew])

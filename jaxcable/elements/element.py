@@ -1,11 +1,11 @@
 """The contract of element groups: the base class `Element`, its state and its results.
 
 An `Element` is a group of elements of one kind. Inside vmap over its `properties` the same object
-stands for one element (`prestress.element`). It knows nothing about nodes, numbering or solvers.
-Methods of one element take ``ends``, the initial positions of its ends [n_end, 3], m, and
+stands for one element (`prestress.element`). It knows nothing about nodes, degrees of freedom or
+solvers. Methods of one element take ``ends``, the initial positions of its ends [n_end, 3], m, and
 ``motion``, the displacements of its ends [n_end, 3], or with rotations their displacements and unit
-quaternions [n_end, 7]. (Elements of nets that move with a fine part are brought to where they are,
-see `abilities.Pulling`, and have not moved from there.) A ``state`` contains what phases change.
+quaternions [n_end, 7]. (Displacements of nets may have a low-order part; such elements are rebased
+to their present positions first, see `abilities.Pulling`.) A ``state`` contains what phases change.
 Base classes for what only some elements can do are in `abilities`.
 """
 
@@ -33,22 +33,22 @@ Ends: TypeAlias = 'Float[Array, "n_end 3"]'
 Motion: TypeAlias = 'Float[Array, "n_end n_motion"]'
 """Motion of the ends of one element: displacements, and unit quaternions if it has rotations."""
 Forces: TypeAlias = 'Float[Array, "n_end n_freedom"]'
-"""Forces at the ends of one element, or a step of these ends."""
+"""Forces at the ends of one element, or a step (translations, spins) of these ends."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Result:
-    """A result of an element: its method `name`, called with a state, ends and motion.
+    """Declaration of a result: the method `name` computes it from a state, ends and motion.
 
     Attributes:
-        name: of the method; solutions, files, pictures and reports use it, too.
-        unit: of its numbers.
-        components: names of the entries of its last axis; empty if there are none to name.
+        name: name of the method; solutions, files, pictures and reports use it, too.
+        unit: unit of its numbers.
+        components: names of the entries of its last axis; empty if it has no components.
         ends, increments: whether the result is kept at the end of every phase, and of every
             increment.
-        places: names of the places in the element, along the axis before that of components, or the
-            last one without components; empty to number them from 0. A result at a single place has
-            no such axis.
+        places: names of the places in the element, along the axis before the components, or the
+            last axis if there are none; empty: places are numbered from 0. A result at a single
+            place has no such axis.
     """
 
     name: str
@@ -62,33 +62,33 @@ class Result:
 TENSION = Result("tension", "N")
 """Axial force; its mean, if it varies along the element."""
 PEAK_TENSION = Result("peak_tension", "N")
-"""Axial force of largest size along an element, where this differs from `TENSION`."""
+"""Axial force of largest absolute value along an element, if it differs from `TENSION`."""
 SECTION_STRAIN = Result("section_strain", "-, 1/m", ends=False)
-"""Strains of elements with fibres, or with a law that ends or remembers."""
+"""Strains of elements with fibres, or of a law with a rupture strain or history variables."""
 SECTION_FORCES = Result(
     "section_forces", "N, N m", ("N", "Vy", "Vz", "T", "My", "Mz"), increments=False
 )
 """Section forces at positions along an element, [n, 6]."""
 PRESENT = Result("present", "-")
-"""1 for an element that is there, 0 for one that is not; of analyses in which elements come and go.
-Groups do not name it among their results: an `ElementState` has it."""
+"""1 for an active element, 0 for an inactive one, in analyses that activate or deactivate elements.
+It comes from `ElementState`; groups do not list it among their results."""
 
 
 class Element(abc.ABC):
     """A group of elements of one kind: a pytree with ``links`` in its index fields.
 
     Attributes:
-        links: node numbers, [n_elem, n_end].
+        links: node indices, [n_elem, n_end].
         per_element: names of the arrays that have a value for every element, [n_elem, ...].
         results: the results that an analysis records, a tuple of `Result`.
-        face: numbers of the three or four ends in order around the face of an element, such as
-            (0, 1, 2); None if it has none. Loads on areas name its group then (`on`), pictures and
-            files draw it. A face of four ends that names a node twice is a triangle.
-        outline: numbers of the ends through which pictures draw an element; default around its
-            face, or all in order.
+        face: the three or four ends in order around the face of an element, such as (0, 1, 2);
+            None if it has none. Area loads can then act on the group (`on`), and pictures and files
+            draw the face. A face of four ends that names a node twice is a triangle.
+        outline: the ends through which pictures draw an element; default: around its face, or all
+            in order.
         rotates: whether the elements give their nodes rotations.
-        inner, n_inner_row: indices (row, column) of the inner numbers of an element, and how many
-            rows of motion they take after those of the ends (`inner`).
+        inner, n_inner_row: indices (row, column) of the inner unknowns of an element (degrees of
+            freedom of its own), and the number of rows of motion that they take after its ends.
         weight, expansion, strength, area, section, rest_length: as of `Bars`; None if the group has
             none. A weight may be per area; it is present where `weights` returns something.
         hinges, springs: as of `Beams`; None if the group has none.
@@ -101,18 +101,18 @@ class Element(abc.ABC):
             definite (see `PhaseResult`), and `natural_frequencies`, `buckling_factor` and `modes`
             raise ValueError.
         tension_only: whether an element carries tension only.
-        monotone: whether its force is known not to fall with strain. The energy of groups that are
-            `tension_only` and `monotone` is convex.
-        remembers: whether its state has a `memory`, because its laws depend on earlier increments;
-            then it has `size`, `initial_memory`, and either `commit_memory` and `SECTION_STRAIN`
-            among its results, or `settled`.
-        has_rupture: whether a curve of its law can end; then it has `is_ruptured`, and
+        monotone: whether its force is known not to fall with strain (no softening). The energy of
+            groups that are `tension_only` and `monotone` is convex.
+        remembers: whether its state has history variables (`memory`), because its laws depend on
+            earlier increments; then it has `size`, `initial_memory`, and either `commit_memory` and
+            `SECTION_STRAIN` among its results, or `settled`.
+        has_rupture: whether its law has a rupture strain; then it has `is_ruptured`, and
             `SECTION_STRAIN` among its results.
         shaped_by_load: whether its state contains the `ElementLoad` along it.
-        paired: whether its forces depend on the displacement of its two ends relative to each other
-            only, so that its tangent is ``[[B, -B], [-B, B]]``.
-        slides: whether this load slides from node to node with the element; then `slid` returns
-            the forces that this makes.
+        paired: whether its forces depend on the relative displacement of its two ends only, so that
+            its tangent is ``[[B, -B], [-B, B]]``.
+        slides: whether the load along it slides from node to node with the element; `slid` then
+            returns the resulting change of the nodal forces.
     """
 
     links: Int[ArrayLike, "n_elem n_end"]
@@ -143,22 +143,22 @@ class Element(abc.ABC):
 
     @property
     def n_freedom(self) -> int:
-        """Columns of the end forces: 3 forces, and 3 moments if its nodes rotate."""
+        """Number of columns of the end forces: 3 forces, and 3 moments if its nodes rotate."""
         return 6 if self.rotates else 3
 
     @property
     def n_motion(self) -> int:
-        """Columns of the motion: 3 displacements, and a unit quaternion if its nodes rotate."""
+        """Number of columns of the motion: 3 displacements, and a quaternion if nodes rotate."""
         return 7 if self.rotates else 3
 
     # --- the group
 
     def rules(self) -> list[Rule]:
-        """Rules that the numbers of the group keep, see `common.rules`."""
+        """Return the rules that the numbers of the group must keep, see `common.rules`."""
         return []
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
-        """Rules that its numbers keep together with the initial positions [n_node, 3]."""
+        """Return the rules that its numbers and the initial positions [n_node, 3] must keep."""
         return []
 
     def check(self, nodes: Float[np.ndarray, "n_node 3"]) -> None:
@@ -166,7 +166,7 @@ class Element(abc.ABC):
         return None
 
     def properties(self) -> dict[str, PyTree[Float[ArrayLike, "n_elem ..."]]]:
-        """All values that differ from element to element, by name, each [n_elem, ...]."""
+        """Return all values that differ from element to element, by name, each [n_elem, ...]."""
         values = {name: getattr(self, name) for name in self.per_element}
         values = {name: value for name, value in values.items() if value is not None}
         fields = dataclasses.fields(self)  # type: ignore[arg-type]  # a group is a `pytree`
@@ -175,12 +175,12 @@ class Element(abc.ABC):
 
     @abc.abstractmethod
     def start(self, ends: Float[Array, "n_elem n_end 3"]) -> ElementState:
-        """`ElementState` before the first phase, from initial positions [n_elem, n_end, 3]."""
+        """Return the `ElementState` before the first phase; initial ends [n_elem, n_end, 3]."""
 
     def chord(self, ends: Float[Array, "n_elem n_end 3"]) -> Float[Array, " n_elem"]:
-        """Distance of the first two ends [n_elem, n_end, 3], [n_elem], m.
+        """Return the distance of the first two ends [n_elem, n_end, 3], [n_elem], m.
 
-        Steps are measured by this length. For elements with one end the array is empty, [0].
+        Solvers measure steps by this length. It is empty, [0], for elements with one end.
         """
         if ends.shape[1] < 2:
             return jnp.zeros(0, ends.dtype)
@@ -189,66 +189,66 @@ class Element(abc.ABC):
     def at_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
-        """Shares of the ends [n_elem, n_end, 3] in an `amount` [n_elem], [n_elem, n_end]."""
+        """Split an `amount` [n_elem] among the ends [n_elem, n_end, 3]: shares [n_elem, n_end]."""
         n_end = ends.shape[1]
         return jnp.repeat((amount / n_end)[:, None], n_end, axis=1)
 
     def weights(self, state: OwnState) -> Float[Array, " n_elem"] | None:
-        """Weight of every element, [n_elem], N; None if the group has none."""
+        """Return the weight of every element, [n_elem], N; None if the group has none."""
         return None
 
     def oriented(self, nodes: Float[ArrayLike, "n_node 3"]) -> Self:
-        """The group with its axes kept as they are at initial positions [n_node, 3]."""
+        """Return the group with its axes fixed as they are at initial positions [n_node, 3]."""
         return self
 
     def hinged_ends(self) -> Bool[np.ndarray, "n_elem 2"] | None:
-        """Ends whose rotation is not that of their node, [n_elem, 2] bool, or None."""
+        """Return which ends do not rotate with their node, [n_elem, 2] bool, or None."""
         return None
 
     def unused_columns(self) -> Bool[np.ndarray, "n_elem n_inner_row 3"]:
-        """Columns of the inner rows that contain no number, [n_elem, n_inner_row, 3] bool."""
+        """Return which entries of the inner rows hold no unknown, [n_elem, n_inner_row, 3] bool."""
         return np.zeros((len(self.links), self.n_inner_row, 3), bool)
 
     def initial_memory(self) -> PyTree[Float[Array, "n_elem ..."]] | None:
-        """Memory of elements that have not been strained yet, or None."""
+        """Return the history variables of elements that have not been strained yet, or None."""
         return None
 
     def extrapolated(self) -> Self:
-        """The group for an iteration, with laws that go on beyond their ends."""
+        """Return the group with laws continued beyond their rupture strains, for an iteration."""
         return self
 
     def without_softening(self) -> Self:
-        """The group for the beginning of an iteration, whose force does not fall with strain."""
+        """Return the group without softening, with which an iteration begins."""
         return self
 
     def partly(self, state: OwnState, present: Bool[Array, " n_elem"]) -> ElementState:
-        """State of a group whose elements come and go; those that are `present` are there now."""
+        """Return the state of a group with activation; elements that are `present` are active."""
         return with_fields(state, present=present)
 
     def unstressed(
         self, ends: Float[Array, "n_elem n_end 3"], slack: Bool[Array, " n_elem"]
     ) -> ElementState:
-        """State without stress between initial positions [n_elem, n_end, 3].
+        """Return a state without stress between initial positions [n_elem, n_end, 3].
 
-        Elements that are `slack`, [n_elem] bool, are slack in it, too. By default the state before
-        the first phase, which has no slack elements.
+        Elements that are `slack`, [n_elem] bool, are slack in it, too. Default: the state before
+        the first phase, in which no element is slack.
         """
         return self.start(ends)
 
     def capacity(self) -> tuple[float | Float[Array, " n_elem"], float | Float[Array, " n_elem"]]:
-        """Smallest and largest axial force, N."""
+        """Return the smallest and the largest axial force, N."""
         return -jnp.inf, jnp.inf
 
     def stiffness_along(self) -> Float[ArrayLike, " n_elem"] | None:
-        """Axial stiffness EA if the law is linear, [n_elem], N; None otherwise."""
+        """Return the axial stiffness EA if the law is linear, [n_elem], N; None otherwise."""
         return None
 
     # --- one element
 
     def found(self, state: OwnState, ends: Ends, motion: Motion) -> ElementState:
-        """State of an element that is added here, unstressed where it finds its ends.
+        """Return the state of an element activated at this motion: without stress between its ends.
 
-        The `state` that it gets has the memory of elements that have not been strained yet.
+        The given `state` has the history variables of elements that have not been strained yet.
 
         Raises:
             ValueError: elements of this kind cannot be added.
@@ -257,13 +257,13 @@ class Element(abc.ABC):
 
     @abc.abstractmethod
     def end_forces(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
-        """Internal force at each end, N, [n_end, 3], or [n_end, 6] with moments, N m.
+        """Return the internal force at each end, N, [n_end, 3], or [n_end, 6] with moments, N m.
 
-        The rows after the ends contain the forces of inner numbers.
+        The rows after the ends contain the forces conjugate to inner unknowns.
         """
 
     def end_forces_about(self, state: OwnState, ends: Ends, motion: Motion, step: Forces) -> Forces:
-        """End forces conjugate to a step from a motion, both [n_end, n_freedom].
+        """Return end forces after a step from a motion, conjugate to it, both [n_end, n_freedom].
 
         Elements with rotations override it, because spins cannot be added to quaternions.
         """
@@ -271,15 +271,15 @@ class Element(abc.ABC):
 
     @abc.abstractmethod
     def energy(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Stored energy, J. It is not used by `end_forces`, which must be its gradient."""
+        """Return the stored energy, J. `end_forces` must be its gradient."""
 
     def tangent(
         self, state: OwnState, ends: Ends, motion: Motion
     ) -> Float[Array, "n_end 3 n_end 3"] | Float[Array, "n n"]:
-        """Tangent stiffness [n_end, 3, n_end, 3], N/m: autodiff of the end forces.
+        """Return the tangent stiffness, [n_end, 3, n_end, 3], N/m, by autodiff of the end forces.
 
-        Of elements with rotations by a step from the motion, [n_end, 6, n_end, 6]. The matrix of an
-        element with inner numbers is [n, n], for the freedoms of its ends and then these numbers.
+        For elements with rotations it is the derivative by a step, [n_end, 6, n_end, 6]. For
+        elements with inner unknowns it is [n, n]: degrees of freedom of the ends, then inner ones.
         """
         if self.rotates:
             still = jnp.zeros((len(motion), self.n_freedom), motion.dtype)
@@ -297,16 +297,16 @@ class Element(abc.ABC):
         return matrix.reshape(len(motion) * self.n_freedom, -1)[np.ix_(at, at)]
 
     def finds_both(self, state: OwnState) -> bool:
-        """Whether an iteration gets forces and tangent of a group by one evaluation, `linearized`.
+        """Return whether an iteration evaluates forces and tangent together, by `linearized`.
 
-        This takes less time to compile, but also computes tangents at points that may be rejected.
+        This compiles faster, but computes tangents also at points that may be rejected.
         """
         return False
 
     def linearized(
         self, state: OwnState, ends: Ends, motion: Motion
     ) -> tuple[Forces, Float[Array, "n_end 3 n_end 3"] | Float[Array, "n n"]]:
-        """End forces and tangent of one element."""
+        """Return end forces and tangent of one element."""
         return self.end_forces(state, ends, motion), self.tangent(state, ends, motion)
 
     def mass_matrix(
@@ -317,13 +317,13 @@ class Element(abc.ABC):
         mass: Scalar,
         distribution: str | None = None,
     ) -> Float[Array, "n n"]:
-        """Mass matrix of an element of the given `mass`, in the shape of its `tangent`, kg.
+        """Return the mass matrix of an element of the given `mass`, in the shape of `tangent`, kg.
 
         Args:
-            state, ends, motion: as of `end_forces`.
+            state, ends, motion: as for `end_forces`.
             mass: scalar, kg.
             distribution: "lumped", "consistent", "mean" of both, or None for the kind of highest
-                order that the element has. This base class always lumps the mass: at its ends, by
+                order that the element has. This base class always lumps the mass at the ends, by
                 the shares of `at_ends` in the current positions.
         """
         places = ends + motion[:, :3]
@@ -331,57 +331,58 @@ class Element(abc.ABC):
         return jnp.diag(jnp.repeat(shares, 3))
 
     def is_slack(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Whether the element is slack and carries no force."""
+        """Return whether the element is slack: without force."""
         return jnp.zeros((), bool)
 
     def at_kink(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Whether the element is exactly unstressed, where its force has no derivative."""
+        """Return whether the element is between taut and slack: its force has no derivative."""
         return jnp.zeros((), bool)
 
-    # --- laws that end or remember, and loads that slide: see the table in `abilities`
+    # --- rupture, history variables, and loads that slide: see the table in `abilities`
 
     def size(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Sum of the absolute forces of the parts of an element, N; of one that `remembers`."""
+        """Return the sum of the absolute forces of an element's parts, N; if it `remembers`."""
         return jnp.zeros((), motion.dtype)
 
     def commit_memory(
         self, strain: Array, memory: PyTree[Array], duration: float = 0.0
     ) -> PyTree[Array]:
-        """Memory after an increment of a `duration`, s, that ended at a `strain`."""
+        """Return the history variables after an increment of a `duration`, s, to a `strain`."""
         return memory
 
     def settled(
         self, state: OwnState, ends: Ends, motion: Motion, duration: float = 0.0
     ) -> PyTree[Array]:
-        """Memory after an increment of a `duration`, s, that ended at a motion.
+        """Return the history variables after an increment of a `duration`, s, to a motion.
 
-        By default that of a law, which sees the section strain only. Elements whose memory depends
-        on more (how far a cable has slid, where a damper was) override it. It is asked once for
-        every increment that has converged, at its end, with the memory of its beginning in the
-        state; results of the increment are read with that, too. `energy` then is that of the
-        increment: its gradient are the end forces at the memory of the beginning.
+        The default commits those of a law, which depend on the section strain only. Elements whose
+        history depends on more (how far a cable has slid, where a damper was) override it. It is
+        called once after every increment that has converged. The state then has the history
+        variables of the beginning of the increment, as it has where results of the increment are
+        evaluated. `energy` is that of the increment: its gradient are the end forces with these
+        history variables.
         """
         strain = self.section_strain(state, ends, motion)  # type: ignore[attr-defined]  # a result
         return self.commit_memory(strain, state.memory, duration)
 
     def is_ruptured(self, strain: Array) -> Bool[Array, ""]:
-        """Whether a strain is beyond the curve of the law."""
+        """Return whether a strain is beyond the rupture strain of the law."""
         return jnp.zeros((), bool)
 
     def fibre_stress(self, strain: Array, memory: PyTree[Array] | None = None) -> Array | None:
-        """Stress of the fibres, Pa, at a strain; None if the element tells none."""
+        """Return the stress of the fibres, Pa, at a strain; None if the element has none."""
         return None
 
     def slid(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, "n_end 3"]:
-        """Forces at the ends by which a load along the element acts elsewhere as it slides, N."""
+        """Return the change of end forces by a load that slides along, [n_end, 3], N."""
         return jnp.zeros((len(motion), 3), motion.dtype)
 
     def reading(
         self, state: OwnState, ends: Ends, motion: Motion, names: Sequence[str]
     ) -> dict[str, Array]:
-        """Results by the names of methods, a dict; overriding methods compute shared parts once."""
+        """Return results by the names of methods; overriding methods compute shared parts once."""
         return {name: getattr(self, name)(state, ends, motion) for name in names}
 
     def has_result(self, name: str, state: OwnState) -> bool:
-        """Whether the group has the result `name` in this state."""
+        """Return whether the group has the result `name` in this state."""
         return name in ("end_forces", "is_slack", *(result.name for result in self.results))

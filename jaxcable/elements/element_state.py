@@ -1,4 +1,4 @@
-"""What phases and loads change in a group of elements: its state, and the load along it."""
+"""State of a group of elements, which phases change, and the load along it."""
 
 from __future__ import annotations
 
@@ -11,33 +11,32 @@ from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, PyTree
 
 Pressures: TypeAlias = 'dict[str, list[tuple[Float[Array, " n_elem"], Float[Array, "n_elem 3"]]]]'
-"""Pressures on beams: for "current" or "unstressed", the length that they are per, a list of pairs
-(pressure, unit axis)."""
+"""Pressures on beams per "current" or "unstressed" length: lists of pairs (pressure, unit axis)."""
 OwnState: TypeAlias = Any
 """The `ElementState` that belongs to a class of elements. Type checkers see it as Any: otherwise a
 method that takes only this state could not override one that takes every state."""
 Amounts: TypeAlias = (
     "tuple[Float[Array, 'n_elem 3'] | None, dict[str, list[Float[Array, ' n_elem']]] | None]"
 )
-"""The numbers of an `ElementLoad` that do not depend on the unstressed length: dead load on the
-whole element, N, and pressures by the length that they are per, N/m."""
+"""Loads of an `ElementLoad` that do not depend on the unstressed length: dead load on the whole
+element, N, and pressures by "current" or "unstressed" length, N/m."""
 
 
 @pytree
 class ElementLoad:
-    """What acts along the elements of a group at one load factor; leading axis [n_elem].
+    """Loads along the elements of a group at one load factor; leading axis [n_elem].
 
     Attributes:
         line: dead load per unstressed length, [n_elem, 3], N/m, or None.
-        pressures: pressures that follow beams: for each length that they are per, by name, a list
-            of pairs (pressure [n_elem], unit axis [n_elem, 3]), N/m; or None.
+        pressures: pressures that follow beams, N/m: for "current" or "unstressed" length, a list of
+            pairs (pressure [n_elem], unit axis [n_elem, 3]); or None.
     """
 
     line: Float[Array, "n_elem 3"] | None = None
     pressures: Pressures | None = None
 
     def amounts(self, rest_length: Float[Array, " n_elem"]) -> Amounts:
-        """The loads as `Amounts` on elements of an unstressed length [n_elem], m."""
+        """Return the loads on whole elements of an unstressed length [n_elem], m."""
         line, pressures = self.line, self.pressures
         if line is not None:
             line = line * rest_length[:, None]
@@ -46,7 +45,7 @@ class ElementLoad:
         return line, {per: [p for p, _ in pairs] for per, pairs in pressures.items()}
 
     def with_amounts(self, amounts: Amounts, rest_length: Float[Array, " n_elem"]) -> ElementLoad:
-        """The same loads with other `amounts` on elements of an unstressed length [n_elem], m."""
+        """Return these loads with other `amounts`, for an unstressed length [n_elem], m."""
         line, pressures = amounts
         if line is not None:
             line = line / rest_length[:, None]
@@ -58,12 +57,12 @@ class ElementLoad:
 
 
 class ElementState:
-    """What phases change in a group: a pytree whose arrays have a leading axis [n_elem].
+    """State of a group, which phases change: a pytree whose arrays have a leading axis [n_elem].
 
-    A field is None if the kind of element has no use for it. `prestress.AxialState` describes them.
-    A class of states has those fields that its elements use; an analysis that has to set another
-    one raises ValueError (`with_fields`). Elements that come and go need `present`, and
-    the method `found` of their group.
+    A field is None if the class of elements does not use it. `prestress.AxialState` describes them.
+    A class of states has the fields that its elements use; an analysis that has to set another one
+    raises ValueError (`with_fields`). Elements that phases activate need `present`, and the method
+    `found` of their group.
     """
 
     rest_length: Float[Array, " n_elem"] | None = None
@@ -77,7 +76,7 @@ class ElementState:
 
     @property
     def loaded(self) -> Float[Array, " n_elem"]:
-        """Length that has weight and takes loads per unstressed length, [n_elem], m."""
+        """Length on which weight and loads per unstressed length act, [n_elem], m."""
         if self.rest_length is None:
             raise ValueError(
                 f"{type(self).__name__}: has no `rest_length`, which the state of a group with "
@@ -87,16 +86,16 @@ class ElementState:
 
     @property
     def line_load(self) -> Float[Array, "n_elem 3"] | None:
-        """The dead load of `element_load` per unstressed length, [n_elem, 3], N/m, or None."""
+        """Dead load of `element_load` per unstressed length, [n_elem, 3], N/m, or None."""
         return None if self.element_load is None else self.element_load.line
 
     @property
     def pressures(self) -> Pressures | None:
-        """The pressures of `element_load`, or None."""
+        """Pressures of `element_load`, or None."""
         return None if self.element_load is None else self.element_load.pressures
 
     def only_present(self, values: PyTree[Array]) -> PyTree[Array]:
-        """A tree of arrays [n_elem, ...], zero or False for elements that are not there."""
+        """Return a tree of arrays [n_elem, ...], zero or False for inactive elements."""
         present = self.present
         if present is None:
             return values
@@ -108,7 +107,7 @@ class ElementState:
 
 
 def with_fields(state: OwnState, **changes: Any) -> Any:
-    """A state with fields that an analysis sets; ValueError if its class does not have them."""
+    """Return a state with changed fields; ValueError if its class does not have them."""
     for name in changes:
         if name not in getattr(type(state), "_all_fields", ()):
             raise ValueError(

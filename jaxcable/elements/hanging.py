@@ -30,7 +30,13 @@ from ..common.types import Array, Float
 from ..numerics.roots import bracketed_root
 from ..numerics.vectors import scalar_product
 from .element import Scalar
-from .hanging_terms import directed, grown, ratio_less_1, strained, two_springs
+from .hanging_terms import (
+    magnitude_and_direction,
+    mean_strain_and_theta,
+    ratio_less_1,
+    spring_stiffnesses,
+    theta_coth_less_1,
+)
 
 
 @jax.jit  # traced once, although a program calls it many times
@@ -41,7 +47,7 @@ def hang(
     rest_length: Scalar,
     stiffness: Scalar,
 ) -> tuple[Float[Array, " 3"], Scalar, Scalar]:
-    """Tension vector in the middle of a hanging cable, and the parameters of its shape.
+    """Solve for the tension vector in the middle of a hanging cable and its shape.
 
     Args:
         chord: from the first end to the second, [3], m.
@@ -54,7 +60,7 @@ def hang(
         F [3], N; tau, the mean of the tensions at the ends, N; theta. All zero where a cable
         without load is slack.
     """
-    weight, unit = directed(load)
+    weight, unit = magnitude_and_direction(load)
     across = chord - scalar_product(chord, unit) * unit
     # for a chord along the load: negligible elsewhere, and its square does not underflow
     tiny = jnp.finfo(chord.dtype).tiny ** 0.45
@@ -62,31 +68,31 @@ def hang(
     excess = excess / rest_length**2
     omega = weight * rest_length / stiffness
     empty = (omega == 0) & (excess < 0)
-    least = _least_tension(omega, across2, jnp.where(empty, 0.0, excess))
-    strain, theta = strained(least, omega)
-    spring, further = two_springs(strain, theta)
+    least = _solve_tension_unknown(omega, across2, jnp.where(empty, 0.0, excess))
+    strain, theta = mean_strain_and_theta(least, omega)
+    spring, further = spring_stiffnesses(strain, theta)
     pull = stiffness / rest_length * (spring * chord + further * (chord - across))
     none = jnp.where(empty, 0.0, 1.0)
     return none * pull, none * stiffness * strain, theta
 
 
-def least_tension(
+def tension_unknown(
     chord: Float[Array, " 3"],
     excess: Scalar,
     load: Float[Array, " 3"],
     rest_length: Scalar,
     stiffness: Scalar,
 ) -> Scalar:
-    """``tau - |q| L0/2``, N, the number that `hanging_springs` takes; arguments as of `hang`."""
+    """Return ``tau - |q| L0/2``, N, the unknown of `hanging_springs`; arguments as of `hang`."""
     _, tau, theta = hang(chord, excess, load, rest_length, stiffness)
-    weight, _ = directed(load)
+    weight, _ = magnitude_and_direction(load)
     heavy = weight > 0
     deep = weight * rest_length / jnp.expm1(2 * jnp.where(heavy, theta, 1.0))
     return jnp.where(heavy, deep, tau)
 
 
-def _least_tension(omega, across2, excess):
-    """``(tau - |q| L0/2) / EA`` from ``|q| L0/EA``, ``(d_across/L0)^2`` and ``(d/L0)^2 - 1``.
+def _solve_tension_unknown(omega, across2, excess):
+    """Solve for ``(tau - |q| L0/2) / EA``; arguments ``|q| L0/EA, (d_across/L0)^2, (d/L0)^2 - 1``.
 
     The unknown is a logarithm, because the horizontal force falls exponentially where a cable hangs
     nearly vertically in a loop. For a taut cable it is the logarithm of the strain that the load
@@ -101,7 +107,7 @@ def _least_tension(omega, across2, excess):
 
     def balance(u):
         added = jnp.exp(u)
-        strain, theta = strained(base + added, omega)
+        strain, theta = mean_strain_and_theta(base + added, omega)
         more = ratio_less_1(strain, theta)
         left = jnp.where(
             excess > 0, (added + gap) * (2 + strain + straight), strain * (2 + strain) - excess
@@ -119,7 +125,7 @@ def _least_tension(omega, across2, excess):
 
 
 def _first_guess(omega, across2, excess):
-    """First guess of theta, of the strain, and of the part of the strain that the load adds.
+    """Guess theta, the strain, and the part of the strain that the load adds.
 
     From the closed form of a shallow cable; theta is corrected if the cable is deep.
     """
@@ -164,7 +170,7 @@ def stored_energy(
     rest_length: Scalar,
     stiffness: Scalar,
 ) -> Scalar:
-    """Energy of the chord, J: ``F.d`` minus the complementary energy of ``F``.
+    """Return the energy as a function of the chord, J: ``F.d`` minus complementary energy.
 
     Its gradient by the chord is ``F``. It is the stored energy plus the potential of the load along
     the cable, without the shares of this load at the ends. The complementary energy is the integral
@@ -176,12 +182,12 @@ def stored_energy(
     along2 = along**2 / jnp.where(heavy, weight2, 1.0)
     across2 = jnp.maximum(scalar_product(force, force) - along2, 0.0)
     some = jnp.where(tau > 0, tau, 1.0)
-    integral = 0.5 * (tau + along2 / some + across2 * (1 + grown(theta)) / some)
+    integral = 0.5 * (tau + along2 / some + across2 * (1 + theta_coth_less_1(theta)) / some)
     square = scalar_product(force, force) + weight2 * rest_length**2 / 12
     return force @ chord - rest_length * (0.5 * square / stiffness + integral)
 
 
-def places(
+def positions_along(
     part: Float[Array, " n"],
     force: Float[Array, " 3"],
     tau: Scalar,
@@ -189,7 +195,7 @@ def places(
     rest_length: Scalar,
     stiffness: Scalar,
 ) -> Float[Array, "n 3"]:
-    """Positions from the first end, [n, 3], m, at parts [n] of the unstressed length, 0 to 1.
+    """Return positions from the first end, [n, 3], m, at parts [n] of the length, 0 to 1.
 
     Every piece of a catenary is a catenary: the same equations hold between 0 and s.
     """
@@ -198,7 +204,7 @@ def places(
     first = jnp.broadcast_to(first, (len(arc), 3))
     here = first - jnp.outer(arc[:, 0], load)
     mean = 0.5 * (first + here)
-    both = _rows(first) + _rows(here)
+    both = _row_norms(first) + _row_norms(here)
     weight2 = scalar_product(load, load)
     unit = load / jnp.sqrt(jnp.where(weight2 > 0, weight2, 1.0))
     along = jnp.outer(mean @ unit, unit)
@@ -206,8 +212,9 @@ def places(
     theta = jnp.arctanh(jnp.minimum(c, 1 - jnp.finfo(c.dtype).eps))
     stretched = mean / stiffness
     straight = 2 / jnp.where(both > 0, both, 1.0)
-    return arc * (stretched + straight * (along + (1 + grown(theta)) * (mean - along)))
+    return arc * (stretched + straight * (along + (1 + theta_coth_less_1(theta)) * (mean - along)))
 
 
-def _rows(vectors):
+def _row_norms(vectors):
+    """Return the lengths of vectors [..., 3], [..., 1]."""
     return jnp.sqrt(jnp.sum(vectors**2, axis=-1, keepdims=True))

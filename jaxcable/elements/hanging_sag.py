@@ -23,7 +23,7 @@ from ..numerics.roots import bracketed_root
 from ..numerics.vectors import scalar_product
 from .element import Scalar
 from .hanging import hang
-from .hanging_terms import cosh_less_1, directed, sinhc_less_1
+from .hanging_terms import cosh_less_1, magnitude_and_direction, sinhc_less_1
 
 
 def midspan_sag(
@@ -32,14 +32,15 @@ def midspan_sag(
     load: Float[Array, " 3"],
     stiffness: Scalar,
 ) -> Scalar:
-    """Distance of the cable from its chord at midspan, along the load, m.
+    """Return the distance of the cable from its chord at midspan, along the load, m.
 
     Args:
-        force, theta: tension vector in the middle, N, and parameter of the shape, from `hang`.
+        force, theta: tension vector in the middle, N, and parameter of the shape, from
+            `hang`.
         load: per unstressed length, [3], N/m, not along the chord; not zero.
         stiffness: EA, N.
     """
-    weight, unit = directed(load)
+    weight, unit = magnitude_and_direction(load)
     along = scalar_product(force, unit)
     across = force - along * unit
     level = jnp.sqrt(scalar_product(across, across))
@@ -67,7 +68,7 @@ def midspan_sag(
 def strain_at_sag(
     chord: Float[Array, " 3"], load: Float[Array, " 3"], stiffness: Scalar, sag: Scalar
 ) -> Scalar:
-    """Chord over unstressed length, minus 1, of a cable that has a `midspan_sag`.
+    """Solve for the strain (chord over unstressed length, minus 1) at which a cable has a sag.
 
     The sag grows with the length, so that there is one solution. The search goes outwards from the
     parabola ``L0 (1 + N/EA) = d (1 + 8/3 (sag l/d^2)^2)``, ``N = q d^2 / (8 sag)``, where l is the
@@ -88,7 +89,7 @@ def strain_at_sag(
         force, _, theta = hang(chord, excess, load, rest_length, stiffness)
         return jnp.log(midspan_sag(force, theta, load, stiffness) / sag)
 
-    weight, unit = directed(load)
+    weight, unit = magnitude_and_direction(load)
     across = chord - scalar_product(chord, unit) * unit
     slope = jnp.sqrt(scalar_product(across, across)) / length
     ratio = sag / length
@@ -100,5 +101,5 @@ def strain_at_sag(
 
 
 def _sinhc(t):
-    """``sinh(t) / t`` of a number of either sign."""
+    """Return ``sinh(t) / t`` for a number of either sign."""
     return 1 + sinhc_less_1(jnp.where(t < 0, -t, t))

@@ -6,9 +6,9 @@ The potential of the cable, whose derivative by the chord is the force, is the l
 
 with ``c_along = tau/(L0 (1 + e))`` and ``c_across = tau/(L0 (A + e))`` of `hanging`. For a stated
 tau the force ``c d`` is linear in the chord, and the derivative of Psi by tau is minus the equation
-of `hanging`, which here reads ``gap = sag``: how much longer a straight cable could be under this
-tension, and what the sag takes of this. Hence tau can be an unknown of its own beside the chords
-(`equilibrium.tension_unknowns`). (Derived for this package.)
+of `hanging`, which here reads ``spare_length = sag``: how much longer a straight cable could be
+under this tension, and what the sag takes of this. Hence tau can be an unknown of its own beside
+the chords (`equilibrium.tension_unknowns`). (Derived for this package.)
 """
 
 from __future__ import annotations
@@ -20,46 +20,52 @@ from ..common.tree import pytree
 from ..common.types import Array, Float
 from ..numerics.vectors import scalar_product
 from .element import Scalar
-from .hanging_terms import directed, ratio_less_1, strained, two_springs
+from .hanging_terms import (
+    magnitude_and_direction,
+    mean_strain_and_theta,
+    ratio_less_1,
+    spring_stiffnesses,
+)
 
 
 @pytree
-class Under:
-    """A hanging cable between given ends under a given tension, which need not be in balance.
+class HangingUnderTension:
+    """A hanging cable between given ends under a given tension, not necessarily in equilibrium.
 
     Attributes:
         force: tension vector in the middle, [3], N.
-        along: its derivative by the tension, [3].
-        gap: ``(L0/2) (1 - d^2 / (L0 (1 + e))^2)``, m: how much longer a straight cable could be.
-        compliance: derivative of the gap by the tension, m/N.
-        sag: what the sag takes of this, m.
-        less: minus the derivative of `sag` by the tension, m/N.
+        force_per_tension: derivative of `force` by the tension, [3].
+        spare_length: ``(L0/2) (1 - d^2 / (L0 (1 + e))^2)``, m: how much longer a straight cable
+            could be.
+        compliance: derivative of `spare_length` by the tension, m/N.
+        sag: the part of this that the sag takes, m.
+        sag_compliance: minus the derivative of `sag` by the tension, m/N.
     """
 
     force: Float[Array, " 3"]
-    along: Float[Array, " 3"]
-    gap: Scalar
+    force_per_tension: Float[Array, " 3"]
+    spare_length: Scalar
     compliance: Scalar
     sag: Scalar
-    less: Scalar
+    sag_compliance: Scalar
 
 
 @jax.jit  # traced once, although a program calls it many times
-def under(
+def hanging_under_tension(
     tension: Scalar,
     chord: Float[Array, " 3"],
     excess: Scalar,
     load: Float[Array, " 3"],
     rest_length: Scalar,
     stiffness: Scalar,
-) -> Under:
-    """`Under` for ``tau - |q| L0/2``, the other arguments as of `hang`."""
-    weight, unit = directed(load)
+) -> HangingUnderTension:
+    """`HangingUnderTension` at ``tau - |q| L0/2``; other arguments as of `hang`."""
+    weight, unit = magnitude_and_direction(load)
     across = chord - scalar_product(chord, unit) * unit
     omega, excess = weight * rest_length / stiffness, excess / rest_length**2
     least = tension / stiffness
-    strain, theta = strained(least, omega)
-    spring, further = two_springs(strain, theta)
+    strain, theta = mean_strain_and_theta(least, omega)
+    spring, further = spring_stiffnesses(strain, theta)
 
     def rise(u):
         # by the logarithm, because the tension of a loop may be so small that its square vanishes
@@ -71,7 +77,7 @@ def under(
     u = jnp.log(jnp.where(tension > 0, least, 1.0))
     rising, falling = jax.jvp(rise, (u,), (jnp.ones_like(u),))
     half = 0.5 * scalar_product(across, across) / rest_length
-    return Under(
+    return HangingUnderTension(
         stiffness / rest_length * (spring * chord + further * (chord - across)),
         (chord / (1 + strain) ** 2 + rising * across) / rest_length,
         0.5 * rest_length * (strain * (2 + strain) - excess) / (1 + strain) ** 2,
@@ -81,12 +87,12 @@ def under(
     )
 
 
-def matrix(
+def tension_stiffness(
     tension: Scalar, load: Float[Array, " 3"], rest_length: Scalar, stiffness: Scalar
 ) -> Float[Array, "3 3"]:
-    """Derivative of ``force`` of `Under` by the chord, [3, 3], N/m."""
-    weight, unit = directed(load)
-    strain, theta = strained(tension / stiffness, weight * rest_length / stiffness)
-    spring, further = two_springs(strain, theta)
+    """Return the derivative of ``force`` of `Under` by the chord, [3, 3], N/m."""
+    weight, unit = magnitude_and_direction(load)
+    strain, theta = mean_strain_and_theta(tension / stiffness, weight * rest_length / stiffness)
+    spring, further = spring_stiffnesses(strain, theta)
     along = further * jnp.outer(unit, unit)
     return stiffness / rest_length * (spring * jnp.eye(3, dtype=load.dtype) + along)

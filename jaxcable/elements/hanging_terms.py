@@ -9,36 +9,36 @@ from ..numerics.vectors import scalar_product
 from .element import Scalar
 
 
-def directed(load: Float[Array, " 3"]) -> tuple[Scalar, Float[Array, " 3"]]:
-    """Size of a load [3], N/m, and its direction [3], which is zero without load."""
+def magnitude_and_direction(load: Float[Array, " 3"]) -> tuple[Scalar, Float[Array, " 3"]]:
+    """Return the magnitude of a load [3], N/m, and its direction [3], zero without load."""
     weight2 = scalar_product(load, load)
     heavy = weight2 > 0
     weight = jnp.where(heavy, jnp.sqrt(jnp.where(heavy, weight2, 1.0)), 0.0)
     return weight, load / jnp.where(heavy, weight, 1.0)
 
 
-def strained(least: Scalar, omega: Scalar) -> tuple[Scalar, Scalar]:
-    """Mean strain and theta from ``(tau - |q| L0/2) / EA`` and ``|q| L0 / EA``."""
+def mean_strain_and_theta(least: Scalar, omega: Scalar) -> tuple[Scalar, Scalar]:
+    """Return mean strain and theta from ``(tau - |q| L0/2) / EA`` and ``|q| L0 / EA``."""
     positive = least > 0  # it is zero only in a slack cable without load, where theta is zero
     theta = 0.5 * jnp.log1p(omega / jnp.where(positive, least, 1.0))
     return least + 0.5 * omega, theta
 
 
-def two_springs(strain: Scalar, theta: Scalar) -> tuple[Scalar, Scalar]:
-    """Spring across the load, and by how much that along it is stiffer, times L0/EA."""
-    bend = grown(theta)
+def spring_stiffnesses(strain: Scalar, theta: Scalar) -> tuple[Scalar, Scalar]:
+    """Return the stiffness across the load and the excess of that along it, times L0/EA."""
+    bend = theta_coth_less_1(theta)
     spring = strain / (strain + 1 + bend)
     return spring, spring * bend / (strain + 1)
 
 
 def ratio_less_1(strain: Scalar, theta: Scalar) -> Scalar:
-    """``r - 1`` of the equation, computed without this subtraction."""
+    """Return ``r - 1`` of the equation of `hanging`, computed without this subtraction."""
     s, c = sinhc_less_1(theta), cosh_less_1(theta)
     return (s / (1 + s) + strain * c / (1 + c)) / (1 / (1 + s) + strain / (1 + c))
 
 
 def sinhc_less_1(t: Scalar) -> Scalar:
-    """``sinh(t)/t - 1``."""
+    """Return ``sinh(t)/t - 1``."""
     t2 = t * t
     series = 1 + t2 / 342
     for k in (272, 210, 156, 110, 72, 42, 20):
@@ -48,12 +48,12 @@ def sinhc_less_1(t: Scalar) -> Scalar:
 
 
 def cosh_less_1(t: Scalar) -> Scalar:
-    """``cosh(t) - 1``."""
+    """Return ``cosh(t) - 1``."""
     return 2 * jnp.sinh(0.5 * t) ** 2
 
 
-def grown(t: Scalar) -> Scalar:
-    """``t coth(t) - 1``."""
+def theta_coth_less_1(t: Scalar) -> Scalar:
+    """Return ``t coth(t) - 1``."""
     s = sinhc_less_1(t)
     small = (cosh_less_1(t) - s) / (1 + s)
     return jnp.where(t < 1, small, t / jnp.tanh(jnp.where(t < 1, 1.0, t)) - 1)

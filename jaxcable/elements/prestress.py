@@ -1,4 +1,4 @@
-"""Prestress and weight of elements with an axis, and how phases change them."""
+"""State of elements with an unstressed length: prestress, temperature, weight."""
 
 from __future__ import annotations
 
@@ -22,28 +22,26 @@ from .stated import Stated
 
 @pytree
 class AxialState(ElementState):
-    """What the phases change in a group of bars, cables or beams.
+    """State of a group of bars, cables or beams, which phases change.
 
     Attributes:
         rest_length: unstressed length L0, [n_elem], m.
         elongation: initial chord minus unstressed length, [n_elem], m; stored, because their
             difference would lose digits.
         jack_force: force that a jack prescribes during a phase, [n_elem], N, or None.
-        jacked: which elements have a jack, [n_elem] bool; None if all have, or without
-            `jack_force`.
-        loaded_length: unstressed length that has weight and takes loads per unstressed length,
+        jacked: which elements have a jack, [n_elem] bool; None: all of them, or no `jack_force`.
+        loaded_length: unstressed length on which weight and loads per unstressed length act,
             [n_elem], m: at the reference temperature, because heat adds no mass, and including
-            what a jack has taken in. None stands for `rest_length`.
+            what a jack has taken in. None: `rest_length`.
         warmth: unstressed length over that at the reference temperature, [n_elem], ``1 + expansion
             sum(dt)`` over the changes of temperature since then; None in a group without thermal
             expansion. The reference temperature is that before the first phase, or that at which
             an element was added.
-        memory: what the law remembers, such as plastic strains, leading axis [n_elem], or None.
-        element_load: loads along elements that they bend or make sag, or along which they slide;
-            else None.
-        present: which elements are there, [n_elem] bool; None if all are, in all phases.
-        kinks: of beams that were added where their ends had turned, the rotations of the ends
-            against the chord at which they are unstressed, [n_elem, 2, 3], rad; else None.
+        memory: history variables of the law, such as plastic strains, axis [n_elem], or None.
+        element_load: loads along elements that shape them (bending, sag, sliding), or None.
+        present: which elements are active, [n_elem] bool; None if all are, in all phases.
+        kinks: rotations of the ends against the chord at which beams are unstressed that were
+            activated between rotated nodes, [n_elem, 2, 3], rad; else None.
 
     Example:
         A cable of 4.98 m between ends that are 5 m apart, before its first phase:
@@ -67,7 +65,7 @@ class AxialState(ElementState):
 
     @property
     def loaded(self) -> Float[Array, " n_elem"]:
-        """`loaded_length`, or `rest_length` if it is None."""
+        """Length on which weight and loads act: `loaded_length`, or `rest_length` if it is None."""
         return self.rest_length if self.loaded_length is None else self.loaded_length
 
 
@@ -81,7 +79,7 @@ class Prestressed(Prestressable):
     statements = tuple(STATEMENTS)
 
     def weights(self, state: AxialState) -> Float[Array, " n_elem"] | None:
-        """Weight of every element, [n_elem], N; None if the group has none."""
+        """Return the weight of every element, [n_elem], N; None if the group has none."""
         if self.weight is None:
             return None
         return state.only_present(self.weight * state.loaded)
@@ -90,16 +88,16 @@ class Prestressed(Prestressable):
     def strain_at(
         self, force: Scalar, memory: PyTree[Float[Array, " ..."]] | None = None
     ) -> Scalar:
-        """Strain of one element at an axial force, N; NaN if its law does not reach this force."""
+        """Return the strain at an axial force, N; NaN if the law does not reach this force."""
 
     def between(self, start: AxialState, end: AxialState, factor: Scalar) -> AxialState:
-        """State at a load factor; NaN where a shortening takes in a whole element."""
+        """Interpolate the state at a load factor; NaN where a shortening exceeds the length."""
         mixed = super().between(start, end, factor)
         length = jnp.where(mixed.rest_length > 0, mixed.rest_length, jnp.nan)
         return copy_with(mixed, rest_length=length)
 
     def start(self, ends: Float[Array, "n_elem n_end 3"]) -> AxialState:
-        """State before the first phase; without `rest_length` the initial chord is unstressed."""
+        """Return the state before the first phase; default: initial chords are unstressed."""
         chord = self.chord(ends)
         if self.rest_length is None:
             rest_length, elongation = chord, jnp.zeros_like(chord)
@@ -117,18 +115,18 @@ class Prestressed(Prestressable):
     def unstressed(
         self, ends: Float[Array, "n_elem n_end 3"], slack: Bool[Array, " n_elem"]
     ) -> AxialState:
-        """State of elements as long as their chords, or twice as long where they are `slack`."""
+        """Return a state with unstressed lengths of one chord, or of two where `slack`."""
         chord = self.chord(ends)
         longer = jnp.where(slack, chord, 0.0)
         return copy_with(self.start(ends), rest_length=chord + longer, elongation=-longer)
 
     def found(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """State of an element that is added here: unstressed, or of its own `rest_length`."""
+        """Return the state of an element activated here: unstressed, or with its `rest_length`."""
         _, length, change, start = stretch(ends[:2], motion[:2, :3])
-        return self._new(state, length, change, start)
+        return self._state_when_added(state, length, change, start)
 
-    def _new(self, state, length, change, start):
-        """State of a new element of a `length`, which is `change` above the initial one."""
+    def _state_when_added(self, state, length, change, start):
+        """Return the state of an element activated at a `length`, initial length plus `change`."""
         rest_length, elongation = length, -change
         if self.rest_length is not None:
             rest_length, elongation = self.rest_length, start - self.rest_length
@@ -147,14 +145,14 @@ class Prestressed(Prestressable):
         ends: Float[Array, "n_elem n_end 3"],
         statements: Mapping[str, Stated],
     ) -> AxialState:
-        """State of a group after the prestress statements of a phase.
+        """Return the state of a group after the prestress statements of a phase.
 
         `ends` are the initial ends [n_elem, n_end, 3]; `statements` are `Stated` by name. Absolute
-        ones come first, then shortening, then temperature. An absolute statement describes the
-        element at its present temperature: it replaces earlier statements and shortenings, but the
-        element stays as warm as it was. A shortening is measured at the
-        present temperature, too. Changes of temperature add: an element has the unstressed length
-        ``L (1 + expansion sum(dt))``, with L at the reference temperature (`AxialState.warmth`).
+        statements come first, then shortening, then temperature. An absolute statement describes
+        the element at its present temperature: it replaces earlier statements and shortenings, and
+        keeps the temperature. A shortening is measured at the present temperature, too. Changes of
+        temperature add up: the unstressed length is ``L (1 + expansion sum(dt))``, with L at the
+        reference temperature (`AxialState.warmth`).
         """
         chord = self.chord(ends)
         rest_length, elongation, loaded = state.rest_length, state.elongation, state.loaded
@@ -166,7 +164,7 @@ class Prestressed(Prestressable):
                 rest = stated.over(stated.values, chord)
                 lengths = rest, chord - rest
             else:
-                strain = self.stated_strain(name, stated, state, ends, chord)
+                strain = self.strain_of_statement(name, stated, state, ends, chord)
                 lengths = chord / (1 + strain), chord * (strain / (1 + strain))
             rest_length, elongation = map(stated.over, lengths, (rest_length, elongation))
             loaded = stated.over(rest_length / warmth, loaded)
@@ -187,7 +185,7 @@ class Prestressed(Prestressable):
             warmth=None if state.warmth is None else warmth,
         )
 
-    def stated_strain(
+    def strain_of_statement(
         self,
         name: str,
         stated: Stated,
@@ -195,7 +193,7 @@ class Prestressed(Prestressable):
         ends: Float[Array, "n_elem n_end 3"],
         chord: Float[Array, " n_elem"],
     ) -> Float[Array, " n_elem"]:
-        """Strain of the initial chord that an absolute statement requires, [n_elem]."""
+        """Return the strain of the initial chord that an absolute statement requires, [n_elem]."""
         if name == "pretension":
             return of_each("strain_at", self, stated.values, state.memory)
         if name == "force_density":
@@ -212,7 +210,7 @@ class Prestressed(Prestressable):
 
 @jax.jit  # traced once, although a program calls it many times
 def stretch(ends: Ends, motion: Motion) -> tuple[Float[Array, " 3"], Scalar, Scalar, Scalar]:
-    """Current vector, current length, change of length (without subtraction), initial length."""
+    """Return the present chord vector and length, its change (no subtraction), initial length."""
     chord, w = ends[1] - ends[0], motion[1] - motion[0]
     vector = chord + w
     start, length = jnp.sqrt(scalar_product(chord, chord)), jnp.sqrt(scalar_product(vector, vector))
@@ -222,19 +220,19 @@ def stretch(ends: Ends, motion: Motion) -> tuple[Float[Array, " 3"], Scalar, Sca
 def jacked_or(
     state: AxialState, force: Float[ArrayLike, " ..."], otherwise: Callable[[], Array]
 ) -> Array:
-    """`force` if a jack prescribes the force of the element, else ``otherwise()``."""
+    """Return `force` where a jack prescribes the force of the element, else ``otherwise()``."""
     if state.jack_force is None:
         return otherwise()
     return force if state.jacked is None else jnp.where(state.jacked, force, otherwise())
 
 
 def element(group: Any, properties: Mapping[str, PyTree[Array]]) -> Any:
-    """The group reduced to one element, inside vmap over `properties`."""
+    """Return the group as one element, inside vmap over `properties`."""
     return copy_with(group, links=None, **properties)
 
 
 def of_each(method: str, group: Any, *arguments: PyTree[Array], **shared: Any) -> PyTree[Array]:
-    """``method(*arguments, **shared)`` of every element of a group, arguments [n_elem, ...]."""
+    """Call a method of every element of a group with arguments [n_elem, ...], by vmap."""
 
     def one(properties, *values):
         return getattr(element(group, properties), method)(*values, **shared)
@@ -243,7 +241,7 @@ def of_each(method: str, group: Any, *arguments: PyTree[Array], **shared: Any) -
 
 
 def checked_links(links: Int[ArrayLike, "n_elem 2"]) -> Indices:
-    """Links [n_elem, 2] as `Indices`; ValueError for equal ends and repeated links."""
+    """Return links [n_elem, 2] as `Indices`; ValueError for equal ends and repeated links."""
     if isinstance(links, Indices):
         return links
     links = checks.as_indices(links, "links", width=2)

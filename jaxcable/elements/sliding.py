@@ -69,11 +69,11 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            object.__setattr__(self, "links", _checked_chains(self.links))
+            object.__setattr__(self, "links", _chains_as_indices(self.links))
         super().__post_init__()
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
-        """The rule that no two successive nodes of a cable coincide; positions [n_node, 3]."""
+        """Return the rule that no two successive nodes of a cable coincide; nodes [n_node, 3]."""
         links = index_array(self.links)
 
         def same(ends, links):
@@ -87,114 +87,124 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         return [Rule("nodes", (nodes[links], links), same, text)]
 
     def chord(self, ends: Float[Array, "n_elem n_end 3"]) -> Float[Array, " n_elem"]:
-        """Initial length over all nodes [n_elem, n_end, 3], [n_elem], m."""
-        return jnp.sum(_pieces(ends)[1], axis=-1)
+        """Return the initial length over all nodes [n_elem, n_end, 3], [n_elem], m."""
+        return jnp.sum(_piece_vectors(ends)[1], axis=-1)
 
     def at_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
-        """`amount` [n_elem] shared among the nodes by half the length of their pieces."""
-        length = _pieces(ends)[1]
+        """Split an `amount` [n_elem] among the nodes by half the lengths of their pieces."""
+        length = _piece_vectors(ends)[1]
         share = 0.5 * (jnp.pad(length, ((0, 0), (0, 1))) + jnp.pad(length, ((0, 0), (1, 0))))
         return amount[:, None] * share / jnp.sum(length, axis=-1, keepdims=True)
 
     def strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Engineering strain on the unstressed length of the whole cable."""
-        return (state.elongation + _change(ends, motion)) / state.rest_length
+        """Return the engineering strain on the unstressed length of the whole cable."""
+        return (state.elongation + _length_change(ends, motion)) / state.rest_length
 
     def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Internal force at every node, [n_end, 3], N: the tension along the pieces that meet."""
-        piece, length = _moved(ends, motion)
+        """Return the internal force at every node, [n_end, 3], N: the tension along its pieces."""
+        piece, length = _moved_pieces(ends, motion)
         unit = piece / jnp.where(length > 0, length, 1.0)[:, None]
         pull = self.tension(state, ends, motion) * unit
         force = jnp.pad(pull, ((1, 0), (0, 0))) - jnp.pad(pull, ((0, 1), (0, 0)))
         return force if state.line_load is None else force - self.slid(state, ends, motion)
 
     def slid(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Nodal forces of the load along the cable, less its initial shares, [n_end, 3], N."""
-        return -jax.grad(self._lost, argnums=2)(state, ends, motion)
+        """Return nodal forces of the load along it, less its initial shares, [n_end, 3], N."""
+        return -jax.grad(self._sliding_potential, argnums=2)(state, ends, motion)
 
-    def _lost(self, state, ends, motion):
-        """Potential of the load along the cable as it lies now, less that of its initial shares, J.
+    def _sliding_potential(self, state, ends, motion):
+        """Return the potential of the load that slides along, less that of its initial shares, J.
 
         Up to a constant, and relative to the first node, because the shares add up to one.
         """
-        piece, length = _moved(ends, motion)
+        piece, length = _moved_pieces(ends, motion)
         middle = jnp.cumsum(piece, axis=0) - 0.5 * piece
         now = motion[0] + length @ middle / jnp.sum(length)
         share = self.at_ends(jnp.ones((1,), length.dtype), ends[None])[0]
         return state.rest_length * state.line_load @ (share @ motion - now)
 
     def pulls(self, state: AxialState) -> bool:
-        """Whether the tension alone describes it: no load slides along."""
+        """Return whether the tension is its only unknown: no load slides along."""
         return state.line_load is None
 
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Stored energy and potential of the sliding load, J; under a jack its work."""
+        """Return stored energy and potential of the sliding load, J; work under a jack."""
 
         def stored():
             strain = self.strain(state, ends, motion)
             return state.rest_length * self.energy_per_length(strain, state.memory)
 
-        work = None if state.jack_force is None else state.jack_force * _change(ends, motion)
+        work = None if state.jack_force is None else state.jack_force * _length_change(ends, motion)
         energy = jacked_or(state, work, stored)
-        return energy if state.line_load is None else energy + self._lost(state, ends, motion)
+        return (
+            energy
+            if state.line_load is None
+            else energy + self._sliding_potential(state, ends, motion)
+        )
 
     def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Error that the rounding of displacements leaves in the end forces, [n_end, 3], N."""
-        piece, length = _moved(ends, motion)
+        """Return the error of the end forces by rounding of displacements, [n_end, 3], N."""
+        piece, length = _moved_pieces(ends, motion)
         unit = jnp.abs(piece) / jnp.where(length > 0, length, 1.0)[:, None]
-        _, stiffness = self.stretched(state, ends, motion)
+        _, stiffness = self.tension_and_stiffness(state, ends, motion)
         moved = jnp.max(jnp.abs(motion)) * len(piece)
         pull = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * unit
         return jnp.pad(pull, ((1, 0), (0, 0))) + jnp.pad(pull, ((0, 1), (0, 0)))
 
     def found(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """State of a cable that is added here: unstressed, or of its own `rest_length`."""
-        start, length = (jnp.sum(of[1]) for of in (_pieces(ends), _moved(ends, motion)))
-        return self._new(state, length, _change(ends, motion), start)
+        """Return the state of a cable activated here: unstressed, or with its `rest_length`."""
+        start, length = (
+            jnp.sum(of[1]) for of in (_piece_vectors(ends), _moved_pieces(ends, motion))
+        )
+        return self._state_when_added(state, length, _length_change(ends, motion), start)
 
     def lock(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """State after anchoring the jack: its unstressed length gives the jack force here."""
-        return self.locked(state, jnp.sum(_moved(ends, motion)[1]), _change(ends, motion))
+        """Return the state after lock-off: its unstressed length gives the jack force here."""
+        return self.locked(
+            state, jnp.sum(_moved_pieces(ends, motion)[1]), _length_change(ends, motion)
+        )
 
 
-def _pieces(places):
-    """Vectors and lengths of the pieces between successive positions [..., n, 3]."""
-    return _measured(_steps(places))
+def _piece_vectors(places):
+    """Return vectors and lengths of the pieces between successive positions [..., n, 3]."""
+    return _with_lengths(_differences(places))
 
 
-def _moved(ends, motion):
-    """Vectors and lengths of the pieces after a motion.
+def _moved_pieces(ends, motion):
+    """Return vectors and lengths of the pieces after a motion.
 
     Positions and displacements are subtracted separately, so that positions far from the origin
     cost no digits.
     """
-    return _measured(_steps(ends) + _steps(motion))
+    return _with_lengths(_differences(ends) + _differences(motion))
 
 
-def _steps(places):
+def _differences(places):
+    """Return the differences of successive positions [..., n, 3]."""
     return places[..., 1:, :] - places[..., :-1, :]
 
 
-def _measured(piece):
-    """Vectors of pieces, and their lengths."""
+def _with_lengths(piece):
+    """Return vectors of pieces, and their lengths."""
     square = jnp.sum(piece**2, axis=-1)
     # padding with the last node makes pieces of length zero, whose derivative must be finite
     length = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
     return piece, length
 
 
-def _change(ends, motion):
-    """Change of the length over all nodes, m, without subtracting lengths."""
-    start, before = _pieces(ends)
-    w = _steps(motion)
-    after = _moved(ends, motion)[1]
+def _length_change(ends, motion):
+    """Return the change of the length over all nodes, m, without subtracting lengths."""
+    start, before = _piece_vectors(ends)
+    w = _differences(motion)
+    after = _moved_pieces(ends, motion)[1]
     both = before + after
     return jnp.sum(jnp.sum((2 * start + w) * w, axis=-1) / jnp.where(both > 0, both, 1.0))
 
 
-def _checked_chains(chains):
+def _chains_as_indices(chains):
+    """Return checked chains of nodes as `Indices`, padded with their last nodes."""
     if not isinstance(chains, list | tuple | np.ndarray):
         raise ValueError(f"links: expected a list of chains, got {type(chains).__name__}")
     chains = [

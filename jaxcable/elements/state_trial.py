@@ -1,4 +1,4 @@
-"""A trial of the states of an element class: statements that concern nothing, added elements."""
+"""Tests of the states of an element class: statements for no element, activated elements."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from .prestress import of_each
 from .stated import Stated
 
 
-def restated(group: Element, state: OwnState, ends: Any) -> Iterator[str]:
-    """Iterate over what is wrong with the state after a statement that concerns no element.
+def statement_faults(group: Element, state: OwnState, ends: Any) -> Iterator[str]:
+    """Yield faults of the state after a statement that concerns no element.
 
-    Such ones stand in phases that state nothing, where another phase states something.
+    A phase without a statement gets one for no element if another phase has the statement.
     """
     stateable: Any = group  # a `Prestressable`, if it accepts any statement
     for name in statements_of(group):
@@ -31,9 +31,9 @@ def restated(group: Element, state: OwnState, ends: Any) -> Iterator[str]:
         words = "the same state where the statement concerns no element"
         try:
             after: Any = stateable.restate(state, ends, nothing)
-            wrong = _unlike(state, after)
+            wrong = _describe_difference(state, after)
         except Exception as error:  # of the author's code
-            yield raised(f"restate: {name}", words, error)
+            yield describe_error(f"restate: {name}", words, error)
             continue
         pairs = zip(*map(jax.tree.leaves, (state, after)), strict=not wrong)
         if not wrong and not all(np.array_equal(a, b, equal_nan=True) for a, b in pairs):
@@ -42,8 +42,8 @@ def restated(group: Element, state: OwnState, ends: Any) -> Iterator[str]:
             yield f"restate: {name}: expected {words}, got {wrong}"
 
 
-def added(group: Element, state: OwnState, ends: Any, motion: Any) -> Iterator[str]:
-    """Iterate over what is wrong with the state of elements that are added after a motion."""
+def activation_faults(group: Element, state: OwnState, ends: Any, motion: Any) -> Iterator[str]:
+    """Yield faults of the state of elements that are activated after a motion."""
     if type(group).found is Element.found:
         return
     words = "a state like that of `start`"
@@ -51,16 +51,16 @@ def added(group: Element, state: OwnState, ends: Any, motion: Any) -> Iterator[s
     if group.remembers:
         begins = copy_with(begins, memory=group.initial_memory())
     try:
-        wrong = _unlike(begins, of_each("found", group, begins, ends, motion))
+        wrong = _describe_difference(begins, of_each("found", group, begins, ends, motion))
     except Exception as error:  # of the author's code
-        yield raised("found", words, error)
+        yield describe_error("found", words, error)
         return
     if wrong:
         yield f"found: expected {words}, got {wrong}"
 
 
 def _can_be_stated(name, group):
-    """Whether a statement can be tried: the class accepts it, and the group has what it needs."""
+    """Return whether a statement can be tested: the group has the quantities that it needs."""
     needs = {
         "sag": isinstance(group, Sagging) and group.weight is not None,
         "temperature": group.expansion is not None,
@@ -68,10 +68,10 @@ def _can_be_stated(name, group):
     return name != "jacking" and needs.get(name, True)
 
 
-def _unlike(before, after):
-    """What a state has otherwise than the one before it, in words; empty if it is like it."""
+def _describe_difference(before, after):
+    """Describe how fields or shapes of a state differ from those before; empty if not at all."""
     if type(after) is not type(before):
-        return kind_of(after)
+        return describe_kind(after)
     if jax.tree.structure(after) != jax.tree.structure(before):
         return "other fields that are None"
     for name in type(before)._all_fields:
@@ -82,12 +82,12 @@ def _unlike(before, after):
     return ""
 
 
-def raised(name: str, words: str, error: Exception) -> str:
-    """The sentence on a method that raises an error."""
+def describe_error(name: str, words: str, error: Exception) -> str:
+    """Return the sentence about a method that raises an error."""
     text = next(iter(str(error).strip().splitlines()), "")
     return f"{name}: expected {words}, got {type(error).__name__}: {text}"
 
 
-def kind_of(value: Any) -> str:
-    """What a value is that is no array, in words."""
+def describe_kind(value: Any) -> str:
+    """Describe the type of a value that is no array."""
     return "None" if value is None else f"a {type(value).__name__}"

@@ -1,4 +1,4 @@
-"""`Statement`: what a phase can state of elements; `Stated`: what it states of one group."""
+"""`Statement`: what a phase can state of elements; `Stated`: the values for one group."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ..common.types import Array, ArrayLike, Bool, Float
 
 @dataclasses.dataclass(frozen=True)
 class Statement:
-    """What a phase can state of the elements of a group, a number for every element.
+    """Declaration of a quantity that a phase can state for elements, such as a pretension.
 
     Attributes:
-        name: of the statement; phases, files and messages use it, too.
-        unit: of its numbers.
-        ramped: whether the state that it leads to is reached with the load factor. Otherwise it
-            holds from the beginning of the phase, such as a clamp that is closed.
-        rules: what its numbers keep: functions of the name and the numbers that return a `Rule`,
+        name: name of the statement; phases, files and messages use it, too.
+        unit: unit of its numbers.
+        ramped: whether its effect grows with the load factor. Otherwise it holds from the beginning
+            of the phase, such as a clamp that is closed.
+        rules: rules of its numbers: functions of the name and the numbers that return a `Rule`,
             such as `common.rules.not_negative`.
     """
 
@@ -33,7 +33,7 @@ class Statement:
 
 @pytree
 class Stated:
-    """One statement of a phase for a group.
+    """Values that a phase states for the elements of a group.
 
     Attributes:
         values: stated values, [n_elem], or [n_elem, n_component] (`Prestressable.components`); zero
@@ -47,7 +47,7 @@ class Stated:
     def over(
         self, new: Float[ArrayLike, "n_elem ..."], old: Float[ArrayLike, "n_elem ..."]
     ) -> Float[Array, "n_elem ..."]:
-        """`new` for the elements that the statement concerns, `old` for all others."""
+        """Return `new` for the elements that the statement concerns, `old` for all others."""
         if self.chosen is None:
             return new
         chosen = jnp.reshape(self.chosen, (-1, *(1,) * (jnp.ndim(new) - 1)))

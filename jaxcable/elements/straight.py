@@ -1,4 +1,4 @@
-"""What straight two-node elements share: strain, force by a law, prestress, mass.
+"""Straight two-node elements: strain, force by a law, prestress, mass.
 
 Strain ``e = (l - L0) / L0``, force ``N = A s(e)``, end forces ``-+N (xj - xi) / l``.
 Lengths are never subtracted: with the initial chord ``d`` of length ``l_s``, its elongation
@@ -83,7 +83,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Rules that the numbers of the group keep, see `common.rules`."""
+        """Return the rules that the numbers of the group must keep, see `common.rules`."""
         above = ("axial_stiffness", "area", "rest_length", "strength")
         rules = [positive(name, getattr(self, name)) for name in above]
         rules += [not_negative(name, getattr(self, name)) for name in ("weight", "compliance")]
@@ -92,41 +92,41 @@ class Straight(Axial, Prestressed, Uniaxial):
             stress = law.softening_stresses()
             if stress is not None:
                 text = (
-                    f"section.laws[{k}] falls; a spring in series with it and others would snap "
-                    "back, which has no one force for a strain"
+                    f"section.laws[{k}] softens; with a spring in series (compliance) it would "
+                    "snap back: a strain would have more than one force"
                 )
-                rules.append(Rule("compliance", stress, _falling, text))
+                rules.append(Rule("compliance", stress, _decreases, text))
         return rules
 
     def _check_compliance(self):
         """Raise ValueError for a compliance beside a law of points in several elements."""
         if len(self._laws) == 1 and len(self.links) > 1 and self.has_rupture:
             raise ValueError(
-                "compliance: beside a law of points only in groups of one element; give the law "
-                "itself the softness: strain + compliance area stress"
+                "compliance: beside a law of points only in groups of one element; change the law "
+                "instead: strain + compliance area stress at each point"
             )
 
     # --- the cross-section: force from strain, energy from strain, strain from force
 
     def force(self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
-        """Axial force, N, at `strain`."""
+        """Return the axial force, N, at `strain`."""
         stiffness, law, area = self._section()
         return stiffness * strain if law is None else area * law.stress_at(strain, memory)
 
     def energy_per_length(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
     ) -> Scalar:
-        """Stored energy per unstressed length, J/m."""
+        """Return the stored energy per unstressed length, J/m."""
         stiffness, law, area = self._section()
         return 0.5 * stiffness * strain**2 if law is None else area * law.energy_at(strain, memory)
 
     def strain_at(self, force: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
-        """Strain at an axial force, N; NaN above the peak of the law."""
+        """Return the strain at an axial force, N; NaN above the peak of the law."""
         stiffness, law, area = self._section()
         return force / stiffness if law is None else law.strain_at(force / area, memory)
 
     def _section(self):
-        """Triple (axial stiffness, law, area), softened by the compliance.
+        """Return the triple (axial stiffness, law, area), with the compliance in series.
 
         Either the stiffness is None, or law and area are.
         """
@@ -146,30 +146,30 @@ class Straight(Axial, Prestressed, Uniaxial):
 
     @property
     def _laws(self):
-        """Laws of the material; if elements have one each, only static members can be read."""
+        """Laws of the material; only static fields are defined if elements have a law each."""
         if self.section is not None:
             return template_of(self.section).laws
         return () if self.law is None else (template_of(self.law),)
 
     @property
     def remembers(self) -> bool:  # type: ignore[override]  # read only
-        """Whether its law remembers earlier strains."""
+        """Whether its law has history variables."""
         return any(law.n_memory for law in self._laws)
 
     @property
     def has_rupture(self) -> bool:  # type: ignore[override]  # read only
-        """Whether an element can be strained beyond its curve."""
+        """Whether its law has a rupture strain."""
         return any(law.has_rupture for law in self._laws)
 
     @property
     def monotone(self) -> bool:  # type: ignore[override]  # read only
-        """Whether its force is known not to fall with strain."""
+        """Whether its force is known not to fall with strain (no softening)."""
         return all(law.monotone for law in self._laws)
 
     # --- the group
 
     def initial_memory(self) -> Float[Array, "n_elem n_memory"] | None:
-        """Memory of elements that have not been strained yet, [n_elem, n_memory], or None."""
+        """Return history variables of elements not strained yet, [n_elem, n_memory], or None."""
         if not self.remembers:
             return None
         area = self.area if self.section is None else template_of(self.section).area
@@ -177,7 +177,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         return jnp.zeros((len(self.links), count), jnp.asarray(area).dtype)
 
     def extrapolated(self) -> Self:
-        """The group for an iteration, whose law goes on beyond its ends."""
+        """Return the group with its law continued beyond the rupture strain, for an iteration."""
         if self.section is not None:
             return copy_with(
                 self, section=apply_to_each(lambda part: part.for_analysis(), self.section)
@@ -187,16 +187,13 @@ class Straight(Axial, Prestressed, Uniaxial):
         return copy_with(self, law=apply_to_each(lambda part: part.extrapolated(), self.law))
 
     def without_softening(self) -> Self:
-        """The group with laws that never fall, see `Law.without_softening`.
-
-        Itself where they are not known.
-        """
+        """Return the group with a law without softening, see `Law.without_softening`."""
         if self.monotone or self.law is None:
             return self
         return copy_with(self, law=apply_to_each(lambda part: part.without_softening(), self.law))
 
     def stiffness_along(self) -> Float[ArrayLike, " n_elem"] | None:
-        """Axial stiffness EA if the law is linear, [n_elem], N; None otherwise."""
+        """Return the axial stiffness EA if the law is linear, [n_elem], N; None otherwise."""
         stiffness = self.axial_stiffness
         if stiffness is None:
             if self.law is None or not isinstance(self.law, Elastic):
@@ -207,7 +204,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         )
 
     def capacity(self) -> tuple[float | Float[Array, " n_elem"], float | Float[Array, " n_elem"]]:
-        """Smallest and largest axial force, N, scalars or [n_elem]."""
+        """Return the smallest and the largest axial force, N, scalars or [n_elem]."""
         if not self.has_rupture:
             return -jnp.inf, jnp.inf
         area, law = (self.area, self.law) if self.section is None else self.section.axial()
@@ -224,7 +221,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         mass: Scalar,
         distribution: str | None = None,
     ) -> Float[Array, "6 6"]:
-        """Mass matrix of an element, the same in every direction, kg; see `Element`."""
+        """Return the mass matrix of an element, equal in every direction, kg; see `Element`."""
         if len(ends) != 2:
             return super().mass_matrix(state, ends, motion, mass, distribution)
         same, other = _SHARES[distribution or "mean"]
@@ -232,26 +229,28 @@ class Straight(Axial, Prestressed, Uniaxial):
         return jnp.kron(shares, jnp.eye(3, dtype=mass.dtype))
 
     def has_result(self, name: str, state: AxialState) -> bool:
-        """Whether it has a result; strains only with fibres, or a law that ends or remembers."""
+        """Return whether it has a result; strains only with fibres, rupture or history."""
         if name == "section_strain":
             return self.section is not None or self.has_rupture or self.remembers
         return super().has_result(name, state)
 
     def strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Engineering strain on the unstressed length."""
+        """Return the engineering strain on the unstressed length."""
         _, _, change, _ = stretch(ends, motion)
         return (state.elongation + change) / state.rest_length
 
     def tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Axial force, N, tension positive."""
+        """Return the axial force, N, tension positive."""
         return jacked_or(
             state,
             state.jack_force,
             lambda: self.force(self.strain(state, ends, motion), state.memory),
         )
 
-    def stretched(self, state: AxialState, ends: Ends, motion: Motion) -> tuple[Scalar, Scalar]:
-        """Axial force, N, and its derivative by the length, N/m; zero under a jack."""
+    def tension_and_stiffness(
+        self, state: AxialState, ends: Ends, motion: Motion
+    ) -> tuple[Scalar, Scalar]:
+        """Return the axial force, N, and its derivative by the length, N/m: zero under a jack."""
 
         def following():
             strain = self.strain(state, ends, motion)
@@ -266,7 +265,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         return force, stiffness
 
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Stored energy, J; under a jack the work of its force on the change of length."""
+        """Return the stored energy, J; under a jack its force times the change of length."""
 
         def stored():
             strain = self.strain(state, ends, motion)
@@ -276,27 +275,27 @@ class Straight(Axial, Prestressed, Uniaxial):
         return jacked_or(state, work, stored)
 
     def section_strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Strain of the fibres, the same in all; under a jack the strain that gives its force."""
+        """Return the strain of the fibres, one for all; under a jack the strain of its force."""
         jacked = (
             None if state.jack_force is None else self.strain_at(state.jack_force, state.memory)
         )
         return jacked_or(state, jacked, lambda: self.strain(state, ends, motion))
 
     def size(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Sum of the absolute forces of the law's parts, N: rounding is relative to this sum."""
+        """Return the sum of the absolute forces of the law's parts, N: the scale of rounding."""
         _, law, area = self._section()
         return area * law.stress_scale_at(self.section_strain(state, ends, motion), state.memory)
 
     def commit_memory(
         self, strain: Scalar, memory: Float[Array, " n_memory"], duration: float = 0.0
     ) -> Float[Array, " n_memory"]:
-        """Memory after an increment of a `duration`, s, that ended at `strain`."""
+        """Return the history variables after an increment of a `duration`, s, to a `strain`."""
         return self._section()[1].commit_memory(strain, memory, duration)
 
     def fibre_stress(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
     ) -> Float[Array, " n_fibre"] | Scalar:
-        """Stress of every fibre, [n_fibre], Pa, equal within a law; scalar without section."""
+        """Return the stress of every fibre, [n_fibre], Pa, equal within a law; scalar otherwise."""
         law = self._section()[1]
         if self.section is None:
             return law.stress_at(strain, memory)
@@ -308,13 +307,13 @@ class Straight(Axial, Prestressed, Uniaxial):
         return jnp.concatenate([jnp.full(n, s) for n, s in zip(counts, stress, strict=True)])
 
     def is_ruptured(self, strain: Scalar) -> Bool[Array, ""]:
-        """Whether `strain` is beyond the curve of the law."""
+        """Return whether `strain` is beyond the rupture strain of the law."""
         return self._section()[1].is_ruptured(strain)
 
     # --- prestress
 
     def locked(self, state: AxialState, length: Scalar, change: Scalar) -> AxialState:
-        """State with the jack force at `length`, m, which is `change` above the initial one."""
+        """Return the state after lock-off at a `length`, m, `change` above the initial one."""
         strain = self.strain_at(state.jack_force, state.memory)  # type: ignore[arg-type]  # not None
         rest_length = length / (1 + strain)
         pair = jnp.stack([rest_length, rest_length * strain - change])
@@ -324,6 +323,6 @@ class Straight(Axial, Prestressed, Uniaxial):
         )
 
 
-def _falling(stress):
-    """Whether stresses along a curve, on the last axis, decrease anywhere."""
+def _decreases(stress):
+    """Return whether stresses along a curve, on the last axis, decrease anywhere."""
     return (stress[..., 1:] < stress[..., :-1]).any()

@@ -1,7 +1,6 @@
-"""A trial of an element class: its declaration, shapes of its methods, forces against energy.
+"""Tests of an element class: its declaration, shapes of its methods, forces against energy.
 
-Everything that is found is a sentence that names the method or field, what is expected of it, and
-what it gave.
+Every fault is a sentence that names the method or field, what is expected of it, and what it gave.
 """
 
 from __future__ import annotations
@@ -19,24 +18,26 @@ from .abilities import Jacked, Sagging
 from .element import Element, Result
 from .element_state import ElementState
 from .prestress import element
-from .state_trial import added, kind_of, raised, restated
+from .state_trial import activation_faults, describe_error, describe_kind, statement_faults
 
-_MOVED = 1e-2  # displacement at which a group is tried, over the mean distance of its ends
-_DECLARE = "fields of the class, `name: object` in its body"
+# Displacement at which a group is tested, over the mean distance of its ends: large enough that
+# nonlinear terms show, small enough that laws stay within their curves.
+_TRIAL_MOTION = 1e-2
+_FIELD_SYNTAX = "fields of the class, `name: object` in its body"
 
 
-def declared(group: Element, n_row: int) -> Iterator[str]:
-    """Iterate over what is wrong with a group as a pytree, and with its links, in words.
+def declaration_faults(group: Element, n_row: int) -> Iterator[str]:
+    """Yield faults of a group as a pytree, and of its links.
 
     Args:
         group: object of a class that derives from `Element`.
-        n_row: number of rows that links can name.
+        n_row: number of rows of motion.
     """
     kind = type(group)
     if "_all_fields" not in vars(kind):
         yield 'class: expected a `@pytree(indices=("links",))` class, got one without the decorator'
         return
-    yield from _undeclared(group, kind.__name__)
+    yield from _undeclared_arrays(group, kind.__name__)
     if "links" not in kind._index_fields:  # type: ignore[attr-defined]
         yield 'links: expected an index field, @pytree(indices=("links",)), got another field'
     for result in group.results:
@@ -61,34 +62,35 @@ def declared(group: Element, n_row: int) -> Iterator[str]:
         )
 
 
-def _undeclared(obj, name):
-    """Arrays of a pytree that are no fields, or static ones, in words."""
+def _undeclared_arrays(obj, name):
+    """Yield faults of arrays of a pytree that are not declared as its fields, or are static."""
     kind, known = type(obj), type(obj)._all_fields
     for attribute, value in vars(obj).items():
         arrays = [x for x in jax.tree.leaves(value) if isinstance(x, np.ndarray | jax.Array)]
         if attribute not in known and arrays and not attribute.endswith("_once"):
             yield (
-                f"{attribute}: expected arrays of {name} to be {_DECLARE}; got one that is none, "
-                "and is lost where jax takes the object apart"
+                f"{attribute}: expected arrays of {name} to be {_FIELD_SYNTAX}; got one that is "
+                "none, and is lost where jax takes the object apart"
             )
         if attribute in kind._static_fields and arrays:
-            yield f"{attribute}: expected static fields without arrays, got {_shape(arrays[0])}"
+            shape = _describe_shape(arrays[0])
+            yield f"{attribute}: expected static fields without arrays, got {shape}"
     for attribute in getattr(kind, "per_element", ()):
         if attribute not in known and not isinstance(getattr(kind, attribute, None), property):
-            yield f"per_element: expected {_DECLARE}, got {attribute!r}, which is none"
+            yield f"per_element: expected {_FIELD_SYNTAX}, got {attribute!r}, which is none"
 
 
-def tried(
+def method_faults(
     group: Element, nodes: Any, state: Any, motion: Any, tol: float, conservative: bool
 ) -> Iterator[str]:
-    """Iterate over what is found by calling the methods of a group, in words; see `check`."""
+    """Yield faults of the methods of a group, found by calling them; see `contract.check`."""
     nodes, links = jnp.asarray(nodes, float), np.asarray(group.links)
     ends = nodes[links]
     if state is None:
         try:
             state = group.start(ends)
         except Exception as error:  # of the author's code
-            yield raised("start", "an `ElementState`", error)
+            yield describe_error("start", "an `ElementState`", error)
             return
     if not isinstance(state, ElementState):
         yield f"start: expected an `ElementState`, got {type(state).__name__}"
@@ -96,28 +98,28 @@ def tried(
     if "_all_fields" not in vars(type(state)):
         yield f"start: expected a `@pytree` class, got {type(state).__name__} without the decorator"
         return
-    yield from _undeclared(state, type(state).__name__)
-    faults = [*_fields(group, state, len(links))]
+    yield from _undeclared_arrays(state, type(state).__name__)
+    faults = [*_field_faults(group, state, len(links))]
     if faults:
         yield from faults
         return
-    motion = _shaken(group, nodes, ends) if motion is None else jnp.asarray(motion, float)
-    yield from _Calls(group, state, ends, motion[links]).faults(tol, conservative)
+    motion = _random_motion(group, nodes, ends) if motion is None else jnp.asarray(motion, float)
+    yield from _MethodTrial(group, state, ends, motion[links]).faults(tol, conservative)
 
 
-class _Calls:
-    """The methods of a group, called for every element at once.
+class _MethodTrial:
+    """Calls the methods of a group for all elements at once, and finds their faults.
 
     Attributes:
-        group, state, ends, motion: with which they are called.
+        group, state, ends, motion: arguments of the calls.
     """
 
     def __init__(self, group, state, ends, motion):
         self.group, self.state, self.ends, self.motion = group, state, ends, motion
         self.n_elem, self.n_end = ends.shape[:2]
 
-    def every(self, method: Callable[..., Any], motion: Any = None) -> Any:
-        """``method(element, state, ends, motion)`` of every element."""
+    def for_every_element(self, method: Callable[..., Any], motion: Any = None) -> Any:
+        """Call ``method(one, state, ends, motion)`` for every element, by vmap."""
 
         def one(properties, *at):
             return method(element(self.group, properties), *at)
@@ -126,7 +128,7 @@ class _Calls:
         return jax.vmap(one)(self.group.properties(), *at)
 
     def faults(self, tol: float, conservative: bool) -> Iterator[str]:
-        """Iterate over what is wrong with the methods, in words."""
+        """Yield the faults of all methods."""
         sizes = (self.n_end, self.group.n_freedom)
         square = 2 * (sizes[0] * sizes[1],)
         shapes = {
@@ -134,39 +136,39 @@ class _Calls:
             "energy": ((),),
             "tangent": ((*sizes, *sizes), square),
         }
-        still, bad = self._still(), []
+        still, bad = self._zero_motion(), []
         for name, allowed in shapes.items():
             for where, motion in (("", None), (" before any motion", still)):
-                bad = [*self._one(name, allowed, where, motion)]
+                bad = [*self._result_faults(name, allowed, where, motion)]
                 yield from bad
                 if bad:
                     break
             if bad and name != "tangent":
                 return
-        yield from self._named()
+        yield from self._named_result_faults()
         if self.group.remembers:
-            yield from self._remembered()
-        yield from restated(self.group, self.state, self.ends)
-        yield from added(self.group, self.state, self.ends, self.motion)
+            yield from self._memory_faults()
+        yield from statement_faults(self.group, self.state, self.ends)
+        yield from activation_faults(self.group, self.state, self.ends, self.motion)
         if not bad:
-            yield from self._derivatives(tol, conservative)
+            yield from self._derivative_faults(tol, conservative)
 
-    def _still(self):
-        """The motion of nodes that have not moved."""
+    def _zero_motion(self):
+        """Return the motion of nodes that have not moved."""
         still = jnp.zeros_like(self.motion)
         return still.at[..., 3:].set(jnp.asarray(IDENTITY)) if self.group.rotates else still
 
-    def _one(self, name, shapes, where, motion, *step):
-        """What is wrong with the type, shape and numbers that a method returns, in words."""
+    def _result_faults(self, name, shapes, where, motion, *step):
+        """Yield faults of the type, shape and numbers that a method returns."""
         words = "a scalar" if shapes == ((),) else f"an array of shape {shapes[0]}"
         words += " of floats for an element"
         try:
-            values = self.every(lambda one, *at: getattr(one, name)(*at, *step), motion)
+            values = self.for_every_element(lambda one, *at: getattr(one, name)(*at, *step), motion)
         except Exception as error:  # of the author's code
-            yield raised(name + where, words, error)
+            yield describe_error(name + where, words, error)
             return
         if not isinstance(values, jax.Array):
-            yield f"{name}: expected {words}, got {kind_of(values)}"
+            yield f"{name}: expected {words}, got {describe_kind(values)}"
             return
         # of the columns of inner rows the tangent has those that contain a number
         inner = name == "tangent" and self.group.inner and values.ndim == 3
@@ -182,8 +184,8 @@ class _Calls:
             wrong = np.asarray(values)[k].ravel()[~finite[k]][0]
             yield f"{name}{where}: expected finite numbers, got {wrong} of element {k}"
 
-    def _named(self):
-        """What is wrong with results, and with what the group says of slackness."""
+    def _named_result_faults(self):
+        """Yield faults of results, of flags for slackness, and of weights."""
         group, state = self.group, self.state
         for result in group.results:
             name = result.name
@@ -192,12 +194,13 @@ class _Calls:
             count = len(result.components)
             words = f"{count} components in the last axis" if count else "an array"
             try:
-                values = self.every(lambda one, *at, name=name: getattr(one, name)(*at))
+                values = self.for_every_element(lambda one, *at, name=name: getattr(one, name)(*at))
             except Exception as error:  # of the author's code
-                yield raised(f"results: {name}", words, error)
+                yield describe_error(f"results: {name}", words, error)
                 continue
             if not isinstance(values, jax.Array):
-                yield f"results: {name}: expected {words} for an element, got {kind_of(values)}"
+                got = describe_kind(values)
+                yield f"results: {name}: expected {words} for an element, got {got}"
             elif count and values.shape[-1:] != (count,):
                 yield (
                     f"results: {name} has {count} components, and its last axis the shape "
@@ -212,35 +215,35 @@ class _Calls:
                 )
         for name in ("is_slack", "at_kink"):
             try:
-                flags = self.every(lambda one, *at, name=name: getattr(one, name)(*at))
+                flags = self.for_every_element(lambda one, *at, name=name: getattr(one, name)(*at))
             except Exception as error:  # of the author's code
-                yield raised(name, "a bool of an element", error)
+                yield describe_error(name, "a bool of an element", error)
                 continue
             if not isinstance(flags, jax.Array):
-                yield f"{name}: expected a bool of an element, got {kind_of(flags)}"
+                yield f"{name}: expected a bool of an element, got {describe_kind(flags)}"
             elif flags.shape != (self.n_elem,) or flags.dtype != bool:
                 yield f"{name}: expected a bool of an element, got {flags.dtype} {flags.shape[1:]}"
         weights = group.weights(state)
         if (weights is None) != (group.weight is None):
             yield "weights: returns something where `weight` is None, or the other way about"
 
-    def _remembered(self):
-        """What is wrong with the memory after an increment, and with the size of the parts."""
+    def _memory_faults(self):
+        """Yield faults of history variables after an increment, and of the size of parts."""
         expected = jax.tree.map(lambda x: (x.shape, x.dtype), self.state.memory)
         words = "a memory like that of the state"
         try:
-            after = self.every(lambda one, *at: one.settled(*at, duration=0.0))
+            after = self.for_every_element(lambda one, *at: one.settled(*at, duration=0.0))
         except Exception as error:  # of the author's code
-            yield raised("settled", words, error)
+            yield describe_error("settled", words, error)
         else:
             found = jax.tree.map(lambda x: (jnp.shape(x), jnp.result_type(x)), after)
             if jax.tree.structure(found) != jax.tree.structure(expected) or found != expected:
                 yield f"settled: expected {words}, {expected} for all elements, got {found}"
-        yield from self._one("size", ((),), "", None)
+        yield from self._result_faults("size", ((),), "", None)
 
-    def _derivatives(self, tol, conservative):
-        """What is wrong with the forces about a step, the tangent, and the energy."""
-        group, every = self.group, self.every
+    def _derivative_faults(self, tol, conservative):
+        """Yield faults of the forces after a step, the tangent, and the energy."""
+        group, every = self.group, self.for_every_element
         shape = (*self.ends.shape[1:2], group.n_freedom)
         still = jnp.zeros(shape)
         forces = every(lambda one, *at: one.end_forces(*at))
@@ -255,7 +258,7 @@ class _Calls:
         def slope(one, state, ends, motion):
             return jax.grad(lambda step: one.energy(state, ends, moved(motion, step)))(still)
 
-        bad = [*self._one("end_forces_about", (shape,), "", None, still)]
+        bad = [*self._result_faults("end_forces_about", (shape,), "", None, still)]
         if bad:
             yield from bad
             return
@@ -263,26 +266,26 @@ class _Calls:
             here = every(lambda one, *at: one.end_forces_about(*at, still))
             derivative = every(about).reshape(self.n_elem, still.size, still.size)
         except Exception as error:  # of the author's code
-            yield raised("end_forces_about", "a function that jax can differentiate", error)
+            yield describe_error("end_forces_about", "a function that jax can differentiate", error)
             return
         if group.rotates:
             other = every(
                 lambda one, *at: one.end_forces(*at), self.motion.at[..., 3:].multiply(-1.0)
             )
-            if not _apart(other, forces, size) <= tol:
+            if not _relative_difference(other, forces, size) <= tol:
                 yield (
                     "end_forces: other forces for the quaternions q and -q, which are the same "
                     "rotation"
                 )
-        if not _apart(here, forces, size) <= tol:
+        if not _relative_difference(here, forces, size) <= tol:
             yield "end_forces_about: at a step of zero it is not `end_forces`"
         tangent = every(lambda one, *at: one.tangent(*at))
         count = round((tangent.size // self.n_elem) ** 0.5)
         tangent = tangent.reshape(self.n_elem, count, count)
         largest = jnp.max(jnp.abs(tangent))
-        if not group.inner and not _apart(tangent, derivative, largest) <= tol:
+        if not group.inner and not _relative_difference(tangent, derivative, largest) <= tol:
             yield "tangent: it is not the derivative of the end forces"
-        across = _apart(tangent, jnp.swapaxes(tangent, 1, 2), largest)
+        across = _relative_difference(tangent, jnp.swapaxes(tangent, 1, 2), largest)
         if group.symmetric and not across <= tol:
             yield (
                 f"symmetric: its tangent is not ({across:.1e} of the largest entry); state "
@@ -292,14 +295,14 @@ class _Calls:
             try:
                 gradient = every(slope)
             except Exception as error:  # of the author's code
-                yield raised("energy", "a function that jax can differentiate", error)
+                yield describe_error("energy", "a function that jax can differentiate", error)
                 return
-            if not _apart(gradient, forces, size) <= tol:
+            if not _relative_difference(gradient, forces, size) <= tol:
                 yield "energy: the end forces are not its gradient"
 
 
-def _fields(group, state, n_elem):
-    """What is wrong with the state and the arrays of a group."""
+def _field_faults(group, state, n_elem):
+    """Yield faults of the fields of the state, and of the arrays per element of a group."""
     for name, leaf in ((n, x) for n, x in vars(state).items() if n in type(state)._all_fields):
         shapes = {np.shape(x)[:1] for x in jax.tree.leaves(leaf)}
         if shapes - {(n_elem,)}:
@@ -329,21 +332,22 @@ def _fields(group, state, n_elem):
                 yield f"{ability}: its state needs a field `{name}`"
 
 
-def _shape(array):
+def _describe_shape(array):
+    """Return the shape of an array in words."""
     return f"an array of shape {np.shape(array)}"
 
 
-def _apart(one, other, size):
-    """Largest difference over a size; NaN if that is not finite."""
+def _relative_difference(one, other, size):
+    """Return the largest difference over a `size`; NaN if it is not finite."""
     if np.shape(one) != np.shape(other):
         return float("nan")
     return float(jnp.max(jnp.abs(one - other)) / jnp.where(size > 0, size, 1.0))
 
 
-def _shaken(group, nodes, ends):
-    """A random motion of all rows, [n_row, 3 or 7]."""
+def _random_motion(group, nodes, ends):
+    """Return a random motion of all rows, [n_row, 3 or 7]."""
     chord = group.chord(ends)
-    size = _MOVED * (float(jnp.mean(chord)) if chord.size else 1.0)
+    size = _TRIAL_MOTION * (float(jnp.mean(chord)) if chord.size else 1.0)
     step = size * np.random.default_rng(0).uniform(-1, 1, (len(nodes), group.n_freedom))
     still = jnp.zeros_like(nodes)
     if not group.rotates:

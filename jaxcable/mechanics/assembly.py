@@ -1,8 +1,9 @@
 """The whole structure: residual, tangent, energy and results of one loaded state.
 
-A `System` contains what is constant while equilibrium is sought at one load factor: elements,
+A `System` has everything that is constant while equilibrium is sought at one load factor: elements,
 loads, and the space in which nodes move (`spaces`). The point ``x`` of an iteration is the motion
-of all rows, [n_row, n_motion], which begins with displacements, m; a step [n_free] moves it on.
+of all rows, [n_row, n_motion], which begins with displacements, m. A step [n_free] is a change of
+all unknowns (degrees of freedom).
 """
 
 from __future__ import annotations
@@ -32,15 +33,15 @@ EndForces: TypeAlias = 'list[Float[Array, "n_elem n_end n_freedom"]]'
 
 @pytree
 class System(Elementwise):
-    """A structure at one load factor, ready to be brought to equilibrium.
+    """The equations of a structure at one load factor: forces, tangent, energy.
 
     Attributes:
         nodes: initial positions, [n_row, 3], m.
         groups: element groups; their links are arrays.
         states: element states, one per group.
         load: dead load on every row, [n_row, n_freedom], N and N m.
-        space: `Space`: the supports, and the numbering of the unknowns.
-        followers: loads that depend on the positions of the nodes, a list of
+        space: `Space`: supports and degrees of freedom.
+        followers: following loads, which depend on the positions of the nodes, a list of
             `load_stacks.Following`, or None.
     """
 
@@ -52,41 +53,41 @@ class System(Elementwise):
     followers: list[Following] | None = None
 
     def without_softening(self) -> System:
-        """Return the system with materials that do not soften (`Law.without_softening`)."""
+        """Return the system with laws without softening, see `Law.without_softening`."""
         return copy_with(self, groups=[group.without_softening() for group in self.groups])
 
     # --- points and steps
 
     def impose_supports(self, x: Motion) -> Motion:
-        """`x` with the freedoms that supports hold put to their prescribed values."""
+        """Return `x` with supported degrees of freedom at their prescribed values."""
         return self.space.impose_supports(x)
 
     def with_support_rotations(self, x: Motion) -> Motion:
-        """`x`, a constant, as a function of the supports, see `Space.carried`."""
+        """Return the constant `x` as a function of the supports, see `Space.carried`."""
         return self.space.with_support_rotations(x)
 
     def move(self, x: Motion, step: Step) -> Motion:
-        """The motion after a step [n_free]."""
+        """Return the motion after a step [n_free]."""
         return self.space.move(x, step)
 
     def reach(self, x: Motion) -> Float[Array, ""]:
-        """Largest displacement along an axis, m; rotations do not count, being no lengths."""
+        """Return the largest displacement along an axis, m; rotations do not count."""
         return jnp.max(jnp.abs(x[:, :3]), initial=0.0)
 
     def chart(self, x: Motion) -> tuple[Callable[[Step], Step], Step, Callable[[Step], Motion]]:
-        """Residual as a function of a step from `x`, the zero step, and the motion after a step."""
+        """Return the residual as a function of a step from `x`, the zero step, and `move`."""
         x = self.impose_supports(x)
         # computed from x, so that the zero step has the batch axes of x
         zero = jnp.where(jnp.isnan(x[0, 0]), 0.0, 0.0)
         zero = jnp.full(self.dof_map.free.shape[0], zero, x.dtype)
 
         def residual(step: Step) -> Step:
-            return self.space.hold_temporarily_fixed(self._residual_about(x, step), step)
+            return self.space.hold_temporarily_fixed(self._residual_after_step(x, step), step)
 
         return residual, zero, lambda step: self.move(x, step)
 
     def refined(self, x: Motion) -> Motion:
-        """`x` with a fine part in a net, which is iterated with one (`spaces.translations`)."""
+        """Return `x` with a low-order part if this is a net (`spaces.translations`)."""
         return append_low_part(drop_low_part(x)) if self.is_net else x
 
     # --- forces
@@ -94,9 +95,9 @@ class System(Elementwise):
     def internal_force(
         self, x: Motion, end_forces: EndForces | None = None
     ) -> tuple[Forces, Float[Array, " n_row"]]:
-        """Sum of the end forces at every row, [n_row, n_freedom], and of their sizes, [n_row], N.
+        """Sum up end forces at rows, [n_row, n_freedom], and their absolute values, [n_row], N.
 
-        `end_forces` are those of every group, if they are known already.
+        `end_forces` of every group are evaluated unless they are given.
         """
         if end_forces is None:
             end_forces = self.reading(x, "end_forces")["end_forces"]
@@ -104,7 +105,7 @@ class System(Elementwise):
         return self.at_rows(ends), self.at_rows(self.end_sizes(ends, x))
 
     def end_sizes(self, ends: EndForces, x: Motion) -> list[Float[Array, "n_elem n_end"]]:
-        """Sizes of the end forces of every group, with those of parts that balance each other."""
+        """Return norms of the end forces of every group, plus `part_sizes` of laws with memory."""
         sizes = [self.space.force_norm(forces) for forces in ends]
         for k, (group, state) in enumerate(zip(self.groups, self.states, strict=True)):
             if group.remembers:
@@ -112,7 +113,7 @@ class System(Elementwise):
         return sizes
 
     def at_rows(self, values: Sequence[Float[Array, "n_elem n_end ..."]]) -> Array:
-        """Sums at every row of `values` at the ends of all elements, [n_row, ...]."""
+        """Sum up `values` at the ends of all elements for every row, [n_row, ...]."""
         parts = [value.reshape(-1, *value.shape[2:]) for value in values]
         flat = parts[0] if len(parts) == 1 else jnp.concatenate(parts)
         if self.dof_map.nodal_assembly is not None:
@@ -120,35 +121,35 @@ class System(Elementwise):
         rows = jnp.concatenate([group.links.reshape(-1) for group in self.groups])
         return jnp.zeros((len(self.nodes), *flat.shape[1:]), flat.dtype).at[rows].add(flat)
 
-    def _end_forces_about(self, x, spread):
-        """End forces of every group conjugate to a step of all rows from `x`."""
+    def _end_forces_after(self, x, spread):
+        """Return the end forces of every group after a step of all rows from `x`."""
         found = []
         placed = zip(*map(self.at_ends, (self.nodes, x, spread)), strict=True)
         for group, state, (*at, step) in zip(self.groups, self.states, placed, strict=True):
             beside = (step[..., : group.n_freedom],)
-            found.append(over_ends(_about, group, state, at, beside))
+            found.append(over_ends(_element_forces_after, group, state, at, beside))
         return found
 
     def part_sizes(
         self, group: Element, state: ElementState, motion: Motion
     ) -> Float[Array, "n_elem n_end"]:
-        """Sums of the absolute forces of an element's parts, at each of its ends, N.
+        """Return sums of absolute forces of an element's parts, at each end, [n_elem, n_end], N.
 
-        The parts of an elastic-plastic element can balance each other. An unloaded one is in
-        equilibrium up to the rounding of these forces, [n_elem, n_end].
+        Forces of the parts of an elastic-plastic element can cancel each other. An unloaded element
+        is in equilibrium up to the rounding of these forces.
         """
         sizes = each("size", group, state, self.nodes, motion)[:, None]
         return jnp.repeat(sizes, group.links.shape[1], axis=1)
 
     def external_force(self, x: Motion, spread: Forces | None = None) -> Forces:
-        """Forces on every row that no element makes, as `load`: dead and following loads.
+        """Return the dead and following loads on every row, as `load`.
 
-        A system with further forces, such as those of inertia, adds them here, and their tangent to
-        `external_parts`; every solver takes both from there.
+        A system with further forces, such as inertia, adds them here, and their tangent to
+        `external_parts`; every solver uses these two methods.
 
         Args:
             x: motion of all rows.
-            spread: step of all rows from `x`; the forces are those after it, and conjugate to it.
+            spread: step of all rows from `x`; the loads are those after the step, conjugate to it.
         """
         load = self.load if spread is None else self.space.conjugate_loads(self.load, spread)
         if self.followers is None:
@@ -158,30 +159,30 @@ class System(Elementwise):
         return load + self.space.pad_moments(self.following(moved))
 
     def following(self, moved: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
-        """Following loads on every row for nodes at `moved`, both [n_row, 3], N."""
+        """Return the following loads on every row for nodes at `moved`, both [n_row, 3], N, m."""
         arguments = self.groups, self.states, self.nodes, moved
         forces: list[Any] = [follower.following_forces(*arguments) for follower in self.followers]
         return sum(forces)
 
     def unbalanced(self, x: Motion, end_forces: EndForces | None = None) -> Forces:
-        """Internal force minus load at every row, as `load`."""
+        """Return the unbalanced force (internal force minus load) at every row, as `load`."""
         return self.internal_force(x, end_forces)[0] - self.external_force(x)
 
     def residual(self, x: Motion) -> Step:
-        """Unbalanced force at every free freedom, [n_free], N (moments over a length)."""
+        """Return the residual: unbalanced force of every unknown, [n_free], N."""
         return self.space.restrict(self.unbalanced(x), x)
 
-    def _residual_about(self, x: Motion, step: Step) -> Step:
-        """Unbalanced force conjugate to a step [n_free] from `x`, [n_free], N."""
+    def _residual_after_step(self, x: Motion, step: Step) -> Step:
+        """Return the residual after a step [n_free] from `x`, conjugate to it, [n_free], N."""
         spread = self.space.prolong(x, step)
         load = self.external_force(x, spread)
-        internal, _ = self.internal_force(x, self._end_forces_about(x, spread))
+        internal, _ = self.internal_force(x, self._end_forces_after(x, spread))
         return self.space.restrict(internal - load, x, spread)
 
     def residual_and_scale(
         self, x: Motion, end_forces: EndForces | None = None
     ) -> tuple[Step, Float[Array, ""]]:
-        """Residual [n_free], and the force that its tolerance is relative to, N.
+        """Return the residual [n_free], and the force that its tolerance is relative to, N.
 
         The scale is the largest, over rows, of the sum of absolute end forces plus the load.
         """
@@ -191,11 +192,11 @@ class System(Elementwise):
 
     @property
     def rounds(self) -> bool:
-        """Whether the force of an element may vanish while its rounding error does not."""
+        """Whether any elements estimate the rounding error of their forces."""
         return any(isinstance(group, Rounding) for group in self.groups)
 
     def rounding(self, x: Motion) -> Step:
-        """Error that the rounding of displacements leaves in the residual, [n_free], N."""
+        """Return the error of the residual by rounding of displacements, [n_free], N."""
         left = []
         for group, state in zip(self.groups, self.states, strict=True):
             if isinstance(group, Rounding):
@@ -205,32 +206,32 @@ class System(Elementwise):
         return jnp.abs(self.space.restrict(self.at_rows(left), x))
 
     def load_norm(self, x: Motion) -> Float[Array, ""]:
-        """Euclidean norm of the load on the free freedoms, N (moments over a length)."""
+        """Return the Euclidean norm of the load on the unknowns, N (moments over a length)."""
         return jnp.linalg.norm(self.space.restrict(self.external_force(x), x))
 
     @property
     def may_be_unsymmetric(self) -> bool:
         """Whether the tangent can be unsymmetric: by rotations, following loads or elements."""
-        return self.followers is not None or self.space.rotates or not self._symmetric_elements
+        return self.followers is not None or self.space.rotates or not self._has_symmetric_elements
 
     @property
-    def _symmetric_elements(self) -> bool:
+    def _has_symmetric_elements(self) -> bool:
         """Whether the tangents of all elements are symmetric."""
         return all(group.symmetric for group in self.groups)
 
     def unsymmetric(self) -> Bool[Array, ""]:
-        """Whether the tangent is not symmetric, scalar bool.
+        """Return whether the tangent is unsymmetric, scalar bool.
 
-        Nodal moments act, loads follow, or there are elements whose tangent is not symmetric.
+        It is so under nodal moments and following loads, and with unsymmetric elements.
         """
-        if not self._symmetric_elements:
+        if not self._has_symmetric_elements:
             return jnp.ones((), bool)
         moments = self.space.moments(self.load)
         return self.followed if moments is None else jnp.any(moments != 0) | self.followed
 
     @property
     def followed(self) -> Bool[Array, ""]:
-        """Whether a following load acts, scalar bool; loads of later phases do not act yet."""
+        """Whether a following load acts in this phase, scalar bool."""
         if self.followers is None:
             return jnp.zeros((), bool)
         return jnp.any(jnp.stack([follower.acts for follower in self.followers]))
@@ -238,16 +239,16 @@ class System(Elementwise):
     # --- matrices
 
     def tangent(self, x: Motion, known: PerGroup | None = None) -> Matrix:
-        """Tangent stiffness, a matrix of `linear`, N/m: derivative of the residual by a step.
+        """Assemble the tangent stiffness, N/m: the derivative of the residual by a step.
 
-        By autodiff of the element forces. Dense [n_free, n_free], or sparse if the freedoms have a
-        pattern. `known` are tangents of elements that are known already, see `linearized`.
+        By autodiff of the element forces. A matrix of `linear`: dense [n_free, n_free], or sparse
+        if the degrees of freedom have a pattern. `known`: element tangents from `linearized`.
         """
         parts = self.parts(self.tangents(x, known), x) + self.external_parts(x)
-        return self.space.stabilize_free_spins(self._assemble(parts), x)
+        return self.space.stabilize_free_spins(self._assemble_matrix(parts), x)
 
     def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[MatrixPart]:
-        """Transform matrices of all groups to the input of `linear.assemble_matrix`."""
+        """Return element matrices [n_elem, d, d] in the form of `linear.assemble_matrix`."""
         return [
             self.space.transform_to_unknowns(blocks, group.links, group.n_freedom, group.inner, x)
             for blocks, group in zip(matrices, self.groups, strict=True)
@@ -256,7 +257,7 @@ class System(Elementwise):
     def mass(
         self, x: Motion, gravity: Float[ArrayLike, ""], distribution: str | None = None
     ) -> Matrix:
-        """Mass matrix of the elements, a matrix on the pattern of `tangent`, kg.
+        """Assemble the mass matrix of the elements, on the pattern of `tangent`, kg.
 
         Arguments as of `masses`. The masses of paired elements are not paired: the pattern has to
         be one without pairs.
@@ -267,10 +268,12 @@ class System(Elementwise):
         parts = self.parts(self.masses(x, gravity, distribution), x)
         # the pattern has places for terms of loads, too
         others = jax.eval_shape(lambda: self.external_parts(x))
-        return self._assemble(parts + jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), others))
+        return self._assemble_matrix(
+            parts + jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), others)
+        )
 
     def external_parts(self, x: Motion) -> list[MatrixPart]:
-        """Terms of the tangent from `external_force`, as `parts`: loads that follow, and moments.
+        """Return the load stiffness, as `parts`: of following loads and moments.
 
         A sparse pattern needs places for them, after those of the elements (`number_freedoms`).
         """
@@ -283,11 +286,11 @@ class System(Elementwise):
         return following + self.space.load_stiffness(self.load, lambda: self.unbalanced(x), x)
 
     def secant(self, before: Motion, x: Motion) -> Matrix:
-        """Secant stiffness between two points, a matrix like `tangent`, N/m."""
-        return self._assemble(self.parts(self.secants(before, x), x))
+        """Assemble the secant stiffness between two points, a matrix like `tangent`, N/m."""
+        return self._assemble_matrix(self.parts(self.secants(before, x), x))
 
     def displaced_by(self, x: Motion) -> Float[Array, "n_row 3 n_free"]:
-        """Derivative of the displacements of all rows by the unknowns, [n_row, 3, n_free]."""
+        """Return the derivative of all displacements by the unknowns, [n_row, 3, n_free]."""
         dof_map, n_row = self.dof_map, len(x)
         number, slopes = dof_map.unknown_of_dof, self.space.motion_jacobian(x)
         if dof_map.rigid_links is not None:
@@ -299,7 +302,8 @@ class System(Elementwise):
         at = jnp.arange(n_row)[:, None, None], jnp.arange(3)[None, :, None], number[:, None, :]
         return moved.at[at].add(slopes[:, :3])[..., :-1]
 
-    def _assemble(self, parts: list[MatrixPart]) -> Matrix:
+    def _assemble_matrix(self, parts: list[MatrixPart]) -> Matrix:
+        """Assemble a matrix from parts; unknowns that are bound get unit rows and columns."""
         matrix = linear.assemble_matrix(parts, self.dof_map.free.shape[0], self.dof_map.pattern)
         bound = self.dof_map.temporarily_fixed
         return matrix if bound is None or not bound.size else linear.hold_unknowns(matrix, bound)
@@ -307,20 +311,20 @@ class System(Elementwise):
     # --- results
 
     def potential(self, x: Motion) -> Float[Array, ""]:
-        """Stored energy minus the work of the dead nodal forces, J; the residual is its gradient.
+        """Return stored energy minus work of dead nodal forces, J; the residual is its gradient.
 
         Following loads and nodal moments are left out, because they need not have a potential.
         """
         return self.stored_energy(x) - jnp.sum(self.load[:, :3] * x[:, :3])
 
     def reactions(self, x: Motion, end_forces: EndForces | None = None) -> Forces:
-        """Forces of the supports on the structure, as `load`; zero where free."""
+        """Return the forces of the supports on the structure, as `load`; zero where free."""
         return self.space.reactions(self.unbalanced(x, end_forces), x)
 
     def loose_nodes(
         self, motion: Motion, slack: list[Bool[Array, " n_elem"]] | None = None
     ) -> Bool[Array, " n_row"]:
-        """Nodes that are not fully supported and touch only slack elements, [n_node] bool."""
+        """Return which free nodes have no stiffness: slack elements only, [n_node] bool."""
         slack = self.slack(motion) if slack is None else slack
         taut = []
         for group, state, loose in zip(self.groups, self.states, slack, strict=True):
@@ -332,9 +336,9 @@ class System(Elementwise):
         return ~stiffened & ~jnp.all(self.dof_map.fixed, axis=-1)
 
     def kinked(self, motion: Motion) -> Bool[Array, ""]:
-        """Whether a cable at a free node is exactly unstressed.
+        """Return whether equilibrium has no derivative: a cable at a free node is at its kink.
 
-        Equilibrium then has no derivative. (A cable whose law remembers goes slack elsewhere.)
+        Cables whose law has history variables go slack at other strains and do not count.
         """
         found, free = jnp.zeros((), bool), self.dof_map.movable_dofs()
         for group, state in zip(self.groups, self.states, strict=True):
@@ -347,25 +351,25 @@ class System(Elementwise):
     @property
     def may_be_convex(self) -> bool:
         """Whether the energy is convex under dead loads: all groups are tension-only and rising."""
-        return self._symmetric_elements and all(
+        return self._has_symmetric_elements and all(
             group.tension_only and group.monotone for group in self.groups
         )
 
     @property
     def always_convex(self) -> bool:
         """Whether the energy is convex in all phases: no load ever follows or slides."""
-        return self.may_be_convex and self.followers is None and not self._sliding
+        return self.may_be_convex and self.followers is None and not self._sliding_loads
 
     @property
     def convex(self) -> Bool[Array, ""]:
-        """Whether the energy is convex, scalar bool."""
+        """Whether the energy is convex under the present loads, scalar bool."""
         if self.always_convex or not self.may_be_convex:
             return jnp.asarray(self.always_convex)
-        still = [jnp.all(load == 0) for load in self._sliding]
+        still = [jnp.all(load == 0) for load in self._sliding_loads]
         return jnp.all(jnp.stack([~self.followed, *still]))
 
     @property
-    def _sliding(self) -> list[Float[Array, "n_elem 3"]]:
+    def _sliding_loads(self) -> list[Float[Array, "n_elem 3"]]:
         """Loads that slide along elements, a list of [n_elem, 3], N/m."""
         pairs = zip(self.groups, self.states, strict=True)
         loads = [state.line_load for group, state in pairs if group.slides]
@@ -373,12 +377,12 @@ class System(Elementwise):
 
     @property
     def is_net(self) -> bool:
-        """Whether it is a net of cables under dead loads, each with one tension of its own."""
+        """Whether it is a net of cables under dead loads, with one tension for each cable."""
         pairs = zip(self.groups, self.states, strict=True)
         cables = [isinstance(g, Pulling) and g.pulls(s) for g, s in pairs]
         return all(cables) and self.always_convex and not self.space.rotates
 
 
-def _about(one, state, ends, motion, step):
-    """End forces of an element conjugate to a step from a motion."""
+def _element_forces_after(one, state, ends, motion, step):
+    """Return the end forces of one element after a step from a motion."""
     return one.end_forces_about(state, ends, motion, step)

@@ -1,8 +1,8 @@
 """Bundles: element groups that differ in numbers only, evaluated as one group.
 
-A user may name many groups; a program contains every kind of element once. Groups of one class,
-whose laws or sections are of one kind, are joined before the compiled core, in the order in which
-they are named. The results of the core are split into the user's groups at its end.
+A user may define many groups; a program contains every kind of element once. Groups of one class,
+whose laws or sections are of one kind, are joined before the compiled core, in their order. Results
+are split into the user's groups at the end.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from ..elements.element import Element
 from ..elements.stated import Stated
 from ..sections import Section, padding
 
-_NONE = {"weight": 0.0, "expansion": 0.0}
-"""Values of groups that lack these numbers, if other groups of their bundle have them."""
+_NEUTRAL_VALUES = {"weight": 0.0, "expansion": 0.0}
+"""Values without effect, for groups without these numbers in a bundle that has them."""
 
 
 class Bundles(NamedTuple):
     """Which groups are evaluated together; hashable, static in a program.
 
     Attributes:
-        members: numbers of the groups of every bundle, in ascending order.
+        members: indices of the groups of every bundle, in ascending order.
         sizes: number of elements of every group.
     """
 
@@ -39,10 +39,10 @@ class Bundles(NamedTuple):
 
     @classmethod
     def of(cls, groups: Sequence[Element]) -> Bundles:
-        """The bundles of element groups, whose links name rows of motion."""
+        """Find the bundles of element groups, whose links are indices of rows of motion."""
         found = {}
         for number, group in enumerate(groups):
-            found.setdefault(_sort(number, group), []).append(number)
+            found.setdefault(_bundle_key(number, group), []).append(number)
         members = tuple(tuple(numbers) for numbers in found.values())
         return cls(members, tuple(len(group.links) for group in groups))
 
@@ -52,15 +52,15 @@ class Bundles(NamedTuple):
         return len(self.members) == len(self.sizes)
 
     def groups(self, groups: list[Element]) -> list[Element]:
-        """One group for every bundle, with the elements of its groups."""
+        """Return one group for every bundle, with the elements of its groups."""
         return (
             groups
             if self.plain
-            else [_joined([groups[k] for k in numbers]) for numbers in self.members]
+            else [_join_groups([groups[k] for k in numbers]) for numbers in self.members]
         )
 
     def together(self, per_group: Any) -> list[PyTree[Float[Array, "n_elem ..."]]]:
-        """Pytrees of arrays [n_elem, ...], given for every group, joined for every bundle."""
+        """Join pytrees of arrays [n_elem, ...] of groups to one for every bundle."""
         if self.plain:
             return per_group
 
@@ -70,7 +70,7 @@ class Bundles(NamedTuple):
         return [jax.tree.map(one, *(per_group[k] for k in numbers)) for numbers in self.members]
 
     def apart(self, per_bundle: Any, axis: int = 0) -> list[PyTree[Float[Array, "n_elem ..."]]]:
-        """Pytrees of bundles, with elements on `axis`, split into groups; undoes `together`."""
+        """Split pytrees of bundles, with elements on `axis`, into groups: inverse of `together`."""
         if self.plain:
             return per_bundle
         found = [None] * len(self.sizes)
@@ -83,7 +83,7 @@ class Bundles(NamedTuple):
         return found
 
     def numbers(self, on: Collection[int]) -> tuple[int, ...]:
-        """Numbers of the bundles that contain some of the groups `on`, in ascending order."""
+        """Return the indices of the bundles that contain any of the groups `on`, ascending."""
         return tuple(b for b, numbers in enumerate(self.members) if set(numbers) & set(on))
 
     def spread(
@@ -92,15 +92,15 @@ class Bundles(NamedTuple):
         values: Mapping[int, Float[ArrayLike, "n_elem ..."]],
         fill: float = 0.0,
     ) -> dict[int, Float[ArrayLike, "n_elem ..."]]:
-        """Values of groups, [n_elem, ...] or scalars, as values of the bundles that contain them.
+        """Join values of groups, [n_elem, ...] or scalars, to values of bundles.
 
         Args:
-            on: numbers of groups.
-            values: by number of a group.
+            on: indices of groups.
+            values: values by index of a group.
             fill: value of the other groups in these bundles.
 
         Returns:
-            By number of a bundle; a scalar where all of its groups have the same scalar.
+            Values by index of a bundle; a scalar where all of its groups have the same scalar.
         """
         found = {}
         for b in self.numbers(on):
@@ -115,15 +115,15 @@ class Bundles(NamedTuple):
         return found
 
     def statements(self, per_group: list[dict[str, Stated]]) -> list[dict[str, Stated]]:
-        """Prestress statements of a phase, a dict from name to `Stated` for every bundle."""
+        """Join the statements of a phase: a dict from name to `Stated` for every bundle."""
         found = []
         for numbers in self.members:
             names = dict.fromkeys(name for k in numbers for name in per_group[k])
-            found.append({name: self._stated(name, numbers, per_group) for name in names})
+            found.append({name: self._join_statement(name, numbers, per_group) for name in names})
         return found
 
-    def _stated(self, name, numbers, per_group):
-        """The statements `name` of the groups of one bundle, joined to one."""
+    def _join_statement(self, name, numbers, per_group):
+        """Join the statements `name` of the groups of one bundle to one."""
         parts = [per_group[k].get(name) for k in numbers]
         sizes = [self.sizes[k] for k in numbers]
         several = next(np.shape(part.values)[1:] for part in parts if part is not None)
@@ -140,19 +140,19 @@ class Bundles(NamedTuple):
         return Stated(concatenate(values), np.concatenate(chosen))
 
 
-def _sort(number, group):
-    """What the groups of one bundle have in common, a key."""
+def _bundle_key(number, group):
+    """Return a key that is equal for groups which can be evaluated together."""
     key = [type(group)]
     for field in dataclasses.fields(group):
         value = getattr(group, field.name)
         if field.name == "links":
             key.append(value.shape[1:])
         elif field.name in group.per_element:
-            key.append(value is None and field.name not in _NONE)
+            key.append(value is None and field.name not in _NEUTRAL_VALUES)
         elif field.name in group._static_fields:
             key.append(value)
         elif field.name in group._index_fields:
-            # its number makes the key of a group with such an array unique: it is not bundled
+            # the index of the group makes its key unique: groups with such an array are not bundled
             key.append(None if value is None else number)
         elif isinstance(value, Section):
             key.append(padding.padding_key(value))
@@ -162,8 +162,8 @@ def _sort(number, group):
     return tuple(key)
 
 
-def _joined(groups):
-    """One group with the elements of several groups of the same sort."""
+def _join_groups(groups):
+    """Return one group with the elements of several groups of equal `_bundle_key`."""
     first = groups[0]
     if len(groups) == 1:
         return first
@@ -171,27 +171,27 @@ def _joined(groups):
     for field in dataclasses.fields(first):
         values = [getattr(group, field.name) for group in groups]
         if field.name == "links":
-            changes["links"] = _linked(tuple(values))
+            changes["links"] = _join_links(tuple(values))
         elif field.name in first.per_element:
             if any(value is not None for value in values):
-                fill = _NONE.get(field.name)
+                fill = _NEUTRAL_VALUES.get(field.name)
                 pairs = zip(values, sizes, strict=True)
                 changes[field.name] = concatenate(
                     [np.full(n, fill) if x is None else x for x, n in pairs]
                 )
         elif field.name not in first._static_fields:
-            changes[field.name] = _each(values, sizes)
+            changes[field.name] = _join_values(values, sizes)
     return copy_with(first, **changes)
 
 
 @functools.lru_cache(maxsize=64)
-def _linked(links):
-    """`Indices` of several groups, joined."""
+def _join_links(links):
+    """Return the joined `Indices` of several groups, cached."""
     return Indices(np.concatenate([indices.array for indices in links]))
 
 
-def _each(values, sizes):
-    """One object for all elements of several groups: their common one, or `PerElement`."""
+def _join_values(values, sizes):
+    """Return one object for all elements of several groups: a common one, or `PerElement`."""
     if isinstance(values[0], Section):
         values = padding.pad_to_equal(values)
     leaves = [jax.tree.leaves(value) for value in values]
@@ -199,12 +199,12 @@ def _each(values, sizes):
         return values[0]
 
     def one(*parts):
-        return concatenate([_repeated(x, n) for x, n in zip(parts, sizes, strict=True)])
+        return concatenate([_repeat_for_elements(x, n) for x, n in zip(parts, sizes, strict=True)])
 
     return PerElement(jax.tree.map(one, *values))
 
 
-def _repeated(x, count):
-    """An array broadcast to `count` elements, [count, ...], without a copy."""
+def _repeat_for_elements(x, count):
+    """Broadcast an array to `count` elements, [count, ...], without a copy."""
     pack = jnp if isinstance(x, jax.core.Tracer) else np
     return pack.broadcast_to(x, (count, *np.shape(x)))

@@ -1,4 +1,4 @@
-"""What a phase hands to the next one, and the system of forces that belongs to it."""
+"""Restart state that a phase hands to the next one, and the system of equations made of it."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from .assembly import System
 
 @pytree
 class Carry:
-    """What a phase hands to the next one.
+    """Restart state: what a phase hands to the next one.
 
     Attributes:
-        motion: of all rows since the initial nodes, [n_row, n_motion]; see `spaces`.
+        motion: motion of all rows from the initial nodes, [n_row, n_motion]; see `spaces`.
         states: element states, one per group.
         nodal_load: sum of the nodal loads so far, [n_row, n_freedom], N and N m.
         loads: element loads of all phases, a list of `LoadStack`.
-        amounts: how much of these loads acts, a list of `Amounts`.
-        support_rotation: `RotatingNodes.support_rotation`: rotation of every row when its support
-            was set.
+        amounts: factors of these loads, a list of `Amounts`.
+        support_rotation: rotation of every row when its support was set, see
+            `RotatingNodes.support_rotation`.
     """
 
     motion: Float[Array, "n_row n_motion"]
@@ -38,14 +38,14 @@ class Carry:
 
 
 def unloaded(nodes: Float[Array, "n_row 3"], groups: list[Element]) -> Carry:
-    """The `Carry` of a structure before its first phase."""
+    """Return the `Carry` of a structure before its first phase."""
     states = [group.start(nodes[group.links]) for group in groups]
     space = space_of(groups)
     return Carry(space.at_rest(nodes), states, space.pad_moments(jnp.zeros_like(nodes)), [], [])
 
 
 def knowing(carry: Carry, loads: list[load_stacks.LoadStack], phase: Int[ArrayLike, ""]) -> Carry:
-    """A `Carry` with the `loads` that a phase knows; later ones, which may be NaN, are zero."""
+    """Return a `Carry` with `loads` up to a phase; later ones, even if NaN, are zero."""
     return copy_with(carry, loads=[stack.until(phase) for stack in loads])
 
 
@@ -57,10 +57,10 @@ def make_system(
     dof_map: DofMap,
     load: Float[Array, "n_row n_freedom"] | None = None,
 ) -> System:
-    """The system of a `Carry`; sets the loads that shape its elements.
+    """Make the `System` of a `Carry`, with the loads along elements in their states.
 
-    `prescribed` is the motion of all rows as supports prescribe it, None if supports are not
-    needed; `load` is the dead load of the carry, if it is known already.
+    `prescribed`: motion of all rows that supports prescribe; None if supports are not needed.
+    `load`: dead load; it is computed unless it is given.
     """
     if load is None:
         load = load_stacks.dead_load(nodes, groups, carry)

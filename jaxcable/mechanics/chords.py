@@ -1,6 +1,6 @@
 """Axial forces of elements with two ends, along the chords between these.
 
-They are read from end forces and tangents, so that bars, cables and elements of users have them
+They follow from end forces and tangents, so that they exist for bars, cables and elements of users
 without a formula of their own.
 """
 
@@ -20,7 +20,7 @@ from .assembly import EndForces, System
 
 @pytree
 class Chords:
-    """The chords of all elements with two ends at a point; [n] for those of all groups.
+    """Chords of all elements with two ends at a point, all groups in one array [n].
 
     Attributes:
         force: axial force, the part of the force on the second end along the chord, [n], N;
@@ -35,7 +35,7 @@ class Chords:
 
     @classmethod
     def of(cls, system: System, x: Motion, end_forces: EndForces) -> Chords:
-        """The chords of a system at `x`, with the end forces of every group there."""
+        """Return the chords of a system at `x`, where every group has these end forces."""
         vector = relative(system, system.nodes + x[:, :3])
         length = jnp.sqrt(jnp.sum(vector**2, axis=1))
         along = vector / length[:, None]
@@ -44,17 +44,17 @@ class Chords:
         return cls(jnp.sum(pull * along, axis=1), along, length)
 
     def elongation(self, apart: Float[Array, "n 3"]) -> Float[Array, " n"]:
-        """Changes of the lengths to first order, [n], m, by motions of the ends `relative`."""
+        """Return the linearized elongations [n], m, by motions `apart` of second ends to first."""
         return jnp.sum(self.along * apart, axis=1)
 
     def turn(self, apart: Float[Array, "n 3"]) -> Float[Array, ""]:
-        """Largest motion of the ends `relative` to each other, over the length; its square."""
+        """Return the square of the largest motion `apart` over the length."""
         return jnp.max(jnp.sum(apart**2, axis=1) / self.length**2)
 
     def slopes(
         self, system: System, tangents: Sequence[Float[Array, "n_elem d d"]]
     ) -> Float[Array, " n"]:
-        """Derivative of the force by the length, from the tangents of all groups, [n], N/m."""
+        """Return the derivative of the force by the length, from element tangents, [n], N/m."""
         blocks = []
         for group, matrix in zip(system.groups, tangents, strict=True):
             if has_chord(group):
@@ -67,7 +67,7 @@ class Chords:
         tangents: Sequence[Float[Array, "n_elem d d"]],
         force: Float[Array, " n"],
     ) -> list[Float[Array, "n_elem d d"]]:
-        """Tangents with the geometric stiffness of another axial `force` [n], N."""
+        """Return the tangents with the geometric stiffness of another axial `force` [n], N."""
         density = (force - self.force) / self.length
         square = self.along[:, :, None] * self.along[:, None, :]
         block = density[:, None, None] * (jnp.eye(3, dtype=density.dtype)[None] - square)
@@ -84,7 +84,7 @@ class Chords:
 
 
 def has_chord(group: Element) -> bool:
-    """Whether the elements of a group have two ends without rotations.
+    """Return whether the elements of a group have two ends without rotations.
 
     Predicted forces of beams make columns beyond their buckling loads converge less often.
     """
@@ -92,19 +92,19 @@ def has_chord(group: Element) -> bool:
 
 
 def have_chords(groups: Sequence[Element]) -> bool:
-    """Whether any element has two ends without rotations."""
+    """Return whether any element has two ends without rotations."""
     return any(map(has_chord, groups))
 
 
 def tension_only(groups: Sequence[Element]) -> Bool[np.ndarray, " n"]:
-    """Which of the elements with chords can only pull, known on the host."""
+    """Return which of the elements with chords are tension-only, on the host."""
     return np.concatenate(
         [np.full(len(group.links), group.tension_only) for group in groups if has_chord(group)]
     )
 
 
 def relative(system: System, values: Float[Array, "n_row n"]) -> Float[Array, "n 3"]:
-    """Positions or translations of second ends relative to first ones, by those of all rows, m."""
+    """Return positions or translations of second ends relative to first ends, [n, 3], m."""
     links = jnp.concatenate([group.links[:, :2] for group in system.groups if has_chord(group)])
     ends = values[:, :3][links]
     return ends[:, 1] - ends[:, 0]

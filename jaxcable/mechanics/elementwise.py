@@ -20,11 +20,11 @@ from ..spaces.translations import has_low_part
 PerGroup: TypeAlias = 'list[Float[Array, "n_elem ..."] | None]'
 """An array for every group; None for a group that has none."""
 Memory: TypeAlias = 'list[PyTree[Float[Array, "n_elem ..."]] | None]'
-"""What the law of every group remembers; None for a group without memory."""
+"""History variables of every group; None for a group without."""
 
 
 class Elementwise:
-    """The part of a `System` that concerns its elements; needs the attributes named here."""
+    """The part of a `System` that evaluates its elements; needs the attributes named here."""
 
     nodes: Float[Array, "n_row 3"]
     groups: list[Element]
@@ -33,11 +33,11 @@ class Elementwise:
 
     @property
     def dof_map(self) -> DofMap:
-        """The numbering of the unknowns, `DofMap`."""
+        """Map of the degrees of freedom, `DofMap`."""
         return self.space.dof_map
 
     def at_ends(self, values: Float[Array, "n_row ..."]) -> list[Float[Array, "n_elem n_end ..."]]:
-        """`values` of rows at the ends of every group's elements; the transpose is `at_rows`."""
+        """Gather `values` of rows at the ends of all elements; the transpose is `at_rows`."""
         meeting = None if self.dof_map is None else self.dof_map.nodal_assembly
         if meeting is None:
             return [values[group.links] for group in self.groups]
@@ -49,7 +49,7 @@ class Elementwise:
         return found
 
     def stored_energy(self, motion: Motion) -> Float[Array, ""]:
-        """Energy stored in the elements, J."""
+        """Return the energy stored in the elements, J."""
         total: Float[ArrayLike, ""] = sum(
             jnp.sum(each("energy", group, state, self.nodes, motion))
             for group, state in zip(self.groups, self.states, strict=True)
@@ -57,16 +57,16 @@ class Elementwise:
         return total
 
     def reading(self, motion: Motion, *names: str) -> dict[str, list[Any]]:
-        """Results of all elements; each element is evaluated once for all of its results.
+        """Return results of all elements; each element is evaluated once for all of them.
 
         Args:
-            motion: of all rows.
-            names: of element methods.
+            motion: motion of all rows.
+            names: names of element methods.
 
         Returns:
-            By name a list with an array for every group, or None for a group without this result:
-            strains of elements with a mere stiffness, section forces of a cable, the peak tension
-            of elements without load along them, which is their axial force.
+            By name a list with an array for every group; None for a group without this result:
+            strains of elements with a constant stiffness, section forces of a cable, the peak
+            tension of elements without load along them, which is their axial force.
         """
         found = []
         placed = zip(self.at_ends(self.nodes), self.at_ends(motion), strict=True)
@@ -83,7 +83,7 @@ class Elementwise:
         return {name: [values.get(name) for values in found] for name in names}
 
     def results(self) -> dict[str, Result]:
-        """Results that any group has in its state, `Result` by name; tensions in any case."""
+        """Return the results that any group has in its state, `Result` by name; always tensions."""
         pairs = zip(self.groups, self.states, strict=True)
         found = [result for g, s in pairs for result in g.results if g.has_result(result.name, s)]
         if any(state.present is not None for state in self.states):
@@ -91,9 +91,9 @@ class Elementwise:
         return {result.name: result for result in (TENSION, PEAK_TENSION, *found)}
 
     def linearized(self, motion: Motion) -> list[list[Any]]:
-        """End forces of all groups, and tangents of groups that compute both together.
+        """Return end forces of all groups, and tangents of groups that compute both together.
 
-        Two lists. Other groups have None for their tangent, which may never be needed.
+        Two lists; None for the tangents of other groups, which may never be needed.
         """
         pairs = []
         for group, state in zip(self.groups, self.states, strict=True):
@@ -106,7 +106,7 @@ class Elementwise:
     def tangents(
         self, motion: Motion, known: PerGroup | None = None
     ) -> list[Float[Array, "n_elem d d"]]:
-        """Tangent stiffness of all elements, list of [n_elem, d, d]; `known` ones are kept."""
+        """Return the tangent stiffness of all elements, list of [n_elem, d, d]; or `known` ones."""
         known = [None] * len(self.groups) if known is None else known
         found = []
         for group, state, matrix in zip(self.groups, self.states, known, strict=True):
@@ -118,11 +118,11 @@ class Elementwise:
     def masses(
         self, motion: Motion, gravity: Float[ArrayLike, ""], distribution: str | None = None
     ) -> list[Float[Array, "n_elem d d"]]:
-        """Mass matrices of all elements, in the shape of `tangents`, kg; zero without a weight.
+        """Return the mass matrices of all elements, as `tangents`, kg; zero without a weight.
 
         Args:
-            motion: of all rows.
-            gravity: acceleration that weights are divided by, m/s2.
+            motion: motion of all rows.
+            gravity: acceleration by which weights are divided, m/s2.
             distribution: as of `Element.mass_matrix`.
         """
 
@@ -141,36 +141,36 @@ class Elementwise:
         return found
 
     def secants(self, before: Motion, motion: Motion) -> list[Float[Array, "n_elem ..."]]:
-        """Secant stiffness of all elements between two motions, list of [n_elem, ...]."""
+        """Return the secant stiffness of all elements between two motions, [n_elem, ...] each."""
         return [
             each("secant", group, state, self.nodes, before, motion)
             for group, state in zip(self.groups, self.states, strict=True)
         ]
 
     def tensions(self, motion: Motion) -> list[Float[Array, " n_elem"]]:
-        """Axial forces, one array [n_elem] per group, N."""
+        """Return the axial forces, one array [n_elem] per group, N."""
         return self.reading(motion, "tension")["tension"]
 
     def slack(self, motion: Motion) -> list[Bool[Array, " n_elem"]]:
-        """Slack elements, one boolean array [n_elem] per group."""
+        """Return which elements are slack, one boolean array [n_elem] per group."""
         return self.reading(motion, "is_slack")["is_slack"]
 
     @property
     def remembers(self) -> bool:
-        """Whether any group has a law with a memory."""
+        """Whether any group has history variables."""
         return any(group.remembers for group in self.groups)
 
     @property
     def has_rupture(self) -> bool:
-        """Whether any element can be strained beyond its curve."""
+        """Whether any group has a rupture strain."""
         return any(group.has_rupture for group in self.groups)
 
     def strains(self, motion: Motion) -> PerGroup:
-        """Section strains, an array for every group; None for a group without this result."""
+        """Return the section strains, an array for every group; None for one without them."""
         return self.reading(motion, "section_strain")["section_strain"]
 
     def broken(self, strains: PerGroup) -> Bool[Array, " n"]:
-        """Elements strained beyond their curve, all groups in one array, [n] bool."""
+        """Return which elements have ruptured, all groups in one array, [n] bool."""
         return jnp.concatenate(
             [
                 of_each("is_ruptured", group, strain)
@@ -181,16 +181,16 @@ class Elementwise:
         )
 
     def is_ruptured(self, motion: Motion) -> Bool[Array, ""]:
-        """Whether any element is strained beyond its curve."""
+        """Return whether any element is strained beyond its rupture strain."""
         return jnp.any(self.broken(self.strains(motion)))
 
     def settle(
         self, motion: Motion, strains: PerGroup | None = None, duration: float = 0.0
     ) -> Memory:
-        """Memory of every group after an increment of a `duration`, s, that ended at a motion.
+        """Return the history variables of every group after an increment of a `duration`, s.
 
-        Section strains of this motion are found unless they are known. The duration is 0 so far,
-        because phases have none yet.
+        The increment ended at a motion, whose section strains are evaluated unless they are given.
+        The duration is always 0, because phases have none yet.
         """
         strains = self.strains(motion) if strains is None else strains
         found, options = [], {"duration": duration}
@@ -201,20 +201,20 @@ class Elementwise:
                 found.append(of_each("commit_memory", group, strain, state.memory, **options))
             else:
                 at = self.nodes[group.links], motion[group.links]
-                found.append(over_ends(_settled(duration), group, state, at, absent=True))
+                found.append(over_ends(_memory_after(duration), group, state, at, absent=True))
         return found
 
     def length_scale(self) -> Float[Array, ""]:
-        """A length to measure steps by: the mean initial element length, m."""
+        """Return the mean initial element length, by which steps are measured, m."""
         return jnp.mean(jnp.concatenate([g.chord(self.nodes[g.links]) for g in self.groups]))
 
     def extent(self) -> Float[Array, ""]:
-        """Size of the whole structure: diagonal of its bounding box, m."""
+        """Return the size of the structure: the diagonal of its bounding box, m."""
         return jnp.linalg.norm(jnp.max(self.nodes, axis=0) - jnp.min(self.nodes, axis=0))
 
 
-def _settled(duration):
-    """The function of an element that returns its memory after an increment of a `duration`, s."""
+def _memory_after(duration):
+    """Return the function that commits the memory of one element after a `duration`, s."""
     return lambda one, state, ends, motion: one.settled(state, ends, motion, duration)
 
 
@@ -227,7 +227,7 @@ def each(
     exact: Bool[ArrayLike, ""] = True,
     absent: bool = False,
 ) -> Any:
-    """Results of an element method for all elements of a group; options as of `over_ends`."""
+    """Call a method for all elements of a group, by vmap; options as of `over_ends`."""
 
     def one(law, *at):
         return getattr(law, method)(*at)
@@ -243,7 +243,7 @@ def over(
     *motions: Motion,
     **options: Any,
 ) -> Any:
-    """`over_ends` from the positions and motions of all rows."""
+    """Call `over_ends` with the positions and motions of all rows."""
     at = nodes[group.links], *(motion[group.links] for motion in motions)
     return over_ends(function, group, state, at, **options)
 
@@ -257,23 +257,23 @@ def over_ends(
     exact: Bool[ArrayLike, ""] = True,
     absent: bool = False,
 ) -> Any:
-    """``function(element, state, ends, motion, *beside)`` for all elements of a group, by vmap.
+    """Call ``function(one, state, ends, motion, *beside)`` for all elements of a group, by vmap.
 
     Args:
-        function: of one element.
-        group, state: of the elements.
+        function: function of one element.
+        group, state: elements and their state.
         at: initial positions, and motions, at the ends of the elements.
         beside: further arrays [n_elem, ...].
-        exact: by a motion with a fine part elements are brought to where they have moved: functions
-            know motions [n_end, 3] only. Unless this is exact, the fine part is as good as none.
-        absent: elements that are not `ElementState.present` have not moved, and their results are
-            zero, or if True what an element there would have.
+        exact: whether elements are rebased with full precision, where a motion has a low-order
+            part. They are rebased because functions take motions [n_end, 3] only.
+        absent: whether inactive elements get results, as of elements that have not moved; else
+            their results are zero (`ElementState.present`).
     """
     exact = jnp.asarray(exact)
     nodes, *motions = at
-    motions = [_own(group, motion) for motion in motions]
+    motions = [_motion_columns(group, motion) for motion in motions]
     if state.present is not None:
-        motions = [_still_unless(state.present, motion) for motion in motions]
+        motions = [_zero_motion_unless(state.present, motion) for motion in motions]
 
     def one(properties, beside, *at):
         law = element(group, properties)
@@ -283,8 +283,8 @@ def over_ends(
     return found if absent or isinstance(found, ElementState) else state.only_present(found)
 
 
-def _still_unless(present, motion):
-    """Motions of ends, those of elements that are not there without any displacement or turn."""
+def _zero_motion_unless(present, motion):
+    """Return motions of ends, without displacement and rotation for inactive elements."""
     still = jnp.zeros(motion.shape[-1], motion.dtype)
     if len(still) == 7:
         still = still.at[3:].set(jnp.asarray(IDENTITY, motion.dtype))
@@ -292,10 +292,10 @@ def _still_unless(present, motion):
 
 
 def motion_of(group: Element, motion: Motion) -> Float[Array, "n_elem n_end n_motion"]:
-    """Motion of the ends of a group's elements, [n_elem, n_end, 3 or 7], or 6 with a fine part."""
-    return _own(group, motion[group.links])
+    """Return the motion of the ends of a group, [n_elem, n_end, 3, 7 or 6 (low-order part)]."""
+    return _motion_columns(group, motion[group.links])
 
 
-def _own(group, ends):
-    """The columns of motions at ends that concern a group."""
+def _motion_columns(group, ends):
+    """Return the columns of motions that a group uses: rotations only if it rotates."""
     return ends if has_low_part(ends) else ends[..., : group.n_motion]

@@ -25,11 +25,11 @@ from .bundles import Bundles
 
 @pytree(static=("late",))
 class LoadStack:
-    """Loads that differ in their numbers only.
+    """Loads that differ in their numbers only, stacked.
 
     Attributes:
-        load: the loads as one, whose numbers have a leading axis, [m].
-        phase: number of the phase that adds each load, [m]; -1 if it acts from the beginning.
+        load: all loads as one object, whose numbers have a leading axis, [m].
+        phase: index of the phase that adds each load, [m]; -1 if it acts from the beginning.
         late: whether a phase after the first one adds a load.
         amplitude: their factors in the phase that adds them, [m]; None if all are proportional to
             its parameter.
@@ -46,7 +46,7 @@ class LoadStack:
         return isinstance(self.load, kinds.Following)
 
     def until(self, phase: Int[ArrayLike, ""]) -> LoadStack:
-        """The stack as a phase knows it: the numbers of later loads are zero, even if NaN."""
+        """Return the stack with zeros for the numbers of loads of later phases, even if NaN."""
         if not self.late:
             return self
 
@@ -57,33 +57,33 @@ class LoadStack:
         return copy_with(self, load=load, amplitude=amplitude)
 
     def factors(self, parameter: Float[ArrayLike, ""]) -> Float[ArrayLike, " ..."]:
-        """Factors at a parameter of the phase that adds the loads, [m], or one for all of them."""
+        """Return factors at a load factor of the phase that adds the loads, [m], or one for all."""
         return parameter if self.amplitude is None else self.amplitude.at(parameter)
 
     def keeps_rules(self) -> Bool[Array, " m"]:
-        """Whether the numbers of each load keep their rules, [m] bool."""
+        """Return whether the numbers of each load keep their rules, [m] bool."""
         good = self.each(lambda load: are_rules_kept(collect_rules(load)))
         if self.amplitude is None:
             return good
         return good & jax.vmap(lambda amplitude: are_rules_kept(amplitude.rules()))(self.amplitude)
 
     def bundled(self, bundles: Bundles) -> LoadStack:
-        """The stack on bundles of groups."""
+        """Return the stack for bundles instead of groups."""
         return copy_with(self, load=jax.vmap(lambda load: load.bundled(bundles))(self.load))
 
     def touches(self, groups: list[Element], bundles: Bundles) -> list[Indices]:
-        """Nodes whose forces depend on each other, list of [n, k], for groups of bundles."""
+        """Return the nodes whose loads depend on each other, list of [n, k], for joined groups."""
         load: Any = self.load.touched(bundles)  # only called for following loads
         return load.touches(groups)
 
     def idle(self, begun: Float[Array, "n_row 3"], dtype: Any) -> Amounts:
-        """`Amounts` before the first phase, when the nodes are at `begun`, [n_row, 3]."""
+        """Return the `Amounts` before the first phase, with nodes at `begun`, [n_row, 3], m."""
         m = self.phase.shape[0]
         there = jnp.broadcast_to(begun, (m, *begun.shape)) if self.load.asks_begun else None
         return Amounts(jnp.zeros(m, dtype), there)
 
     def weighted(self, amounts: Amounts, function: Callable[[Any], PyTree[Array]]) -> PyTree[Array]:
-        """Sum over the loads of their factors times ``function(load)``, a tree, or None."""
+        """Return the sum over loads of factor times ``function(load)``, a tree, or None."""
         values = self.each(function, amounts.begun)
         if self.phase.shape[0] == 1:
             return jax.tree.map(lambda x: amounts.factors[0] * x[0], values)
@@ -94,7 +94,7 @@ class LoadStack:
         function: Callable[[Any], PyTree[Array]],
         begun: Float[Array, "m n_row 3"] | None = None,
     ) -> PyTree[Float[Array, "m ..."]]:
-        """``function(load)`` of every load, a tree of arrays [m, ...]."""
+        """Call ``function(load)`` for every load; return a tree of arrays [m, ...]."""
         leaves, tree = jax.tree.flatten(self.load)
 
         def one(leaves, begun):
@@ -109,7 +109,7 @@ class LoadStack:
 
 @pytree
 class Amounts:
-    """How much of the loads of a stack acts.
+    """Load factors of the loads of a stack.
 
     Attributes:
         factors: load factors, [m].
@@ -121,11 +121,11 @@ class Amounts:
     begun: Float[Array, "m n_row 3"] | None = None
 
     def added(self, which: Bool[Array, " m"], factors: Float[ArrayLike, " ..."]) -> Amounts:
-        """The amounts with the loads `which`, [m] bool, at load factors, [m] or one for all."""
+        """Return them with other factors, [m] or one for all, of the loads `which`, [m] bool."""
         return copy_with(self, factors=jnp.where(which, factors, self.factors))
 
     def at_start(self, which: Bool[Array, " m"], moved: Float[Array, "n_row 3"]) -> Amounts:
-        """The amounts with positions [n_row, 3] at the start of the phase of the loads `which`."""
+        """Return them with positions [n_row, 3] at the start of the phase of loads `which`."""
         if self.begun is None:
             return self
         return copy_with(self, begun=jnp.where(which[:, None, None], moved, self.begun))
@@ -134,7 +134,7 @@ class Amounts:
 def stacks(
     acting: Sequence[Sequence[tuple[kinds.Acting, Amplitude | None]]],
 ) -> list[LoadStack]:
-    """Stack element loads on the host.
+    """Stack the element loads of all phases by kind, on the host.
 
     Args:
         acting: for every phase a list of pairs: `loads.Acting`, as `among` makes them for the
@@ -160,14 +160,14 @@ def stacks(
 
 
 def continued(stack: LoadStack) -> LoadStack:
-    """A stack for an analysis that continues another one: its loads act from the beginning."""
+    """Return a stack whose loads act from the beginning, to continue another analysis."""
     return copy_with(stack, phase=np.full(stack.phase.shape, -1, np.int32), late=False)
 
 
 def dead_load(
     nodes: Float[Array, "n_row 3"], groups: list[Element], carry: Any
 ) -> Float[Array, "n_row n_freedom"]:
-    """All dead loads of a `Carry` on every node, [n_node, 3 or 6], N and N m."""
+    """Return the sum of dead loads of a `Carry` on every node, [n_node, 3 or 6], N and N m."""
     load = carry.nodal_load
     arguments = groups, carry.states, nodes, load.shape, nodes.dtype
     for stack, amounts in zip(carry.loads, carry.amounts, strict=True):
@@ -179,7 +179,7 @@ def dead_load(
 def element_load(
     number: int, group: Element, state: ElementState, nodes: Float[Array, "n_row 3"], carry: Any
 ) -> ElementLoad | None:
-    """Loads of a `Carry` along the elements of the group of a `number`, or None."""
+    """Return the loads of a `Carry` along the elements of the group with index `number`."""
     line, pressures = None, {}
     for stack, amounts in zip(carry.loads, carry.amounts, strict=True):
         if not stack.follows:
@@ -200,24 +200,24 @@ def element_load(
 
 @pytree
 class Following:
-    """A stack of following loads, and how much of them acts."""
+    """A stack of following loads, with its load factors."""
 
     stack: LoadStack
     amounts: Amounts
 
     @property
     def acts(self) -> Bool[Array, ""]:
-        """Whether any of the loads acts, scalar bool."""
+        """Whether any factor is not zero, scalar bool."""
         return jnp.any(self.amounts.factors != 0)
 
     def following_forces(self, *arguments: Any) -> Float[Array, "n_row 3"]:
-        """Forces of the loads on every node, [n_node, 3], N."""
+        """Return the forces of the loads on every node, [n_node, 3], N."""
         return self.stack.weighted(self.amounts, lambda load: load.following_forces(*arguments))
 
     def following_blocks(
         self, *arguments: Any
     ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[ArrayLike, "n k"]]]:
-        """Derivative of the forces by positions: pairs (blocks [n, k, 3, k, 3], nodes [n, k])."""
+        """Return derivatives by positions: pairs (blocks [n, k, 3, k, 3], nodes [n, k])."""
         links = []
 
         def blocks(load):
@@ -229,6 +229,6 @@ class Following:
 
 
 def following(carry: Any) -> list[Following] | None:
-    """The following loads of a `Carry`, a list of `Following`, or None."""
+    """Return the following loads of a `Carry`, a list of `Following`, or None."""
     pairs = zip(carry.loads, carry.amounts, strict=True)
     return [Following(*pair) for pair in pairs if pair[0].follows] or None

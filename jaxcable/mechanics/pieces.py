@@ -1,7 +1,7 @@
-"""Straight pieces of the cables of a net, one after the other over all groups.
+"""Straight pieces of the cables of a net: one array [n_piece, ...] over all groups.
 
-A cable over n nodes has n - 1 pieces. Cables of one piece are their pieces: then nothing is summed.
-Pieces between a node and itself, which pad shorter chains, and those of absent cables are void.
+A cable over n nodes has n - 1 pieces; if every cable has one, nothing is summed. A piece is void if
+it pads a shorter chain (between a node and itself), or if its cable is inactive.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from ..spaces.space import Forces, Motion
 from ..spaces.translations import has_low_part
 from .assembly import System
 
-_APART = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(3))  # of the square of a difference
+_DIFFERENCE_SQUARED = np.kron(
+    [[1.0, -1.0], [-1.0, 1.0]], np.eye(3)
+)  # of the square of a difference
 
 
 def all_fit_cones(system: System) -> bool:
-    """Whether every cable is straight between its nodes, and of a linear law."""
+    """Return whether every cable is straight between its nodes and has a linear law."""
     pairs = zip(system.groups, system.states, strict=True)
     return all(isinstance(group, Pulling) and group.fits_cones(state) for group, state in pairs)
 
@@ -51,7 +53,7 @@ def vectors(system: System, x: Motion) -> Float[Array, "n_piece 3"]:
 
 def exist(system: System) -> Bool[Array, " n_piece"] | None:
     """Return which pieces are not void, [n_piece] bool; None if all are there."""
-    if all(state.present is None for state in system.states) and _are_single(system):
+    if all(state.present is None for state in system.states) and _have_single_pieces(system):
         return None
     found = []
     for group, state in zip(system.groups, system.states, strict=True):
@@ -85,14 +87,14 @@ def mean(system: System, values: Float[Array, " n_piece"]) -> Float[Array, ""]:
 def total(system: System, values: Float[Array, " n_piece"]) -> Float[Array, " n"]:
     """Return the sums of `values` [n_piece] over the pieces of every cable, [n]."""
     values = real(system, values)
-    if _are_single(system):
+    if _have_single_pieces(system):
         return values
-    return jnp.concatenate([jnp.sum(part, axis=1) for part in _per_group(system, values)])
+    return jnp.concatenate([jnp.sum(part, axis=1) for part in _split_by_group(system, values)])
 
 
 def repeated(system: System, values: Float[Array, "... n"]) -> Float[Array, "... n_piece"]:
     """Return for every piece the value of its cable, [..., n_piece]."""
-    if _are_single(system):
+    if _have_single_pieces(system):
         return values
     parts, first = [], 0
     for group in system.groups:
@@ -113,9 +115,11 @@ def shared(system: System, values: Float[Array, " n"]) -> Float[Array, " n_piece
     return repeated(system, values / jnp.maximum(count, 1.0))
 
 
-def at_nodes(system: System, pulls: Float[Array, "n_piece 3"]) -> Forces:
-    """Return the end forces of pieces that pull with `pulls` [n_piece, 3], N, summed at nodes."""
-    return system.at_rows([_end_forces(part) for part in _per_group(system, pulls)])
+def at_nodes(system: System, tensions: Float[Array, "n_piece 3"]) -> Forces:
+    """Return the sums at nodes of the end forces of pieces with tension vectors [n_piece, 3], N."""
+    return system.at_rows(
+        [_end_forces_of_pieces(part) for part in _split_by_group(system, tensions)]
+    )
 
 
 def matrices(
@@ -138,50 +142,52 @@ def matrices(
         ratio: of every piece, [n_piece].
     """
     found, first, stiff = [], 0, real(system, stiff)
-    for q, c, r in zip(*(_per_group(system, v) for v in (stiff, across, ratio)), strict=True):
+    for q, c, r in zip(*(_split_by_group(system, v) for v in (stiff, across, ratio)), strict=True):
         n, width = q.shape
         k = slope[first : first + n, None]
         first += n
         if width == 1:
-            found.append(_single(q, k * r**2 - q, c[:, 0]))
+            found.append(_single_piece_matrices(q, k * r**2 - q, c[:, 0]))
             continue
-        blocks = [_single(q[:, i : i + 1], -q[:, i : i + 1], c[:, i]) for i in range(width)]
+        blocks = [
+            _single_piece_matrices(q[:, i : i + 1], -q[:, i : i + 1], c[:, i]) for i in range(width)
+        ]
         placed = [(3 * i, 3 * (width - 1 - i), 0) for i in range(width)]
         whole = sum(
             lax.pad(block, jnp.zeros((), q.dtype), [(0, 0, 0), at, at])
             for block, at in zip(blocks, placed, strict=True)
         )
-        g = _end_forces(r[:, :, None] * c).reshape(n, -1)
+        g = _end_forces_of_pieces(r[:, :, None] * c).reshape(n, -1)
         found.append(whole + k[:, :, None] * g[:, :, None] * g[:, None, :])
     return found
 
 
-def _single(stiff, more, across):
-    """Matrices ``stiff I + more c c'`` of pieces, by their ends, [n, 6, 6]."""
+def _single_piece_matrices(stiff, more, across):
+    """Return the matrices ``stiff I + more c c'`` of pieces, by their ends, [n, 6, 6]."""
     c = jnp.concatenate([-across, across], axis=1)
-    same = stiff[:, :, None] * _APART[None].astype(stiff.dtype)
+    same = stiff[:, :, None] * _DIFFERENCE_SQUARED[None].astype(stiff.dtype)
     return same + (more * c)[:, :, None] * c[:, None, :]
 
 
-def _end_forces(pulls):
-    """End forces [n_elem, n_end, 3] of pieces that pull with `pulls` [n_elem, n_end - 1, 3]."""
-    if pulls.shape[1] == 1:
-        return jnp.concatenate([-pulls, pulls], axis=1)
-    return _padded(pulls, 1, 0) - _padded(pulls, 0, 1)
+def _end_forces_of_pieces(tensions):
+    """Return end forces [n_elem, n_end, 3] of tension vectors [n_elem, n_end - 1, 3]."""
+    if tensions.shape[1] == 1:
+        return jnp.concatenate([-tensions, tensions], axis=1)
+    return _pad_with_zeros(tensions, 1, 0) - _pad_with_zeros(tensions, 0, 1)
 
 
-def _padded(values, before, after):
-    """Values [n_elem, n, ...] with zeros `before` and `after` them."""
+def _pad_with_zeros(values, before, after):
+    """Pad values [n_elem, n, ...] with zeros `before` and `after` them."""
     return jnp.pad(values, ((0, 0), (before, after), *((0, 0),) * (values.ndim - 2)))
 
 
-def _are_single(system):
-    """Whether every cable has one piece."""
+def _have_single_pieces(system):
+    """Return whether every cable has one piece."""
     return all(group.links.shape[1] == 2 for group in system.groups)
 
 
-def _per_group(system, values):
-    """An array for all pieces [n_piece, ...] as a list with [n_elem, n_end - 1, ...] per group."""
+def _split_by_group(system, values):
+    """Split an array for all pieces into a list with [n_elem, n_end - 1, ...] per group."""
     sizes = [(len(group.links), group.links.shape[1] - 1) for group in system.groups]
     ends = [0]
     for n, width in sizes:

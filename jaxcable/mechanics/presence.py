@@ -1,7 +1,8 @@
-"""Elements that come and go between two phases: their states, the nodes they bring, what is left.
+"""Activation and deactivation of elements between two phases (element birth and death).
 
-An element that comes is unstressed where it finds its ends. What a change leaves unbalanced (end
-forces of elements that go, weight of those that come) acts as a load, which the phase ramps out.
+An activated element is without stress between the present positions of its ends. The unbalanced
+force of a change (end forces of deactivated elements, weight of activated ones) acts as a load that
+the phase reduces to zero.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from .carry import Carry, make_system
 from .elementwise import each
 
 Present: TypeAlias = 'list[Bool[Array, " n_elem"]]'
-"""For every group, which of its elements are there."""
+"""For every group, which of its elements are active."""
 
 
 def changed(
@@ -34,17 +35,17 @@ def changed(
     now: DofMap,
     attached: Bool[Array, ""] | None,
 ) -> tuple[Carry, Forces]:
-    """The carry at the start of a phase in which elements come and go.
+    """Activate and deactivate elements at the start of a phase.
 
     Args:
-        nodes, groups, carry: the structure, and what the phase before left.
-        present: elements of this phase.
-        before, now: `DofMap` with the supports, and the idle nodes, of both phases.
-        attached: whether nodes go along with the node that their first element joins them to; None
-            if no phase asks for it.
+        nodes, groups, carry: structure, and `Carry` of the phase before.
+        present: active elements of this phase.
+        before, now: `DofMap` with the supports and inactive nodes of both phases.
+        attached: whether inactive nodes move rigidly with the node to which their first element
+            joins them; None if this is so in no phase.
 
     Returns:
-        The carry, and the unbalanced forces [n_row, n_freedom] that the change makes, N and N m.
+        The changed `Carry`, and the unbalanced forces of the change, [n_row, n_freedom], N, N m.
     """
     motion = carry.motion
     old = make_system(nodes, groups, carry, motion, before)
@@ -53,7 +54,7 @@ def changed(
         was: Array = state.present  # type: ignore[assignment]  # all groups have it here
         new.append(there & ~was)
     if attached is not None:
-        placed = _attached(nodes, groups, motion, new, before, now)
+        placed = _attach_nodes(nodes, groups, motion, new, before, now)
         motion = jnp.where(attached, placed, motion)
     states = []
     for group, state, there, coming in zip(groups, carry.states, present, new, strict=True):
@@ -72,34 +73,34 @@ def changed(
     return carry, system.unbalanced(motion) - old.unbalanced(old.impose_supports(carry.motion))
 
 
-def _attached(nodes, groups, motion, new, before, now):
-    """Motion with the nodes that elements bring placed as if rigidly joined to the others.
+def _attach_nodes(nodes, groups, motion, new, before, now):
+    """Move newly activated nodes as if they were joined rigidly to active nodes.
 
-    Every such node goes along with a node that is in place already, over the elements that come:
-    from the elements with the lowest numbers, as far as they reach.
+    Activated elements join them to an active node; of several ones those with the lowest indices
+    do, from node to node as far as they reach.
     """
-    owner = _owners(len(nodes), now)
+    owner = _displacement_rows(len(nodes), now)
     # held before, because nothing touched them, and now not by a support
     waiting = jnp.all(before.fixed[:, :3], axis=1) & ~jnp.all(now.fixed[:, :3], axis=1)
-    root = _roots(groups, new, owner, waiting[owner])
+    root = _root_rows(groups, new, owner, waiting[owner])
     moved = space_of(groups).rigid_link_motion(motion[root], nodes[owner] - nodes[root])
     brought = waiting[owner] & (root != owner)
     if now.inner is not None:
         brought = brought & ~now.inner
-    moved = moved.at[:, :3].set(_unheld(moved[:, :3], motion[:, :3], now))
+    moved = moved.at[:, :3].set(_move_where_free(moved[:, :3], motion[:, :3], now))
     return jnp.where(brought[:, None], moved, motion)
 
 
-def _owners(n_row, dof_map):
-    """The row whose displacement every row has: the node of a hinged end, [n_row]."""
+def _displacement_rows(n_row, dof_map):
+    """Return the row whose displacement every row has: of a hinged end its node, [n_row]."""
     rows = jnp.arange(n_row)
     return rows if dof_map.node_of_row is None else jnp.asarray(dof_map.node_of_row, rows.dtype)
 
 
-def _roots(groups, new, owner, waiting):
-    """The row in place that every waiting row is joined to by elements that come, [n_row].
+def _root_rows(groups, new, owner, waiting):
+    """Return the active row to which activated elements join every waiting row, [n_row].
 
-    Rows that nothing joins to such a row are their own.
+    Rows that nothing joins to an active row are their own root.
     """
     pairs, comes = [], []
     for group, coming in zip(groups, new, strict=True):
@@ -129,8 +130,8 @@ def _roots(groups, new, owner, waiting):
     return jnp.where(root < 0, owner, root[owner])
 
 
-def _unheld(moved, still, dof_map):
-    """Displacements `moved` where supports leave them free, else `still`, [n_row, 3]."""
+def _move_where_free(moved, still, dof_map):
+    """Return displacements `moved` where no support holds them, else `still`, [n_row, 3]."""
     fixed = dof_map.fixed[:, :3]
     if dof_map.axes is None:
         return jnp.where(fixed, still, moved)

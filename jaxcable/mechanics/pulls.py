@@ -1,7 +1,7 @@
-"""Nets in which every element pulls with one tension along one length.
+"""Tensions and end forces of all cables of a net, whose tensions are unknowns.
 
-The forces of a cable at its nodes are its tension times the derivative of its length. Hence one
-evaluation of lengths serves for forces, for forces under other tensions, and for the stiffness.
+The end forces of a cable are its tension times the derivative of its length. Hence one evaluation
+of lengths gives forces, forces under other tensions, and stiffness.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from ..spaces.translations import drop_low_part
 from .assembly import System
 from .elementwise import each, motion_of
 
-_ROUNDINGS = 8  # eps^2 of a displacement, in an elongation (`elements.fine`)
+_ROUNDINGS = 8  # bound on the errors of eps^2 displacement in an elongation (`elements.fine`)
 
 
 @pytree
 class Pulls:
-    """What the cables of a net do at a point, see `abilities.Pull`; [n] for those of all groups.
+    """Tensions and end forces of all cables at a point, see `abilities.Pull`; [n] over all groups.
 
     Attributes:
         tension, slope: tension, and its derivative by the length, [n], N and N/m.
@@ -43,7 +43,7 @@ class Pulls:
 
     @classmethod
     def of(cls, system: System, x: Motion, exact: Bool[ArrayLike, ""]) -> Pulls:
-        """The pulls of a system at `x`; `exact` as of `elementwise.over_ends`."""
+        """Evaluate the cables of a system at `x`; `exact` as of `elementwise.over_ends`."""
         found = []
         for group, state in zip(system.groups, system.states, strict=True):
             pull = each("pulled", group, state, system.nodes, x, exact=exact, absent=True)
@@ -57,13 +57,13 @@ class Pulls:
         )
 
     def judged(self, system: System, x: Motion) -> tuple[Step, Float[Array, ""], Step]:
-        """Unbalanced force, the force it is judged by, and the part of it that is rounding.
+        """Return the residual, the force that its tolerance is relative to, and its rounding error.
 
         Returns:
             Residual [n_free]; largest sum of absolute end forces and load at a row; error that the
             rounding of displacements leaves in the residual, [n_free]; N.
         """
-        slopes = _split(system, self.slope)
+        slopes = _split_by_group(system, self.slope)
         fine, unsure = _ROUNDINGS * jnp.finfo(x.dtype).eps ** 2, []
         for k, group in enumerate(system.groups):
             moved = jnp.max(jnp.abs(x[group.links]), axis=(1, 2))
@@ -78,16 +78,16 @@ class Pulls:
         return residual, scale, jnp.abs(system.space.restrict(system.at_rows(unsure), x))
 
     def under(self, system: System, tensions: Float[Array, " n"]) -> Under:
-        """What `tensions` would do to the cables here, N."""
-        split = _split(system, tensions)
+        """Return the length slack of the cables here under given `tensions` [n], N."""
+        split = _split_by_group(system, tensions)
         rooms: list[Room] = []
         for group, state, tension, shape in zip(
             system.groups, system.states, split, self.shapes, strict=True
         ):
             room = of_each("room", group, state, tension, shape)
-            rooms.append(room if state.present is None else _empty(room, state))
-        sags = _filled([room.sag for room in rooms], rooms)
-        less = _filled([room.less for room in rooms], rooms)
+            rooms.append(room if state.present is None else _slacken_absent(room, state))
+        sags = _concatenate_or_none([room.sag for room in rooms], rooms)
+        less = _concatenate_or_none([room.less for room in rooms], rooms)
         return Under(
             tensions,
             jnp.concatenate([room.gap for room in rooms]),
@@ -101,13 +101,13 @@ class Pulls:
 
 @pytree
 class Under:
-    """What stated tensions would do to the cables of a net at a point, see `abilities.Room`.
+    """Length slack of all cables of a net at a point under given tensions, see `abilities.Room`.
 
     Attributes:
-        tension: stated tensions, [n], N.
-        gap, compliance: how much longer the tensions allow straight cables to be, [n], m, and its
-            derivative by them, m/N.
-        sag, less: what sags take of this, [n], m, and minus its derivative by the tensions, m/N;
+        tension: given tensions, [n], N.
+        gap, compliance: length of straight cables under the tensions less the present one, [n], m,
+            and its derivative by the tensions, m/N.
+        sag, less: length that sags take, [n], m, and minus its derivative by the tensions, m/N;
             None if no cable can sag.
         along: derivatives of the end forces by the tensions, per group [n_elem, n_end, 3].
         forces: end forces, per group, likewise, N; None where they are tension times `along`.
@@ -122,18 +122,18 @@ class Under:
     forces: list[Float[Array, "n_elem n_end 3"] | None]
 
     def spare(self, room: Float[Array, " n"]) -> Float[Array, " n"]:
-        """What sags leave of a `room` [n], m."""
+        """Return what the sags leave of a length slack `room` [n], m."""
         return room if self.sag is None else jnp.maximum(room - self.sag, 0.0)
 
     def aim(self, product: Float[Array, ""]) -> tuple[Float[Array, " n"], Float[ArrayLike, " n"]]:
-        """The product of tension and room that a step aims at, and how its room falls.
+        """Return the product of tension and length slack that an interior-point step aims at.
 
         Args:
-            product: of the tension and the room that is not for the sag, N m.
+            product: product of the tension and the slack beyond the sag, N m (complementarity).
 
         Returns:
-            Product, [n], N m; minus the derivative of its logarithm less that of the tension, by
-            the logarithm of the tension, [n].
+            Product with the whole slack, [n], N m; minus the derivative of the logarithm of this
+            slack by the logarithm of the tension, [n].
         """
         if self.sag is None or self.less is None:
             return jnp.broadcast_to(product, self.tension.shape), 1.0
@@ -143,10 +143,10 @@ class Under:
         return whole, jnp.where(whole > 0, falls, 1.0)
 
     def residual(self, system: System, x: Motion, tensions: Float[Array, " n"]) -> Step:
-        """Unbalanced force [n_free] at `x` under other tensions [n], to first order, N."""
+        """Return the residual [n_free] at `x` under other tensions [n], to first order, N."""
         ends = []
         pairs = zip(self.along, self.forces, strict=True)
-        split = _split(system, tensions), _split(system, tensions - self.tension)
+        split = _split_by_group(system, tensions), _split_by_group(system, tensions - self.tension)
         for (along, forces), whole, change in zip(pairs, *split, strict=True):
             if forces is None:
                 ends.append(whole[:, None, None] * along)
@@ -162,12 +162,12 @@ def stiffness(
     slopes: Float[Array, " n"],
     tensions: Float[Array, " n"],
 ) -> list[Float[Array, "n_elem d d"]]:
-    """Matrices of the elements of a net.
+    """Return the element matrices of a net, per group [n_elem, d, d], N/m.
 
-    Slopes [n], N/m, times ``g g^T`` with g = `along`, and what tensions [n], N, give by themselves.
+    Slopes [n], N/m, times ``g g^T`` with g = `along`, plus the geometric stiffness of tensions [n].
     """
     found = []
-    split = _split(system, slopes), _split(system, tensions)
+    split = _split_by_group(system, slopes), _split_by_group(system, tensions)
     for group, state, g, slope, tension in zip(
         system.groups, system.states, along, *split, strict=True
     ):
@@ -182,14 +182,14 @@ def stiffness(
 def lengthened(
     system: System, along: Sequence[Float[Array, "n_elem n_end 3"]], spread: Forces
 ) -> Float[Array, " n"]:
-    """How a step of all rows changes lengths, to first order, by their derivatives `along`, m."""
+    """Return the linearized elongations by a step of all rows, from derivatives `along`, m."""
     pairs = zip(system.groups, along, strict=True)
     changes = [jnp.sum(g * spread[group.links][..., :3], axis=(1, 2)) for group, g in pairs]
     return jnp.concatenate(changes)
 
 
 def turned(system: System, spread: Forces) -> Float[Array, " n"]:
-    """Largest relative step of two nodes of a cable in succession, over the length between them."""
+    """Return the largest relative step of successive nodes of a cable, over their distance, [n]."""
     found = []
     for group, state in zip(system.groups, system.states, strict=True):
         apart = jnp.sum(jnp.diff(spread[group.links][..., :3], axis=1) ** 2, axis=-1)
@@ -198,23 +198,23 @@ def turned(system: System, spread: Forces) -> Float[Array, " n"]:
     return jnp.concatenate(found) / rest_lengths(system)
 
 
-def _empty(room, state):
-    """The room of cables, where some are not there: as slack as they can be, and without forces."""
+def _slacken_absent(room, state):
+    """Return the `Room` of a group, where inactive cables are slack and without forces."""
     gap = jnp.where(state.present, room.gap, state.rest_length)
     rest = copy_with(room, gap=None, compliance=None)
     return copy_with(state.only_present(rest), gap=gap, compliance=room.compliance)
 
 
 def rest_lengths(system: System) -> Float[Array, " n"]:
-    """Unstressed lengths of all cables, m."""
+    """Return the unstressed lengths of all cables, [n], m."""
     lengths: list[Array] = [state.rest_length for state in system.states]  # type: ignore[misc]  # all have one
     return jnp.concatenate(lengths)
 
 
 def held(system: System) -> Bool[Array, " n"] | None:
-    """Which cables have a tension that does not follow their length: by a jack, or being absent.
+    """Return which cables have a prescribed tension: by a jack, or zero as inactive ones, [n].
 
-    None if there can be no such cables.
+    None if there are no such cables in any phase.
     """
     if all(state.jack_force is None and state.present is None for state in system.states):
         return None
@@ -228,23 +228,23 @@ def held(system: System) -> Bool[Array, " n"] | None:
 
 
 def loaded(system: System, x: Motion) -> Bool[Array, ""]:
-    """Whether any load or jack acts at `x`."""
+    """Return whether any load or jack acts at `x`."""
     jacks = [
         jnp.any(state.jack_force != 0) for state in system.states if state.jack_force is not None
     ]
     return jnp.any(jnp.stack([jnp.any(system.external_force(x) != 0), *jacks]))
 
 
-def _split(system, values):
-    """An array for all cables [n] as a list with an array per group."""
+def _split_by_group(system, values):
+    """Split an array for all cables [n] into a list with an array per group."""
     ends = [0]
     for group in system.groups:
         ends.append(ends[-1] + len(group.links))
     return [values[i:j] for i, j in pairwise(ends)]
 
 
-def _filled(values, rooms):
-    """Arrays of all groups in one, with zeros for None; None if all are None."""
+def _concatenate_or_none(values, rooms):
+    """Concatenate arrays of all groups, with zeros for None; None if all are None."""
     if all(value is None for value in values):
         return None
     pairs = zip(values, rooms, strict=True)

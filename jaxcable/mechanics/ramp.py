@@ -1,11 +1,11 @@
-"""A phase as a function of its parameter: the system that has to be in equilibrium.
+"""A phase as a function of its load factor: the system that has to be in equilibrium.
 
-The parameter is the load factor, from 0 to 1. Prestress and loads are proportional to it, but for
+The parameter is the load factor, from 0 to 1. Prestress and loads are proportional to it, except
 loads with an amplitude (`loads.varying`).
 
-The phase begins with what earlier phases left (`carry.Carry`) and adds new data (`PhaseData`), both
-with index arrays in place of topology. `Ramp.build` converts the prestress statements into start
-and end states once; `Ramp.at` interpolates.
+The phase begins with the restart state of earlier phases (`carry.Carry`) and adds its own data
+(`PhaseData`), both with index arrays in place of topology. `Ramp.build` converts the prestress
+statements into start and end states once; `Ramp.at` interpolates.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ class Added:
     """Loads on nodes, or movements of supports, that a phase adds.
 
     Attributes:
-        values: their sum, [n_row, 3 or 6], N and N m, or m and rad; with an amplitude those that
-            are proportional to the parameter, and one by one the others, [m, n_row, 3 or 6].
+        values: their sum, [n_row, 3 or 6], N and N m, or m and rad; with an amplitude the sum of
+            those that are proportional to the parameter, then each other one, [m, n_row, 3 or 6].
         amplitude: factors of these m arrays; None if all are proportional to the parameter.
     """
 
@@ -46,7 +46,7 @@ class Added:
     amplitude: Amplitude | None = None
 
     def at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
-        """What they add up to at a parameter, [n_row, 3 or 6]."""
+        """Return their sum at a parameter, [n_row, 3 or 6]."""
         if self.amplitude is None:
             return parameter * self.values
         return jnp.sum(self.amplitude.at(parameter)[:, None, None] * self.values, axis=0)
@@ -54,19 +54,19 @@ class Added:
 
 @pytree
 class PhaseData:
-    """A phase, prepared on the host.
+    """Data of a phase as arrays, prepared on the host.
 
     Attributes:
-        number: of the phase.
+        number: index of the phase.
         statements: prestress statements, a dict from name to `Stated` for every group.
         added_load: the nodal loads that it adds, or None.
         moved: its movements of supports, or None.
-        dof_map: numbering of the unknowns, with the supports of this phase.
+        dof_map: map of the degrees of freedom, with the supports of this phase.
         freedoms_before: the same with the supports of the phase before, if supports change in any
             phase, else None.
-        present: elements that are there in this phase, per group; None if all are in all phases.
-        attached: whether the nodes that new elements bring go along with others, see
-            `presence.changed`; None if no phase asks for it.
+        present: active elements of this phase, per group; None if all are active in all phases.
+        attached: whether newly activated nodes move rigidly with active ones, see
+            `presence.changed`; None if this is so in no phase.
     """
 
     number: Int[ArrayLike, ""]
@@ -81,19 +81,19 @@ class PhaseData:
 
 @pytree
 class Ramp:
-    """The phase between 0 and 1, the values of its parameter at its beginning and its end.
+    """A phase (load step) as a function of its load factor from 0 to 1.
 
     Attributes:
         nodes, groups: the structure.
         begin: `Carry` at the start of the phase (without loads on newly supported freedoms).
         end_states: element states at the end; None for a group that does not change.
         jacks: (force at the start, `Stated` at the end) for a jacked group, else None.
-        added_load: nodal loads of this phase, or None.
+        added_load: nodal loads that this phase adds, or None.
         added: which loads of every stack in `begin` this phase adds, list of [m] bool.
         moved: movements of the supports in this phase, or None.
-        released: reactions of newly freed freedoms, and what elements that come and go leave
-            unbalanced, reduced to zero in this phase, as `Carry.nodal_load`, or None.
-        dof_map: numbering of the unknowns.
+        released: reactions of released supports and unbalanced forces of (de)activated elements,
+            which this phase reduces to zero, as `Carry.nodal_load`, or None.
+        dof_map: map of the degrees of freedom.
     """
 
     nodes: Float[Array, "n_row 3"]
@@ -111,7 +111,7 @@ class Ramp:
     def build(
         cls, nodes: Float[Array, "n_row 3"], groups: list[Element], carry: Carry, data: PhaseData
     ) -> Ramp:
-        """The ramp of a phase, from the carry of the phase before and its data."""
+        """Build the ramp of a phase from the `Carry` of the phase before and its own data."""
         added = [stack.phase == data.number for stack in carry.loads]
         moved = nodes + carry.motion[:, :3]
         pairs = zip(carry.amounts, added, strict=True)
@@ -144,7 +144,7 @@ class Ramp:
             end_states.append(end_state)
             jacks.append(jack)
         carry = copy_with(carry, states=states)
-        steps = None if data.moved is None else _supported(data.moved, data.dof_map)
+        steps = None if data.moved is None else _restrict_to_supports(data.moved, data.dof_map)
         return cls(
             *(nodes, groups, carry, end_states, jacks, data.added_load, added, steps, released),
             data.dof_map,
@@ -152,13 +152,13 @@ class Ramp:
 
     @property
     def varies(self) -> bool:
-        """Whether a load follows an amplitude, in this phase or in another one of the analysis."""
+        """Whether any load of the analysis has an amplitude."""
         parts = [self.added_load, self.moved, *self.begin.loads]
         return any(part is not None and part.amplitude is not None for part in parts)
 
     @property
     def memory(self) -> Memory | None:
-        """Memory at the start of the phase, per group; None if no law has any."""
+        """History variables at the start of the phase, per group; None if no group has any."""
         if not any(group.remembers for group in self.groups):
             return None
         return [state.memory for state in self.begin.states]
@@ -166,7 +166,7 @@ class Ramp:
     def states(
         self, parameter: Float[ArrayLike, ""], memory: Memory | None = None
     ) -> list[ElementState]:
-        """Element states at a parameter; a `memory` per group replaces that of the start."""
+        """Return the element states at a parameter; `memory` replaces that of the start."""
         now = []
         groups: list[Any] = self.groups  # `Prestressable` where there is an end state
         parts = groups, self.begin.states, self.end_states, self.jacks
@@ -185,7 +185,7 @@ class Ramp:
         return now
 
     def nodal_load(self, parameter: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
-        """Nodal loads, and what is left of reactions of freed freedoms, at a parameter."""
+        """Return nodal loads plus the remaining part of `released`, at a parameter."""
         load = self.begin.nodal_load
         if self.added_load is not None:
             load = load + self.added_load.at(parameter)
@@ -194,26 +194,26 @@ class Ramp:
         return load
 
     def amounts(self, parameter: Float[ArrayLike, ""]) -> list[load_stacks.Amounts]:
-        """How much of the element loads acts at a parameter."""
+        """Return the factors of the element loads at a parameter."""
         parts = zip(self.begin.loads, self.begin.amounts, self.added, strict=True)
         return [amounts.added(which, stack.factors(parameter)) for stack, amounts, which in parts]
 
     def prescribed_motion(self, parameter: Float[ArrayLike, ""]) -> Motion:
-        """Motion of all nodes as the supports prescribe it at a parameter."""
+        """Return the motion of all rows that the supports prescribe at a parameter."""
         begin = self.begin.motion
         if self.moved is None:
             return begin
         return space_of(self.groups).moved_by(begin, self.moved.at(parameter))
 
     def at(self, parameter: Float[ArrayLike, ""], memory: Memory | None = None) -> System:
-        """The system at a parameter."""
-        now = self._loaded(self.begin.motion, self.states(parameter, memory), parameter)
+        """Return the `System` at a parameter."""
+        now = self._restart_at(self.begin.motion, self.states(parameter, memory), parameter)
         return make_system(
             self.nodes, self.groups, now, self.prescribed_motion(parameter), self.dof_map
         )
 
     def most_added(self, begun: System, parameters: Float[Array, " n"]) -> Float[Array, ""]:
-        """The largest dead load that the phase adds at a node at any of the parameters, N.
+        """Return the largest dead load that the phase adds to a node at any of the parameters, N.
 
         `begun` is the system at the start of the phase.
         """
@@ -232,41 +232,41 @@ class Ramp:
         ok: Bool[Array, ""],
         memory: Memory,
     ) -> Memory:
-        """Memory after an increment that ended at a motion; the earlier memory unless `ok`.
+        """Commit history variables after an increment to a motion; keep the old ones unless `ok`.
 
         Section `strains` as of `System.settle`.
         """
         return select_tree(ok, system.settle(motion, strains), memory)
 
     def begun(self) -> System:
-        """The system at the start of the phase, without prescribed motion."""
+        """Return the system at the start of the phase, without prescribed motion."""
         return make_system(self.nodes, self.groups, self.begin, None, self.dof_map)
 
     def leave(
         self, parameter: Float[ArrayLike, ""], motion: Motion, memory: Memory | None = None
     ) -> Carry:
-        """`Carry` at the end of the phase, if it ends at `parameter`; its jacks are anchored."""
+        """Commit the phase at its end, `parameter`: return its `Carry`, with jacks locked off."""
         states = []
         for group, state in zip(self.groups, self.states(parameter, memory), strict=True):
             locked = state.jack_force is not None
             states.append(each("lock", group, state, self.nodes, motion) if locked else state)
-        return self._loaded(motion, states, parameter)
+        return self._restart_at(motion, states, parameter)
 
-    def _loaded(
+    def _restart_at(
         self, motion: Motion, states: list[ElementState], parameter: Float[ArrayLike, ""]
     ) -> Carry:
-        """`Carry` with the loads of a parameter."""
+        """Return a `Carry` with the loads at a parameter."""
         loads = self.nodal_load(parameter), self.begin.loads, self.amounts(parameter)
         return Carry(motion, states, *loads, self.begin.support_rotation)
 
 
-def _supported(added, dof_map):
-    """Movements of the supports on all rows; NaN if a traced one moves a free freedom.
+def _restrict_to_supports(added, dof_map):
+    """Return the movements of supports on all rows; NaN if one moves a free degree of freedom.
 
-    A support cannot move a freedom that it does not hold.
+    A support cannot move a degree of freedom that it does not hold.
     """
     if added.amplitude is not None:
-        one_by_one = jax.vmap(lambda moved: _supported(Added(moved), dof_map).values)
+        one_by_one = jax.vmap(lambda moved: _restrict_to_supports(Added(moved), dof_map).values)
         return copy_with(added, values=one_by_one(added.values))
     moved = added.values
     if dof_map.node_of_row is not None:
@@ -283,10 +283,10 @@ def _supported(added, dof_map):
 
 
 def _change_supports(nodes, groups, carry, data):
-    """`Carry` without loads on newly supported freedoms, and reactions of freed ones.
+    """Return the `Carry` without loads on newly supported dofs, and reactions of released ones.
 
-    A load on a freedom that is held because nothing touches it stays, to act when something does. A
-    node that is held in part before and after has the same directions in both (`preparation`).
+    A load on an inactive degree of freedom stays, and acts once an element activates it. A node
+    that is partly supported before and after has the same directions in both (`preparation`).
     """
     before = make_system(nodes, groups, carry, carry.motion, data.dof_map_before)
     was, now = data.dof_map_before.fixed, data.dof_map.fixed

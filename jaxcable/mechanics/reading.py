@@ -1,4 +1,4 @@
-"""Results at a point of equilibrium: every element is evaluated once for all of its results."""
+"""Output of all elements at a point: each is evaluated once for all of its results."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from .elementwise import PerGroup
 
 @pytree(static=("of_ends", "of_increments"))
 class Reading:
-    """Results of all elements at one point.
+    """Results of all elements at one point of equilibrium.
 
     Attributes:
-        found: by the name of a `Result`, and for ``end_forces``, a list with an array per group;
+        found: by the name of a `Result`, and of ``end_forces``, a list with an array per group;
             None for a group without this result.
         n_slack: number of slack elements.
-        n_loose: number of nodes that only slack elements touch.
+        n_loose: number of free nodes without stiffness, at which all elements are slack.
         of_ends, of_increments: names of the results that are kept at the ends of phases, and of
             increments.
     """
@@ -34,18 +34,18 @@ class Reading:
     def strains(self) -> PerGroup | None:
         """Section strains, a list with an array per group; None for a group without this result.
 
-        None altogether if no group has it.
+        None instead of a list if no group has it.
         """
         return self.found.get("section_strain")
 
     @property
     def of_path(self) -> Reading:
-        """The results that are kept of every increment."""
+        """The part of the output that is recorded for every increment."""
         return copy_with(self, found={name: self.found[name] for name in self.of_increments})
 
 
 def read(system: System, motion: Motion) -> Reading:
-    """The `Reading` of a system at a motion of all rows."""
+    """Evaluate all results of a system at a motion of all rows."""
     results = system.results()
     found = system.reading(motion, *results, "end_forces", "is_slack")
     slack = found.pop("is_slack")

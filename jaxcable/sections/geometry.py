@@ -7,7 +7,7 @@ from typing import TypeVar
 import jax.numpy as jnp
 
 from ..common.tree import copy_with, stack_trees
-from ..common.types import Array, ArrayLike, Bool, Float
+from ..common.types import Array, ArrayLike, Float
 from .fibres import Fibres
 
 AnySection = TypeVar("AnySection", bound=Fibres)
@@ -111,14 +111,3 @@ def torsional_stiffness(section: Fibres, poisson: Float[ArrayLike, ""] = 0.3) ->
         )
     shear = jnp.stack([law.modulus / (2 * (1 + poisson)) for law in section.laws])
     return jnp.sum(shear * section.torsion)
-
-
-def bends_alike(section: Fibres) -> Bool[Array, ""]:
-    """Return whether a section bends alike in all directions, about the axis of the element."""
-    stiffness = section.stiffness()
-    scale = jnp.maximum(stiffness[1, 1], stiffness[2, 2])
-    radius = jnp.sqrt(stiffness[0, 0] * scale)
-    apart = jnp.abs(stiffness[1, 1] - stiffness[2, 2]) + jnp.abs(stiffness[1, 2])
-    off = jnp.abs(stiffness[0, 1]) + jnp.abs(stiffness[0, 2])
-    tiny = 1e3 * jnp.finfo(stiffness.dtype).eps  # sums over some hundred fibres
-    return (apart <= tiny * scale) & (off <= tiny * radius)

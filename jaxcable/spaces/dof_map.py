@@ -2,9 +2,9 @@
 
 A *row of motion* is whatever has a displacement. Every node is a row. Elements can have further
 rows: a hinged end of a beam has the displacement of its node and a rotation of its own; internal
-unknowns of beams (`elements.inner`) are the displacements of rows that belong to one element only.
-A node that a rigid link joins to another node, its *carrier* (reference node), is *carried*: it has
-no unknowns and moves with its carrier.
+unknowns of beams (`elements.inner_unknowns`) are the displacements of rows that belong to one
+element only. A node that a rigid link joins to another node, its *carrier* (reference node), is
+*carried*: it has no unknowns and moves with its carrier.
 """
 
 from __future__ import annotations

@@ -296,13 +296,15 @@ def test_in_balance_it_is_the_hanging_cable():
     @jax.jit
     @jax.vmap
     def compared(*span):
-        tension, rest = hanging.least_tension(*span), span[2:]
-        at, off = (hanging_springs.under(f * tension, *span) for f in (1.0, 1.01))
+        tension, rest = hanging.tension_unknown(*span), span[2:]
+        at, off = (hanging_springs.hanging_under_tension(f * tension, *span) for f in (1.0, 1.01))
         by_chord, by_excess = jax.jacfwd(lambda *at: hanging.hang(*at, *rest)[0], (0, 1))(*span[:2])
         # |d|^2 - L0^2 moves with the chord
         exact = by_chord + jnp.outer(by_excess, 2 * span[0])
-        block = jnp.outer(at.along, at.along) / (at.compliance + at.less)
-        block = block + hanging_springs.matrix(tension, *rest)
+        block = jnp.outer(at.force_per_tension, at.force_per_tension) / (
+            at.compliance + at.sag_compliance
+        )
+        block = block + hanging_springs.tension_stiffness(tension, *rest)
         turned = hanging.hang(turn @ span[0], span[1], turn @ span[2], *span[3:])
         return tension, at, off, hanging.hang(*span)[0], exact, block, turn.T @ turned[0]
 
@@ -318,25 +320,25 @@ def test_in_balance_it_is_the_hanging_cable():
     # part, the strain or the slack, and of the root that the tension comes from
     rest = spans[3]
     parts = tension / spans[4], np.abs(spans[1]) / rest**2, at.sag / rest
-    give = tension * (at.compliance + at.less)
+    give = tension * (at.compliance + at.sag_compliance)
     rounding = 16 * np.finfo(float).eps * (np.max(parts, axis=0) * rest + give)
-    assert (np.abs(at.gap - at.sag) <= rounding).all()
-    assert (off.gap - off.sag > 4e-3 * give).all()  # can fail
+    assert (np.abs(at.spare_length - at.sag) <= rounding).all()
+    assert (off.spare_length - off.sag > 4e-3 * give).all()  # can fail
     assert (largest(block - exact) <= 1e-8 * largest(exact)).all()
 
 
 def test_derivatives_by_the_tension():
     """Off balance, too: Taylor's test of the rates that `Under` states."""
-    rates = {"force": "along", "gap": "compliance", "sag": "less"}
+    rates = {"force": "force_per_tension", "spare_length": "compliance", "sag": "sag_compliance"}
 
     @jax.jit
     def values(tension, *span):
-        at = hanging_springs.under(tension[0], *span)
+        at = hanging_springs.hanging_under_tension(tension[0], *span)
         return [jnp.sum(getattr(at, n)) for n in rates], [jnp.sum(getattr(at, n)) for n in at_rates]
 
     at_rates = list(rates.values())
     for span in chords(12, 2):  # soft ones, so that strains are not linear up to rounding
-        tension = jnp.array([3.0 * hanging.least_tension(*span) + 0.01 * span[4]])
+        tension = jnp.array([3.0 * hanging.tension_unknown(*span) + 0.01 * span[4]])
         for k, sign in enumerate((1.0, 1.0, -1.0)):
             stated = sign * values(tension, *span)[1][k]
 

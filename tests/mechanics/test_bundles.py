@@ -29,7 +29,7 @@ def alone(monkeypatch):
 
     def call(function, *arguments):
         with monkeypatch.context() as patch:
-            patch.setattr(bundles, "_sort", lambda number, group: number)
+            patch.setattr(bundles, "_bundle_key", lambda number, group: number)
             return function(*arguments)
 
     return call

@@ -1,0 +1,81 @@
+"""Inner unknowns of a beam: degrees of freedom of an element beside the motion of its two ends.
+
+An element whose section is not linear has inner unknowns for the strains along its axis
+(`bending`); one whose ends rotate against their nodes has inner unknowns for its joints. They are
+stored in rows of motion after those of the ends (`Structure.rows`), at indices (row, column).
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..common.tree import template_of
+from ..common.types import Array, ArrayLike, Float, Int
+from ..sections import Section
+from .abilities import Bending
+from .element import Forces, Motion
+from .prestress import AxialState
+
+# indices of a_1, a_2 and of b about y, z in the inner rows, by the number of these rows
+_FIELD_INDICES = (), ((0, 0),), ((0, 0), (0, 1), (1, 0), (1, 1))
+
+
+class InnerUnknowns(Bending):
+    """Inner unknowns of beams (`beam.Beams`): their indices, and the forces conjugate to them."""
+
+    section: Section
+    points: int
+    springs: Float[ArrayLike, "n_elem 2 3"] | None = None
+
+    @property
+    def inner(self) -> tuple[tuple[int, int], ...]:  # type: ignore[override]  # read only
+        """Indices of the inner unknowns as (row after the ends, column), a tuple.
+
+        A section that is not linear has ``a_1 L, a_2 L`` and ``b L^2 / 32``, the deflection of the
+        middle beyond the cubic. Joints have the rotation of each end, times a length.
+        """
+        rows = self._n_field_rows
+        joints = () if self.springs is None else np.ndindex(2, 3)
+        return (*self.field_indices, *((rows + end, axis) for end, axis in joints))
+
+    @property
+    def field_indices(self) -> tuple[tuple[int, int], ...]:
+        """Indices of the inner unknowns for the strains along the axis."""
+        return _FIELD_INDICES[self._n_field_rows]
+
+    @property
+    def n_inner_row(self) -> int:  # type: ignore[override]  # read only
+        """Number of rows of motion for the inner unknowns of an element."""
+        return self._n_field_rows + (0 if self.springs is None else 2)
+
+    @property
+    def _n_field_rows(self) -> int:
+        """Number of rows for strains along the axis; three integration points cannot resolve P2."""
+        if template_of(self.section).is_elastic:
+            return 0
+        return 1 if self.points < 4 else 2
+
+    def _joint_rotations(self, state: AxialState, motion: Motion) -> Float[Array, "2 3"]:
+        """Return the rotations of the ends against their nodes, ``tan(angle / 4) axis``, [2, 3]."""
+        return motion[-2:, :3] / (4 * state.rest_length)
+
+    @property
+    def _inner_indices(self) -> tuple[Int[np.ndarray, " k"], ...]:
+        """Rows, counted after the two ends, and columns of the inner unknowns."""
+        return tuple(np.array(self.inner).T)
+
+    def _forces_at_ends(self, force: Float[Array, " 9+k"]) -> Forces:
+        """Return forces [9 + k] of `BeamElement._forces_after_step` by ends, [n_end, 6]."""
+        pull, first, second, inner = jnp.split(force, [3, 6, 9])
+        at = jnp.stack([jnp.concatenate([-pull, first]), jnp.concatenate([pull, second])])
+        if not self.inner:
+            return at
+        rows = jnp.zeros((self.n_inner_row, 6), force.dtype).at[self._inner_indices].set(inner)
+        return jnp.concatenate([at, rows])
+
+    def _forces_of_parts(
+        self, pull: Float[Array, " 3"], moments: Float[Array, "2 3"], inner: Float[Array, " k"]
+    ) -> Forces:
+        """Return the end forces [n_end, 6] from pull, end moments and inner forces."""
+        return self._forces_at_ends(jnp.concatenate([pull, moments.ravel(), inner]))
