@@ -179,7 +179,7 @@ def _replay_increments(ramp, factors, xs, good, converges):
             x = implicit.attach_derivative(system, x, ok)
         last = jnp.where(ok, x, last)
         seen = read(system, x)
-        return (ramp.settle(system, x, seen.strains, ok, memory), last), (seen.of_path, x)
+        return (ramp.commit_memory(system, x, seen.strains, ok, memory), last), (seen.of_path, x)
 
     start = (ramp.memory, lax.stop_gradient(xs[0]))
     (memory, last), (readings, xs) = lax.scan(step, start, (factors, xs, good))

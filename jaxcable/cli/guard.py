@@ -22,7 +22,8 @@ from ..plots.style import MADE_BY
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
 _HEAD = 4096  # bytes in which files say what has made them
-_PHASE = re.compile(r"\bphases\[(\d+)\](?:\.\w+|\[\d+\])*")
+# a path that the text has counted from 1 already stays
+_PHASE = re.compile(r"(?<!\()\bphases\[(\d+)\](?:\.\w+|\[\d+\])*")
 """A place in the phases, such as ``phases[1].loads``, counted from 0 as in files and in Python."""
 _MARKS = MADE_BY.encode(), b'<meta name="generator" content="jaxcable">'  # of pictures, and pages
 

@@ -177,7 +177,7 @@ def _solve_increment(ramp, factor, x, method, code, memory, first):
     stable = good & system.convex
     outcome = IncrementOutcome(x, code, steps, steps, largest, scale, rounding, iterated, stable)
     if memory is not None:
-        memory = ramp.settle(system, x, None, good, memory)
+        memory = ramp.commit_memory(system, x, None, good, memory)
     return outcome, memory
 
 

@@ -301,7 +301,7 @@ def solve_increments(
         code = status.first_failure(code, outcome.code)
         if memory is not None:
             good = outcome.equilibrated
-            memory = ramp.settle(system, motion, reading.strains, good, memory)
+            memory = ramp.commit_memory(system, motion, reading.strains, good, memory)
         outcome = copy_with(outcome, code=code)
         if report is not None:
             lax.cond(live, lambda: report(factor, outcome), lambda: None)

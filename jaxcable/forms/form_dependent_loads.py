@@ -61,7 +61,7 @@ def nodes_coupled_by_loads(
     """Return the nodes that each load couples, in the order of `FormDependentLoads`.
 
     Returns:
-        Triples (nodes [n, k], 3, ()) as `number_freedoms` takes them: the derivative of the load on
+        Triples (nodes [n, k], 3, ()) as `make_dof_map` takes them: the derivative of the load on
         a node by the other nodes of its element or face needs places in a sparse matrix.
     """
     nodes = []

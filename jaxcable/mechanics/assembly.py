@@ -275,7 +275,7 @@ class System(Elementwise):
     def external_parts(self, x: Motion) -> list[MatrixPart]:
         """Return the load stiffness, as `parts`: of following loads and moments.
 
-        A sparse pattern needs places for them, after those of the elements (`number_freedoms`).
+        A sparse pattern needs places for them, after those of the elements (`make_dof_map`).
         """
         arguments = self.groups, self.states, self.nodes, self.nodes + x[:, :3]
         following = [

@@ -184,7 +184,7 @@ class Elementwise:
         """Return whether any element is strained beyond its rupture strain."""
         return jnp.any(self.broken(self.strains(motion)))
 
-    def settle(
+    def commit_memory(
         self, motion: Motion, strains: PerGroup | None = None, duration: float = 0.0
     ) -> Memory:
         """Return the history variables of every group after an increment of a `duration`, s.

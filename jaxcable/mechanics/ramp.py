@@ -224,7 +224,7 @@ class Ramp:
 
         return jnp.max(lax.map(added, parameters))
 
-    def settle(
+    def commit_memory(
         self,
         system: System,
         motion: Motion,
@@ -234,9 +234,9 @@ class Ramp:
     ) -> Memory:
         """Commit history variables after an increment to a motion; keep the old ones unless `ok`.
 
-        Section `strains` as of `System.settle`.
+        Section `strains` as of `System.commit_memory`.
         """
-        return select_tree(ok, system.settle(motion, strains), memory)
+        return select_tree(ok, system.commit_memory(motion, strains), memory)
 
     def begun(self) -> System:
         """Return the system at the start of the phase, without prescribed motion."""

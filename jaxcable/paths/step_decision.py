@@ -108,7 +108,7 @@ class StepDecision(StepEvents):
         """Commit the history variables at the end of the step; return this `PathPoint`."""
         if not self.system.remembers:
             return self.point
-        return copy_with(self.point, memory=self.system.settle(self.point.x, self.strains))
+        return copy_with(self.point, memory=self.system.commit_memory(self.point.x, self.strains))
 
     def _next_nominal_length(self):
         """Return the length of the next ordinary step, longer after few iterations."""

@@ -111,7 +111,7 @@ def _memory_history(ramp, factors, motions):
     def follow(memory, increment):
         factor, motion = increment
         system = ramp.at(factor, memory)
-        memory = system.settle(motion)
+        memory = system.commit_memory(motion)
         return memory, memory
 
     _, later = lax.scan(follow, ramp.memory, (factors[1:], motions[1:]))

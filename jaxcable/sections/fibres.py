@@ -282,7 +282,7 @@ class Fibres:
 
 def _absolute_stress_of_law(law, strain, memory):
     """Return the sum of absolute stresses of a law, Pa, see `Law.size_at`."""
-    return law.size_at(strain, memory)
+    return law.stress_scale_at(strain, memory)
 
 
 def _energy_of_law(law, strain, memory):

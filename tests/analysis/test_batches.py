@@ -84,7 +84,7 @@ def test_refuses_what_is_no_batch():
     with pytest.raises(ValueError, match="devices: expected at least one"):
         jc.batched(tension, devices=[])
     for cases in ((1.0,), (np.ones(3), np.ones(2)), (np.ones((0, 3)),)):
-        with pytest.raises(ValueError, match="cases: expected arrays with one leading axis"):
+        with pytest.raises(ValueError, match="cases: expected arrays with one common leading axis"):
             jc.batched(lambda *a: a, 2)(*cases)
 
 

@@ -6,7 +6,7 @@ import pytest
 from banks.problems import assert_balanced, unbalanced
 
 import jaxcable as jc
-from jaxcable.analysis import phases
+from jaxcable.analysis import statements
 
 STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net(load=75.0, increments=(2, 3))
 EA = 97.97e3
@@ -65,7 +65,9 @@ def test_one_number_is_for_groups_that_take_it():
         ("temperature", [False, False, True]),
         ("pretension", [False, True, True]),
     ):
-        assert [phases._passes_by(group, name, structure) for group in structure.groups] == expected
+        assert [
+            statements._is_left_out(group, name, structure) for group in structure.groups
+        ] == expected
 
 
 def test_unequal_pretension_moves_to_an_independently_checked_equilibrium():

@@ -66,6 +66,7 @@ def examples():
         *(jc.SupportMovement([0, 1], [[0.1, 0.0, 0.0]] * 2), jc.SelfWeight([0.0, 0.0, -1.0])),
         *(jc.CablePressure([1.0] * 4, [0.0, 1.0, 0.0]), LAW, jc.Elastic(np.array(2e11)), SECTION),
         *(jc.only([0, 1], [1.0, 2.0]), jc.only([0, 1]), jc.Newton(np.array(1e-9))),
+        jc.Varying(nodal, [0.0, 0.5, 1.0], [0.0, 1.0, 0.2]),
         *(jc.Incremental(tol=np.array(0.1)), target, net),
     ]
 

@@ -569,7 +569,7 @@ def test_a_catenary_refuses_laws_and_jacks():
     with pytest.raises(ValueError, match="a catenary is elastic"):
         jc.Catenaries([[0, 1]], area=1.0, law=jc.Elastic(1.0))
     for text, weight, phase in (
-        ("a group of Catenaries has no jack", 40.0, {"jacking": 1.0}),
+        ("Catenaries cannot be jacked", 40.0, {"jacking": 1.0}),
         ("sag: stated for catenaries with a weight only", None, {"sag": 1.0}),
         (r"sag\[0\] = 0.0: a sag must be positive", 40.0, {"sag": 0.0}),
     ):

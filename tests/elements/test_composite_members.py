@@ -51,7 +51,7 @@ class Cable:
         """The strain of the fibres: in a slack cable that at which it went slack."""
         return strain if self.sum(strain) >= 0 else bisect(self.sum, strain, 1.0)
 
-    def settle(self, strain):
+    def commit_memory(self, strain):
         self.memory = yielding(self.kept(strain), self.memory)[1]
 
 
@@ -96,7 +96,7 @@ def test_a_cable_of_two_laws_along_a_path(number):
     for e in strains:
         expected.append(cable.force(e))
         kept.append(cable.kept(e))
-        cable.settle(e)
+        cable.commit_memory(e)
         memory.append(cable.memory)
     expected, kept = np.array(expected), np.array(kept)
     size = 1e-13 * E * 0.05  # rounding of stresses E e, over 120 increments
@@ -199,7 +199,7 @@ def test_pulled_past_yield_let_go_pushed_and_again():
             assert float(path.tension["cable"][k, 0]) == pytest.approx(force, abs=1e-3)
             assert int(path.n_slack[k]) == (force == 0)
             assert stress[k] @ np.asarray(section.area) == pytest.approx(force, abs=1e-3)
-            cable.settle(e)
+            cable.commit_memory(e)
             seen, most = seen + (force == 0), max(most, cable.memory)
         before, e0 = end, e  # displacements of a phase are from its start
     assert 0 < seen < 15 and most > 0.01

@@ -449,7 +449,7 @@ def test_time_reaches_a_law_that_creeps():
         if kind == "beams":
             strain = jnp.zeros((1, group.points, 3)).at[..., 0].set(1e-3)
         system = System(jnp.asarray(nodes), [group], [state], None, None)
-        (after,), (still,) = (system.settle(None, [strain], t) for t in (50.0, 0.0))
+        (after,), (still,) = (system.commit_memory(None, [strain], t) for t in (50.0, 0.0))
         for crept, kept in zip(jax.tree.leaves(after), jax.tree.leaves(still), strict=True):
             assert_allclose(crept, 50.0 * 1e9 * 1e-3 / 1e11, rtol=1e-13)
             assert (np.asarray(kept) == 0.0).all()
@@ -511,11 +511,11 @@ FAR = (NODES + np.array([3512345.12, 5411111.0, 400.0])).astype(np.float32)
 NUMBERS = {  # a call, what is suspicious, what is not, and the warning
     "degrees": (
         lambda v: jc.SupportMovement([0, 1], None, rotations=[[0.0, 0.1, 0.0], [0.0, v, 0.0]]),
-        *(5.0, np.pi, r"rotations\[1\]: a turn of 5 rad, which is 286.479 deg"),
+        *(5.0, np.pi, r"rotations\[1\]: a rotation of 5 rad is 286.479 degrees"),
     ),
     "coordinates of maps": (
         lambda v: jc.Structure(v, {"net": mixed().elements["net"]}, jc.pinned([0, 2, 3])),
-        *(FAR, SINGLE, r"float32, whose next number is 0.5 m .*\['net'\] are 5 m"),
+        *(FAR, SINGLE, r"resolution of 0.5 m in float32, .*\['net'\], which are 5 m"),
     ),
     "lighter than any solid": (
         lambda v: jc.Structure(
@@ -523,7 +523,7 @@ NUMBERS = {  # a call, what is suspicious, what is not, and the warning
             jc.Bars([[0, 1]], area=1e-3, law=jc.Elastic(210e9), weight=v),
             jc.pinned([0]),
         ),
-        *(0.0077, 77.0, r"weight\[0\] = 0.0077: of a volume that weighs less"),
+        *(0.0077, 77.0, r"weight\[0\] = 0.0077: less than 50 N/m3 with its area"),
     ),
 }
 

@@ -55,7 +55,7 @@ def test_solvers_ask_the_system_for_all_forces():
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Attribute) and ast.unparse(node) == "system.load":
                 found.add(path.stem)
-    assert found == {"balance", "predicted"}
+    assert found == {"convergence", "predicted_forces"}
 
 
 # --- a plucked string

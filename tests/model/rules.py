@@ -253,7 +253,7 @@ of_cables("rest_length"), 1.0, 0.0  # rest_length: rest_length[0] = 0.0
 of_cables("strength"),  # strength: strength[0] = -1.0
 of_cables("weight"),  # weight: weight[0] = -1.0: must not be negative
 of_cables("compliance"),  # compliance: compliance[0] = -1.0: must not
-softened, [-1e9, 0.0, 1e6, 2e6], [-1e9, 0.0, 1e6, 5e5]  # compliance: section.laws...falls
+softened, [-1e9, 0.0, 1e6, 2e6], [-1e9, 0.0, 1e6, 5e5]  # compliance: compliance: section.laws...softens
 ## elements/beam.py
 of_beams("torsional_stiffness"),  # torsional_stiffness: torsional_stiffness... = -1.0
 of_beams("rest_length"),  # rest_length: rest_length... = -1.0
@@ -375,7 +375,7 @@ OTHERWISE = {
     "loads/varying.py:__str__": "no rule: what is said of it",
     "loads/varying.py:split_amplitude": "a warning",
     "elements/beam.py:unused_columns": "no rule: layers on one line have nothing across it",
-    "elements/beam.py:_differs": "a lean without `up` is NaN in `Beams.start`",
+    "elements/beam_axes.py:is_known_anisotropic": "a lean without `up` is NaN in `Beams.start`",
     "materials/polygonal.py:__post_init__": "no rule: puts the origin among known points",
     "sections/torsion.py:bredt_torsion": "a traced outline is not asked whether it crosses itself",
     "sections/torsion.py:are_concentric_circles": "no rule: which library computes",

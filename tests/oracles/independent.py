@@ -309,4 +309,4 @@ def _remember(parts, nodes, begun, path):
     for part in parts:
         if part.law.memory is not None:
             for step in _wide(path.displacement):
-                part.law.settle(_strain(part, nodes, begun + step))
+                part.law.commit_memory(_strain(part, nodes, begun + step))

@@ -71,7 +71,7 @@ class AxialLaw:
         low = -np.inf if self.one_sided else -self.yields
         return np.clip(elastic, low, self.yields)
 
-    def settle(self, strain):
+    def commit_memory(self, strain):
         """Plastic strains after an increment that ended at `strain`."""
         self.memory = strain[:, None] - self._kept(strain)
 

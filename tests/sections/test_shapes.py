@@ -336,13 +336,13 @@ def test_centroid_of_two_laws_is_weighted_by_stiffness():
 def test_a_beam_off_its_centroid_by_chance_is_warned_of():
     section = Section.polygon(CORNER, None, ONE, 0.02)
     text = (
-        r"elements\.section: its centroid is at y = 0\.0286842, z = 0\.0286842 m from the axis .* "
-        r"\.centred\(\) puts the axis there, \.shifted\(\) says that it is meant"
+        r"elements\.section: its centroid is at y = 0\.0286842 m, z = 0\.0286842 m, away from the "
+        r"axis .*; take section\.centred\(\) to put the axis into the centroid, or section\.shifted"
     )
     with pytest.warns(jc.InputWarning, match=text):
         used(section)
     mesh = Section.mesh([[0, 0], [0.1, 0], [0.1, 0.2], [0, 0.2]], [[0, 1, 2, 3]], ONE)
-    with pytest.warns(jc.InputWarning, match=r"y = 0\.05, z = 0\.1 m from"):
+    with pytest.warns(jc.InputWarning, match=r"y = 0\.05 m, z = 0\.1 m, away from"):
         used(mesh)
     plate = Section.rectangle(0.1, 0.01, ONE)
     with pytest.warns(jc.InputWarning, match="centroid"):
