@@ -136,6 +136,8 @@ def test_every_class_that_users_construct_is_among_the_examples():
     assert shipped <= known  # others are registered by other tests of this process
     made_by_the_package = {"Scene", "Study", "Report", "Table", "Increment", "Step", "Trial"}
     made_by_the_package |= {"Omission"}
+    # declarations in the bodies of own classes, texts and functions: no arrays
+    made_by_the_package |= {"Statement", "Result", "Rule"}
 
     def walk(module):
         for own in (getattr(module, name) for name in module.__all__):
