@@ -117,7 +117,7 @@ def test_an_analysis_that_fails_ends_with_status_1_and_its_text(scene, capsys):
     assert "FAILED: what follows is the last converged state, phase 1" in out
     lines = [line.removeprefix("jaxcable: ") for line in err.splitlines()]
     assert lines[0].startswith("warning: phase 2 (phases[1].loads): 1e+30 N on node 3")
-    assert lines[1] == "r.py: not written: the analysis failed, so that there is no state for OpenSees"
+    assert lines[1].startswith("r.py: not written: the analysis failed")
     assert lines[2] == "p.png: not drawn: the analysis failed"
     assert lines[3].startswith("bad.json: phase 2, increment 1 of 10 (load factor 0.1)")
     assert np.isfinite(jc.files.load_result("r.npz")["last.tension"]).all()

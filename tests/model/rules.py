@@ -253,7 +253,7 @@ of_cables("rest_length"), 1.0, 0.0  # rest_length: rest_length[0] = 0.0
 of_cables("strength"),  # strength: strength[0] = -1.0
 of_cables("weight"),  # weight: weight[0] = -1.0: must not be negative
 of_cables("compliance"),  # compliance: compliance[0] = -1.0: must not
-softened, [-1e9, 0.0, 1e6, 2e6], [-1e9, 0.0, 1e6, 5e5]  # compliance: compliance: section.laws...soft
+softened, [-1e9, 0.0, 1e6, 2e6], [-1e9, 0.0, 1e6, 5e5]  # compliance: section.laws...softens
 ## elements/beam.py
 of_beams("torsional_stiffness"),  # torsional_stiffness: torsional_stiffness... = -1.0
 of_beams("rest_length"),  # rest_length: rest_length... = -1.0
