@@ -21,7 +21,10 @@ def statements_keep_rules(
     groups: Sequence[Element],
     nodes: Float[ArrayLike, "n_row 3"],
 ) -> Bool[Array, ""]:
-    """Return whether the prestress statements of a phase keep their rules, scalar bool, traced.
+    """Return whether the statements of a phase satisfy their rules, scalar bool, traced.
+
+    Rules are, for example, that lengths are positive, that cables are not compressed, and that a
+    force is within the capacity of the material.
 
     Args:
         statements: for every group a dict from name to `Stated`.

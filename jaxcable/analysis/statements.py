@@ -113,7 +113,7 @@ def _require_compatible(statements, where, key, group):
 
 
 def _describe_overlap(one, other, key, group):
-    """Return the first element that two statements concern, in words; None if there is none."""
+    """Name the first element of a group that two statements of a phase both concern, or None."""
     if one.chosen is None and other.chosen is None:
         return f"elements{key}"
     both = _concerned_elements(one, group) & _concerned_elements(other, group)
@@ -126,7 +126,7 @@ def _concerned_elements(stated, group):
 
 
 def _is_left_out(group, name, structure):
-    """Return whether one number for the whole structure leaves out `group`.
+    """Return whether a single number `name` for the whole structure is not applied to `group`.
 
     It leaves out groups that cannot take it, if another group can; and beams, and groups that take
     several components, beside cables or bars.

@@ -106,7 +106,7 @@ def _print_warning(message, category, *_, **__):
 
 
 def print_message(line: str) -> None:
-    """Print one line on stderr, which counts phases from 1, as results do."""
+    """Print one line on stderr; after ``phases[0]``, counted from 0, it also says phase 1."""
     line = _PHASE.sub(lambda found: f"phase {int(found[1]) + 1} ({found[0]})", line)
     print(f"jaxcable: {' '.join(line.split())}", file=sys.stderr)
 

@@ -302,7 +302,7 @@ class _PackagePickler(pickle.Pickler):
 def _program_key(words, arguments, options):
     """Return a digest of all that a program depends on; raise `ForeignError` if that is not known.
 
-    The function itself is known by its name, and so must be one of the package, and closed.
+    The function is identified by its name: it must belong to the package and capture no variables.
     """
     module, name, *_ = words
     if not is_program_module(module) or "<" in name or internals.program_serializer() is None:

@@ -309,7 +309,7 @@ def _cables_act_like_bars(targets, solution, found):
 
 
 def _check_unknowns(phases, unknowns):
-    """Check the unknowns; return their prestress inputs in the phases, pytrees of floats."""
+    """Check that each unknown is stated in its phase; return these values, pytrees of floats."""
     if not isinstance(unknowns, list | tuple):
         got = type(unknowns).__name__
         raise ValueError(f"unknowns: expected a list of pairs such as (0, 'pretension'), got {got}")

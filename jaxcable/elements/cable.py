@@ -63,7 +63,7 @@ class TensionOnly(Straight, Pulling):
         return self.stiffness_along() is not None
 
     def pulled(self, state: AxialState, ends: Ends, motion: Motion) -> Pull:
-        """Return the `Pull` at a point, see `Pulling`."""
+        """Return tension, stiffness and end forces at a motion (`Pull`), see `Pulling`."""
         tension, slope = self.tension_and_stiffness(state, ends, motion)
         along = self.end_forces(_with_unit_force(state), ends, motion)
         shape = self.strain(state, ends, motion)
@@ -77,7 +77,7 @@ class TensionOnly(Straight, Pulling):
         return copy_with(state, elongation=elongation), places, jnp.zeros_like(places)
 
     def room(self, state: AxialState, tension: Scalar, shape: Scalar) -> Room:
-        """Return the length under a tension less that at a strain, `shape`."""
+        """Return how much longer the cable is under a tension than at a strain `shape`."""
         one = jnp.ones_like(tension)
         under, slope = jax.jvp(lambda n: self.strain_at(n, state.memory), (tension,), (one,))
         return Room(state.rest_length * (under - shape), state.rest_length * slope)

@@ -91,7 +91,7 @@ class ElementState:
 
     @property
     def pressures(self) -> Pressures | None:
-        """Pressures of `element_load`, or None."""
+        """Follower pressures of loads, by the length that they are per, or None."""
         return None if self.element_load is None else self.element_load.pressures
 
     def only_present(self, values: PyTree[Array]) -> PyTree[Array]:

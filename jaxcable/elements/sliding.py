@@ -161,7 +161,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         return self._state_when_added(state, length, _length_change(ends, motion), start)
 
     def lock(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """Return the state after lock-off: its unstressed length gives the jack force here."""
+        """Return the state after lock-off: an unstressed length that gives the jack force here."""
         return self.locked(
             state, jnp.sum(_moved_pieces(ends, motion)[1]), _length_change(ends, motion)
         )

@@ -238,7 +238,10 @@ class EquilibriumSearch:
         return copy_with(state, stagnant_steps=stagnant, code=code.astype(jnp.int32)), ends
 
     def _update_strategies(self, state, fraction, accepted, search_over, converged):
-        """Update shift, full steps, mode and status after an evaluation.
+        """Choose how the next step is made, and set the status, after an evaluation.
+
+        That is: the Levenberg shift of the stiffness, whether full steps go on without a line
+        search, and the mode of the tension unknowns.
 
         Arguments as `_evaluate_trial` and `_check_convergence` return them.
 

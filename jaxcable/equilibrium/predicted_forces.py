@@ -64,7 +64,7 @@ class PredictedForces:
         return cls(jnp.zeros(n, dtype), jnp.full(n, jnp.inf, dtype), jnp.zeros((), bool))
 
     def excess_force(self, force: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Return the part of a force that the line search cuts, [n], N."""
+        """Return how far forces exceed the cut-off beyond which the line search ignores them, N."""
         return force - lax.clamp(-self.cut_off, force, self.cut_off)
 
     def geometric_forces(self, chords: Chords, predicting: Bool[Array, ""]) -> Float[Array, " n"]:

@@ -134,7 +134,7 @@ def _graph_data(nodes, edges):
 
 
 def _mesh_data(nodes, edges, faces):
-    """Return the data of a Mesh; refuse faces whose sides are not just the edges."""
+    """Return the JSON data of a compas Mesh; refuse faces whose sides are not the elements."""
     array = np.asarray(faces)
     if array.ndim != 2 or array.shape[1] not in (3, 4):
         raise ValueError(f"faces: expected node numbers [n, 3] or [n, 4], got {array.shape}")

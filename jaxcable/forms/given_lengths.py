@@ -151,7 +151,7 @@ class SaddleSystem:
     def system_with_forces(
         self, z: Float[Array, " n_all"]
     ) -> tuple[System, Float[Array, "n_node 3"]]:
-        """Return the system with all forces in its states, and the displacements, [n_node, 3]."""
+        """Return the system with the axial forces of `z`, and the displacements of `z`."""
         pairs = zip(self.system.states, self.axial_forces(z), strict=True)
         system = copy_with(
             self.system, states=[copy_with(state, force=force) for state, force in pairs]
@@ -318,7 +318,8 @@ def attach_saddle_derivative(
 ) -> Float[Array, " n_all"]:
     """Return the solution `z` with its implicit derivative, as `implicit.attach_derivative` does.
 
-    The derivatives of `saddle` must pass only where `valid` (`implicit.stop_gradient_unless`).
+    `valid` says whether the solution has converged; the caller has stopped the derivatives of
+    `saddle` elsewhere (`implicit.stop_gradient_unless`).
     """
     z = lax.stop_gradient(z)
     frozen = lax.stop_gradient(saddle)

@@ -262,7 +262,10 @@ class LineLoads(AlongElements, Measured):
 
 
 def require_known_geometry(geometry: str, per: str) -> None:
-    """Raise ValueError for an unknown geometry, or "begun" with unstressed lengths."""
+    """Raise ValueError for an unknown geometry, or a combination that does not exist.
+
+    Unstressed lengths do not change, so that they have no shape at the start of a phase ("begun").
+    """
     checks.require_one_of(geometry, "geometry", GEOMETRIES)
     if geometry == "begun" and per == "unstressed":
         raise ValueError(

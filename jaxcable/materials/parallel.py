@@ -259,7 +259,7 @@ class Parallel(Law):
         )
 
     def _law_corners(self, memory):
-        """Return the corners of all laws, as strains of the laws, on the last axis."""
+        """Return the kinks of all laws, each as a strain of its own law, on the last axis."""
         parts = [
             law.corner_strains(remembered) for _, law, remembered in self.laws_with_memory(memory)
         ]

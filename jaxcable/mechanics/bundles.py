@@ -48,7 +48,7 @@ class Bundles(NamedTuple):
 
     @property
     def plain(self) -> bool:
-        """Whether every bundle is one group, in the order of the groups."""
+        """Whether no groups are evaluated together: every bundle is one group, in their order."""
         return len(self.members) == len(self.sizes)
 
     def groups(self, groups: list[Element]) -> list[Element]:
@@ -186,7 +186,7 @@ def _join_groups(groups):
 
 @functools.lru_cache(maxsize=64)
 def _join_links(links):
-    """Return the joined `Indices` of several groups, cached."""
+    """Concatenate the node indices of the elements of several groups; cached."""
     return Indices(np.concatenate([indices.array for indices in links]))
 
 

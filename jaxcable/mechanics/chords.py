@@ -86,7 +86,8 @@ class Chords:
 def has_chord(group: Element) -> bool:
     """Return whether the elements of a group have two ends without rotations.
 
-    Predicted forces of beams make columns beyond their buckling loads converge less often.
+    The iteration predicts the axial forces of such elements only: with predicted forces of beams,
+    columns beyond their buckling loads converge less often.
     """
     return group.links.shape[1] == 2 and not group.rotates
 

@@ -72,7 +72,7 @@ class LoadStack:
         return copy_with(self, load=jax.vmap(lambda load: load.bundled(bundles))(self.load))
 
     def touches(self, groups: list[Element], bundles: Bundles) -> list[Indices]:
-        """Return the nodes whose loads depend on each other, list of [n, k], for joined groups."""
+        """Return the sets of k nodes that the stiffness of the loads couples, a list of [n, k]."""
         load: Any = self.load.touched(bundles)  # only called for following loads
         return load.touches(groups)
 

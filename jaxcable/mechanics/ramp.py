@@ -283,7 +283,9 @@ def _restrict_to_supports(added, dof_map):
 
 
 def _change_supports(nodes, groups, carry, data):
-    """Return the `Carry` without loads on newly supported dofs, and reactions of released ones.
+    """Return the `Carry` after supports have changed, and the reactions of released ones.
+
+    Loads on newly supported degrees of freedom end. Reactions become loads, to be ramped out.
 
     A load on an inactive degree of freedom stays, and acts once an element activates it. A node
     that is partly supported before and after has the same directions in both (`preparation`).

@@ -147,9 +147,10 @@ class RotatingNodes(Space):
         return self._move_carried_nodes(jnp.concatenate([moved, rotation], axis=1))
 
     def with_support_rotations(self, x: Motion) -> Motion:
-        """Return `x`, a constant, with its derivative by the rotations of hinged supports.
+        """Return `x`, unchanged in value, with its derivative by the rotations of supports.
 
-        They measure from the rotation of the node when they were set; `x` turns with that one.
+        A support that fixes some rotations only counts from the rotation that the node had when the
+        support was set: if that rotation changes, so does `x`.
         """
         hinged = jnp.any(self.dof_map.fixed[:, 3:], axis=1, keepdims=True)
         support = self._support_rotations()
