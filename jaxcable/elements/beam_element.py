@@ -98,7 +98,7 @@ class BeamElement(InnerUnknowns):
         return self.section.torsional_stiffness() if given is None else given
 
     def _section_force_integrals(self, state, field, forces=None):
-        """Return integrals of section forces (columns) times Legendre polynomials (rows), [3, 3]."""
+        """Return integrals of section forces (columns) times Legendre polynomials (rows)."""
         if self.section.is_elastic:
             return bending.linear_section_integrals(self.section.stiffness(), field.strain)
         strain = self._section_strains(field)
