@@ -156,14 +156,14 @@ def utilization(
         >>> guy = jc.Catenaries([[0, 1]], axial_stiffness=80e6, weight=500.0, strength=1e6)
         >>> structure = jc.Structure(nodes, guy, supports=jc.pinned([0, 1]))
         >>> solution = jc.solve(structure, jc.Phase(sag=40.0, loads=jc.SelfWeight()))
-        >>> used = jc.design.utilisation(structure, solution)
-        >>> mean = jc.design.utilisation(structure, solution.tension)
+        >>> used = jc.design.utilization(structure, solution)
+        >>> mean = jc.design.utilization(structure, solution.tension)
         >>> print(solution.status, f"{used[0]:.3f}, by the mean {mean[0]:.3f}")
         0 0.292, by the mean 0.217
 
         A given force:
 
-        >>> print(jc.design.utilisation(structure, jnp.array([250e3])))
+        >>> print(jc.design.utilization(structure, jnp.array([250e3])))
         [0.25]
     """
     require_structure(structure)
