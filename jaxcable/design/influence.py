@@ -317,7 +317,7 @@ def propagate_tolerances(
         Two cables whose tensions, N, change with their lengths, cut to 0.1 mm and 0.2 mm:
 
         >>> matrix = jnp.array([[30e3, 20e3], [20e3, 30e3]])  # N/m, as from `influence`
-        >>> worst, random = jc.design.scatter(matrix, jnp.array([1e-4, 2e-4]))
+        >>> worst, random = jc.design.propagate_tolerances(matrix, jnp.array([1e-4, 2e-4]))
         >>> print(worst, jnp.round(random, 3))
         [7. 8.] [5.    6.325]
     """
