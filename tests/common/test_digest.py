@@ -16,7 +16,7 @@ import pytest
 import jaxcable as jc
 from jaxcable.common import digest, python_objects
 from jaxcable.elements.straight import Straight
-from jaxcable.equilibrium import newton
+from jaxcable.equilibrium import convergence
 from jaxcable.numerics import vectors
 
 
@@ -359,9 +359,9 @@ def test_the_digest_is_of_the_code_in_memory(monkeypatch):
         space["tension"].__qualname__ = "Straight.tension"
         changes.append((Straight, "tension", space["tension"]))
         changes.append((vectors, "a_partial", functools.partial(vectors.scalar_product, b=factor)))
-    name, number = next((n, v) for n, v in vars(newton).items() if type(v) is float)
+    name, number = next((n, v) for n, v in vars(convergence).items() if type(v) is float)
     code = Straight.tension.__code__
-    changes.append((newton, name, 2 * number))
+    changes.append((convergence, name, 2 * number))
     changes.append(
         (Straight.tension, "__code__", code.replace(co_consts=(*code.co_consts, "more")))
     )

@@ -1,4 +1,4 @@
-"""NumPy functions called by name from compiled programs (`common.foreign`).
+"""NumPy functions called by name from compiled programs (`common.host_calls`).
 
 That another process finds such programs on disk is in `test_keeping`.
 """

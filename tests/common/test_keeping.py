@@ -34,7 +34,7 @@ PROCESS = """
     import jaxcable as jc
     told = {"modules": sorted(sys.modules)}
     import jax.numpy as jnp, numpy as np
-    from jaxcable.common import digest, foreign
+    from jaxcable.common import digest, host_calls
     from users_module import cases
 
     role, folder = sys.argv[1:]
@@ -59,12 +59,12 @@ PROCESS = """
     ]
 
     # a program with a function of NumPy, in the cache of jax
-    @foreign.host_function_family
+    @host_calls.host_function_family
     def double():
         return lambda x: (2 * x,)
     jax.config.update(setting, 0)
     shape = jax.ShapeDtypeStruct((3,), jnp.float32)
-    lowered = jax.jit(lambda x: foreign.call_on_host([double], [shape], x)).lower(shape)
+    lowered = jax.jit(lambda x: host_calls.call_on_host([double], [shape], x)).lower(shape)
     hits.clear()
     twice = lowered.compile()
     told["found"] = hits.count("/jax/compilation_cache/cache_hits")
