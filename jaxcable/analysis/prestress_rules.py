@@ -28,7 +28,7 @@ def statements_keep_rules(
 
     Args:
         statements: for every group a dict from name to `Stated`.
-        groups: element groups, before `extended`.
+        groups: element groups, before `extrapolated`.
         nodes: initial positions of the rows, [n_row, 3].
     """
     all_kept = are_rules_kept([])

@@ -150,7 +150,7 @@ class Section(Fibres):
     def for_analysis(self) -> Section | LinearSection:
         """Return the section as an analysis uses it.
 
-        `LinearSection` if all laws are, else `extended`.
+        `LinearSection` if all laws are, else `extrapolated`.
         """
         if not self.is_elastic:
             return self.extrapolated()
