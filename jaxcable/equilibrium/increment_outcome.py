@@ -48,7 +48,7 @@ class IncrementOutcome:
 
     @property
     def log_row(self) -> Float[Array, " n_log"]:
-        """All fields but the point, an array: the first eight numbers of `phase_results.LOG_COLUMNS`."""
+        """The first eight numbers of `phase_results.LOG_COLUMNS`: all fields but the point."""
         noted = (self.code, self.steps, self.factorizations, self.residual, self.scale)
         rest = (self.rounding, self.equilibrated, self.stable)
         return jnp.stack([jnp.asarray(x, self.x.dtype) for x in (*noted, *rest)])
