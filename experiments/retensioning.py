@@ -25,7 +25,9 @@ from jaxcable import design
 STRUCTURE, (PRESTRESS, LOAD) = jc.scenes.saddle(5, 5)  # EA 16 MN, 20 kN, 500 N a node
 PHASES = [PRESTRESS, LOAD]
 N = len(STRUCTURE.elements.links)
-EDGE = np.flatnonzero(STRUCTURE.held()[np.asarray(STRUCTURE.elements.links), 0].any(axis=1))
+EDGE = np.flatnonzero(
+    STRUCTURE.held_displacements()[np.asarray(STRUCTURE.elements.links), 0].any(axis=1)
+)
 ERRORS = 1e-3 * np.random.default_rng(5).normal(size=N)  # m, too long where positive
 
 

@@ -174,17 +174,17 @@ def pieces(structure, solution, case, clock):
     from jaxcable import linear
     from jaxcable.common.tree import merge_indices, split_indices
     from jaxcable.linear import host
-    from jaxcable.mechanics.carry import make_system
+    from jaxcable.mechanics.restart_state import make_system
     from jaxcable.spaces.dof_map import make_dof_map
 
     fixed = structure.fixed(structure.supports)
     links = tuple((group.links, group.n_freedom, ()) for group in structure.groups)
     dof_map = make_dof_map(fixed, None, links, case["solver"])
-    thawed, arrays = split_indices((structure.nodes, structure.groups, solution.last.carry))
-    nodes, groups, carry = merge_indices(thawed, [jnp.asarray(array) for array in arrays])
-    system = make_system(nodes, groups, carry, carry.motion, dof_map)
+    thawed, arrays = split_indices((structure.nodes, structure.groups, solution.last.restart))
+    nodes, groups, restart = merge_indices(thawed, [jnp.asarray(array) for array in arrays])
+    system = make_system(nodes, groups, restart, restart.motion, dof_map)
     assemble = jax.jit(lambda system, x: (system.residual_and_scale(x), system.tangent(x)))
-    calls = [clock(assemble, system, carry.motion) for _ in range(1 + case["repeats"])]
+    calls = [clock(assemble, system, restart.motion) for _ in range(1 + case["repeats"])]
     matrix = calls[-1][1][1]
     pattern = (np.asarray(a) for a in (matrix.pattern.indptr, matrix.pattern.indices))
     analysed = host.AnalysedPattern(linear.solver_named(case["solver"]), True, *pattern)

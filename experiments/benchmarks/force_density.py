@@ -48,7 +48,7 @@ def net(n):
     structure, _ = jc.scenes.saddle(n, n)
     rng = np.random.default_rng(0)
     load = np.zeros((structure.n_node, 3))
-    free = ~structure.held()[:, 0]
+    free = ~structure.held_displacements()[:, 0]
     load[free] = rng.normal(size=(free.sum(), 3)) * 10 + [0, 0, -50]
     q = rng.uniform(500, 2000, (2 * TURNS * CALLS, len(structure.elements.links)))
     return structure, load, q

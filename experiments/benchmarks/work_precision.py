@@ -44,7 +44,7 @@ def reference(structure, phases):
     """
     nodes = np.asarray(structure.nodes).astype(np.longdouble)
     links = structure.elements.links.array
-    free = ~structure.held()
+    free = ~structure.held_displacements()
     stiffness = np.asarray(structure.elements.axial_stiffness).astype(np.longdouble)
     chord = nodes[links[:, 1]] - nodes[links[:, 0]]
     rest = np.sqrt((chord**2).sum(1)) / (1 + np.longdouble(phases[0].pretension) / stiffness)

@@ -15,15 +15,15 @@ from ..common.types import Array, Bool, Float, Int
 from ..equilibrium import incremental, newton
 from ..equilibrium.newton import Newton
 from ..linear.sparse import FactoredMatrix
-from ..mechanics.carry import Carry
-from ..mechanics.ramp import Ramp
-from ..mechanics.reading import Reading, read
+from ..mechanics.element_output import ElementOutput, evaluate_output
+from ..mechanics.load_ramp import LoadRamp
+from ..mechanics.restart_state import RestartState
 from ..numerics import implicit
 from ..numerics.implicit_root import with_deferred_derivative
 from ..spaces import space_of
 from ..spaces.translations import append_low_part, drop_low_part, has_low_part
 from .phase_results import LOG_COLUMNS, Path
-from .results import element_fields
+from .results import fields_of_element_results
 
 
 class PhaseOutcome(NamedTuple):
@@ -31,23 +31,24 @@ class PhaseOutcome(NamedTuple):
 
     Attributes:
         code, stable: status so far, and whether the end of the phase is stable.
-        begin: `Carry` that its increments begin with.
-        carry: `Carry` after the last good increment; the one before the phase if none is good.
+        begin: `RestartState` that its increments begin with.
+        carry: `RestartState` after the last good increment; the one before the phase if none is
+            good.
         point: (motion of the carry, marks) as `bare` and `marks` of
             `implicit.attach_derivative_with_marks`.
         factor: load factor of the last good increment, 0 if there is none.
-        seen: `Reading` of the last good increment.
+        seen: `ElementOutput` of the last good increment.
         path, log: `Path`, and the numbers `LOG_COLUMNS` of every increment, [n_inc, 10].
         factored: the last matrix that a sparse solve has factorised.
     """
 
     code: Int[Array, ""]
     stable: Bool[Array, ""]
-    begin: Carry
-    carry: Carry
+    begin: RestartState
+    restart: RestartState
     point: tuple[Float[Array, "n_row n_motion"], Float[Array, " n_row"] | None]
     factor: Float[Array, ""]
-    seen: Reading | None
+    seen: ElementOutput | None
     path: Path
     log: Float[Array, "n_inc 10"]
     factored: FactoredMatrix | None
@@ -59,15 +60,15 @@ def run_phase(
     """Solve the increments of one phase; return its `PhaseOutcome`.
 
     Args:
-        problem: nodes, groups, carry and `PhaseData`, of which `Ramp.build` makes the phase.
+        problem: nodes, groups, carry and `PhaseData`, of which `LoadRamp.build` makes the phase.
         before: the carry before the phase.
         steps: (number of its increments, load factors from 0 on, [1 + n_inc]). Factors above 1 are
             those of phases with more increments: nothing is done at them.
         method, code, factored, seen, fresh, tell: see `newton.solve_increments`.
         differentiate_path: whether increments have derivatives, and not only the end.
     """
-    ramp, (count, factors) = Ramp.build(*problem), steps
-    begin = ramp.begin
+    ramp, (count, factors) = LoadRamp.build(*problem), steps
+    begin = ramp.start
     live = (factors > 0) & (factors <= 1)
     factors = jnp.minimum(factors, 1)  # later increments repeat the end; results leave them out
     given = (factors, live), method, code
@@ -80,20 +81,20 @@ def run_phase(
     ramp, (x, bare, marks), xs, readings, log, memory, seen, factored = found
     good, live = (log[:, 0] == status.OK) & live[1:], live[1:]
     valid, factor = _last_converged(good, count, begin.motion.dtype)
-    carry, bare = _phase_end(ramp, factor, (x, bare), valid, before, memory)
-    moved = xs[..., :3] - ramp.begin.motion[None, :, :3]
+    restart, bare = _phase_end(ramp, factor, (x, bare), valid, before, memory)
+    moved = xs[..., :3] - ramp.start.motion[None, :, :3]
     path, counts = _make_path(readings, moved, good, good | ~live)
     motion = space_of(ramp.groups).stored_motion(jnp.where(good[:, None, None], xs, jnp.nan))
     path = copy_with(path, motion=motion)
     code, stable = log[-1, 0].astype(jnp.int32), LOG_COLUMNS.index("stable")
     if not isinstance(method, Newton):
-        end, here = lax.stop_gradient((ramp.at(factor, memory), x))
+        end, here = lax.stop_gradient((ramp.system_at(factor, memory), x))
         judged = newton.is_stable(end, here) & (code == status.OK)
         log = log.at[count - 1, stable].set(judged.astype(log.dtype))
     log = lax.stop_gradient(jnp.concatenate([log, counts.astype(log.dtype)], axis=1))
     stable = jnp.take(log[:, stable], count - 1) > 0
     return PhaseOutcome(
-        code, stable, begin, carry, (bare, marks), factor, seen, path, log, factored
+        code, stable, begin, restart, (bare, marks), factor, seen, path, log, factored
     )
 
 
@@ -102,13 +103,13 @@ def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fre
 
     Returns:
         The ramp; the last point as `implicit.attach_derivative_with_marks` returns it; points,
-        readings and log of all increments; memory of laws at the end; `Reading` of the end; what
-        was factored.
+        readings and log of all increments; memory of laws at the end; `ElementOutput` of the end;
+        what was factored.
     """
     (factors, live), method, _ = given
     frozen = lax.stop_gradient(ramp)
     found = newton.solve_increments(
-        frozen, frozen.begin.motion, *given, factored, seen, fresh, tell
+        frozen, frozen.start.motion, *given, factored, seen, fresh, tell
     )
     *whole, seen, memory, factored = found
     xs, log, readings = jax.tree.map(lambda x: x[1:], whole)
@@ -117,14 +118,14 @@ def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fre
     ramp = implicit.stop_gradient_unless(valid, ramp)
     x = xs[-1]  # the point stays where it was when an increment fails
     if memory is None:
-        tol, worth = newton.adjoint_cg_settings(method, ramp.at(factor), factors.dtype)
+        tol, worth = newton.adjoint_cg_settings(method, ramp.system_at(factor), factors.dtype)
         point = implicit.attach_derivative_with_marks(
-            ramp.at(factor), x, valid, factored, tol, worth
+            ramp.system_at(factor), x, valid, factored, tol, worth
         )
         if differentiate_path:
-            attach = jax.vmap(lambda f, x, ok: implicit.attach_derivative(ramp.at(f), x, ok))
+            attach = jax.vmap(lambda f, x, ok: implicit.attach_derivative(ramp.system_at(f), x, ok))
             xs = attach(factors, xs, good)
-            readings = jax.vmap(lambda f, x: _path_output(ramp.at(f), x))(factors, xs)
+            readings = jax.vmap(lambda f, x: _path_output(ramp.system_at(f), x))(factors, xs)
     else:
         problem = split_indices((ramp, factors, xs, good))
         x, memory = with_deferred_derivative(_replay_to_end, (x, memory), problem)
@@ -138,10 +139,10 @@ def _solve_by_scheme(ramp, count, given, fresh, tell):
     """Solve the increments by `Incremental`, differentiated through; see `_solve_by_newton`."""
     (factors, live), method, code = given
     increments = factors[1:], live[1:]
-    xs, log = incremental.solve_increments(ramp, ramp.begin.motion, increments, method, code, tell)
+    xs, log = incremental.solve_increments(ramp, ramp.start.motion, increments, method, code, tell)
     x, memory = xs[-1], None
     if ramp.memory is None:
-        readings = jax.vmap(lambda f, x: _path_output(ramp.at(f), x))(factors[1:], xs)
+        readings = jax.vmap(lambda f, x: _path_output(ramp.system_at(f), x))(factors[1:], xs)
     else:
         good = (log[:, 0] == status.OK) & live[1:]
         readings, _, memory, x = _replay_increments(ramp, factors[1:], xs, good, False)
@@ -155,8 +156,8 @@ def _last_converged(good, count, dtype):
 
 
 def _path_output(system, x):
-    """Return the element results that a path keeps of one increment, a `Reading`."""
-    return read(system, x).of_path
+    """Return the element results that a path keeps of one increment, a `ElementOutput`."""
+    return evaluate_output(system, x).of_path
 
 
 def _replay_increments(ramp, factors, xs, good, converges):
@@ -171,14 +172,14 @@ def _replay_increments(ramp, factors, xs, good, converges):
     """
 
     @jax.checkpoint
-    def step(carry, increment):
-        memory, last = carry
+    def step(restart, increment):
+        memory, last = restart
         factor, x, ok = increment
-        system = ramp.at(factor, memory)
+        system = ramp.system_at(factor, memory)
         if converges:
             x = implicit.attach_derivative(system, x, ok)
         last = jnp.where(ok, x, last)
-        seen = read(system, x)
+        seen = evaluate_output(system, x)
         return (ramp.commit_memory(system, x, seen.strains, ok, memory), last), (seen.of_path, x)
 
     start = (ramp.memory, lax.stop_gradient(xs[0]))
@@ -199,11 +200,11 @@ def _phase_end(ramp, factor, points, valid, before, memory=None):
     and the bare one, see `implicit.attach_derivative_with_marks`.
     """
     motion, bare = points
-    after = copy_with(ramp.leave(factor, drop_low_part(motion), memory), loads=None), bare
+    after = copy_with(ramp.commit(factor, drop_low_part(motion), memory), loads=None), bare
     begun = append_low_part(before.motion) if has_low_part(bare) else before.motion
     before = copy_with(before, loads=None), begun
-    carry, bare = select_tree(valid, after, before)
-    return copy_with(carry, loads=ramp.begin.loads), bare
+    restart, bare = select_tree(valid, after, before)
+    return copy_with(restart, loads=ramp.start.loads), bare
 
 
 def _make_path(readings, moved, good, finite):
@@ -215,7 +216,7 @@ def _make_path(readings, moved, good, finite):
     def known(x):
         return x * jnp.where(finite, 1.0, jnp.nan).astype(x.dtype).reshape(-1, *(1,) * (x.ndim - 1))
 
-    values = {"displacement": moved, **element_fields(readings.found)}
+    values = {"displacement": moved, **fields_of_element_results(readings.by_name)}
     path = Path(*(None,) * len(dataclasses.fields(Path)))
     path = copy_with(path, **jax.tree.map(known, values))
     return path, jnp.where(

@@ -19,7 +19,7 @@ from ..loads.load import Acting, Following, Moving, OnNodes
 from ..loads.varying import Varying, split_amplitude
 from ..model import spins
 from ..model.structure import Structure
-from ..model.supports import Fixed
+from ..model.supports import FixedDofs
 from .phases import Phase
 from .solution import Solution, State
 
@@ -94,7 +94,7 @@ def errors_prefixed(where: str) -> Iterator[None]:
 
 
 def check_loads(
-    structure: Structure, phase: Phase, fixed: Fixed, where: str
+    structure: Structure, phase: Phase, fixed: FixedDofs, where: str
 ) -> tuple[list[Any], ...]:
     """Check the loads of a phase and sort them: nodal loads, movements of supports, element loads.
 
@@ -116,7 +116,7 @@ def check_loads(
             if isinstance(load, Moving):
                 load.check_supported(fixed)
             if isinstance(load, Acting):
-                load = load.among(structure)
+                load = load.with_group_numbers(structure)
         for pairs, kind in zip(found, (OnNodes, Moving, Acting), strict=True):
             if isinstance(load, kind):
                 pairs.append((load, amplitude))
@@ -129,8 +129,8 @@ def without_amplitudes(loads: Sequence[Sequence[tuple[Any, Any]]]) -> list[list[
 
 
 def check_supports(
-    structure: Structure, phases: Sequence[Phase], fixed: Fixed, earlier: int = 0
-) -> list[Fixed]:
+    structure: Structure, phases: Sequence[Phase], fixed: FixedDofs, earlier: int = 0
+) -> list[FixedDofs]:
     """Return the fixed freedoms before the first phase and in each phase, checked.
 
     All have directions if any of them has some. Nodes that can spin get a warning.

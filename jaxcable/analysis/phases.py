@@ -14,16 +14,16 @@ from ..common.selection import Only, Selection, WholeGroups
 from ..common.tree import pytree, replace
 from ..common.types import ArrayLike, Bool, Float, PyTree
 from ..elements.abilities import STATEMENTS
-from ..elements.prestress import Stated
+from ..elements.prestress import StatedValues
 from ..loads import as_list
 from ..loads.load import Load
 from ..model.structure import Structure
 from ..model.supports import Supports
-from .statements import ABSOLUTE as ABSOLUTE
-from .statements import INCREMENTS as INCREMENTS
+from .statements import ABSOLUTE_STATEMENTS as ABSOLUTE_STATEMENTS
+from .statements import INCREMENTAL_STATEMENTS as INCREMENTAL_STATEMENTS
 from .statements import check_statements
 
-PLACES = "drawn", "attached"
+PLACEMENTS = "drawn", "attached"
 """Where the nodes that new elements bring are placed."""
 
 
@@ -67,7 +67,7 @@ class Phase:
     stays as warm as it was: cooled again, it is shorter than stated. A shortening is measured at
     the temperature of its phase, too. Heat changes no weight, and no load per unstressed length.
 
-    Classes of elements that you write may know further statements (`elements.stated.Statement`),
+    Classes of elements that you write may know further statements (`elements.statement.Statement`),
     such as the friction of a saddle, or a clamp: ``own={"clamped": {"saddles": 1}}``. They are
     numbers, given in the same ways; the class says whether they are ramped, and how long they last.
 
@@ -153,8 +153,8 @@ class Phase:
     def __post_init__(self):
         for name in ("adds", "removes"):
             object.__setattr__(self, name, as_whole_groups(getattr(self, name)))
-        if self.placed not in PLACES:
-            raise ValueError(f"placed = {self.placed!r}: expected one of {', '.join(PLACES)}")
+        if self.placed not in PLACEMENTS:
+            raise ValueError(f"placed = {self.placed!r}: expected one of {', '.join(PLACEMENTS)}")
         if isinstance(self.increments, bool) or not isinstance(self.increments, int | np.integer):
             if isinstance(self.increments, jax.core.Tracer):
                 raise ValueError(
@@ -169,7 +169,7 @@ class Phase:
             raise ValueError(f"supports: expected pinned(nodes) or Supports(mask), got {kind}")
         as_list(self.loads)
         self._check_own_statements()
-        for name, given in all_stated(self).items():
+        for name, given in all_statements(self).items():
             for leaf in jax.tree.leaves(given):
                 checks.as_floats(leaf, name)
 
@@ -183,21 +183,23 @@ class Phase:
             if name in fields:
                 raise ValueError(f"own: {name!r} is an argument of Phase: Phase({name}=...)")
 
-    def statements(self, structure: Structure, where: str = "") -> list[dict[str, Stated]]:
-        """Return the statements for every group of a structure, checked: dicts to `Stated` by name.
+    def statements(self, structure: Structure, where: str = "") -> list[dict[str, StatedValues]]:
+        """Return the checked statements for every group of a structure: dicts of `StatedValues`.
 
         Messages begin with `where`, such as "phases[0].", and the name of the statement.
         """
-        return check_statements(all_stated(self), structure, where)
+        return check_statements(all_statements(self), structure, where)
 
 
-def all_stated(phase: Phase) -> dict[str, Any]:
+def all_statements(phase: Phase) -> dict[str, Any]:
     """Return all statements of a phase (pretension, ..., those of `own`) by name, as given."""
-    fields = {name: getattr(phase, name) for name in (*ABSOLUTE, *INCREMENTS)}
+    fields = {
+        name: getattr(phase, name) for name in (*ABSOLUTE_STATEMENTS, *INCREMENTAL_STATEMENTS)
+    }
     return {n: given for n, given in {**fields, **(phase.own or {})}.items() if given is not None}
 
 
-def restated(phase: Phase, name: str, given: PyTree[Any]) -> Phase:
+def with_statement(phase: Phase, name: str, given: PyTree[Any]) -> Phase:
     """Return the phase with another value of one statement."""
     if name in STATEMENTS:
         return replace(phase, **{name: given})

@@ -22,15 +22,16 @@ from ..loads import SelfWeight
 from ..loads.varying import scale_to_peak
 from ..mechanics import load_stacks
 from ..mechanics.bundles import Bundles
-from ..mechanics.carry import Carry, unloaded
-from ..mechanics.load_stacks import LoadStack, continued
+from ..mechanics.load_stacks import LoadStack, acting_from_start
+from ..mechanics.restart_state import RestartState, initial_restart_state
 from ..model import phase_plausibility, plausibility
-from ..model.structure import Structure, place_rules
-from ..model.supports import Fixed
-from ..model.topology import require_same
+from ..model.structure import Structure, position_rules
+from ..model.supports import FixedDofs
+from ..model.topology import require_same_topology
 from ..spaces import space_of
 from ..spaces.dof_map import make_dof_map, with_assembly
-from .absent import refuse_absent_elements, warn_of_idle_loads
+from .absent_elements import refuse_absent_elements, warn_of_idle_loads
+from .activation import attached_phases, make_activation
 from .phase_checks import (
     check_loads,
     check_method,
@@ -39,40 +40,42 @@ from .phase_checks import (
     without_amplitudes,
 )
 from .phases import Phase, as_phases
-from .presence import attached_phases, presence_of
 from .prestress_rules import statements_keep_rules
 from .schedule import Schedule, number_phases, stack_nodal_loads, stack_statements
 from .solution import Solution, State
 
-AnalysisInput: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], Carry | None, Schedule]"
+AnalysisInput: TypeAlias = (
+    "tuple[Float[Array, 'n_row 3'], list[Element], RestartState | None, Schedule]"
+)
 """Nodes, groups, carry and schedule."""
 
 
-class Prepared(NamedTuple):
+class PreparedAnalysis(NamedTuple):
     """The input of an analysis, checked and ready for the compiled program.
 
     Attributes:
-        thawed, arrays: nodes, groups, carry and `Schedule`, as `split_indices` splits them.
+        without_indices, arrays: nodes, groups, carry and `Schedule`, as `split_indices` splits
+            them.
         method: `Newton` or `Incremental`.
         code: status of `start`.
-        fixed: freedoms held before the first phase and in each phase, a tuple of `Fixed`.
+        fixed: freedoms held before the first phase and in each phase, a tuple of `FixedDofs`.
         loads: element loads of `start`, then those of the phases, list of `LoadStack`.
         bundles: which groups are evaluated together.
-        n_free: number of unknowns.
+        n_unknown: number of unknowns.
         warns_if_unstable: whether a state can be unstable and an indefinite tangent proves it. Not
             where the energy is convex (`System.always_convex`): the tangent is never indefinite.
             Not under nodal moments and follower loads, and with elements that are not `symmetric`:
             the tangent is unsymmetric and proves nothing.
     """
 
-    thawed: AnalysisInput
+    without_indices: AnalysisInput
     arrays: list[np.ndarray]
     method: Newton | Incremental
     code: Int[ArrayLike, ""]
-    fixed: tuple[Fixed, ...]
+    fixed: tuple[FixedDofs, ...]
     loads: list[LoadStack]
     bundles: Bundles
-    n_free: int
+    n_unknown: int
     warns_if_unstable: bool
 
 
@@ -83,7 +86,7 @@ def prepare(
     start: Solution | State | None,
     earlier: int = 0,
     to_end: bool = False,
-) -> Prepared:
+) -> PreparedAnalysis:
     """Check the arguments of an analysis, and separate topology from numbers.
 
     Args:
@@ -96,9 +99,9 @@ def prepare(
     """
     phases = as_phases(structure, phases)
     method = check_method(structure, method)
-    plausibility.precision(structure.nodes)
-    carry, code, fixed = _starting_point(structure, start)
-    rows, groups = structure.rows()
+    plausibility.warn_of_lost_precision(structure.nodes)
+    restart, code, fixed = _starting_point(structure, start)
+    rows, groups = structure.motion_rows()
     bundles = _bundles_of(structure)
     sets = check_supports(structure, phases, fixed, earlier)
     loads = [
@@ -109,20 +112,22 @@ def prepare(
     statements = [
         phase.statements(structure, f"phases[{earlier + k}].") for k, phase in enumerate(phases)
     ]
-    stacks = load_stacks.stacks(along)
-    everything = [*([] if carry is None else carry.loads), *stacks]
-    followed = carry is not None and any(stack.follows for stack in carry.loads)
+    stacks = load_stacks.stack_loads(along)
+    everything = [*([] if restart is None else restart.loads), *stacks]
+    followed = restart is not None and any(stack.follows for stack in restart.loads)
     require_tangent(method, phases, followed, earlier)
-    bundled = bundles.groups(groups)
+    bundled = bundles.join_groups(groups)
     convex = to_end and isinstance(method, Newton) and _is_always_convex(bundled, everything)
     numbered = _numbering_function(structure, method, everything, bundled, bundles, convex)
-    presence = presence_of(structure, phases, None if carry is None else carry.states, earlier)
+    presence = make_activation(
+        structure, phases, None if restart is None else restart.states, earlier
+    )
     idle = attached = None
     if presence is not None:
         presence = refuse_absent_elements(structure, phases, statements, presence, earlier)
         warn_of_idle_loads(without_amplitudes(along), presence, earlier)
-        presence, attached = presence.bundled(bundles), attached_phases(phases)
-        idle = presence.idle(structure, bundled)
+        presence, attached = presence.on_bundles(bundles), attached_phases(phases)
+        idle = presence.inactive_dofs(structure, bundled)
     for k, phase in enumerate(phases):
         moving = along[k] or movements[k]
         alone = not (moving or any(statements[k])) and phase.supports is None
@@ -136,14 +141,16 @@ def prepare(
         weighed = any(isinstance(stack.load, SelfWeight) for stack in everything)
         phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)
     dof_map, changes, before = number_phases(sets, numbered, idle)
-    together = statements if bundles.plain else [bundles.statements(each) for each in statements]
+    together = (
+        statements if bundles.are_groups else [bundles.join_statements(each) for each in statements]
+    )
     nodes = structure.nodes if rows is None else structure.nodes[rows.node_of_row]
     shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
     schedule = Schedule(
         number=np.arange(len(phases), dtype=np.int32),
         statements=stack_statements(together, bundled),
         added_load=stack_nodal_loads(nodal, "nodal_forces", shape, dtype),
-        moved=stack_nodal_loads(movements, "steps", shape, dtype),
+        moved=stack_nodal_loads(movements, "nodal_movements", shape, dtype),
         dof_map=dof_map,
         changes=changes,
         before=before,
@@ -151,29 +158,31 @@ def prepare(
         increments=tuple(int(phase.increments) for phase in phases),
         n_node=structure.n_node,
         present=None if presence is None else presence.present,
-        first=None if presence is None else presence.first,
+        present_at_start=None if presence is None else presence.present_at_start,
         attached=attached,
-        sound=None if presence is None else presence.sound,
+        is_consistent=None if presence is None else presence.is_consistent,
     )
-    thawed, arrays = split_indices((nodes, bundled, carry, schedule))
-    warns = _can_prove_instability(bundled, carry, everything, without_amplitudes(nodal))
+    thawed, arrays = split_indices((nodes, bundled, restart, schedule))
+    warns = _can_prove_instability(bundled, restart, everything, without_amplitudes(nodal))
     count = len(dof_map.free)
-    return Prepared(thawed, arrays, method, code, tuple(sets), everything, bundles, count, warns)
+    return PreparedAnalysis(
+        thawed, arrays, method, code, tuple(sets), everything, bundles, count, warns
+    )
 
 
 @computed_once
 def _bundles_of(structure):
     """Return the `Bundles` of a structure; they do not depend on its numbers."""
-    return Bundles.of(structure.rows()[1])
+    return Bundles.of(structure.motion_rows()[1])
 
 
 def _numbering_function(structure, method, stacks, groups, bundles, convex):
-    """Return a function that numbers the unknowns which a `Fixed` leaves free: `Freedoms`."""
-    (rows, _), space = structure.rows(), structure.space
+    """Return a function that numbers the unknowns which a `FixedDofs` leaves free: `DofMap`."""
+    (rows, _), space = structure.motion_rows(), structure.space
     followers = [stack for stack in stacks if stack.follows]
-    links = tuple((group.links, group.n_freedom, group.inner) for group in groups)
+    links = tuple((group.links, group.n_freedom, group.inner_unknowns) for group in groups)
     pressed = tuple(
-        (nodes, 3, ()) for stack in followers for nodes in stack.touches(groups, bundles)
+        (nodes, 3, ()) for stack in followers for nodes in stack.coupled_nodes(groups, bundles)
     )
 
     straight = are_loops_fused() and not space.rotates
@@ -195,13 +204,13 @@ def _numbering_function(structure, method, stacks, groups, bundles, convex):
     return number
 
 
-def _can_prove_instability(groups, carry, stacks, nodal):
+def _can_prove_instability(groups, restart, stacks, nodal):
     """Return whether an indefinite tangent can occur, and then proves instability."""
     if _is_always_convex(groups, stacks) or not all(group.symmetric for group in groups):
         return False
     rotate = any(group.rotates for group in groups)
     moments = rotate and any(load.has_moments for of_phase in nodal for load in of_phase)
-    before = None if carry is None else checks.array_if_known(carry.nodal_load)
+    before = None if restart is None else checks.array_if_known(restart.nodal_load)
     moments_before = before is not None and bool(np.any(before[:, 3:]))
     following = any(stack.follows for stack in stacks)
     return not (moments_before or following or moments)
@@ -214,64 +223,71 @@ def _is_always_convex(groups, stacks):
     return tension_only and not slides and not any(stack.follows for stack in stacks)
 
 
-def in_precision_of(nodes: Float[ArrayLike, "n_row 3"], tree: PyTree[Any]) -> PyTree[Any]:
+def cast_to_dtype_of(nodes: Float[ArrayLike, "n_row 3"], tree: PyTree[Any]) -> PyTree[Any]:
     """Return a tree with all floats cast to the dtype of the nodes."""
     return cast_floats(tree, jnp.asarray(nodes).dtype)
 
 
-def ready(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput:
-    """Return nodes, groups, carry and schedule to compute with, from those of `Prepared`.
+def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput:
+    """Return nodes, groups, carry and schedule to compute with, from those of `PreparedAnalysis`.
 
     All of them are of bundles of groups. The restart state gets the loads of all phases, not yet
     acting, and what it lacks. Laws are extrapolated beyond the ends of their curves: the iteration
     may pass there (a result may not).
     """
-    nodes, groups, carry, schedule = in_precision_of(parameters[0], parameters)
+    nodes, groups, restart, schedule = cast_to_dtype_of(parameters[0], parameters)
     dtype = nodes.dtype
-    if carry is None:
-        carry = unloaded(nodes, groups)
+    if restart is None:
+        restart = initial_restart_state(nodes, groups)
     else:
-        carry = copy_with(carry, states=_with_thermal_stretch(groups, bundles, carry.states))
-    if schedule.first is not None:
-        parts = zip(groups, carry.states, schedule.first, strict=True)
-        states = [group.partly(state, jnp.asarray(first)) for group, state, first in parts]
-        carry = copy_with(carry, states=states)
-    if carry.support_rotation is None and schedule.dof_map.axes is not None:
-        carry = copy_with(carry, support_rotation=space_of(groups).rotations(carry.motion))
-    begun = nodes + carry.motion[:, :3]
-    loads = [*carry.loads, *schedule.loads]
-    loads = loads if bundles.plain else [stack.bundled(bundles) for stack in loads]
-    carry = copy_with(
-        carry,
+        restart = copy_with(restart, states=_with_thermal_stretch(groups, bundles, restart.states))
+    if schedule.present_at_start is not None:
+        parts = zip(groups, restart.states, schedule.present_at_start, strict=True)
+        states = [group.with_activation(state, jnp.asarray(first)) for group, state, first in parts]
+        restart = copy_with(restart, states=states)
+    if restart.support_rotation is None and schedule.dof_map.axes is not None:
+        restart = copy_with(restart, support_rotation=space_of(groups).rotations(restart.motion))
+    begun = nodes + restart.motion[:, :3]
+    loads = [*restart.loads, *schedule.loads]
+    loads = loads if bundles.are_groups else [stack.bundled(bundles) for stack in loads]
+    restart = copy_with(
+        restart,
         loads=loads,
-        amounts=[*carry.amounts, *(stack.idle(begun, dtype) for stack in schedule.loads)],
+        load_factors=[
+            *restart.load_factors,
+            *(stack.initial_factors(begun, dtype) for stack in schedule.loads),
+        ],
     )
     groups = [group.extrapolated() for group in groups]
-    return nodes, groups, carry, schedule
+    return nodes, groups, restart, schedule
 
 
 def _with_thermal_stretch(groups, bundles, states):
-    """Return states of bundles from those of their groups, with a `warmth` in all that expand.
+    """Return states of bundles from those of groups, with a `thermal_stretch` where they expand.
 
     A state has none yet if its group has got its `expansion` since, or if only another group of its
     bundle expands.
     """
     found = list(states)
-    for group, members in zip(groups, bundles.members, strict=True):
-        if group.expansion is not None or any(states[k].warmth is not None for k in members):
+    for group, members in zip(groups, bundles.group_indices, strict=True):
+        if group.expansion is not None or any(
+            states[k].thermal_stretch is not None for k in members
+        ):
             for k in members:
-                if states[k].warmth is None and isinstance(group, Prestressed):
-                    found[k] = copy_with(states[k], warmth=jnp.ones_like(states[k].rest_length))
-    return bundles.together(found)
+                if states[k].thermal_stretch is None and isinstance(group, Prestressed):
+                    found[k] = copy_with(
+                        states[k], thermal_stretch=jnp.ones_like(states[k].rest_length)
+                    )
+    return bundles.join(found)
 
 
-def verdicts(
+def traced_input_status(
     parameters: AnalysisInput, *others: Any
 ) -> tuple[Bool[Array, ""], Int[Array, " n_phase"]]:
     """Return whether traced numbers keep their rules (known ones that do not were refused before).
 
     Args:
-        parameters: nodes, groups, carry and schedule, as in `Prepared`.
+        parameters: nodes, groups, carry and schedule, as in `PreparedAnalysis`.
         others: method and settings.
 
     Returns:
@@ -281,11 +297,11 @@ def verdicts(
     """
     nodes, groups, _, schedule = parameters
     structure_ok = are_rules_kept(
-        [*collect_rules(groups), *(r for group in groups for r in place_rules(nodes, group))]
+        [*collect_rules(groups), *(r for group in groups for r in position_rules(nodes, group))]
     )
     good = jnp.broadcast_to(structure_ok & are_rules_kept(collect_rules(others)), len(schedule))
-    if schedule.sound is not None:
-        good = good & schedule.sound
+    if schedule.is_consistent is not None:
+        good = good & schedule.is_consistent
     if jax.tree.leaves(schedule.statements):
         good = good & jax.vmap(lambda own: statements_keep_rules(own, groups, nodes))(
             schedule.statements
@@ -300,7 +316,7 @@ def verdicts(
 
 
 def _starting_point(structure, start):
-    """Return carry, status and held freedoms (`Fixed`) that the analysis starts from."""
+    """Return carry, status and held freedoms (`FixedDofs`) that the analysis starts from."""
     if start is None:
         return None, np.int32(status.OK), structure.fixed(structure.supports)
     if isinstance(start, Solution):
@@ -309,7 +325,7 @@ def _starting_point(structure, start):
         code, last = np.int32(status.OK), start
     else:
         raise ValueError(f"start: expected a Solution, got {type(start).__name__}")
-    require_same(structure, last.topology, "start")
+    require_same_topology(structure, last.topology, "start")
     fixed = last.fixed[-1]
     if isinstance(start, State) and any(f != fixed for f in last.fixed):
         if isinstance(last.phase, jax.core.Tracer):
@@ -318,5 +334,7 @@ def _starting_point(structure, start):
                 "solution itself"
             )
         fixed = last.fixed[int(last.phase) + 1]
-    carry = copy_with(last.carry, loads=[continued(stack) for stack in last.carry.loads])
-    return carry, code, fixed
+    restart = copy_with(
+        last.restart, loads=[acting_from_start(stack) for stack in last.restart.loads]
+    )
+    return restart, code, fixed

@@ -11,13 +11,13 @@ from ..common.rules import Rule, are_rules_kept, not_negative, positive
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import STATEMENTS, statements_of
 from ..elements.element import Element
-from ..elements.prestress import Stated, of_each
+from ..elements.prestress import StatedValues, call_each_element
 
 _TENSIONS = ("pretension", "force_density", "jacking")
 
 
 def statements_keep_rules(
-    statements: Sequence[dict[str, Stated]],
+    statements: Sequence[dict[str, StatedValues]],
     groups: Sequence[Element],
     nodes: Float[ArrayLike, "n_row 3"],
 ) -> Bool[Array, ""]:
@@ -27,7 +27,7 @@ def statements_keep_rules(
     force is within the capacity of the material.
 
     Args:
-        statements: for every group a dict from name to `Stated`.
+        statements: for every group a dict from name to `StatedValues`.
         groups: element groups, before `extrapolated`.
         nodes: initial positions of the rows, [n_row, 3].
     """
@@ -39,7 +39,7 @@ def statements_keep_rules(
                 chosen = None if stated.chosen is None else stated.chosen[:, None]
                 all_kept = all_kept & are_rules_kept(rules, chosen)
                 continue
-            capacity = functools.partial(of_each, "capacity", group)
+            capacity = functools.partial(call_each_element, "capacity", group)
             rules += capacity_rules(name, stated.values, group, capacity)
             rules += span_rules(name, group, nodes)
             all_kept = all_kept & are_rules_kept(rules, stated.chosen)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -33,8 +34,16 @@ class ElementResults:
 
     results: dict[str, PyTree[Float[Array, "n_elem ..."]]] | None
 
+    def __getattr__(self, name: str) -> Any:
+        """Return `element_results` under its old name "told", with a warning."""
+        if name != "told":
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        text = f"{type(self).__name__}.told is now called element_results"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        return self.element_results
+
     @property
-    def told(self) -> dict[str, PyTree[Float[Array, "n_elem ..."]]]:
+    def element_results(self) -> dict[str, PyTree[Float[Array, "n_elem ..."]]]:
         """All that elements tell, a dict by name, each in the shape of `elements`.
 
         These are ``tension``, ``peak_tension``, ``section_forces``, ``section_strain`` as far as
@@ -43,7 +52,7 @@ class ElementResults:
         Example:
             >>> structure, phases = jc.scenes.flat_net(load=15.0)
             >>> solution = jc.solve(structure, phases)
-            >>> print(solution.status, list(solution.told))
+            >>> print(solution.status, list(solution.element_results))
             0 ['tension', 'peak_tension']
         """
         fields = {name: getattr(self, field, None) for name, field in _FIELD_OF_RESULT.items()}
@@ -54,7 +63,7 @@ class ElementResults:
     def present(self) -> PyTree[Float[Array, " n_elem"]] | None:
         """Which elements are there: 1, or 0 for one that a phase has yet to add, or has removed.
 
-        In the shape of `elements`, as in `told`; None if elements neither come nor go.
+        In the shape of `elements`, as in `element_results`; None if elements neither come nor go.
 
         Example:
             >>> bars = jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e6)
@@ -87,23 +96,25 @@ class Results(ElementResults):
     results: dict[str, PyTree[Float[Array, "n_elem ..."]]] | None = None
 
 
-NAMES = tuple(field.name for field in dataclasses.fields(Results))
+RESULT_NAMES = tuple(field.name for field in dataclasses.fields(Results))
 """Names of the results that a `State`, a `PhaseResult` and a `Solution` have."""
 
 
-def common_fields(part: Results) -> dict[str, Any]:
+def result_fields(part: Results) -> dict[str, Any]:
     """Return the fields of `Results` of an object of a derived class, a dict by name."""
-    return {name: getattr(part, name) for name in NAMES}
+    return {name: getattr(part, name) for name in RESULT_NAMES}
 
 
-def element_fields(found: dict[str, list[Float[Array, " ..."] | None]]) -> dict[str, Any]:
+def fields_of_element_results(
+    found: dict[str, list[Float[Array, " ..."] | None]],
+) -> dict[str, Any]:
     """Return element results `found` as fields of `ElementResults`, a dict by field."""
     fields = {field: found[name] for name, field in _FIELD_OF_RESULT.items() if name in found}
     others = {name: values for name, values in found.items() if name not in _FIELD_OF_RESULT}
     return fields | {"results": others}
 
 
-def per_element(
+def map_element_fields(
     part: Part, function: Callable[[PyTree[Array]], PyTree[Array]], **changes: Any
 ) -> Part:
     """Return a copy with `function` applied to every field that is a list with an item per group.
@@ -117,7 +128,7 @@ def per_element(
     return copy_with(part, **changes, results=others)
 
 
-def with_peaks(part: Part) -> Part:
+def fill_peak_tensions(part: Part) -> Part:
     """Return a copy in which groups without peak tensions have their tensions as such."""
     fields = vars(part)
     pairs = zip(fields["tension"], fields["peak_tension"], strict=True)

@@ -16,12 +16,12 @@ import numpy as np
 from ..common.tree import copy_with, pytree, stack_trees
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import Element
-from ..elements.prestress import Stated
+from ..elements.prestress import StatedValues
 from ..loads.load import Load
-from ..loads.varying import Amplitude, together
+from ..loads.varying import Amplitude, stack_amplitudes
+from ..mechanics.load_ramp import NodalIncrement, PhaseData
 from ..mechanics.load_stacks import LoadStack
-from ..mechanics.ramp import Added, PhaseData
-from ..model.supports import Fixed
+from ..model.supports import FixedDofs
 from ..spaces.dof_map import DofMap
 
 
@@ -41,15 +41,16 @@ class Schedule:
         n_node: number of nodes; further rows of motion belong to elements.
         present: elements that are there in every phase, per group [n_phase, n_elem] bool; None if
             no element ever comes or goes.
-        first: those that are there before the first phase, per group [n_elem] bool, or None.
+        present_at_start: those that are there before the first phase, per group [n_elem] bool, or
+            None.
         attached: whether new nodes go along with others, [n_phase] bool; None if no phase has any.
-        sound: `Presence.sound`.
+        is_consistent: `Activation.is_consistent`.
     """
 
     number: Int[ArrayLike, " n_phase"]
-    statements: list[dict[str, Stated]]
-    added_load: Added | None
-    moved: Added | None
+    statements: list[dict[str, StatedValues]]
+    added_load: NodalIncrement | None
+    moved: NodalIncrement | None
     dof_map: DofMap
     changes: dict[str, PyTree[ArrayLike]] | None
     before: dict[str, ArrayLike] | None
@@ -57,9 +58,9 @@ class Schedule:
     increments: tuple[int, ...] = ()
     n_node: int = 0
     present: list[Bool[ArrayLike, "n_phase n_elem"]] | None = None
-    first: list[Bool[ArrayLike, " n_elem"]] | None = None
+    present_at_start: list[Bool[ArrayLike, " n_elem"]] | None = None
     attached: Bool[ArrayLike, " n_phase"] | None = None
-    sound: Bool[ArrayLike, " n_phase"] | None = None
+    is_consistent: Bool[ArrayLike, " n_phase"] | None = None
 
     def __len__(self) -> int:
         return len(self.increments)
@@ -71,13 +72,13 @@ class Schedule:
         return numbers / np.array(self.increments)[:, None]
 
     @property
-    def rows(self) -> tuple[Any, ...]:
+    def scanned_arrays(self) -> tuple[Any, ...]:
         """All arrays with an axis of phases, a tuple to be scanned; see `phase_data`."""
         data = self.statements, self.added_load, self.moved, self.changes, self.before
         return self.number, *data, self.present, self.attached
 
     def phase_data(self, row: tuple[Any, ...]) -> PhaseData:
-        """Return the `PhaseData` of one phase from its entry in `rows`."""
+        """Return the `PhaseData` of one phase from its entry in `scanned_arrays`."""
         number, statements, added, moved, changes, before, present, attached = row
         dof_map = self.dof_map if changes is None else copy_with(self.dof_map, **changes)
         was = None if before is None else copy_with(self.dof_map.without_unknowns, **before)
@@ -85,13 +86,13 @@ class Schedule:
 
     def phase(self, k: int) -> PhaseData:
         """Return the `PhaseData` of phase `k`."""
-        return self.phase_data(jax.tree.map(lambda x: x[k], self.rows))
+        return self.phase_data(jax.tree.map(lambda x: x[k], self.scanned_arrays))
 
 
 def stack_statements(
-    statements: Sequence[Sequence[dict[str, Stated]]], groups: Sequence[Element]
-) -> list[dict[str, Stated]]:
-    """Stack the prestress statements of all phases: for every group a dict from name to `Stated`.
+    statements: Sequence[Sequence[dict[str, StatedValues]]], groups: Sequence[Element]
+) -> list[dict[str, StatedValues]]:
+    """Stack the statements of all phases: for every group a dict from name to `StatedValues`.
 
     Args:
         statements: for every phase a list with a dict for every group.
@@ -103,7 +104,7 @@ def stack_statements(
         count, of_group = len(group.links), {}
         for name in names:
             some = next(phase[k][name] for phase in statements if name in phase[k])
-            nothing = Stated(np.zeros(np.shape(some.values)), np.zeros(count, bool))
+            nothing = StatedValues(np.zeros(np.shape(some.values)), np.zeros(count, bool))
             parts = [phase[k].get(name, nothing) for phase in statements]
             if any(part.chosen is not None for part in parts):
                 parts = [
@@ -120,12 +121,13 @@ def stack_nodal_loads(
     method: str,
     shape: tuple[int, int],
     dtype: Any,
-) -> Added | None:
+) -> NodalIncrement | None:
     """Stack the nodal loads, or movements, that every phase adds, with an axis [n_phase], or None.
 
     Args:
         loads: for every phase a list of pairs: nodal load, or movement, and amplitude.
-        method: the method that returns the array of one of them, "nodal_forces" or "steps".
+        method: the method that returns the array of one of them, "nodal_forces" or
+            "nodal_movements".
         shape: shape of such an array, (n_row, 3 or 6).
         dtype: that of the nodes.
     """
@@ -141,7 +143,7 @@ def stack_nodal_loads(
     varying = [[load for load in some if load[1] is not None] for some in loads]
     most = max(map(len, varying))
     if not most:
-        return Added(stack_trees(sums))
+        return NodalIncrement(stack_trees(sums))
     values, amplitudes = [], []
     for proportional, some in zip(sums, varying, strict=True):
         arrays = [getattr(load, method)(shape, dtype) for load, _ in some]
@@ -149,19 +151,21 @@ def stack_nodal_loads(
         values.append(stack_trees([proportional, *arrays, *[zero] * padding]))
         amplitudes += [None, *(own for _, own in some), *[None] * padding]
     rows = len(loads), most + 1, -1
-    return Added(stack_trees(values), jax.tree.map(lambda x: x.reshape(rows), together(amplitudes)))
+    return NodalIncrement(
+        stack_trees(values), jax.tree.map(lambda x: x.reshape(rows), stack_amplitudes(amplitudes))
+    )
 
 
 def number_phases(
-    sets: Sequence[Fixed],
-    numbered: Callable[[Fixed], DofMap],
+    sets: Sequence[FixedDofs],
+    numbered: Callable[[FixedDofs], DofMap],
     idle: Bool[ArrayLike, "1+n_phase n_row n_freedom"] | None = None,
 ) -> tuple[DofMap, dict[str, PyTree[ArrayLike]] | None, dict[str, ArrayLike] | None]:
     """Number the unknowns of all phases, and find what supports change of it.
 
     Args:
-        sets: held freedoms before the first phase and in every phase, `Fixed`.
-        numbered: function from a `Fixed` to the `DofMap` that it leaves.
+        sets: held freedoms before the first phase and in every phase, `FixedDofs`.
+        numbered: function from a `FixedDofs` to the `DofMap` that it leaves.
         idle: freedoms that no element touches before the first phase and in every phase; None if
             elements neither come nor go. They are held.
 
@@ -173,7 +177,7 @@ def number_phases(
         dof_map, changes = numbered(now[0]), None
     else:  # a freedom is unknown if any phase leaves it free
         always = np.logical_and.reduce([fixed.array for fixed in now])
-        dof_map = numbered(Fixed(always, now[0].axes))
+        dof_map = numbered(FixedDofs(always, now[0].axes))
         changes = _stack_fixed(now)
         if idle is not None:
             changes |= {"fixed": changes["fixed"] | idle[1:], "supported": changes["fixed"]}
@@ -191,7 +195,7 @@ def number_phases(
 
 
 def _stack_fixed(sets):
-    """Stack held freedoms of several `Fixed`, and their directions, by name."""
+    """Stack held freedoms of several `FixedDofs`, and their directions, by name."""
     held = {"fixed": np.stack([fixed.array for fixed in sets])}
     if sets[0].axes is not None:
         held["axes"] = np.stack([fixed.axes.array for fixed in sets])
@@ -203,11 +207,17 @@ def _stack_free_spins(spins):
     found = [some for some in spins if some is not None]
     if not found:
         return None
-    m, pieces = max(len(some.rows) for some in found), max(len(some.ends) for some in found)
+    m, pieces = (
+        max(len(some.scanned_arrays) for some in found),
+        max(len(some.ends) for some in found),
+    )
     rows, piece = np.zeros((len(spins), m), np.int32), np.full((len(spins), m), -1, np.int32)
     ends = np.tile(found[0].ends[:1], (len(spins), pieces, 1))  # padding: any line will do
     for k, some in enumerate(spins):
         if some is not None:
-            rows[k, : len(some.rows)], piece[k, : len(some.rows)] = some.rows, some.piece
+            rows[k, : len(some.scanned_arrays)], piece[k, : len(some.scanned_arrays)] = (
+                some.scanned_arrays,
+                some.piece,
+            )
             ends[k, : len(some.ends)] = some.ends
     return rows, piece, ends

@@ -6,8 +6,8 @@ from typing import ClassVar
 
 from ..common.tree import Indices, pytree
 from ..common.types import Array, Bool, Float, Int
-from ..mechanics.carry import Carry
-from ..model.supports import Fixed
+from ..mechanics.restart_state import RestartState
+from ..model.supports import FixedDofs
 from ..model.topology import Topology
 from .phase_results import PhaseResults
 from .results import Results
@@ -31,11 +31,11 @@ class State(Results):
     - Statements of prestress and changes of temperature have gone the part f of the way: every
       unstressed length is between those at the beginning and at the end of the phase.
     - A jack has the force between that at the beginning of the phase and the stated one. It is
-      anchored: `rest_length` and `carry` have the unstressed length that gives this force here.
+      anchored: `rest_length` and `restart` have the unstressed length that gives this force here.
     - The supports are those of the phase. Reactions of freedoms that it frees still act by 1 - f,
       as nodal loads: `load` includes them, and a further phase keeps them.
-    - Laws remember what they did at the end of this increment (`memory` of `carry.states`, a state
-      for each element group).
+    - Laws remember what they did at the end of this increment (`memory` of `restart.states`, a
+      state for each element group).
 
     A further phase (``solve(..., start=state)``) adds to all this; it does not complete the phase
     that failed.
@@ -49,8 +49,8 @@ class State(Results):
         phase: number of the phase that the state belongs to, from 0 in every analysis; -1 before
             the first increment.
         load_factor: load factor of that phase.
-        carry: `Carry`, what a further phase starts from.
-        fixed: supported freedoms before the first phase and in each phase, `Fixed` [n_node, 3]
+        carry: `RestartState`, what a further phase starts from.
+        fixed: supported freedoms before the first phase and in each phase, `FixedDofs` [n_node, 3]
             each (with beams 6, and more rows for hinged ends and inner numbers of elements).
         topology: `Topology` of the structure; a structure that starts from here must have the same.
 
@@ -70,8 +70,8 @@ class State(Results):
 
     phase: Int[Array, ""]
     load_factor: Float[Array, ""]
-    carry: Carry
-    fixed: tuple[Fixed, ...]
+    restart: RestartState
+    fixed: tuple[FixedDofs, ...]
     topology: Topology | None = None
 
 
@@ -109,7 +109,8 @@ class Solution(Results):
             [n_elem, n_point, 6] or None for other groups, N and N m; None without beams.
             `section_forces` has their signs, and gives them at any place.
         results: further results of elements by name, each in the shape of `elements`: those that
-            elements of your own state, and `present` where elements come and go. `told` has all.
+            elements of your own state, and `present` where elements come and go. `element_results`
+            has all.
         last: `State` at the end of the last converged increment. If the analysis has converged, the
             end of the last phase; if it has failed, the state before that, as `State` says.
         phases: one `PhaseResult` per phase, a sequence (`PhaseResults`).

@@ -21,22 +21,22 @@ from ..elements.abilities import (
     statements_of,
 )
 from ..elements.element import Element
-from ..elements.prestress import Stated
+from ..elements.prestress import StatedValues
 from ..model import phase_plausibility
 from ..model.structure import Structure
-from .by_group import is_single_number, spread
+from .group_values import is_single_number, value_per_group
 from .prestress_rules import capacity_rules, span_rules, value_rules
 
-ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking")
+ABSOLUTE_STATEMENTS = ("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking")
 """Statements that replace the prestress of an element."""
-INCREMENTS = ("shortening", "temperature")
+INCREMENTAL_STATEMENTS = ("shortening", "temperature")
 """Statements that change the prestress of an element."""
 
 
 def check_statements(
     given: dict[str, Any], structure: Structure, where: str = ""
-) -> list[dict[str, Stated]]:
-    """Return the statements of a phase for every group, checked: dicts from name to `Stated`.
+) -> list[dict[str, StatedValues]]:
+    """Return the statements of a phase for every group, checked: dicts from name to `StatedValues`.
 
     Warn of prestress that no cable bears.
 
@@ -49,7 +49,7 @@ def check_statements(
         ValueError: a group cannot take a statement, or two statements contradict each other.
     """
     named = structure.named_groups()
-    found: list[dict[str, Stated]] = [{} for _ in named]
+    found: list[dict[str, StatedValues]] = [{} for _ in named]
     for name, values in given.items():
         path = where + statement_path(name)
         by_group = _values_by_group(values, structure, name, path)
@@ -77,7 +77,7 @@ def _values_by_group(given, structure, name, path):
         _require_known_statement(name, path, groups)
     if is_single_number(given):
         return [None if _is_left_out(group, name, structure) else given for group in groups]
-    return spread(given, structure, path)
+    return value_per_group(given, structure, path)
 
 
 def _require_known_statement(name, path, groups):
@@ -94,7 +94,7 @@ def _require_compatible(statements, where, key, group):
 
     `key` is that of the group in the elements, as text; `where` as in `check_statements`.
     """
-    absolute = [name for name in statements if name in ABSOLUTE]
+    absolute = [name for name in statements if name in ABSOLUTE_STATEMENTS]
     for number, name in enumerate(absolute):
         for other in absolute[:number]:
             if (both := _describe_overlap(statements[name], statements[other], key, group)) is None:
@@ -103,7 +103,9 @@ def _require_compatible(statements, where, key, group):
                 f"{where}{other}, {name}: both state the prestress of {both}; give one of them, or "
                 "give them to different elements by only(elements, values)"
             )
-    for name in (name for name in statements if name in INCREMENTS and "jacking" in statements):
+    for name in (
+        name for name in statements if name in INCREMENTAL_STATEMENTS and "jacking" in statements
+    ):
         both = _describe_overlap(statements[name], statements["jacking"], key, group)
         if both is not None:
             raise ValueError(
@@ -149,8 +151,8 @@ def _is_left_out(group, name, structure):
 
 def _check_statement(
     value: Any, group: Element, name: str, path: str, structure: Structure
-) -> Stated:
-    """Return the value of a statement for a group as `Stated`.
+) -> StatedValues:
+    """Return the value of a statement for a group as `StatedValues`.
 
     Raises:
         ValueError: the group cannot take it; the message begins with `path`, the statement and the
@@ -170,7 +172,7 @@ def _check_statement(
     refuse_if_broken([_for_chosen(rule, chosen) for rule in value_rules(name, value, group, path)])
     refuse_if_broken(capacity_rules(name, value, group, group.capacity, path))
     refuse_if_broken(span_rules(name, group, structure.nodes, chosen, path))
-    return Stated(value, chosen)
+    return StatedValues(value, chosen)
 
 
 def _for_chosen(rule, chosen):

@@ -12,14 +12,14 @@ from ..common.tree import copy_with, merge_indices, pytree, select_tree, split_i
 from ..common.types import Array, Float, Int
 from ..elements.element import Element
 from ..mechanics.assembly import System
-from ..mechanics.carry import Carry, make_system
-from ..mechanics.elementwise import each
-from ..mechanics.ramp import PhaseData
+from ..mechanics.elementwise import evaluate_elements
+from ..mechanics.load_ramp import PhaseData
+from ..mechanics.restart_state import RestartState, make_system
 from ..model.structure import Structure
 from ..model.topology import topology_of
 from ..numerics.implicit_root import with_deferred_derivative
-from .preparation import Prepared
-from .results import Part, element_fields, per_element, with_peaks
+from .preparation import PreparedAnalysis
+from .results import Part, fields_of_element_results, fill_peak_tensions, map_element_fields
 from .schedule import Schedule
 from .solution import Solution, State
 
@@ -31,7 +31,7 @@ class LastConverged:
     Attributes:
         number: number of the phase, -1 before the first increment.
         factor: load factor of that phase.
-        held: the arrays of `Freedoms` that depend on the supports, as they are there, by name
+        held: the arrays of `DofMap` that depend on the supports, as they are there, by name
             (as `Schedule.before`); empty if the supports never change.
     """
 
@@ -55,29 +55,29 @@ class LastConverged:
 
 def system_at_last(
     frame: tuple[Float[Array, "n_row 3"], list[Element]],
-    carry: Carry,
+    restart: RestartState,
     reached: LastConverged,
     schedule: Schedule,
 ) -> System:
     """Return the system of a carry with the supports of `reached`, without unknowns."""
     dof_map = copy_with(schedule.dof_map.without_unknowns, **reached.held)
-    return make_system(*frame, carry, None, dof_map)
+    return make_system(*frame, restart, None, dof_map)
 
 
-def make_state(frame, carry, point, reached, schedule, seen=None):
+def make_state(frame, restart, point, reached, schedule, seen=None):
     """Compute the results of a carry; return its `State`, rows of motion summed at nodes.
 
     Args:
         frame: (nodes, groups).
-        carry: `Carry`.
+        carry: `RestartState`.
         point: (motion of the carry, marks) as `bare` and `marks` of
             `implicit.attach_derivative_with_marks`; marks may be None.
         reached: `LastConverged`.
         schedule: `Schedule`.
-        seen: `Reading` of the carry's motion, without derivatives; None to read it now.
+        seen: `ElementOutput` of the restart state's motion, without derivatives; None to read it now.
     """
     nodes, groups = frame
-    system = system_at_last(frame, carry, reached, schedule)
+    system = system_at_last(frame, restart, reached, schedule)
     (motion, marks), n_node, dof_map = point, schedule.n_node, system.dof_map
     space = system.space
     beside, within = _spread_marks(system, marks)
@@ -89,12 +89,12 @@ def make_state(frame, carry, point, reached, schedule, seen=None):
             return values
         return jnp.zeros_like(values[:n_node]).at[dof_map.node_of_row].add(values)
 
-    displacement = carry.motion[:n_node, :3]
+    displacement = restart.motion[:n_node, :3]
     problem = split_indices((system, motion))
     if seen is None:
         found = _element_results(problem)
     else:
-        found = {name: seen.found[name] for name in (*seen.of_ends, "end_forces")}
+        found = {name: seen.by_name[name] for name in (*seen.of_ends, "end_forces")}
         found = with_deferred_derivative(_element_results, found, problem)
     reactions = summed(system.reactions(motion, found.pop("end_forces")))
     follow = system.followers is not None or any(group.slides for group in groups)
@@ -102,16 +102,16 @@ def make_state(frame, carry, point, reached, schedule, seen=None):
     return State(
         displacement=displacement,
         positions=nodes[:n_node] + displacement,
-        rest_length=[state.rest_length for state in carry.states],
+        rest_length=[state.rest_length for state in restart.states],
         reactions=reactions[:, :3],
         load=load[:, :3],
         phase=reached.number,
         load_factor=reached.factor,
-        carry=None,
+        restart=None,
         fixed=None,
-        rotation=space.rotations(carry.motion[:n_node]),
+        rotation=space.rotations(restart.motion[:n_node]),
         reaction_moments=space.moments(reactions),
-        **element_fields({name: within(values) for name, values in found.items()}),
+        **fields_of_element_results({name: within(values) for name, values in found.items()}),
     )
 
 
@@ -119,7 +119,7 @@ def _element_results(problem):
     """Evaluate element results at the end of a phase, by name, from a thawed (system, motion)."""
     system, motion = merge_indices(*problem)
     names = [name for name, result in system.results().items() if result.ends]
-    return system.reading(motion, *names, "end_forces")
+    return system.results_by_name(motion, *names, "end_forces")
 
 
 def _spread_marks(system, marks):
@@ -134,10 +134,10 @@ def _spread_marks(system, marks):
     """
     if marks is None:
         return None, lambda parts: parts
-    of_elements = [jnp.sum(at, axis=1) for at in system.at_ends(marks)]
+    of_elements = [jnp.sum(at, axis=1) for at in system.gather_at_ends(marks)]
     pairs = zip(of_elements, system.groups, strict=True)
     ends = [jnp.broadcast_to(mark[:, None], group.links.shape) for mark, group in pairs]
-    beside = marks + system.at_rows(ends)
+    beside = marks + system.sum_at_rows(ends)
 
     def within(parts):
         return [
@@ -153,12 +153,14 @@ def _acting_loads(system, motion):
     load = system.external_force(motion)
     for group, state in zip(system.groups, system.states, strict=True):
         if group.slides and state.line_load is not None:
-            slid = each("slid", group, state, system.nodes, motion)
+            slid = evaluate_elements("sliding_load_forces", group, state, system.nodes, motion)
             load = load.at[group.links, :3].add(slid)
     return load
 
 
-def on_nodes(structure: Structure, part: Part, per_node: Sequence[str] = ("displacement",)) -> Part:
+def without_extra_rows(
+    structure: Structure, part: Part, per_node: Sequence[str] = ("displacement",)
+) -> Part:
     """Return a result without the rows of motion that are no nodes.
 
     Args:
@@ -166,28 +168,28 @@ def on_nodes(structure: Structure, part: Part, per_node: Sequence[str] = ("displ
         part: result of the compiled core.
         per_node: names of the fields whose second axis is that of the rows of motion.
     """
-    if structure.rows()[0] is None:
+    if structure.motion_rows()[0] is None:
         return part
     return copy_with(
         part, **{name: getattr(part, name)[:, : structure.n_node] for name in per_node}
     )
 
 
-def arranged(structure: Structure, solution: Solution, task: Prepared) -> Solution:
+def arrange_solution(structure: Structure, solution: Solution, task: PreparedAnalysis) -> Solution:
     """Return the solution for the user: results in the shape of `elements`, topology put back.
 
     Args:
         structure: `Structure`.
         solution: `Solution` of the compiled core, with lists that have an item per group.
-        task: `preparation.Prepared`.
+        task: `preparation.PreparedAnalysis`.
     """
 
     def arrange(part: Part, **changes) -> Part:
-        return per_element(with_peaks(part), structure.arrange, **changes)
+        return map_element_fields(fill_peak_tensions(part), structure.arrange, **changes)
 
     ends, paths = arrange(solution.phases.ends), arrange(solution.phases.paths)
-    carry = solution.last.carry
-    stacks: Any = carry.loads  # of leaves each
+    restart = solution.last.restart
+    stacks: Any = restart.loads  # of leaves each
     loads = [
         copy_with(
             stack, load=jax.tree.unflatten(jax.tree.structure(stack.load), leaves), amplitude=None
@@ -199,7 +201,7 @@ def arranged(structure: Structure, solution: Solution, task: Prepared) -> Soluti
         phases=copy_with(solution.phases, ends=ends, paths=paths),
         last=arrange(
             solution.last,
-            carry=copy_with(carry, loads=loads),
+            restart=copy_with(restart, loads=loads),
             fixed=task.fixed,
             topology=topology_of(structure),
         ),

@@ -11,18 +11,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..analysis.by_group import spread
-from ..analysis.phases import ABSOLUTE, Phase
+from ..analysis.group_values import value_per_group
+from ..analysis.phases import ABSOLUTE_STATEMENTS, Phase
 from ..common import status
 from ..common.progress import SHOW, announce_compilation
 from ..common.selection import Only
 from ..common.tree import replace
 from ..files import save_scene
 from ..files.omissions import Omissions
-from ..files.reading import whole
+from ..files.reading import parse_integer
 from ..forms import find_form, force_density
 from ..loads import AreaLoads, LineLoads, Load, NodalLoads, SelfWeight, as_list
-from ..model.parts import groups_by_name
+from ..model.result_parts import named_groups_of
 from ..model.supports import pinned
 from ..scenes import Scene
 from . import inputs, outputs
@@ -124,7 +124,7 @@ def _select_loads(options, phases, table):
 def _phase_indices(words, count):
     """Parse phase numbers such as "1"; return their indices from 0, sorted, each once."""
     try:
-        numbers = {whole(word) for word in words}
+        numbers = {parse_integer(word) for word in words}
     except ValueError:
         numbers = {0}
     if not numbers <= set(range(1, count + 1)):
@@ -139,7 +139,7 @@ def _form_force_densities(options, structure, phases, lengths, table):
     phase that has any; in the shape of the elements. All other prestress in the scene is replaced
     by that of the form, and noted in `table`.
     """
-    names = [name for name, _ in groups_by_name(structure)]
+    names = [name for name, _ in named_groups_of(structure)]
     own = next((k for k, phase in enumerate(phases) if phase.force_density is not None), None)
     given: Any = None
     if options.force_density is not None:
@@ -148,10 +148,10 @@ def _form_force_densities(options, structure, phases, lengths, table):
         raise BadInput(
             f"{options.scene}: no phase has force densities; give --force-density or --tension"
         )
-    words = spread(given, structure, "--force-density")
-    drawn = spread(lengths, structure, "--length")
+    words = value_per_group(given, structure, "--force-density")
+    drawn = value_per_group(lengths, structure, "--length")
     of_scene = None if own is None else phases[own].force_density
-    scene = spread(of_scene, structure, "force_density")
+    scene = value_per_group(of_scene, structure, "force_density")
     used = [
         options.tension is None and q is not None and word is None and length is None
         for q, word, length in zip(scene, words, drawn, strict=True)
@@ -173,7 +173,7 @@ def _form_force_densities(options, structure, phases, lengths, table):
 def _note_replaced_inputs(phases, own, table):
     """Note in `table` the prestress that the form replaces; phase `own` keeps its force density."""
     for k, phase in enumerate(phases):
-        for field in ABSOLUTE:
+        for field in ABSOLUTE_STATEMENTS:
             if getattr(phase, field) is not None and (field, k) != ("force_density", own):
                 why = "the prestress of the form replaces it"
                 table.add(field, f"phase {k + 1}", why)
@@ -199,7 +199,7 @@ def _remaining_phases(phases, remaining):
                 "is that of all elements, and does not tell which of them are added again"
             )
         removed = removed or phase.removes is not None
-        gone = dict.fromkeys((*ABSOLUTE, "adds", *(("supports",) if k == 0 else ())))
+        gone = dict.fromkeys((*ABSOLUTE_STATEMENTS, "adds", *(("supports",) if k == 0 else ())))
         phase = replace(phase, **gone, loads=loads or None)
         names = [field.name for field in dataclasses.fields(phase)]
         if any(getattr(phase, n) is not None for n in names if n not in ("increments", "placed")):
@@ -232,11 +232,11 @@ def _find_form_with_lengths(structure, densities, lengths, loads):
     First the nodes of elements with given lengths are fixed, and the net takes its shape. Then its
     tensions are kept, and the forces in the masts and guys are found.
     """
-    given = spread(lengths, structure, "--length")
-    values = spread(densities, structure, "--force-density")
+    given = value_per_group(lengths, structure, "--length")
+    values = value_per_group(densities, structure, "--force-density")
     if isinstance(densities, float):  # one for all groups without lengths
         values = [q if length is None else None for q, length in zip(values, given, strict=True)]
-    named, ends = groups_by_name(structure), []
+    named, ends = named_groups_of(structure), []
     for (name, group), length, q in zip(named, given, values, strict=True):
         if length is not None:
             ends.append(group.links.array.ravel())
@@ -262,8 +262,8 @@ def _find_form_with_lengths(structure, densities, lengths, loads):
 def _print_group_tensions(found, stated):
     """Print tensions and lengths of a form, group by group."""
     (values,) = stated.values()
-    given = spread(values, found, "form")
-    named = groups_by_name(found)
+    given = value_per_group(values, found, "form")
+    named = named_groups_of(found)
     for (name, _), length, value in zip(named, inputs.element_lengths(found), given, strict=True):
         force = np.asarray(value) * (length if "force_density" in stated else 1.0)
         print(

@@ -6,15 +6,15 @@ from argparse import Namespace
 
 import numpy as np
 
-from ..analysis.phases import all_stated
+from ..analysis.activation import make_activation
+from ..analysis.phases import all_statements
 from ..analysis.preparation import prepare
-from ..analysis.presence import presence_of
 from ..elements import Bars, Cables
 from ..elements.abilities import STATEMENTS, statements_of
-from ..files.doubts import counted, doubts, place
+from ..files.net_doubts import describe_doubts, format_position, pluralize
 from ..loads import LineLoads, SelfWeight, as_list
-from ..loads.faces import areas
-from ..model.parts import groups_by_name
+from ..loads.faces import face_areas
+from ..model.result_parts import named_groups_of
 from ..spaces.dof_map import make_dof_map
 from ..stiffness.vibration import STANDARD_GRAVITY
 from . import inputs
@@ -50,26 +50,26 @@ def _print_scene(structure, phases):
     prepare(structure, phases, None, None)  # checks the scene and issues its warnings
     nodes = np.asarray(structure.nodes)
     print(
-        f"scene of {counted(structure.n_node, 'node')}, "
-        f"{counted(len(phases), 'phase')}, {nodes.dtype}"
+        f"scene of {pluralize(structure.n_node, 'node')}, "
+        f"{pluralize(len(phases), 'phase')}, {nodes.dtype}"
     )
     print(f"extent: {_bounding_box_text(nodes)}")
     fixed = structure.supports.fixed(structure.n_node)
     pinned, clamped = fixed[:, :3].all(axis=1), fixed[:, 3:].any(axis=1)
     partly = fixed[:, :3].any(axis=1) & ~pinned
     print(
-        f"supports: {counted(int(pinned.sum()), 'node')} fixed in all translations, "
+        f"supports: {pluralize(int(pinned.sum()), 'node')} fixed in all translations, "
         f"{int(partly.sum())} partially supported, {int(clamped.sum())} with rotations fixed"
     )
-    rows, _ = structure.rows()
+    rows, _ = structure.motion_rows()
     dof_map = make_dof_map(structure.fixed(structure.supports), rows, rigid=structure.rigid)
     print(f"unknowns: {len(dof_map.free)} degrees of freedom")
-    named = groups_by_name(structure)
+    named = named_groups_of(structure)
     for (label, group), lengths in zip(named, inputs.element_lengths(structure), strict=True):
         sizes, kind, unit = lengths, "lengths", "m"
         if group.face is not None:
-            sizes, kind, unit = areas(nodes[group.links.array[:, group.face]]), "areas", "m2"
-        count, total = counted(len(lengths), "element"), inputs.format_number(sizes.sum())
+            sizes, kind, unit = face_areas(nodes[group.links.array[:, group.face]]), "areas", "m2"
+        count, total = pluralize(len(lengths), "element"), inputs.format_number(sizes.sum())
         print(
             f"{type(group).__name__} {label}".strip() + f": {count}, "
             f"{kind} {inputs.format_range(sizes)} {unit}, {total} {unit} in total"
@@ -87,8 +87,8 @@ def _print_scene(structure, phases):
         if straight is not None and straight.law is not None:
             print(f"  stress-strain law {type(straight.law).__name__}")
         if group.section is not None:
-            print(f"  section of {counted(len(np.ravel(group.section.y)), 'fibre')}")
-    presence = presence_of(structure, phases, None)
+            print(f"  section of {pluralize(len(np.ravel(group.section.y)), 'fibre')}")
+    presence = make_activation(structure, phases, None)
     for number, phase in enumerate(phases, 1):
         _print_phase(number, phase, structure)
         if presence is not None:
@@ -99,8 +99,10 @@ def _print_activation(k, structure, presence):
     """Print which elements phase `k` adds and removes, and how many are active in it."""
     for word, change in (("adds", 1), ("removes", -1)):
         parts = []
-        names = [label for label, _ in groups_by_name(structure)]
-        for label, first, present in zip(names, presence.first, presence.present, strict=True):
+        names = [label for label, _ in named_groups_of(structure)]
+        for label, first, present in zip(
+            names, presence.present_at_start, presence.present, strict=True
+        ):
             before = present[k - 1] if k else first
             count = int((present[k].astype(int) - before.astype(int) == change).sum())
             if count:
@@ -113,9 +115,9 @@ def _print_activation(k, structure, presence):
 
 def _print_phase(number, phase, structure):
     """Print what is in a phase."""
-    print(f"phase {number}: {counted(phase.increments, 'increment')}")
+    print(f"phase {number}: {pluralize(phase.increments, 'increment')}")
     stated = phase.statements(structure)
-    for name in all_stated(phase):
+    for name in all_statements(phase):
         print(f"  {name} {_describe_statement(name, [of.get(name) for of in stated], structure)}")
     for load in as_list(phase.loads):
         print(f"  {_describe_load(load)}")
@@ -159,7 +161,7 @@ def _describe_statement(field, statements, structure):
     """Return an input of a phase in words: its values by group, and the groups without it."""
     parts: dict[str, list[str]] = {}
     without, cold = [], []
-    for (label, group), stated in zip(groups_by_name(structure), statements, strict=True):
+    for (label, group), stated in zip(named_groups_of(structure), statements, strict=True):
         if stated is None and field not in STATEMENTS and field not in statements_of(group):
             continue  # only groups of one class may know it
         if stated is None:
@@ -207,7 +209,7 @@ def _print_net(net):
     _print_nodes("end nodes", net, np.flatnonzero(single))
     corners = np.setdiff1d(_group_corners(net), np.flatnonzero(single))
     _print_nodes("corners of groups in plan", net, corners)
-    for text in doubts(net.nodes, net.links, held):
+    for text in describe_doubts(net.nodes, net.links, held):
         print(f"doubtful: {text}")
 
 
@@ -215,7 +217,9 @@ def _print_nodes(what, net, nodes):
     """Print the indices and positions of some nodes; supports are marked."""
     print(f"{what}: {len(nodes)}")
     for k in nodes[:_MOST].tolist():
-        print(f"  node {k} at {place(net.nodes[k])}{', support' * bool(net.fixed[k].any())}")
+        print(
+            f"  node {k} at {format_position(net.nodes[k])}{', support' * bool(net.fixed[k].any())}"
+        )
     if len(nodes) > _MOST:
         print(f"  and {len(nodes) - _MOST} more")
 

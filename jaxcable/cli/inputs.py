@@ -13,11 +13,11 @@ import numpy as np
 from ..common.checks import warn_user
 from ..common.types import ArrayLike, Float, PyTree
 from ..files import load_scene, read_csv, read_dxf, read_network, read_obj
-from ..files.doubts import counted
+from ..files.net_doubts import pluralize
 from ..files.nets import Net
-from ..files.reading import FileError, number, read_json, whole
+from ..files.reading import FileError, number, parse_integer, read_json
 from ..files.scene import FORMAT
-from ..model.parts import groups_by_name
+from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
 from ..scenes import Scene
 from .guard import BadInput, refuse_value_errors
@@ -76,7 +76,7 @@ def read_net(options: Namespace) -> Net:
     with refuse_value_errors("--split"):
         made = found.split(options.split or None, tolerance=tolerance)
     print(
-        f"split: {counted(len(made.nodes) - len(found.nodes), 'node')} added, "
+        f"split: {pluralize(len(made.nodes) - len(found.nodes), 'node')} added, "
         f"{len(made.links)} links instead of {len(found.links)}"
     )
     return made
@@ -197,7 +197,7 @@ def parse_group_values(
         if drawn is not None:
             raise BadInput(f"{name}: expected group=drawn, or group=number, m")
         return found
-    names = [label for label, _ in groups_by_name(structure)]
+    names = [label for label, _ in named_groups_of(structure)]
     for key, value in found.items():
         if key not in names:
             raise BadInput(f"{name}: no group {key!r}; there are {', '.join(names)}")
@@ -222,7 +222,11 @@ def parse_anchors(words: Sequence[str] | None) -> list[int | str] | None:
     for word in words:
         first, _, last = word.partition("-")
         try:
-            found += [word] if word == "ends" else range(whole(first), whole(last or first) + 1)
+            found += (
+                [word]
+                if word == "ends"
+                else range(parse_integer(first), parse_integer(last or first) + 1)
+            )
         except ValueError:
             raise BadInput(
                 f'anchors: {word!r} is no node number or range such as 5-8, nor "ends"'

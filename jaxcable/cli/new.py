@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..common.writing import atomic_write_together
 from ..files import scene_schema
-from ..files.layout import laid_out
+from ..files.json_format import format_json
 from . import outputs
 from .guard import BadInput, require_writable
 
@@ -44,7 +44,7 @@ def run(options: Namespace) -> None:
         raise BadInput(f"{names}: exists already; --save names another file, --force replaces it")
     schema = scene.with_name(_SCHEMA)
     if not schema.exists() or (options.force and _is_scene_schema(schema)):
-        texts[schema] = laid_out(scene_schema()) + "\n"
+        texts[schema] = format_json(scene_schema()) + "\n"
     require_writable(*texts)
     with atomic_write_together() as begin:
         for path, text in texts.items():

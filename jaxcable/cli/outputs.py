@@ -111,7 +111,7 @@ def check_output_file(
 
 def save_picture(figure: Figure, path: str) -> None:
     """Save a figure as a file of moderate size."""
-    style.save(figure, path, dpi=130)
+    style.save_figure(figure, path, dpi=130)
 
 
 def save_solution(path: str | Path, structure: Structure, solution: Solution) -> list[Path]:

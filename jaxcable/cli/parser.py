@@ -11,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 
 from .. import linear
-from ..files.reading import number, whole
+from ..files.reading import number, parse_integer
 from . import convert, demo, form, info, new, optimize, plot, schema, settings, solve, view
 from .guard import BadInput, run_guarded
 
@@ -313,7 +313,7 @@ def _whole_number_up_to(most):
     """Return a function that parses a whole number from 0 to `most`."""
 
     def whole_number(word):
-        value = whole(word)
+        value = parse_integer(word)
         if not 0 <= value <= most:
             raise argparse.ArgumentTypeError(f"{word}: expected a whole number from 0 to {most}")
         return value

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from ..common.writing import atomic_write
 from ..files import scene_schema
-from ..files.layout import laid_out
+from ..files.json_format import format_json
 from . import outputs
 
 
 def run(options: Namespace) -> None:
     """Print the schema, or write it to the file that `options` name."""
     outputs.check_output_file(options.save, (".json",))
-    text = laid_out(scene_schema())
+    text = format_json(scene_schema())
     if options.save is None:
         print(text)
         return

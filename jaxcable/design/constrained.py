@@ -199,7 +199,7 @@ class _ConstrainedSearch(ScaledProblem):
         """Search from the last trial point; return the end, the status and the number of runs.
 
         Args:
-            solve: a function of `solvers`.
+            solve: a function of `nlp_solvers`.
             step: typical changes of the parameters in the first step, [n].
             rounds: largest number of runs.
         """

@@ -9,8 +9,14 @@ import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
-from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase, as_phases, restated
-from ..analysis.presence import presence_of
+from ..analysis.activation import make_activation
+from ..analysis.phases import (
+    ABSOLUTE_STATEMENTS,
+    INCREMENTAL_STATEMENTS,
+    Phase,
+    as_phases,
+    with_statement,
+)
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, memory_limit
@@ -94,7 +100,7 @@ def influence(
     if phase is not None:
         require_phase_index(phase, len(phases))
     if (
-        phase is None and isinstance(wrt, str) and wrt in INCREMENTS
+        phase is None and isinstance(wrt, str) and wrt in INCREMENTAL_STATEMENTS
     ):  # a separate phase at the end, which changes nothing yet
         start = solve(structure, phases, method, start=start) if phases else start
         phases, phase = [Phase()], 0
@@ -139,11 +145,11 @@ def _input_and_setter(structure, phases, wrt, phase, start):
 
         return jnp.zeros_like(jnp.asarray(structure.nodes)), set_input
     own = dict.fromkeys(name for each in phases for name in each.own or ())
-    known = (*INCREMENTS, *ABSOLUTE, *own)
+    known = (*INCREMENTAL_STATEMENTS, *ABSOLUTE_STATEMENTS, *own)
     if wrt not in known:
         there = checks.suggest_names(wrt, (*known, "load", "nodes"))
         raise ValueError(f"wrt = {wrt!r}: no input{there}")
-    if wrt not in INCREMENTS:
+    if wrt not in INCREMENTAL_STATEMENTS:
         for number in range(len(phases)) if phase is None else [phase]:
             if any(
                 value is not None
@@ -160,7 +166,7 @@ def _input_and_setter(structure, phases, wrt, phase, start):
     for k, (group, some) in enumerate(zip(structure.groups, some_there, strict=True)):
         able = isinstance(group, Prestressable)
         able = able and (wrt != "temperature" or group.expansion is not None)
-        if wrt in INCREMENTS and values[k] is None and able:
+        if wrt in INCREMENTAL_STATEMENTS and values[k] is None and able:
             several = (len(group.components[wrt]),) if wrt in group.components else ()
             values[k] = jnp.zeros((len(group.links), *several), dtype)
         values[k] = values[k] if some else None
@@ -169,7 +175,9 @@ def _input_and_setter(structure, phases, wrt, phase, start):
     values = structure.arrange([jax.tree.map(jnp.asarray, v) for v in values])
 
     def set_statement(v):
-        return structure, [restated(p, wrt, v) if k == phase else p for k, p in enumerate(phases)]
+        return structure, [
+            with_statement(p, wrt, v) if k == phase else p for k, p in enumerate(phases)
+        ]
 
     return values, set_statement
 
@@ -177,7 +185,7 @@ def _input_and_setter(structure, phases, wrt, phase, start):
 def _groups_with_present_elements(structure, phases, phase, start):
     """Return for each group whether any of its elements is present in a phase."""
     last = start.last if isinstance(start, Solution) else start
-    presence = presence_of(structure, phases, None if last is None else last.carry.states)
+    presence = make_activation(structure, phases, None if last is None else last.restart.states)
     if presence is None:
         return [True] * len(structure.groups)
     masks = [present[phase] for present in presence.present]
@@ -194,7 +202,7 @@ def _prestress_input_values(phase, structure, name):
         s
         if s is None
         else s.values
-        if s.chosen is None or name in INCREMENTS
+        if s.chosen is None or name in INCREMENTAL_STATEMENTS
         else only(s.chosen, s.values[s.chosen])
         for s in stated
     ]

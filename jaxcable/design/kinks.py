@@ -17,7 +17,7 @@ from ..common import status
 from ..common.tree import merge_indices, split_indices
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.abilities import Uniaxial
-from ..mechanics.elementwise import each
+from ..mechanics.elementwise import evaluate_elements
 from ..model.structure import Structure
 from ..numerics import implicit
 from .arguments import require_result, require_structure
@@ -52,7 +52,7 @@ def slack_distance(
     """
     require_structure(structure)
     require_result(solution, "displacement")
-    if not isinstance(solution, Solution) and not hasattr(solution, "carry"):
+    if not isinstance(solution, Solution) and not hasattr(solution, "restart"):
         raise ValueError(f"solution: expected a Solution or State, got {type(solution).__name__}")
     if jnp.ndim(solution.displacement) > 2:
         return jax.vmap(lambda case: slack_distance(structure, case))(solution)
@@ -65,12 +65,14 @@ def slack_distance(
                 f"slack_distance: elements{where} ({type(group).__name__}) has no strain along an "
                 "axis (ability `Uniaxial`)"
             )
-    rows, groups = structure.rows()
+    rows, groups = structure.motion_rows()
     nodes = jnp.asarray(structure.nodes if rows is None else structure.nodes[rows.node_of_row])
-    same = len(groups) == len(solution.carry.states)
-    if not same or len(nodes) != len(solution.carry.motion):
+    same = len(groups) == len(solution.restart.states)
+    if not same or len(nodes) != len(solution.restart.motion):
         raise ValueError("solution: is of another structure")
-    thawed, arrays = split_indices((groups, solution.carry.states, nodes, solution.carry.motion))
+    thawed, arrays = split_indices(
+        (groups, solution.restart.states, nodes, solution.restart.motion)
+    )
     return structure.arrange(_strain_above_slack(thawed, arrays))
 
 
@@ -83,7 +85,7 @@ def _strain_above_slack(thawed, arrays):
         if not group.tension_only:
             found.append(None)
             continue
-        strain = each("section_strain", group, state, nodes, motion)
+        strain = evaluate_elements("section_strain", group, state, nodes, motion)
         found.append(strain - group.strain_at(jnp.zeros_like(strain), state.memory))
     return found
 

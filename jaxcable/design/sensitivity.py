@@ -19,8 +19,8 @@ from jax import lax
 from ..analysis.phases import Phase
 from ..analysis.preparation import prepare
 from ..analysis.solution import Solution, State
-from ..analysis.solver import analysed
-from ..analysis.states import arranged
+from ..analysis.solver import analyse_within_program
+from ..analysis.states import arrange_solution
 from ..common.compilation import jit_program
 from ..common.tree import copy_with
 from ..common.types import Array, Float, Int
@@ -74,10 +74,10 @@ def measure_with_jacobian(
         changes = jax.vmap(push)(every[k : k + together])
         core = tree.unflatten(leaves)
         given = {"bundles": task.bundles, "moving": moving, "names": names}
-        solution, ends = _solve_with_tangents(core, changes, **given, size=task.n_free)
+        solution, ends = _solve_with_tangents(core, changes, **given, size=task.n_unknown)
 
         def measured(phases, solution=solution):
-            return measure(arranged(structure, copy_with(solution, phases=phases), task))
+            return measure(arrange_solution(structure, copy_with(solution, phases=phases), task))
 
         found, column = _measure_with_derivatives(measured, names, solution.phases, ends)
         columns.append(column)
@@ -85,8 +85,8 @@ def measure_with_jacobian(
 
 
 def _core_arguments(task):
-    """Return the arguments of the compiled core of an analysis, `analysed`."""
-    return task.thawed, task.arrays, task.method, task.code
+    """Return the arguments of the compiled core of an analysis, `analyse_within_program`."""
+    return task.without_indices, task.arrays, task.method, task.code
 
 
 @functools.partial(jit_program, static=("bundles", "moving", "names"))
@@ -107,7 +107,7 @@ def _solve_with_tangents(core, changes, bundles, moving, names):
         at = list(leaves)
         for k, value in zip(moving, values, strict=True):
             at[k] = value
-        solution = analysed(*tree.unflatten(at), bundles)
+        solution = analyse_within_program(*tree.unflatten(at), bundles)
         return _split_floats(solution.phases.ends, names)[0], solution
 
     # forward and linear part apart: a fifth more to compile than one direction, but the iteration

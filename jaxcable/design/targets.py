@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..analysis.phase_results import PhaseResult
-from ..analysis.results import NAMES
+from ..analysis.results import RESULT_NAMES
 from ..analysis.solution import Solution
 from ..common import checks
 from ..common.owned import owned_copy
@@ -113,13 +113,15 @@ class Target:
         name = "of" if callable(self.of) else f"of = {self.of!r}"
         if callable(self.of):
             found = self.of(result)
-        elif self.of in NAMES:
+        elif self.of in RESULT_NAMES:
             found = getattr(result, self.of)
         else:
-            found = result.told.get(self.of)
+            found = result.element_results.get(self.of)
             if found is None:
-                known = [one for one in NAMES if one != "results"]
-                there = checks.suggest_names(self.of, dict.fromkeys([*known, *result.told]))
+                known = [one for one in RESULT_NAMES if one != "results"]
+                there = checks.suggest_names(
+                    self.of, dict.fromkeys([*known, *result.element_results])
+                )
                 raise ValueError(f"{name}: a phase has no such result{there}")
         if self.on is not None:
             if not isinstance(found, dict | list | tuple):
@@ -175,7 +177,7 @@ def results_of_targets(targets: Sequence[Target]) -> tuple[str, ...]:
     Derivatives of fewer results compile faster. Targets of common results share one program.
     """
     usual = all(target.of in _COMMON for target in targets)
-    return _COMMON if usual else (*NAMES, "began")
+    return _COMMON if usual else (*RESULT_NAMES, "began")
 
 
 def _check_index(at):

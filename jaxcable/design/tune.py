@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from ..analysis.phases import Phase, all_stated, as_phases, restated
+from ..analysis.phases import Phase, all_statements, as_phases, with_statement
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, status
@@ -24,7 +24,7 @@ from ..elements import Bars, Cables
 from ..elements.abilities import STATEMENTS
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
-from ..model.parts import groups_by_name, per_group
+from ..model.result_parts import named_groups_of, values_per_group
 from ..model.structure import Structure
 from .fit import fit, fit_on_host
 from .sensitivity import measure_with_jacobian
@@ -189,7 +189,7 @@ def tune(
     def phases_with(values):
         found = list(phases)
         for (k, name), value in zip(unknowns, values, strict=True):
-            found[k] = restated(found[k], name, value)
+            found[k] = with_statement(found[k], name, value)
         return found
 
     listen, solution, spent = as_listener(progress), None, jnp.int32(0)
@@ -265,9 +265,9 @@ def _describe_nearly_slack(structure, solution, first):
     """Describe the cables that are nearly slack in a phase from `first` on; () while traced."""
     if isinstance(solution.status, jax.core.Tracer) or solution.status != status.OK:
         return ()
-    stages = [per_group(structure, phase.tension) for phase in solution.phases]
+    stages = [values_per_group(structure, phase.tension) for phase in solution.phases]
     words = []
-    for k, (name, group) in enumerate(groups_by_name(structure)):
+    for k, (name, group) in enumerate(named_groups_of(structure)):
         if not group.tension_only:
             continue
         force = np.stack([forces[k] for forces in stages])  # [n_phase, n_elem]
@@ -330,7 +330,7 @@ def _check_unknowns(phases, unknowns):
             raise ValueError(f"unknowns[{number}] = {name!r}: not a prestress input{there}")
         if unknown in unknowns[:number]:
             raise ValueError(f"unknowns[{number}] = {unknown!r}: is there twice")
-        value = all_stated(phases[k]).get(name)
+        value = all_statements(phases[k]).get(name)
         if value is None:
             raise ValueError(
                 f"unknowns[{number}]: phases[{k}] has no {name}; give start values there"

@@ -4,11 +4,11 @@ Other abilities are attributes of `Element`, because they depend on a law or a l
 
 | attribute | methods that an element must then have |
 |---|---|
-| `remembers` | `size`, `initial_memory`; `settled`, or `commit_memory` and `section_strain` |
+| `has_memory` | `absolute_force`, `initial_memory`; `committed_memory` (default: by strain) |
 | `has_rupture` | `is_ruptured`, `section_strain`; `extrapolated` if forces end at rupture |
 | `tension_only` | `is_slack`, `at_kink` |
-| `rotates` | `end_forces_about` |
-| `slides` | `slid` |
+| `rotates` | `end_forces_after_step` |
+| `slides` | `sliding_load_forces` |
 | `face` | none: loads on areas then find it by its group |
 | `inner_unknowns`, `n_inner_row` | `unused_columns`; its end forces and motion have rows for them |
 
@@ -28,7 +28,7 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from .element import Element, Ends, Forces, Motion, Scalar
 from .element_state import ElementState, OwnState
-from .stated import Stated, Statement
+from .statement import StatedValues, Statement
 
 STATEMENTS = {
     name: Statement(name, unit)
@@ -55,11 +55,11 @@ class Prestressable(Element):
     components: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
     @abc.abstractmethod
-    def restate(
+    def apply_statements(
         self,
         state: OwnState,
         ends: Float[Array, "n_elem n_end 3"],
-        statements: Mapping[str, Stated],
+        statements: Mapping[str, StatedValues],
     ) -> ElementState:
         """Return the state of the group after statements, by name; ends [n_elem, n_end, 3].
 
@@ -67,7 +67,7 @@ class Prestressable(Element):
         call of their own. `statements` has only those that the phase states.
         """
 
-    def between(self, start: OwnState, end: OwnState, factor: Scalar) -> OwnState:
+    def interpolate_states(self, start: OwnState, end: OwnState, factor: Scalar) -> OwnState:
         """Interpolate the state of the group at a load `factor` of a phase from `start` to `end`.
 
         Numbers that do not change keep every digit, and factor 1 gives `end` exactly. Arrays of
@@ -75,7 +75,7 @@ class Prestressable(Element):
         """
 
         def one(a, b):
-            return mixed(a, b, factor) if jnp.issubdtype(b.dtype, jnp.floating) else b
+            return interpolate(a, b, factor) if jnp.issubdtype(b.dtype, jnp.floating) else b
 
         return jax.tree.map(one, start, end)
 
@@ -93,7 +93,7 @@ def components_of(group: Element, name: str) -> tuple[str, ...]:
 
 
 @jax.jit  # traced once, although a program calls it for every number of a state
-def mixed(start: Array, end: Array, factor: Float[ArrayLike, ""]) -> Array:
+def interpolate(start: Array, end: Array, factor: Float[ArrayLike, ""]) -> Array:
     """Interpolate at a load factor; equal numbers keep every digit, and factor 1 gives `end`."""
     return end - (1 - factor) * (end - start)
 
@@ -134,7 +134,7 @@ class Jacked(Prestressable):
         """Return the axial force, N; the jack force where the state has one."""
 
     @abc.abstractmethod
-    def lock(self, state: OwnState, ends: Ends, motion: Motion) -> ElementState:
+    def lock_off(self, state: OwnState, ends: Ends, motion: Motion) -> ElementState:
         """Return the state of one element after lock-off of its jack: it keeps the jack force."""
 
 
@@ -153,7 +153,7 @@ class Sagging(Prestressable):
         self,
         ends: Float[Array, "n_elem n_end 3"],
         sag: Float[Array, " n_elem"],
-        warmth: float | Float[Array, " n_elem"] = 1.0,
+        thermal_stretch: float | Float[Array, " n_elem"] = 1.0,
     ) -> Float[Array, " n_elem"]:
         """Return the strains of the initial chords at which elements have given sags [n_elem], m.
 
@@ -186,70 +186,70 @@ class Secant(Element):
 
 
 @pytree
-class Pull:
+class TensionResponse:
     """Tension and end forces of a cable at a point of the iteration.
 
     Attributes:
         tension: unknown of the cable, not negative, N: its axial force, or of a hanging cable the
             mean of the tensions at its ends less half of the load on it.
         slope: derivative of the tension by the length, N/m.
-        along: derivative of the end forces by the tension, [n_end, 3]; for a straight cable also
-            the derivative of its length by the displacements of the ends.
+        unit_forces: derivative of the end forces by the tension, [n_end, 3]; for a straight cable
+            also the derivative of its length by the displacements of the ends.
         forces: end forces, [n_end, 3], N.
-        shape: data of the point for `Pulling.room`.
+        shape: data of the point for `TensionElement.length_slack`.
     """
 
     tension: Scalar
     slope: Scalar
-    along: Forces
+    unit_forces: Forces
     forces: Forces
     shape: PyTree[Array]
 
 
 @pytree
-class Room:
+class LengthSlack:
     """Length that a given tension leaves a cable at a point; in equilibrium it equals the sag.
 
     Attributes:
-        gap: length of a straight cable under the tension less the present length, m.
-        compliance: derivative of `gap` by the tension, m/N.
+        spare_length: length of a straight cable under the tension less the present length, m.
+        compliance: derivative of `spare_length` by the tension, m/N.
         sag: length that the sag takes, m; None for a cable that cannot sag.
-        less: minus the derivative of `sag` by the tension, m/N, or None.
-        along, forces: as of `Pull`, but under the given tension; None where `along` does not depend
-            on it, so that `forces` is ``tension * along``.
+        sag_compliance: minus the derivative of `sag` by the tension, m/N, or None.
+        unit_forces, forces: as of `TensionResponse`, but under the given tension; None where
+            `unit_forces` does not depend on it, so that `forces` is ``tension * unit_forces``.
     """
 
-    gap: Scalar
+    spare_length: Scalar
     compliance: Scalar
     sag: Scalar | None = None
-    less: Scalar | None = None
-    along: Forces | None = None
+    sag_compliance: Scalar | None = None
+    unit_forces: Forces | None = None
     forces: Forces | None = None
 
 
-class Pulling(Element):
+class TensionElement(Element):
     """Cables whose end forces at a point follow from one number, their tension.
 
     A net of them is solved with these tensions as unknowns, see `equilibrium.tension_unknowns`.
     """
 
-    def pulls(self, state: OwnState) -> bool:
+    def has_tension_unknown(self, state: OwnState) -> bool:
         """Return whether the tension is such an unknown in this state."""
         return True
 
-    def fits_cones(self, state: OwnState) -> bool:
+    def suits_cone_solver(self, state: OwnState) -> bool:
         """Return whether `conic_interior_point` applies: straight pieces, with a linear law."""
         return False
 
     @abc.abstractmethod
-    def pulled(self, state: OwnState, ends: Ends, motion: Motion) -> Pull:
-        """Return the `Pull` at a point."""
+    def tension_response(self, state: OwnState, ends: Ends, motion: Motion) -> TensionResponse:
+        """Return the `TensionResponse` at a point."""
 
     @abc.abstractmethod
-    def brought(
+    def rebased_element(
         self, state: OwnState, ends: Ends, motion: Motion, wanted: Bool[Array, ""]
     ) -> tuple[ElementState, Ends, Motion]:
-        """Rebase the element after a motion with a low-order part, [n_end, 6] (`fine`).
+        """Rebase the element after a motion with a low-order part, [n_end, 6] (`rebasing`).
 
         Return state, ends [n_end, 3] and motion [n_end, 3] of an element that begins at the present
         positions and has not moved. Its elongation has full precision if this is `wanted`; its ends
@@ -257,11 +257,11 @@ class Pulling(Element):
         """
 
     @abc.abstractmethod
-    def room(self, state: OwnState, tension: Scalar, shape: PyTree[Array]) -> Room:
-        """Return the `Room` under a tension, N, at the point of a `Pull` with this `shape`."""
+    def length_slack(self, state: OwnState, tension: Scalar, shape: PyTree[Array]) -> LengthSlack:
+        """Return the `LengthSlack` under a tension, N, for the `shape` of a `TensionResponse`."""
 
     @abc.abstractmethod
-    def bent(
+    def geometric_stiffness(
         self, state: OwnState, ends: Ends, motion: Motion, tension: Scalar
     ) -> Float[Array, "n_end 3 n_end 3"]:
         """Return the geometric stiffness of a tension, N/m."""
@@ -271,7 +271,7 @@ class Rounding(Element):
     """Elements that estimate the rounding error of a force, which may be all that is left of it."""
 
     @abc.abstractmethod
-    def rounding(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
+    def rounding_error(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
         """Return the error of the end forces by rounding of displacements, in their shape."""
 
 
@@ -290,7 +290,7 @@ class Bending(Element):
     ) -> Float[Array, "n 6"]:
         """Return ``N, Vy, Vz, T, My, Mz`` at `places` on the axis, from 0 to 1, [n, 6], N, N m."""
 
-    def deflected(
+    def end_slopes_and_axes(
         self, state: OwnState, ends: Ends, motion: Motion
     ) -> tuple[Float[Array, "2 3"], Float[Array, "3 3"]] | None:
         """Return the slopes of the deflected axis at its ends, for pictures; None draws the chord.

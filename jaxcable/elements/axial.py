@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from ..common.types import Array, Float
 from .element import TENSION, Element, Ends, Forces, Motion, Result, Scalar
-from .prestress import AxialState, stretch
+from .prestress import AxialState, measure_chord
 
 
 class Axial(Element):
@@ -30,7 +30,7 @@ class Axial(Element):
 
     def _pull(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, " 3"]:
         """Return the axial force as a vector from the first end to the second, [3], N."""
-        vector, length, _, _ = stretch(ends, motion)
+        vector, length, _, _ = measure_chord(ends, motion)
         return self.tension(state, ends, motion) * vector / length
 
     def tangent(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, "2 3 2 3"]:

@@ -9,21 +9,21 @@ from ..common.tree import pytree
 from ..common.types import Array, Float
 from .abilities import Jacked, Rounding, Secant
 from .element import Ends, Forces, Motion
-from .prestress import AxialState, jacked_or, stretch
+from .prestress import AxialState, jack_value_or, measure_chord
 from .straight import Straight
 
 
 class TwoNodeStraight(Straight, Jacked, Secant, Rounding):
     """Straight elements whose force depends only on their own strain."""
 
-    def lock(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
+    def lock_off(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """Return the state after lock-off: its unstressed length gives the jack force here."""
-        _, length, change, _ = stretch(ends, motion)
-        return self.locked(state, length, change)
+        _, length, change, _ = measure_chord(ends, motion)
+        return self.locked_off_state(state, length, change)
 
-    def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
+    def rounding_error(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """Return the error of the end forces by rounding of displacements, [2, 3], N."""
-        vector, length, _, _ = stretch(ends, motion)
+        vector, length, _, _ = measure_chord(ends, motion)
         _, stiffness = self.tension_and_stiffness(state, ends, motion)
         moved = jnp.max(jnp.abs(motion)) / length
         force = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * jnp.abs(vector)
@@ -40,7 +40,7 @@ class TwoNodeStraight(Straight, Jacked, Secant, Rounding):
         cancels: c = (E_sec / L0 - q_0) / (l (l + l_0)) with E_sec the secant of the force-strain
         curve between the two states.
         """
-        start, length = stretch(ends, before)[1], stretch(ends, motion)[1]
+        start, length = measure_chord(ends, before)[1], measure_chord(ends, motion)[1]
         then, now = self.strain(state, ends, before), self.strain(state, ends, motion)
 
         def force(strain):
@@ -56,7 +56,7 @@ class TwoNodeStraight(Straight, Jacked, Secant, Rounding):
         prescribed = None
         if state.jack_force is not None:
             prescribed = jnp.stack([state.jack_force, state.jack_force, jnp.zeros_like(now)])
-        force_then, force_now, modulus = jacked_or(state, prescribed, following)
+        force_then, force_now, modulus = jack_value_or(state, prescribed, following)
         q_then, q_now = force_then / start, force_now / length
         c = (modulus / state.rest_length - q_then) / (length * (length + start))
         m = 2 * (ends[1] - ends[0]) + (before[1] - before[0]) + (motion[1] - motion[0])

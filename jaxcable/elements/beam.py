@@ -39,7 +39,7 @@ from .abilities import Bending, Rounding
 from .beam_axes import LEANING_SINE, VERTICAL_SINE, is_isotropic, is_known_anisotropic
 from .beam_element import BeamElement
 from .element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Ends, Motion, Scalar
-from .prestress import AxialState, Prestressed, checked_links, of_each
+from .prestress import AxialState, Prestressed, call_each_element, checked_links
 
 _MAX_POINTS = 1000  # integration points: all fibres are evaluated at each, so that more is a slip
 
@@ -231,23 +231,23 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         chord = ends[:, 1] - ends[:, 0]
         sine = jnp.sqrt(jnp.sum(chord[:, :2] ** 2, axis=1) / jnp.sum(chord**2, axis=1))
         leaning = (sine >= VERTICAL_SINE) & (sine < LEANING_SINE)
-        unknown = leaning & ~of_each("bends_isotropically", self)
+        unknown = leaning & ~call_each_element("bends_isotropically", self)
         return copy_with(state, rest_length=jnp.where(unknown, jnp.nan, state.rest_length))
 
-    def partly(self, state: AxialState, present: Bool[Array, " n_elem"]) -> AxialState:
+    def with_activation(self, state: AxialState, present: Bool[Array, " n_elem"]) -> AxialState:
         """Return the state of a group with activation: activated beams may be joined with kinks."""
         kinks = state.kinks
         if kinks is None:
             kinks = jnp.zeros((len(state.rest_length), 2, 3), state.rest_length.dtype)
         return copy_with(state, present=present, kinks=kinks)
 
-    def found(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
+    def state_at_activation(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """Return the state of a beam activated here: straight, joined to its ends as they are."""
-        state = super().found(state, ends, motion)
+        state = super().state_at_activation(state, ends, motion)
         _, pose = self._axes_and_pose(copy_with(state, kinks=None), ends, motion)
         return copy_with(state, kinks=pose.rotations)
 
-    def at_ends(
+    def split_among_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
         """Return halves of `amount` [n_elem] at the ends, zero at inner rows, [n_elem, n_end]."""
@@ -297,14 +297,14 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
 
         return jax.vmap(one)(self.up, ends)
 
-    def oriented(self, nodes: Float[ArrayLike, "n_node 3"]) -> Self:
+    def with_fixed_axes(self, nodes: Float[ArrayLike, "n_node 3"]) -> Self:
         """Return the group with its axes fixed as they are at initial positions [n_node, 3]."""
         return self if self.up is not None else replace(self, up=self.axes_of(nodes)[:, 2])
 
     @property
-    def remembers(self) -> bool:  # type: ignore[override]  # read only
+    def has_memory(self) -> bool:  # type: ignore[override]  # read only
         """Whether a law of the fibres has history variables."""
-        return template_of(self.section).remembers
+        return template_of(self.section).has_memory
 
     @property
     def has_rupture(self) -> bool:  # type: ignore[override]  # read only
@@ -313,7 +313,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
 
     def initial_memory(self) -> PyTree[Float[Array, "n_elem n_point n_fibre n_memory"]] | None:
         """Return the history variables of elements not strained yet, per law, or None."""
-        if not self.remembers:
+        if not self.has_memory:
             return None
         return template_of(self.section).initial_memory((len(self.links), self.points))
 
@@ -359,7 +359,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         z = z / jnp.sqrt(scalar_product(z, z))
         return jnp.stack([along, cross(z, along), z])
 
-    def deflected(
+    def end_slopes_and_axes(
         self, state: AxialState, ends: Ends, motion: Motion
     ) -> tuple[Float[Array, "2 3"], Float[Array, "3 3"]]:
         """Return slopes against the chord, [2, 3], and rotated axes, [3, 3], see `Bending`."""

@@ -32,7 +32,7 @@ from . import bending, corotation
 from .bending import cross_products, split_strains
 from .element import Ends, Forces, Motion, Scalar
 from .inner_unknowns import InnerUnknowns
-from .prestress import AxialState, stretch
+from .prestress import AxialState, measure_chord
 
 _FINITE_STEP = move_node_by_series, conjugate_moment
 _FIRST_ORDER_STEP = partial(move_node_by_series, order=1), partial(conjugate_moment, order=1)
@@ -89,7 +89,7 @@ class BeamElement(InnerUnknowns):
 
     def _section_strains(self, field):
         """Return the section strains at the integration points, [n_point, 3]."""
-        places = bending.lobatto(self.points)[0]
+        places = bending.gauss_lobatto(self.points)[0]
         return bending.legendre_basis(jnp.asarray(places, field.strain.dtype)) @ field.strain
 
     def _torsional_stiffness(self):
@@ -107,7 +107,7 @@ class BeamElement(InnerUnknowns):
             force = jnp.stack(forces_of_fibres, axis=-1)
         else:
             force = forces(strain)
-        places, weight = (jnp.asarray(v, force.dtype) for v in bending.lobatto(self.points))
+        places, weight = (jnp.asarray(v, force.dtype) for v in bending.gauss_lobatto(self.points))
         return (weight[:, None] * bending.legendre_basis(places)).T @ force
 
     @jax.jit  # traced once
@@ -149,7 +149,7 @@ class BeamElement(InnerUnknowns):
         zero, spins = jnp.zeros_like(step[:3]), step[3:9].reshape(2, 3)
         moved = jnp.concatenate([jnp.stack([zero, step[:3]]), spins], axis=1)
         new = jax.vmap(turning)(motion[:2], moved)
-        if self.inner:
+        if self.inner_unknowns:
             new = jnp.concatenate([new, motion[2:].at[self._inner_indices].add(step[9:])])
         pull, moments, inner = (
             self._internal_forces(state, ends, new)
@@ -161,11 +161,11 @@ class BeamElement(InnerUnknowns):
         moments = jax.vmap(conjugate)(spins, moments)
         return jnp.concatenate([pull, moments.ravel(), inner])
 
-    def end_forces_about(
+    def end_forces_after_step(
         self, state: AxialState, ends: Ends, motion: Motion, step: Forces
     ) -> Forces:
         """Return forces and moments conjugate to `step` (translation, spin), both [n_end, 6]."""
-        inner = step[2:][self._inner_indices] if self.inner else jnp.zeros(0, step.dtype)
+        inner = step[2:][self._inner_indices] if self.inner_unknowns else jnp.zeros(0, step.dtype)
         reduced = jnp.concatenate([step[1, :3] - step[0, :3], step[:2, 3:].ravel(), inner])
         return self._forces_at_ends(self._forces_after_step(state, ends, motion, reduced))
 
@@ -177,7 +177,7 @@ class BeamElement(InnerUnknowns):
         return self._forces_of_parts(*self._internal_forces(state, ends, motion))
 
     @jax.jit  # traced once
-    def linearized(
+    def forces_and_tangent(
         self, state: AxialState, ends: Ends, motion: Motion
     ) -> tuple[Forces, Float[Array, "12+k 12+k"]]:
         """Return `end_forces`, and the tangent stiffness, [12 + k, 12 + k].
@@ -201,7 +201,7 @@ class BeamElement(InnerUnknowns):
             force = self._forces_after_step(state, ends, motion, step, forces, True)
             return force, force
 
-        step = jnp.zeros(9 + len(self.inner), ends.dtype)
+        step = jnp.zeros(9 + len(self.inner_unknowns), ends.dtype)
         slope, force = jax.jacfwd(stepped, has_aux=True)(step)
         for axis in (0, 1):
             pull, first, second, inner = jnp.split(slope, [3, 6, 9], axis)
@@ -209,10 +209,10 @@ class BeamElement(InnerUnknowns):
         return self._forces_at_ends(force), slope
 
     def tangent(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, "12+k 12+k"]:
-        """Return the tangent stiffness, see `linearized`."""
-        return self.linearized(state, ends, motion)[1]
+        """Return the tangent stiffness, see `forces_and_tangent`."""
+        return self.forces_and_tangent(state, ends, motion)[1]
 
-    def finds_both(self, state: AxialState) -> bool:
+    def evaluates_both_at_once(self, state: AxialState) -> bool:
         """Return True: pose and strains, which both need, take most of the time to compile."""
         return True
 
@@ -231,7 +231,7 @@ class BeamElement(InnerUnknowns):
         linear: by default their part is the mean of the consistent matrix and of halves at the
         ends, which is of order 4, too.
         """
-        halves = np.zeros(12 + len(self.inner))
+        halves = np.zeros(12 + len(self.inner_unknowns))
         halves[[0, 1, 2, 6, 7, 8]] = 0.5
         lumped = mass * jnp.diag(jnp.asarray(halves, ends.dtype))
         if distribution == "lumped":
@@ -242,14 +242,14 @@ class BeamElement(InnerUnknowns):
         def moved(step):
             steps = step[:12].reshape(2, 6)
             new = jax.vmap(lambda m, s: move_node_by_series(m, s, order=1))(motion[:2], steps)
-            if self.inner:
+            if self.inner_unknowns:
                 new = jnp.concatenate([new, motion[2:].at[self._inner_indices].add(step[12:])])
             _, pose, field, _ = self._deformation(state, ends, new)
             at = pose.rotations, state.rest_length, pose.length, places
             way = bending.deflected_axis(field, *at)[0]
             return step[None, :3] + way @ pose.axes, pose.length
 
-        still = jnp.zeros(12 + len(self.inner), ends.dtype)
+        still = jnp.zeros(12 + len(self.inner_unknowns), ends.dtype)
         slope, along = jax.jacfwd(moved)(still)
         matrix = mass * jnp.einsum("p,pai,paj->ij", weight, slope, slope)
         if distribution is None:
@@ -262,7 +262,7 @@ class BeamElement(InnerUnknowns):
         length = state.rest_length
         # the energy of a linear section is a polynomial of degree 4 along the axis
         count = max(4, self.points) if self.section.is_elastic else self.points
-        places, weight = (jnp.asarray(v, field.strain.dtype) for v in bending.lobatto(count))
+        places, weight = (jnp.asarray(v, field.strain.dtype) for v in bending.gauss_lobatto(count))
         strain = bending.legendre_basis(places) @ field.strain
         total = length * weight @ self.section.energy(*split_strains(strain), state.memory)
         total = total + 0.5 * self._torsional_stiffness() * field.twist**2 / length
@@ -279,12 +279,12 @@ class BeamElement(InnerUnknowns):
             return state.line_load is not None
         return super().has_result(name, state)
 
-    def reading(
+    def results_by_name(
         self, state: AxialState, ends: Ends, motion: Motion, names: Sequence[str]
     ) -> dict[str, Array]:
         """Return results by name; pose and strains are computed once for all of them."""
         if len(names) < 2:
-            return super().reading(state, ends, motion, names)
+            return super().results_by_name(state, ends, motion, names)
         bent = self._deformation(state, ends, motion)
         resistance = cache(lambda: self._forces_of_deformation(state, motion, bent))
         tension = cache(lambda: self._mean_tension(state, bent[2]))
@@ -295,7 +295,9 @@ class BeamElement(InnerUnknowns):
             "section_forces": lambda: self._section_forces(state, bent, resistance()),
             "end_forces": lambda: self._forces_of_parts(*resistance()),
         }
-        others = super().reading(state, ends, motion, [name for name in names if name not in known])
+        others = super().results_by_name(
+            state, ends, motion, [name for name in names if name not in known]
+        )
         return others | {name: known[name]() for name in names if name in known}
 
     def tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
@@ -312,7 +314,7 @@ class BeamElement(InnerUnknowns):
 
     def _peak_of_tension(self, state, ends, motion, force):
         """Return the peak of an axial force of which `force` is the mean, N."""
-        vector, length, _, _ = stretch(ends, motion[:2, :3])
+        vector, length, _, _ = measure_chord(ends, motion[:2, :3])
         half = 0.5 * state.rest_length * jnp.abs(state.line_load @ vector / length)
         return force + jnp.where(force < 0, -half, half)
 
@@ -341,7 +343,7 @@ class BeamElement(InnerUnknowns):
 
     def _section_forces(self, state, bent, resistance, places=None):
         """Return `section_forces` from a `_deformation` and its `_internal_forces`."""
-        places = bending.lobatto(self.points)[0] if places is None else places
+        places = bending.gauss_lobatto(self.points)[0] if places is None else places
         _, pose, field, load = bent
         pull, moments, _ = resistance
         length, s = state.rest_length, jnp.asarray(places, pull.dtype)
@@ -357,15 +359,15 @@ class BeamElement(InnerUnknowns):
         change = cross_products(spin, both)
         return (both - change + 0.5 * cross_products(spin, change)).reshape(-1, 6)
 
-    def size(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
+    def absolute_force(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Return the sum of the absolute forces of all fibres, mean over the element, N."""
         strains = split_strains(self.section_strain(state, ends, motion))
         size = self.section.absolute_force(*strains, state.memory)
-        return jnp.asarray(bending.lobatto(self.points)[1], size.dtype) @ size
+        return jnp.asarray(bending.gauss_lobatto(self.points)[1], size.dtype) @ size
 
-    def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
+    def rounding_error(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """Return the error of `end_forces` by rounding of displacements, in their shape."""
-        vector, length, _, _ = stretch(ends, motion[:2, :3])
+        vector, length, _, _ = measure_chord(ends, motion[:2, :3])
         stiffness = jnp.diagonal(self.section.stiffness())
         across = 12 * jnp.maximum(stiffness[1], stiffness[2]) / length**2
         moved = jnp.max(jnp.abs(motion[:2, :3])) / length

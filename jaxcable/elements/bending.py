@@ -18,8 +18,8 @@ about y and one about z) belong to the element alone:
 - in a linear section they follow from the load and the ends without iteration, because the orders
   of Legendre's polynomials are uncoupled: ``N_1 = -q_x L/2``, ``N_2 = 0``,
   ``M_2 = L^2 (-q_z, q_y)/12``. This is exact in linear theory, wherever the neutral axis is;
-- in a section of other laws they are unknowns of the analysis (`Beams.inner`); their residual is
-  zero when the section's forces balance the load in the mean weighted by these shapes.
+- in a section of other laws they are unknowns of the analysis (`Beams.inner_unknowns`); their
+  residual is zero when the section's forces balance the load in the mean weighted by these shapes.
 """
 
 from __future__ import annotations
@@ -226,7 +226,7 @@ def deflected_axis(
     return vectors(along, way), vectors(along_area, area), jnp.concatenate([twist, turn], axis=1)
 
 
-def lobatto(n: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+def gauss_lobatto(n: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Return Gauss-Lobatto points from 0 to 1 and weights, [n] each (exact to degree 2 n - 3)."""
     legendre = np.polynomial.legendre.Legendre.basis(n - 1)
     points = np.concatenate([[-1.0], np.sort(legendre.deriv().roots().real), [1.0]])

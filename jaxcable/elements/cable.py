@@ -13,15 +13,15 @@ import jax.numpy as jnp
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float
 from ..materials import Parallel
-from . import fine
-from .abilities import Pull, Pulling, Room
+from . import rebasing
+from .abilities import LengthSlack, TensionElement, TensionResponse
 from .bar import TwoNodeStraight
 from .element import Ends, Motion, Scalar
-from .prestress import AxialState, jacked_or
+from .prestress import AxialState, jack_value_or
 from .straight import Straight
 
 
-class TensionOnly(Straight, Pulling):
+class TensionOnly(Straight, TensionElement):
     """Straight elements that go slack: their force is zero where it would be a compression."""
 
     tension_only = True
@@ -52,37 +52,37 @@ class TensionOnly(Straight, Pulling):
 
     def is_slack(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Return whether the cable is shorter than its unstressed length: without force."""
-        return jacked_or(
+        return jack_value_or(
             state,
             jnp.zeros((), bool),
             lambda: self._is_slack_at(self.strain(state, ends, motion), state.memory),
         )
 
-    def fits_cones(self, state: AxialState) -> bool:
+    def suits_cone_solver(self, state: AxialState) -> bool:
         """Return whether `conic_interior_point` applies: to cables with a linear law."""
-        return self.stiffness_along() is not None
+        return self.linear_axial_stiffness() is not None
 
-    def pulled(self, state: AxialState, ends: Ends, motion: Motion) -> Pull:
-        """Return tension, stiffness and end forces at a motion (`Pull`), see `Pulling`."""
+    def tension_response(self, state: AxialState, ends: Ends, motion: Motion) -> TensionResponse:
+        """Return tension, stiffness and end forces at a motion, see `TensionElement`."""
         tension, slope = self.tension_and_stiffness(state, ends, motion)
         along = self.end_forces(_with_unit_force(state), ends, motion)
         shape = self.strain(state, ends, motion)
-        return Pull(tension, slope, along, tension * along, shape)
+        return TensionResponse(tension, slope, along, tension * along, shape)
 
-    def brought(
+    def rebased_element(
         self, state: AxialState, ends: Ends, motion: Motion, wanted: Bool[Array, ""]
     ) -> tuple[AxialState, Ends, Motion]:
-        """Rebase the cable after a motion with a low-order part, see `Pulling`."""
-        elongation, places = fine.brought(state.elongation, ends, motion, wanted)
+        """Rebase the cable after a motion with a low-order part, see `TensionElement`."""
+        elongation, places = rebasing.rebase(state.elongation, ends, motion, wanted)
         return copy_with(state, elongation=elongation), places, jnp.zeros_like(places)
 
-    def room(self, state: AxialState, tension: Scalar, shape: Scalar) -> Room:
+    def length_slack(self, state: AxialState, tension: Scalar, shape: Scalar) -> LengthSlack:
         """Return how much longer the cable is under a tension than at a strain `shape`."""
         one = jnp.ones_like(tension)
         under, slope = jax.jvp(lambda n: self.strain_at(n, state.memory), (tension,), (one,))
-        return Room(state.rest_length * (under - shape), state.rest_length * slope)
+        return LengthSlack(state.rest_length * (under - shape), state.rest_length * slope)
 
-    def bent(
+    def geometric_stiffness(
         self, state: AxialState, ends: Ends, motion: Motion, tension: Scalar
     ) -> Float[Array, "n_end 3 n_end 3"]:
         """Return the geometric stiffness: tension times second derivative of the length, N/m."""
@@ -96,11 +96,11 @@ class TensionOnly(Straight, Pulling):
             rounding = 4 * jnp.finfo(strain.dtype).eps * jnp.abs(state.elongation)
             return jnp.abs(strain) <= rounding / state.rest_length
 
-        return jacked_or(state, jnp.zeros((), bool), unstressed)
+        return jack_value_or(state, jnp.zeros((), bool), unstressed)
 
     def _zero_if_slack(self, value, strain, memory):
         """Return `value`, or zero in a slack cable; a `Parallel` law does so itself."""
-        if isinstance(self._section()[1], Parallel):
+        if isinstance(self._axial_section()[1], Parallel):
             return value
         return jnp.where(self._is_slack_at(strain, memory), 0.0, value)
 
@@ -110,11 +110,11 @@ class TensionOnly(Straight, Pulling):
             return strain < 0
         # plastic strain has lengthened the cable: the law (or several of them, by the sum of their
         # stresses) says where the force ends
-        return self._section()[1].is_slack(strain, memory)
+        return self._axial_section()[1].is_slack(strain, memory)
 
-    def _section(self):
-        """Return the triple of `Straight._section`, with a law that carries tension only."""
-        stiffness, law, area = super()._section()
+    def _axial_section(self):
+        """Return the triple of `Straight._axial_section`, with a law that carries tension only."""
+        stiffness, law, area = super()._axial_section()
         return stiffness, None if law is None else law.tension_only(), area
 
 

@@ -17,10 +17,10 @@ from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, PyTree
 from ..numerics.vectors import scalar_product
 from . import hanging, hanging_sag, hanging_springs
-from .abilities import Pull, Room, Rounding, Sagging
+from .abilities import LengthSlack, Rounding, Sagging, TensionResponse
 from .cable import TensionOnly
 from .element import PEAK_TENSION, Ends, Forces, Motion, Scalar
-from .prestress import AxialState, stretch
+from .prestress import AxialState, measure_chord
 
 
 @pytree(indices=("links",))
@@ -79,7 +79,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
     def _solve_shape(self, state, ends, motion):
         """Return the tension vector F in the middle, tau, theta (see `hanging`), and the chord."""
         chord = (ends[1] - ends[0]) + (motion[1] - motion[0])
-        force, tau, theta = hanging.hang(
+        force, tau, theta = hanging.solve_catenary(
             chord,
             squared_length_excess(state, ends, motion),
             state.line_load,
@@ -90,7 +90,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
 
     @property
     def _stiffness(self):
-        return self._section()[0]
+        return self._axial_section()[0]
 
     def has_result(self, name: str, state: AxialState) -> bool:
         """Return whether it has a result; a peak tension only under a load."""
@@ -109,14 +109,14 @@ class Catenaries(TensionOnly, Sagging, Rounding):
             return super()._pull(state, ends, motion)
         return self._solve_shape(state, ends, motion)[0]
 
-    def fits_cones(self, state: AxialState) -> bool:
+    def suits_cone_solver(self, state: AxialState) -> bool:
         """Return whether `conic_interior_point` applies: without loads along them in any phase."""
-        return state.line_load is None and super().fits_cones(state)
+        return state.line_load is None and super().suits_cone_solver(state)
 
-    def pulled(self, state: AxialState, ends: Ends, motion: Motion) -> Pull:
-        """Return the `Pull` at a point; under a load its tension is ``tau - |q| L0/2``."""
+    def tension_response(self, state: AxialState, ends: Ends, motion: Motion) -> TensionResponse:
+        """Return the `TensionResponse`; under a load its tension is ``tau - |q| L0/2``."""
         if state.line_load is None:
-            return super().pulled(state, ends, motion)
+            return super().tension_response(state, ends, motion)
         shape = (
             (ends[1] - ends[0]) + (motion[1] - motion[0]),
             squared_length_excess(state, ends, motion),
@@ -131,12 +131,12 @@ class Catenaries(TensionOnly, Sagging, Rounding):
             jnp.stack([-at.force_per_tension, at.force_per_tension]),
             jnp.stack([-at.force, at.force]),
         )
-        return Pull(tension, slope, along, forces, shape)
+        return TensionResponse(tension, slope, along, forces, shape)
 
-    def room(self, state: AxialState, tension: Scalar, shape: PyTree[Array]) -> Room:
-        """Return the `Room` under a tension; of a hanging cable by `hanging_springs`."""
+    def length_slack(self, state: AxialState, tension: Scalar, shape: PyTree[Array]) -> LengthSlack:
+        """Return the `LengthSlack` under a tension; of a hanging cable by `hanging_springs`."""
         if state.line_load is None:
-            return super().room(state, tension, shape)
+            return super().length_slack(state, tension, shape)
         chord, above = shape
         load, rest_length = state.line_load, state.rest_length
         at = hanging_springs.hanging_under_tension(
@@ -146,24 +146,24 @@ class Catenaries(TensionOnly, Sagging, Rounding):
             jnp.stack([-at.force_per_tension, at.force_per_tension]),
             jnp.stack([-at.force, at.force]),
         )
-        return Room(at.spare_length, at.compliance, at.sag, at.sag_compliance, along, forces)
+        return LengthSlack(at.spare_length, at.compliance, at.sag, at.sag_compliance, along, forces)
 
-    def bent(
+    def geometric_stiffness(
         self, state: AxialState, ends: Ends, motion: Motion, tension: Scalar
     ) -> Float[Array, "2 3 2 3"]:
         """Return the geometric stiffness; under a load by the two springs of `hanging_springs`."""
         if state.line_load is None:
-            return super().bent(state, ends, motion, tension)
+            return super().geometric_stiffness(state, ends, motion, tension)
         block = hanging_springs.tension_stiffness(
             tension, state.line_load, state.rest_length, self._stiffness
         )
         return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])
 
-    def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
+    def rounding_error(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """Return the error of the end forces by rounding of displacements, [2, 3], N."""
-        at = self.pulled(state, ends, motion)
+        at = self.tension_response(state, ends, motion)
         moved = 8 * jnp.finfo(motion.dtype).eps * jnp.max(jnp.abs(motion))
-        return moved * at.slope * jnp.abs(at.along)
+        return moved * at.slope * jnp.abs(at.unit_forces)
 
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Return stored energy plus potential of the load along it, less its end shares, J."""
@@ -196,19 +196,21 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         """Return the larger of the tensions at both ends, N; it is smaller between them."""
         return jnp.max(self.end_tensions(state, ends, motion))
 
-    def reading(
+    def results_by_name(
         self, state: AxialState, ends: Ends, motion: Motion, names: Sequence[str]
     ) -> dict[str, Array]:
         """Return results by name; the shape, which takes an iteration, is computed once."""
         if state.line_load is None:
-            return super().reading(state, ends, motion, names)
+            return super().results_by_name(state, ends, motion, names)
         force, tau, *_ = self._solve_shape(state, ends, motion)
         known = {
             "tension": tau,
             "peak_tension": jnp.max(_end_tensions(force, state)),
             "end_forces": jnp.stack([-force, force]),
         }
-        others = super().reading(state, ends, motion, [name for name in names if name not in known])
+        others = super().results_by_name(
+            state, ends, motion, [name for name in names if name not in known]
+        )
         return others | {name: known[name] for name in names if name in known}
 
     def sag(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
@@ -234,20 +236,20 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         self,
         ends: Float[Array, "n_elem 2 3"],
         sag: Float[Array, " n_elem"],
-        warmth: float | Float[Array, " n_elem"] = 1.0,
+        thermal_stretch: float | Float[Array, " n_elem"] = 1.0,
     ) -> Float[Array, " n_elem"]:
         """Return the strains of the chords at which elements have given sags [n_elem], m.
 
         Sags are vertical distances from the chords between the initial ends [n_elem, 2, 3] at
-        midspan, under the whole weight of the group along -z. `warmth` as in `AxialState`: an
-        element that heat has lengthened weighs less per length.
+        midspan, under the whole weight of the group along -z. `thermal_stretch` as in `AxialState`:
+        an element that heat has lengthened weighs less per length.
         """
 
         def one(ends, weight, stiffness, sag):
             load = weight * jnp.array([0.0, 0.0, -1.0], ends.dtype)
             return hanging_sag.strain_at_sag(ends[1] - ends[0], load, stiffness, sag)
 
-        weight = jnp.asarray(self.weight, ends.dtype) / warmth
+        weight = jnp.asarray(self.weight, ends.dtype) / thermal_stretch
         stiffness = jnp.asarray(self._stiffness, ends.dtype)
         return jax.vmap(one)(ends, weight, stiffness, sag)
 
@@ -261,5 +263,5 @@ def _end_tensions(force, state):
 def squared_length_excess(state: AxialState, ends: Ends, motion: Motion) -> Scalar:
     """Return ``|chord|^2 - L0^2``, computed without this subtraction, m2."""
     start, w = ends[1] - ends[0], motion[1] - motion[0]
-    length = stretch(ends, jnp.zeros_like(ends))[3]
+    length = measure_chord(ends, jnp.zeros_like(ends))[3]
     return state.elongation * (length + state.rest_length) + scalar_product(2 * start + w, w)

@@ -13,14 +13,14 @@ from . import trial
 from .abilities import STATEMENTS, Jacked, Prestressable, Sagging
 from .element import SECTION_STRAIN, Element, Result
 from .element_state import ElementState
-from .stated import Statement
+from .statement import Statement
 
 REQUIRED_METHODS = {
-    "remembers": ("size", "initial_memory"),
+    "has_memory": ("absolute_force", "initial_memory"),
     "has_rupture": ("is_ruptured",),
     "tension_only": ("is_slack", "at_kink"),
-    "rotates": ("end_forces_about",),
-    "slides": ("slid",),
+    "rotates": ("end_forces_after_step",),
+    "slides": ("sliding_load_forces",),
 }
 """Methods that a group must define where an attribute is True; see the table in `abilities`."""
 
@@ -52,12 +52,12 @@ def _missing_abilities(group):
     if face is not None and not known:
         yield f"face: expected a tuple of 3 or 4 ends of 0 to {len(ends) - 1}, got {face!r}"
     names = [result.name for result in group.results]
-    if not group.remembers and not _has_default(kind, "settled"):
-        yield "settled: it is only asked where remembers = True"
-    by_strain = group.remembers and _has_default(kind, "settled")
+    if not group.has_memory and not _has_default(kind, "committed_memory"):
+        yield "committed_memory: it is only asked where has_memory = True"
+    by_strain = group.has_memory and _has_default(kind, "committed_memory")
     if by_strain and _has_default(kind, "commit_memory"):
-        yield "remembers = True needs a method `commit_memory`, or `settled`"
-    for attribute, needs in (("remembers", by_strain), ("has_rupture", group.has_rupture)):
+        yield "has_memory = True needs a method `commit_memory`, or `committed_memory`"
+    for attribute, needs in (("has_memory", by_strain), ("has_rupture", group.has_rupture)):
         if needs and SECTION_STRAIN.name not in names:
             yield f"{attribute} = True needs the result `{SECTION_STRAIN.name}`"
     for name in names:

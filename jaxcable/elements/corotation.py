@@ -42,7 +42,7 @@ from ..numerics.rotations import (
 from ..numerics.vectors import scalar_product
 from .element import Scalar
 from .element_state import Pressures
-from .prestress import stretch
+from .prestress import measure_chord
 
 
 @pytree
@@ -83,7 +83,7 @@ def pose(
 
     `kinks` are the rotations [2, 3] at which the element is unstressed; None where they are zero.
     """
-    vector, length, change, _ = stretch(ends, displacements)
+    vector, length, change, _ = measure_chord(ends, displacements)
     halfway = halfway_rotation(*quaternions)
     # a small rotation is a difference of directions: take both as changes of the initial axis
     turned = 2 * cross(halfway[1:], axes[0])

@@ -1,12 +1,13 @@
 """The contract of element groups: the base class `Element`, its state and its results.
 
 An `Element` is a group of elements of one kind. Inside vmap over its `properties` the same object
-stands for one element (`prestress.element`). It knows nothing about nodes, degrees of freedom or
-solvers. Methods of one element take ``ends``, the initial positions of its ends [n_end, 3], m, and
-``motion``, the displacements of its ends [n_end, 3], or with rotations their displacements and unit
-quaternions [n_end, 7]. (Displacements of nets may have a low-order part; such elements are rebased
-to their present positions first, see `abilities.Pulling`.) A ``state`` contains what phases change.
-Base classes for what only some elements can do are in `abilities`.
+stands for one element (`prestress.single_element`). It knows nothing about nodes, degrees of
+freedom or solvers. Methods of one element take ``ends``, the initial positions of its ends [n_end,
+3], m, and ``motion``, the displacements of its ends [n_end, 3], or with rotations their
+displacements and unit quaternions [n_end, 7]. (Displacements of nets may have a low-order part;
+such elements are rebased to their present positions first, see `abilities.TensionElement`.) A
+``state`` contains what phases change. Base classes for what only some elements can do are in
+`abilities`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..common.old_names import ELEMENT, refuse_old_names
 from ..common.rules import Rule
 from ..common.tree import PerElement
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
@@ -87,13 +89,14 @@ class Element(abc.ABC):
         outline: the ends through which pictures draw an element; default: around its face, or all
             in order.
         rotates: whether the elements give their nodes rotations.
-        inner, n_inner_row: indices (row, column) of the inner unknowns of an element (degrees of
-            freedom of its own), and the number of rows of motion that they take after its ends.
+        inner_unknowns, n_inner_row: indices (row, column) of the inner unknowns of an element
+            (degrees of freedom of its own), and the number of rows of motion that they take after
+            its ends.
         weight, expansion, strength, area, section, rest_length: as of `Bars`; None if the group has
             none. A weight may be per area; it is present where `weights` returns something.
         hinges, springs: as of `Beams`; None if the group has none.
         has_length: whether loads per length act along the elements; their state then has
-            `rest_length`, and `loaded`, the length that these loads are per.
+            `rest_length`, and `load_bearing_length`, the length that these loads are per.
         symmetric: whether the tangent of an element is symmetric, as where its end forces are the
             gradient of its energy. Where it is False (forces that follow the element without a
             potential) the tangent is solved by LU, its transpose in derivatives; then the analysis
@@ -104,15 +107,15 @@ class Element(abc.ABC):
         monotone: whether its force is known not to fall with strain (no softening). The energy of
             groups that are `tension_only` and `monotone` is convex.
         remembers: whether its state has history variables (`memory`), because its laws depend on
-            earlier increments; then it has `size`, `initial_memory`, and either `commit_memory` and
-            `SECTION_STRAIN` among its results, or `settled`.
+            earlier increments; then it has `absolute_force`, `initial_memory`, and either
+            `commit_memory` and `SECTION_STRAIN` among its results, or `committed_memory`.
         has_rupture: whether its law has a rupture strain; then it has `is_ruptured`, and
             `SECTION_STRAIN` among its results.
         shaped_by_load: whether its state contains the `ElementLoad` along it.
         paired: whether its forces depend on the relative displacement of its two ends only, so that
             its tangent is ``[[B, -B], [-B, B]]``.
-        slides: whether the load along it slides from node to node with the element; `slid` then
-            returns the resulting change of the nodal forces.
+        slides: whether the load along it slides from node to node with the element;
+            `sliding_load_forces` then returns the resulting change of the nodal forces.
     """
 
     links: Int[ArrayLike, "n_elem n_end"]
@@ -121,7 +124,7 @@ class Element(abc.ABC):
     face: tuple[int, ...] | None = None
     outline: tuple[int, ...] | None = None
     rotates: bool = False
-    inner: tuple[tuple[int, int], ...] = ()
+    inner_unknowns: tuple[tuple[int, int], ...] = ()
     n_inner_row: int = 0
     weight: Float[ArrayLike, " n_elem"] | None = None
     expansion: Float[ArrayLike, " n_elem"] | None = None
@@ -135,11 +138,15 @@ class Element(abc.ABC):
     symmetric: bool = True
     tension_only: bool = False
     monotone: bool = False
-    remembers: bool = False
+    has_memory: bool = False
     has_rupture: bool = False
     shaped_by_load: bool = False
     paired: bool = False
     slides: bool = False
+
+    def __init_subclass__(cls, **options: object):
+        super().__init_subclass__(**options)
+        refuse_old_names(cls, ELEMENT)
 
     @property
     def n_freedom(self) -> int:
@@ -186,7 +193,7 @@ class Element(abc.ABC):
             return jnp.zeros(0, ends.dtype)
         return chord_lengths(ends)
 
-    def at_ends(
+    def split_among_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
         """Split an `amount` [n_elem] among the ends [n_elem, n_end, 3]: shares [n_elem, n_end]."""
@@ -197,7 +204,7 @@ class Element(abc.ABC):
         """Return the weight of every element, [n_elem], N; None if the group has none."""
         return None
 
-    def oriented(self, nodes: Float[ArrayLike, "n_node 3"]) -> Self:
+    def with_fixed_axes(self, nodes: Float[ArrayLike, "n_node 3"]) -> Self:
         """Return the group with its axes fixed as they are at initial positions [n_node, 3]."""
         return self
 
@@ -221,11 +228,11 @@ class Element(abc.ABC):
         """Return the group without softening, with which an iteration begins."""
         return self
 
-    def partly(self, state: OwnState, present: Bool[Array, " n_elem"]) -> ElementState:
+    def with_activation(self, state: OwnState, present: Bool[Array, " n_elem"]) -> ElementState:
         """Return the state of a group with activation; elements that are `present` are active."""
         return with_fields(state, present=present)
 
-    def unstressed(
+    def unstressed_state(
         self, ends: Float[Array, "n_elem n_end 3"], slack: Bool[Array, " n_elem"]
     ) -> ElementState:
         """Return a state without stress between initial positions [n_elem, n_end, 3].
@@ -239,13 +246,13 @@ class Element(abc.ABC):
         """Return the smallest and the largest axial force, N."""
         return -jnp.inf, jnp.inf
 
-    def stiffness_along(self) -> Float[ArrayLike, " n_elem"] | None:
+    def linear_axial_stiffness(self) -> Float[ArrayLike, " n_elem"] | None:
         """Return the axial stiffness EA if the law is linear, [n_elem], N; None otherwise."""
         return None
 
     # --- one element
 
-    def found(self, state: OwnState, ends: Ends, motion: Motion) -> ElementState:
+    def state_at_activation(self, state: OwnState, ends: Ends, motion: Motion) -> ElementState:
         """Return the state of an element activated at this motion: without stress between its ends.
 
         The given `state` has the history variables of elements that have not been strained yet.
@@ -262,7 +269,9 @@ class Element(abc.ABC):
         The rows after the ends contain the forces conjugate to inner unknowns.
         """
 
-    def end_forces_about(self, state: OwnState, ends: Ends, motion: Motion, step: Forces) -> Forces:
+    def end_forces_after_step(
+        self, state: OwnState, ends: Ends, motion: Motion, step: Forces
+    ) -> Forces:
         """Return end forces after a step from a motion, conjugate to it, both [n_end, n_freedom].
 
         Elements with rotations override it, because spins cannot be added to quaternions.
@@ -283,27 +292,27 @@ class Element(abc.ABC):
         """
         if self.rotates:
             still = jnp.zeros((len(motion), self.n_freedom), motion.dtype)
-            matrix = jax.jacfwd(lambda step: self.end_forces_about(state, ends, motion, step))(
+            matrix = jax.jacfwd(lambda step: self.end_forces_after_step(state, ends, motion, step))(
                 still
             )
         else:
             matrix = jax.jacfwd(lambda moved: self.end_forces(state, ends, moved))(motion)
-        if not self.inner:
+        if not self.inner_unknowns:
             return matrix
-        rows, columns = np.array(self.inner).T
+        rows, columns = np.array(self.inner_unknowns).T
         n_end = len(motion) - self.n_inner_row
         at = (n_end + rows) * self.n_freedom + columns
         at = np.concatenate([np.arange(n_end * self.n_freedom), at])
         return matrix.reshape(len(motion) * self.n_freedom, -1)[np.ix_(at, at)]
 
-    def finds_both(self, state: OwnState) -> bool:
-        """Return whether an iteration evaluates forces and tangent together, by `linearized`.
+    def evaluates_both_at_once(self, state: OwnState) -> bool:
+        """Return whether an iteration evaluates both at once, by `forces_and_tangent`.
 
         This compiles faster, but computes tangents also at points that may be rejected.
         """
         return False
 
-    def linearized(
+    def forces_and_tangent(
         self, state: OwnState, ends: Ends, motion: Motion
     ) -> tuple[Forces, Float[Array, "n_end 3 n_end 3"] | Float[Array, "n n"]]:
         """Return end forces and tangent of one element."""
@@ -324,10 +333,10 @@ class Element(abc.ABC):
             mass: scalar, kg.
             distribution: "lumped", "consistent", "mean" of both, or None for the kind of highest
                 order that the element has. This base class always lumps the mass at the ends, by
-                the shares of `at_ends` in the current positions.
+                the shares of `split_among_ends` in the current positions.
         """
         places = ends + motion[:, :3]
-        shares = self.at_ends(mass[None], places[None])[0]
+        shares = self.split_among_ends(mass[None], places[None])[0]
         return jnp.diag(jnp.repeat(shares, 3))
 
     def is_slack(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
@@ -340,8 +349,8 @@ class Element(abc.ABC):
 
     # --- rupture, history variables, and loads that slide: see the table in `abilities`
 
-    def size(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the sum of the absolute forces of an element's parts, N; if it `remembers`."""
+    def absolute_force(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
+        """Return the sum of the absolute forces of an element's parts, N; if it `has_memory`."""
         return jnp.zeros((), motion.dtype)
 
     def commit_memory(
@@ -350,7 +359,7 @@ class Element(abc.ABC):
         """Return the history variables after an increment of a `duration`, s, to a `strain`."""
         return memory
 
-    def settled(
+    def committed_memory(
         self, state: OwnState, ends: Ends, motion: Motion, duration: float = 0.0
     ) -> PyTree[Array]:
         """Return the history variables after an increment of a `duration`, s, to a motion.
@@ -373,11 +382,13 @@ class Element(abc.ABC):
         """Return the stress of the fibres, Pa, at a strain; None if the element has none."""
         return None
 
-    def slid(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, "n_end 3"]:
+    def sliding_load_forces(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Float[Array, "n_end 3"]:
         """Return the change of end forces by a load that slides along, [n_end, 3], N."""
         return jnp.zeros((len(motion), 3), motion.dtype)
 
-    def reading(
+    def results_by_name(
         self, state: OwnState, ends: Ends, motion: Motion, names: Sequence[str]
     ) -> dict[str, Array]:
         """Return results by the names of methods; overriding methods compute shared parts once."""

@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 import jax
 import jax.numpy as jnp
 
+from ..common.old_names import STATE, refuse_old_names
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, PyTree
 
@@ -15,7 +16,7 @@ Pressures: TypeAlias = 'dict[str, list[tuple[Float[Array, " n_elem"], Float[Arra
 OwnState: TypeAlias = Any
 """The `ElementState` that belongs to a class of elements. Type checkers see it as Any: otherwise a
 method that takes only this state could not override one that takes every state."""
-Amounts: TypeAlias = (
+TotalLoads: TypeAlias = (
     "tuple[Float[Array, 'n_elem 3'] | None, dict[str, list[Float[Array, ' n_elem']]] | None]"
 )
 """Loads of an `ElementLoad` that do not depend on the unstressed length: dead load on the whole
@@ -35,7 +36,7 @@ class ElementLoad:
     line: Float[Array, "n_elem 3"] | None = None
     pressures: Pressures | None = None
 
-    def amounts(self, rest_length: Float[Array, " n_elem"]) -> Amounts:
+    def total_loads(self, rest_length: Float[Array, " n_elem"]) -> TotalLoads:
         """Return the loads on whole elements of an unstressed length [n_elem], m."""
         line, pressures = self.line, self.pressures
         if line is not None:
@@ -44,7 +45,9 @@ class ElementLoad:
             return line, None
         return line, {per: [p for p, _ in pairs] for per, pairs in pressures.items()}
 
-    def with_amounts(self, amounts: Amounts, rest_length: Float[Array, " n_elem"]) -> ElementLoad:
+    def with_total_loads(
+        self, amounts: TotalLoads, rest_length: Float[Array, " n_elem"]
+    ) -> ElementLoad:
         """Return these loads with other `amounts`, for an unstressed length [n_elem], m."""
         line, pressures = amounts
         if line is not None:
@@ -62,20 +65,24 @@ class ElementState:
     A field is None if the class of elements does not use it. `prestress.AxialState` describes them.
     A class of states has the fields that its elements use; an analysis that has to set another one
     raises ValueError (`with_fields`). Elements that phases activate need `present`, and the method
-    `found` of their group.
+    `state_at_activation` of their group.
     """
 
     rest_length: Float[Array, " n_elem"] | None = None
     elongation: Float[Array, " n_elem"] | None = None
     jack_force: Float[Array, " n_elem"] | None = None
     jacked: Bool[Array, " n_elem"] | None = None
-    warmth: Float[Array, " n_elem"] | None = None
+    thermal_stretch: Float[Array, " n_elem"] | None = None
     memory: PyTree[Float[Array, "n_elem ..."]] | None = None
     element_load: ElementLoad | None = None
     present: Bool[Array, " n_elem"] | None = None
 
+    def __init_subclass__(cls, **options: object):
+        super().__init_subclass__(**options)
+        refuse_old_names(cls, STATE)
+
     @property
-    def loaded(self) -> Float[Array, " n_elem"]:
+    def load_bearing_length(self) -> Float[Array, " n_elem"]:
         """Length on which weight and loads per unstressed length act, [n_elem], m."""
         if self.rest_length is None:
             raise ValueError(
@@ -94,7 +101,7 @@ class ElementState:
         """Follower pressures of loads, by the length that they are per, or None."""
         return None if self.element_load is None else self.element_load.pressures
 
-    def only_present(self, values: PyTree[Array]) -> PyTree[Array]:
+    def zero_where_absent(self, values: PyTree[Array]) -> PyTree[Array]:
         """Return a tree of arrays [n_elem, ...], zero or False for inactive elements."""
         present = self.present
         if present is None:

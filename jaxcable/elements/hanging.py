@@ -40,7 +40,7 @@ from .hanging_terms import (
 
 
 @jax.jit  # traced once, although a program calls it many times
-def hang(
+def solve_catenary(
     chord: Float[Array, " 3"],
     excess: Scalar,
     load: Float[Array, " 3"],
@@ -84,7 +84,7 @@ def tension_unknown(
     stiffness: Scalar,
 ) -> Scalar:
     """Return ``tau - |q| L0/2``, N, the unknown of `hanging_springs`; arguments as of `hang`."""
-    _, tau, theta = hang(chord, excess, load, rest_length, stiffness)
+    _, tau, theta = solve_catenary(chord, excess, load, rest_length, stiffness)
     weight, _ = magnitude_and_direction(load)
     heavy = weight > 0
     deep = weight * rest_length / jnp.expm1(2 * jnp.where(heavy, theta, 1.0))

@@ -22,7 +22,7 @@ from ..common.types import Array, Float
 from ..numerics.roots import bracketed_root
 from ..numerics.vectors import scalar_product
 from .element import Scalar
-from .hanging import hang
+from .hanging import solve_catenary
 from .hanging_terms import cosh_less_1, magnitude_and_direction, sinhc_less_1
 
 
@@ -36,7 +36,7 @@ def midspan_sag(
 
     Args:
         force, theta: tension vector in the middle, N, and parameter of the shape, from
-            `hang`.
+            `solve_catenary`.
         load: per unstressed length, [3], N/m, not along the chord; not zero.
         stiffness: EA, N.
     """
@@ -86,7 +86,7 @@ def strain_at_sag(
     def mismatch(u):
         rest_length = length * jnp.exp(u)
         excess = -length2 * jnp.expm1(2 * u)
-        force, _, theta = hang(chord, excess, load, rest_length, stiffness)
+        force, _, theta = solve_catenary(chord, excess, load, rest_length, stiffness)
         return jnp.log(midspan_sag(force, theta, load, stiffness) / sag)
 
     weight, unit = magnitude_and_direction(load)

@@ -90,7 +90,7 @@ def hanging_under_tension(
 def tension_stiffness(
     tension: Scalar, load: Float[Array, " 3"], rest_length: Scalar, stiffness: Scalar
 ) -> Float[Array, "3 3"]:
-    """Return the derivative of ``force`` of `Under` by the chord, [3, 3], N/m."""
+    """Return the derivative of ``force`` of `HangingUnderTension` by the chord, [3, 3], N/m."""
     weight, unit = magnitude_and_direction(load)
     strain, theta = mean_strain_and_theta(tension / stiffness, weight * rest_length / stiffness)
     spring, further = spring_stiffnesses(strain, theta)

@@ -29,7 +29,7 @@ class InnerUnknowns(Bending):
     springs: Float[ArrayLike, "n_elem 2 3"] | None = None
 
     @property
-    def inner(self) -> tuple[tuple[int, int], ...]:  # type: ignore[override]  # read only
+    def inner_unknowns(self) -> tuple[tuple[int, int], ...]:  # type: ignore[override]  # read only
         """Indices of the inner unknowns as (row after the ends, column), a tuple.
 
         A section that is not linear has ``a_1 L, a_2 L`` and ``b L^2 / 32``, the deflection of the
@@ -63,13 +63,13 @@ class InnerUnknowns(Bending):
     @property
     def _inner_indices(self) -> tuple[Int[np.ndarray, " k"], ...]:
         """Rows, counted after the two ends, and columns of the inner unknowns."""
-        return tuple(np.array(self.inner).T)
+        return tuple(np.array(self.inner_unknowns).T)
 
     def _forces_at_ends(self, force: Float[Array, " 9+k"]) -> Forces:
         """Return forces [9 + k] of `BeamElement._forces_after_step` by ends, [n_end, 6]."""
         pull, first, second, inner = jnp.split(force, [3, 6, 9])
         at = jnp.stack([jnp.concatenate([-pull, first]), jnp.concatenate([pull, second])])
-        if not self.inner:
+        if not self.inner_unknowns:
             return at
         rows = jnp.zeros((self.n_inner_row, 6), force.dtype).at[self._inner_indices].set(inner)
         return jnp.concatenate([at, rows])

@@ -17,7 +17,7 @@ from ..numerics.vectors import scalar_product
 from .abilities import STATEMENTS, Prestressable
 from .element import Ends, Motion, Scalar
 from .element_state import ElementLoad, ElementState
-from .stated import Stated
+from .statement import StatedValues
 
 
 @pytree
@@ -57,14 +57,14 @@ class AxialState(ElementState):
     jack_force: Float[Array, " n_elem"] | None = None
     jacked: Bool[Array, " n_elem"] | None = None
     loaded_length: Float[Array, " n_elem"] | None = None
-    warmth: Float[Array, " n_elem"] | None = None
+    thermal_stretch: Float[Array, " n_elem"] | None = None
     memory: PyTree[Float[Array, "n_elem ..."]] | None = None
     element_load: ElementLoad | None = None
     present: Bool[Array, " n_elem"] | None = None
     kinks: Float[Array, "n_elem 2 3"] | None = None
 
     @property
-    def loaded(self) -> Float[Array, " n_elem"]:
+    def load_bearing_length(self) -> Float[Array, " n_elem"]:
         """Length on which weight and loads act: `loaded_length`, or `rest_length` if it is None."""
         return self.rest_length if self.loaded_length is None else self.loaded_length
 
@@ -82,7 +82,7 @@ class Prestressed(Prestressable):
         """Return the weight of every element, [n_elem], N; None if the group has none."""
         if self.weight is None:
             return None
-        return state.only_present(self.weight * state.loaded)
+        return state.zero_where_absent(self.weight * state.load_bearing_length)
 
     @abc.abstractmethod
     def strain_at(
@@ -90,9 +90,9 @@ class Prestressed(Prestressable):
     ) -> Scalar:
         """Return the strain at an axial force, N; NaN if the law does not reach this force."""
 
-    def between(self, start: AxialState, end: AxialState, factor: Scalar) -> AxialState:
+    def interpolate_states(self, start: AxialState, end: AxialState, factor: Scalar) -> AxialState:
         """Interpolate the state at a load factor; NaN where a shortening exceeds the length."""
-        mixed = super().between(start, end, factor)
+        mixed = super().interpolate_states(start, end, factor)
         length = jnp.where(mixed.rest_length > 0, mixed.rest_length, jnp.nan)
         return copy_with(mixed, rest_length=length)
 
@@ -103,16 +103,16 @@ class Prestressed(Prestressable):
             rest_length, elongation = chord, jnp.zeros_like(chord)
         else:
             rest_length, elongation = self.rest_length, chord - self.rest_length
-        warmth = None if self.expansion is None else jnp.ones_like(rest_length)
+        thermal_stretch = None if self.expansion is None else jnp.ones_like(rest_length)
         return AxialState(
             rest_length,
             elongation,
             loaded_length=rest_length,
-            warmth=warmth,
+            thermal_stretch=thermal_stretch,
             memory=self.initial_memory(),
         )
 
-    def unstressed(
+    def unstressed_state(
         self, ends: Float[Array, "n_elem n_end 3"], slack: Bool[Array, " n_elem"]
     ) -> AxialState:
         """Return a state with unstressed lengths of one chord, or of two where `slack`."""
@@ -120,9 +120,9 @@ class Prestressed(Prestressable):
         longer = jnp.where(slack, chord, 0.0)
         return copy_with(self.start(ends), rest_length=chord + longer, elongation=-longer)
 
-    def found(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
+    def state_at_activation(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """Return the state of an element activated here: unstressed, or with its `rest_length`."""
-        _, length, change, start = stretch(ends[:2], motion[:2, :3])
+        _, length, change, start = measure_chord(ends[:2], motion[:2, :3])
         return self._state_when_added(state, length, change, start)
 
     def _state_when_added(self, state, length, change, start):
@@ -130,86 +130,94 @@ class Prestressed(Prestressable):
         rest_length, elongation = length, -change
         if self.rest_length is not None:
             rest_length, elongation = self.rest_length, start - self.rest_length
-        warmth = None if state.warmth is None else jnp.ones_like(state.warmth)
+        thermal_stretch = (
+            None if state.thermal_stretch is None else jnp.ones_like(state.thermal_stretch)
+        )
         return copy_with(
             state,
             rest_length=rest_length,
             elongation=elongation,
             loaded_length=rest_length,
-            warmth=warmth,
+            thermal_stretch=thermal_stretch,
         )
 
-    def restate(
+    def apply_statements(
         self,
         state: AxialState,
         ends: Float[Array, "n_elem n_end 3"],
-        statements: Mapping[str, Stated],
+        statements: Mapping[str, StatedValues],
     ) -> AxialState:
         """Return the state of a group after the prestress statements of a phase.
 
-        `ends` are the initial ends [n_elem, n_end, 3]; `statements` are `Stated` by name. Absolute
-        statements come first, then shortening, then temperature. An absolute statement describes
-        the element at its present temperature: it replaces earlier statements and shortenings, and
-        keeps the temperature. A shortening is measured at the present temperature, too. Changes of
-        temperature add up: the unstressed length is ``L (1 + expansion sum(dt))``, with L at the
-        reference temperature (`AxialState.warmth`).
+        `ends` are the initial ends [n_elem, n_end, 3]; `statements` are `StatedValues` by name.
+        Absolute statements come first, then shortening, then temperature. An absolute statement
+        describes the element at its present temperature: it replaces earlier statements and
+        shortenings, and keeps the temperature. A shortening is measured at the present temperature,
+        too. Changes of temperature add up: the unstressed length is ``L (1 + expansion sum(dt))``,
+        with L at the reference temperature (`AxialState.thermal_stretch`).
         """
         chord = self.chord(ends)
-        rest_length, elongation, loaded = state.rest_length, state.elongation, state.loaded
-        warmth: float | Float[Array, " n_elem"] = 1.0 if state.warmth is None else state.warmth
+        rest_length, elongation, loaded = (
+            state.rest_length,
+            state.elongation,
+            state.load_bearing_length,
+        )
+        thermal_stretch: float | Float[Array, " n_elem"] = (
+            1.0 if state.thermal_stretch is None else state.thermal_stretch
+        )
         for name, stated in statements.items():
             if name in ("shortening", "temperature"):
                 continue
             if name == "rest_length":
-                rest = stated.over(stated.values, chord)
+                rest = stated.select(stated.values, chord)
                 lengths = rest, chord - rest
             else:
                 strain = self.strain_of_statement(name, stated, state, ends, chord)
                 lengths = chord / (1 + strain), chord * (strain / (1 + strain))
-            rest_length, elongation = map(stated.over, lengths, (rest_length, elongation))
-            loaded = stated.over(rest_length / warmth, loaded)
+            rest_length, elongation = map(stated.select, lengths, (rest_length, elongation))
+            loaded = stated.select(rest_length / thermal_stretch, loaded)
         if "shortening" in statements:
             change = statements["shortening"].values
             rest_length, elongation = rest_length - change, elongation + change
-            loaded = loaded - change / warmth
+            loaded = loaded - change / thermal_stretch
         if "temperature" in statements:
             strain = self.expansion * statements["temperature"].values
-            change = rest_length / warmth * strain
+            change = rest_length / thermal_stretch * strain
             rest_length, elongation = rest_length + change, elongation - change
-            warmth = warmth + strain
+            thermal_stretch = thermal_stretch + strain
         return copy_with(
             state,
             rest_length=rest_length,
             elongation=elongation,
             loaded_length=loaded,
-            warmth=None if state.warmth is None else warmth,
+            thermal_stretch=None if state.thermal_stretch is None else thermal_stretch,
         )
 
     def strain_of_statement(
         self,
         name: str,
-        stated: Stated,
+        stated: StatedValues,
         state: AxialState,
         ends: Float[Array, "n_elem n_end 3"],
         chord: Float[Array, " n_elem"],
     ) -> Float[Array, " n_elem"]:
         """Return the strain of the initial chord that an absolute statement requires, [n_elem]."""
         if name == "pretension":
-            return of_each("strain_at", self, stated.values, state.memory)
+            return call_each_element("strain_at", self, stated.values, state.memory)
         if name == "force_density":
-            return of_each("strain_at", self, stated.values * chord, state.memory)
+            return call_each_element("strain_at", self, stated.values * chord, state.memory)
         if name == "sag":
-            sag = stated.over(stated.values, 0.1 * chord)
+            sag = stated.select(stated.values, 0.1 * chord)
             if stated.chosen is not None:  # others may be plumb: level spans have derivatives
                 level = jnp.zeros_like(ends).at[:, 1, 0].set(chord)
                 ends = jnp.where(jnp.asarray(stated.chosen)[:, None, None], ends, level)
             hung = self.strain_at_sag  # type: ignore[attr-defined]  # it is `Sagging`
-            return hung(ends, sag, 1.0 if state.warmth is None else state.warmth)
+            return hung(ends, sag, 1.0 if state.thermal_stretch is None else state.thermal_stretch)
         return stated.values
 
 
 @jax.jit  # traced once, although a program calls it many times
-def stretch(ends: Ends, motion: Motion) -> tuple[Float[Array, " 3"], Scalar, Scalar, Scalar]:
+def measure_chord(ends: Ends, motion: Motion) -> tuple[Float[Array, " 3"], Scalar, Scalar, Scalar]:
     """Return the present chord vector and length, its change (no subtraction), initial length."""
     chord, w = ends[1] - ends[0], motion[1] - motion[0]
     vector = chord + w
@@ -217,7 +225,7 @@ def stretch(ends: Ends, motion: Motion) -> tuple[Float[Array, " 3"], Scalar, Sca
     return vector, length, scalar_product(2 * chord + w, w) / (length + start), start
 
 
-def jacked_or(
+def jack_value_or(
     state: AxialState, force: Float[ArrayLike, " ..."], otherwise: Callable[[], Array]
 ) -> Array:
     """Return `force` where a jack prescribes the force of the element, else ``otherwise()``."""
@@ -226,16 +234,18 @@ def jacked_or(
     return force if state.jacked is None else jnp.where(state.jacked, force, otherwise())
 
 
-def element(group: Any, properties: Mapping[str, PyTree[Array]]) -> Any:
+def single_element(group: Any, properties: Mapping[str, PyTree[Array]]) -> Any:
     """Return the group as one element, inside vmap over `properties`."""
     return copy_with(group, links=None, **properties)
 
 
-def of_each(method: str, group: Any, *arguments: PyTree[Array], **shared: Any) -> PyTree[Array]:
+def call_each_element(
+    method: str, group: Any, *arguments: PyTree[Array], **shared: Any
+) -> PyTree[Array]:
     """Call a method of every element of a group with arguments [n_elem, ...], by vmap."""
 
     def one(properties, *values):
-        return getattr(element(group, properties), method)(*values, **shared)
+        return getattr(single_element(group, properties), method)(*values, **shared)
 
     return jax.vmap(one, axis_size=len(group.links))(group.properties(), *arguments)
 

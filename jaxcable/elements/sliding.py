@@ -18,7 +18,7 @@ from ..common.types import Array, ArrayLike, Float, Int
 from .abilities import Jacked, Rounding
 from .cable import TensionOnly
 from .element import Element, Ends, Forces, Motion, Scalar
-from .prestress import AxialState, jacked_or
+from .prestress import AxialState, jack_value_or
 
 
 @pytree(indices=("links",))
@@ -90,7 +90,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         """Return the initial length over all nodes [n_elem, n_end, 3], [n_elem], m."""
         return jnp.sum(_piece_vectors(ends)[1], axis=-1)
 
-    def at_ends(
+    def split_among_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
         """Split an `amount` [n_elem] among the nodes by half the lengths of their pieces."""
@@ -108,9 +108,13 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         unit = piece / jnp.where(length > 0, length, 1.0)[:, None]
         pull = self.tension(state, ends, motion) * unit
         force = jnp.pad(pull, ((1, 0), (0, 0))) - jnp.pad(pull, ((0, 1), (0, 0)))
-        return force if state.line_load is None else force - self.slid(state, ends, motion)
+        return (
+            force
+            if state.line_load is None
+            else force - self.sliding_load_forces(state, ends, motion)
+        )
 
-    def slid(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
+    def sliding_load_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """Return nodal forces of the load along it, less its initial shares, [n_end, 3], N."""
         return -jax.grad(self._sliding_potential, argnums=2)(state, ends, motion)
 
@@ -122,10 +126,10 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         piece, length = _moved_pieces(ends, motion)
         middle = jnp.cumsum(piece, axis=0) - 0.5 * piece
         now = motion[0] + length @ middle / jnp.sum(length)
-        share = self.at_ends(jnp.ones((1,), length.dtype), ends[None])[0]
+        share = self.split_among_ends(jnp.ones((1,), length.dtype), ends[None])[0]
         return state.rest_length * state.line_load @ (share @ motion - now)
 
-    def pulls(self, state: AxialState) -> bool:
+    def has_tension_unknown(self, state: AxialState) -> bool:
         """Return whether the tension is its only unknown: no load slides along."""
         return state.line_load is None
 
@@ -137,14 +141,14 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
             return state.rest_length * self.energy_per_length(strain, state.memory)
 
         work = None if state.jack_force is None else state.jack_force * _length_change(ends, motion)
-        energy = jacked_or(state, work, stored)
+        energy = jack_value_or(state, work, stored)
         return (
             energy
             if state.line_load is None
             else energy + self._sliding_potential(state, ends, motion)
         )
 
-    def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
+    def rounding_error(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """Return the error of the end forces by rounding of displacements, [n_end, 3], N."""
         piece, length = _moved_pieces(ends, motion)
         unit = jnp.abs(piece) / jnp.where(length > 0, length, 1.0)[:, None]
@@ -153,16 +157,16 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         pull = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * unit
         return jnp.pad(pull, ((1, 0), (0, 0))) + jnp.pad(pull, ((0, 1), (0, 0)))
 
-    def found(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
+    def state_at_activation(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """Return the state of a cable activated here: unstressed, or with its `rest_length`."""
         start, length = (
             jnp.sum(of[1]) for of in (_piece_vectors(ends), _moved_pieces(ends, motion))
         )
         return self._state_when_added(state, length, _length_change(ends, motion), start)
 
-    def lock(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
+    def lock_off(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """Return the state after lock-off: an unstressed length that gives the jack force here."""
-        return self.locked(
+        return self.locked_off_state(
             state, jnp.sum(_moved_pieces(ends, motion)[1]), _length_change(ends, motion)
         )
 

@@ -13,8 +13,8 @@ from ..common.tree import copy_with
 from .abilities import Sagging, components_of, statements_of
 from .element import Element
 from .element_state import OwnState
-from .prestress import of_each
-from .stated import Stated
+from .prestress import call_each_element
+from .statement import StatedValues
 
 
 def statement_faults(group: Element, state: OwnState, ends: Any) -> Iterator[str]:
@@ -27,36 +27,38 @@ def statement_faults(group: Element, state: OwnState, ends: Any) -> Iterator[str
         if not _can_be_stated(name, group):
             continue
         shape = (len(group.links), *filter(None, [len(components_of(group, name))]))
-        nothing = {name: Stated(jnp.zeros(shape), jnp.zeros(len(group.links), bool))}
+        nothing = {name: StatedValues(jnp.zeros(shape), jnp.zeros(len(group.links), bool))}
         words = "the same state where the statement concerns no element"
         try:
-            after: Any = stateable.restate(state, ends, nothing)
+            after: Any = stateable.apply_statements(state, ends, nothing)
             wrong = _describe_difference(state, after)
         except Exception as error:  # of the author's code
-            yield describe_error(f"restate: {name}", words, error)
+            yield describe_error(f"apply_statements: {name}", words, error)
             continue
         pairs = zip(*map(jax.tree.leaves, (state, after)), strict=not wrong)
         if not wrong and not all(np.array_equal(a, b, equal_nan=True) for a, b in pairs):
-            wrong = "other numbers; take `stated.over(new, old)`"
+            wrong = "other numbers; take `stated.select(new, old)`"
         if wrong:
-            yield f"restate: {name}: expected {words}, got {wrong}"
+            yield f"apply_statements: {name}: expected {words}, got {wrong}"
 
 
 def activation_faults(group: Element, state: OwnState, ends: Any, motion: Any) -> Iterator[str]:
     """Yield faults of the state of elements that are activated after a motion."""
-    if type(group).found is Element.found:
+    if type(group).state_at_activation is Element.state_at_activation:
         return
     words = "a state like that of `start`"
-    begins = group.partly(state, jnp.ones(len(group.links), bool))
-    if group.remembers:
+    begins = group.with_activation(state, jnp.ones(len(group.links), bool))
+    if group.has_memory:
         begins = copy_with(begins, memory=group.initial_memory())
     try:
-        wrong = _describe_difference(begins, of_each("found", group, begins, ends, motion))
+        wrong = _describe_difference(
+            begins, call_each_element("state_at_activation", group, begins, ends, motion)
+        )
     except Exception as error:  # of the author's code
-        yield describe_error("found", words, error)
+        yield describe_error("state_at_activation", words, error)
         return
     if wrong:
-        yield f"found: expected {words}, got {wrong}"
+        yield f"state_at_activation: expected {words}, got {wrong}"
 
 
 def _can_be_stated(name, group):

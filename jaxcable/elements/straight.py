@@ -26,7 +26,7 @@ from ..sections import Section
 from .abilities import Uniaxial
 from .axial import Axial
 from .element import SECTION_STRAIN, TENSION, Ends, Motion, Result, Scalar
-from .prestress import AxialState, Prestressed, checked_links, jacked_or, stretch
+from .prestress import AxialState, Prestressed, checked_links, jack_value_or, measure_chord
 
 # entries of the mass matrix over the mass, on and off the diagonal; "mean" is of order 4 in length
 _SHARES = {"lumped": (1 / 2, 0.0), "consistent": (1 / 3, 1 / 6), "mean": (5 / 12, 1 / 12)}
@@ -110,22 +110,22 @@ class Straight(Axial, Prestressed, Uniaxial):
 
     def force(self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
         """Return the axial force, N, at `strain`."""
-        stiffness, law, area = self._section()
+        stiffness, law, area = self._axial_section()
         return stiffness * strain if law is None else area * law.stress_at(strain, memory)
 
     def energy_per_length(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
     ) -> Scalar:
         """Return the stored energy per unstressed length, J/m."""
-        stiffness, law, area = self._section()
+        stiffness, law, area = self._axial_section()
         return 0.5 * stiffness * strain**2 if law is None else area * law.energy_at(strain, memory)
 
     def strain_at(self, force: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
         """Return the strain at an axial force, N; NaN above the peak of the law."""
-        stiffness, law, area = self._section()
+        stiffness, law, area = self._axial_section()
         return force / stiffness if law is None else law.strain_at(force / area, memory)
 
-    def _section(self):
+    def _axial_section(self):
         """Return the triple (axial stiffness, law, area), with the compliance in series.
 
         Either the stiffness is None, or law and area are.
@@ -152,7 +152,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         return () if self.law is None else (template_of(self.law),)
 
     @property
-    def remembers(self) -> bool:  # type: ignore[override]  # read only
+    def has_memory(self) -> bool:  # type: ignore[override]  # read only
         """Whether its law has history variables."""
         return any(law.n_memory for law in self._laws)
 
@@ -170,7 +170,7 @@ class Straight(Axial, Prestressed, Uniaxial):
 
     def initial_memory(self) -> Float[Array, "n_elem n_memory"] | None:
         """Return history variables of elements not strained yet, [n_elem, n_memory], or None."""
-        if not self.remembers:
+        if not self.has_memory:
             return None
         area = self.area if self.section is None else template_of(self.section).area
         count = sum(law.n_memory for law in self._laws)
@@ -192,7 +192,7 @@ class Straight(Axial, Prestressed, Uniaxial):
             return self
         return copy_with(self, law=apply_to_each(lambda part: part.without_softening(), self.law))
 
-    def stiffness_along(self) -> Float[ArrayLike, " n_elem"] | None:
+    def linear_axial_stiffness(self) -> Float[ArrayLike, " n_elem"] | None:
         """Return the axial stiffness EA if the law is linear, [n_elem], N; None otherwise."""
         stiffness = self.axial_stiffness
         if stiffness is None:
@@ -231,17 +231,17 @@ class Straight(Axial, Prestressed, Uniaxial):
     def has_result(self, name: str, state: AxialState) -> bool:
         """Return whether it has a result; strains only with fibres, rupture or history."""
         if name == "section_strain":
-            return self.section is not None or self.has_rupture or self.remembers
+            return self.section is not None or self.has_rupture or self.has_memory
         return super().has_result(name, state)
 
     def strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Return the engineering strain on the unstressed length."""
-        _, _, change, _ = stretch(ends, motion)
+        _, _, change, _ = measure_chord(ends, motion)
         return (state.elongation + change) / state.rest_length
 
     def tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Return the axial force, N, tension positive."""
-        return jacked_or(
+        return jack_value_or(
             state,
             state.jack_force,
             lambda: self.force(self.strain(state, ends, motion), state.memory),
@@ -261,7 +261,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         prescribed = None
         if state.jack_force is not None:
             prescribed = jnp.stack([state.jack_force, jnp.zeros_like(state.jack_force)])
-        force, stiffness = jacked_or(state, prescribed, following)
+        force, stiffness = jack_value_or(state, prescribed, following)
         return force, stiffness
 
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
@@ -271,32 +271,34 @@ class Straight(Axial, Prestressed, Uniaxial):
             strain = self.strain(state, ends, motion)
             return state.rest_length * self.energy_per_length(strain, state.memory)
 
-        work = None if state.jack_force is None else state.jack_force * stretch(ends, motion)[2]
-        return jacked_or(state, work, stored)
+        work = (
+            None if state.jack_force is None else state.jack_force * measure_chord(ends, motion)[2]
+        )
+        return jack_value_or(state, work, stored)
 
     def section_strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Return the strain of the fibres, one for all; under a jack the strain of its force."""
         jacked = (
             None if state.jack_force is None else self.strain_at(state.jack_force, state.memory)
         )
-        return jacked_or(state, jacked, lambda: self.strain(state, ends, motion))
+        return jack_value_or(state, jacked, lambda: self.strain(state, ends, motion))
 
-    def size(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
+    def absolute_force(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Return the sum of the absolute forces of the law's parts, N: the scale of rounding."""
-        _, law, area = self._section()
+        _, law, area = self._axial_section()
         return area * law.stress_scale_at(self.section_strain(state, ends, motion), state.memory)
 
     def commit_memory(
         self, strain: Scalar, memory: Float[Array, " n_memory"], duration: float = 0.0
     ) -> Float[Array, " n_memory"]:
         """Return the history variables after an increment of a `duration`, s, to a `strain`."""
-        return self._section()[1].commit_memory(strain, memory, duration)
+        return self._axial_section()[1].commit_memory(strain, memory, duration)
 
     def fibre_stress(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
     ) -> Float[Array, " n_fibre"] | Scalar:
         """Return the stress of every fibre, [n_fibre], Pa, equal within a law; scalar otherwise."""
-        law = self._section()[1]
+        law = self._axial_section()[1]
         if self.section is None:
             return law.stress_at(strain, memory)
         several = isinstance(law, Parallel)
@@ -308,16 +310,16 @@ class Straight(Axial, Prestressed, Uniaxial):
 
     def is_ruptured(self, strain: Scalar) -> Bool[Array, ""]:
         """Return whether `strain` is beyond the rupture strain of the law."""
-        return self._section()[1].is_ruptured(strain)
+        return self._axial_section()[1].is_ruptured(strain)
 
     # --- prestress
 
-    def locked(self, state: AxialState, length: Scalar, change: Scalar) -> AxialState:
+    def locked_off_state(self, state: AxialState, length: Scalar, change: Scalar) -> AxialState:
         """Return the state after lock-off at a `length`, m, `change` above the initial one."""
         strain = self.strain_at(state.jack_force, state.memory)  # type: ignore[arg-type]  # not None
         rest_length = length / (1 + strain)
         pair = jnp.stack([rest_length, rest_length * strain - change])
-        pair = jacked_or(state, pair, lambda: jnp.stack([state.rest_length, state.elongation]))
+        pair = jack_value_or(state, pair, lambda: jnp.stack([state.rest_length, state.elongation]))
         return copy_with(
             state, rest_length=pair[0], elongation=pair[1], jack_force=None, jacked=None
         )

@@ -17,7 +17,7 @@ from ..numerics.rotations import IDENTITY, move_node
 from .abilities import Jacked, Sagging
 from .element import Element, Result
 from .element_state import ElementState
-from .prestress import element
+from .prestress import single_element
 from .state_trial import activation_faults, describe_error, describe_kind, statement_faults
 
 # Displacement at which a group is tested, over the mean distance of its ends: large enough that
@@ -122,7 +122,7 @@ class _MethodTrial:
         """Call ``method(one, state, ends, motion)`` for every element, by vmap."""
 
         def one(properties, *at):
-            return method(element(self.group, properties), *at)
+            return method(single_element(self.group, properties), *at)
 
         at = self.state, self.ends, self.motion if motion is None else motion
         return jax.vmap(one)(self.group.properties(), *at)
@@ -146,7 +146,7 @@ class _MethodTrial:
             if bad and name != "tangent":
                 return
         yield from self._named_result_faults()
-        if self.group.remembers:
+        if self.group.has_memory:
             yield from self._memory_faults()
         yield from statement_faults(self.group, self.state, self.ends)
         yield from activation_faults(self.group, self.state, self.ends, self.motion)
@@ -171,7 +171,7 @@ class _MethodTrial:
             yield f"{name}: expected {words}, got {describe_kind(values)}"
             return
         # of the columns of inner rows the tangent has those that contain a number
-        inner = name == "tangent" and self.group.inner and values.ndim == 3
+        inner = name == "tangent" and self.group.inner_unknowns and values.ndim == 3
         if values.shape[1:] not in shapes and not (inner and len({*values.shape[1:]}) == 1):
             yield f"{name}: expected {words}, got shape {values.shape[1:]}"
             return
@@ -232,14 +232,15 @@ class _MethodTrial:
         expected = jax.tree.map(lambda x: (x.shape, x.dtype), self.state.memory)
         words = "a memory like that of the state"
         try:
-            after = self.for_every_element(lambda one, *at: one.settled(*at, duration=0.0))
+            after = self.for_every_element(lambda one, *at: one.committed_memory(*at, duration=0.0))
         except Exception as error:  # of the author's code
-            yield describe_error("settled", words, error)
+            yield describe_error("committed_memory", words, error)
         else:
             found = jax.tree.map(lambda x: (jnp.shape(x), jnp.result_type(x)), after)
             if jax.tree.structure(found) != jax.tree.structure(expected) or found != expected:
-                yield f"settled: expected {words}, {expected} for all elements, got {found}"
-        yield from self._result_faults("size", ((),), "", None)
+                text = f"{words}, {expected} for all elements, got {found}"
+                yield f"committed_memory: expected {text}"
+        yield from self._result_faults("absolute_force", ((),), "", None)
 
     def _derivative_faults(self, tol, conservative):
         """Yield faults of the forces after a step, the tangent, and the energy."""
@@ -253,20 +254,22 @@ class _MethodTrial:
             return jax.vmap(move_node)(motion, step) if group.rotates else motion + step
 
         def about(one, *at):
-            return jax.jacfwd(lambda step: one.end_forces_about(*at, step))(still)
+            return jax.jacfwd(lambda step: one.end_forces_after_step(*at, step))(still)
 
         def slope(one, state, ends, motion):
             return jax.grad(lambda step: one.energy(state, ends, moved(motion, step)))(still)
 
-        bad = [*self._result_faults("end_forces_about", (shape,), "", None, still)]
+        bad = [*self._result_faults("end_forces_after_step", (shape,), "", None, still)]
         if bad:
             yield from bad
             return
         try:
-            here = every(lambda one, *at: one.end_forces_about(*at, still))
+            here = every(lambda one, *at: one.end_forces_after_step(*at, still))
             derivative = every(about).reshape(self.n_elem, still.size, still.size)
         except Exception as error:  # of the author's code
-            yield describe_error("end_forces_about", "a function that jax can differentiate", error)
+            yield describe_error(
+                "end_forces_after_step", "a function that jax can differentiate", error
+            )
             return
         if group.rotates:
             other = every(
@@ -278,12 +281,15 @@ class _MethodTrial:
                     "rotation"
                 )
         if not _relative_difference(here, forces, size) <= tol:
-            yield "end_forces_about: at a step of zero it is not `end_forces`"
+            yield "end_forces_after_step: at a step of zero it is not `end_forces`"
         tangent = every(lambda one, *at: one.tangent(*at))
         count = round((tangent.size // self.n_elem) ** 0.5)
         tangent = tangent.reshape(self.n_elem, count, count)
         largest = jnp.max(jnp.abs(tangent))
-        if not group.inner and not _relative_difference(tangent, derivative, largest) <= tol:
+        if (
+            not group.inner_unknowns
+            and not _relative_difference(tangent, derivative, largest) <= tol
+        ):
             yield "tangent: it is not the derivative of the end forces"
         across = _relative_difference(tangent, jnp.swapaxes(tangent, 1, 2), largest)
         if group.symmetric and not across <= tol:
@@ -291,7 +297,7 @@ class _MethodTrial:
                 f"symmetric: its tangent is not ({across:.1e} of the largest entry); state "
                 "symmetric = False"
             )
-        if conservative and not group.inner:
+        if conservative and not group.inner_unknowns:
             try:
                 gradient = every(slope)
             except Exception as error:  # of the author's code
@@ -320,11 +326,15 @@ def _field_faults(group, state, n_elem):
     known = type(state)._all_fields
     needs = (
         ("has_length", group.has_length, ("rest_length",)),
-        ("remembers", group.remembers, ("memory",)),
+        ("has_memory", group.has_memory, ("memory",)),
         ("Jacked", isinstance(group, Jacked), ("jack_force", "jacked")),
         ("Sagging", isinstance(group, Sagging), ("rest_length",)),
         ("shaped_by_load", group.shaped_by_load, ("element_load",)),
-        ("found", type(group).found is not Element.found, ("present",)),
+        (
+            "state_at_activation",
+            type(group).state_at_activation is not Element.state_at_activation,
+            ("present",),
+        ),
     )
     for ability, has, names in needs:
         for name in names:

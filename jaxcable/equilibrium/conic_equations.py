@@ -18,7 +18,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..linear import Matrix
 from ..mechanics import pieces
 from ..mechanics.assembly import System
-from ..mechanics.pulls import Pulls, held
+from ..mechanics.tension_responses import TensionResponses, prescribed_tensions
 from ..numerics.cones import nesterov_todd_scaling, norm, repeat_for_vectors
 from ..spaces.space import Motion
 from .newton_step import max_abs
@@ -73,7 +73,7 @@ class ConicEquations:
         unknowns: Any,
         system: System,
         x: Motion,
-        pulls: Pulls,
+        pulls: TensionResponses,
         residual: Float[Array, " n_free"],
         guess: Float[Array, " n"],
         load: Float[Array, ""],
@@ -88,7 +88,7 @@ class ConicEquations:
             pulls, residual: those of the system at x.
             guess, load, length: as of `ConicEquations`.
         """
-        vector = pieces.vectors(system, x)
+        vector = pieces.piece_vectors(system, x)
         piece_length = norm(vector)
         piece_length = jnp.where(piece_length > 0, piece_length, 1.0)
         none = jnp.zeros_like(piece_length)
@@ -97,13 +97,13 @@ class ConicEquations:
             base_tension=pulls.tension,
             slope=pulls.slope,
             vector=vector,
-            stiff=pieces.repeated(system, guess) / piece_length,
+            stiff=pieces.repeat_per_piece(system, guess) / piece_length,
             across=vector / repeat_for_vectors(piece_length, vector),
             ratio=jnp.ones_like(piece_length),
             spring=none,
             rhs=-residual,
             guess=guess,
-            jacked=held(system),
+            jacked=prescribed_tensions(system),
             load=load,
             length=length,
         )
@@ -126,14 +126,14 @@ class ConicEquations:
         )
         new = copy_with(self, unknowns=copy_with(unknowns, interior_point=inner))
         guess = jnp.where(unknowns.is_interior, inner.tension, unknowns.guess)
-        under = pulls.under(system, jnp.maximum(guess, 0.0))
-        given = system, guess, under.gap, under.compliance
+        under = pulls.under_tensions(system, jnp.maximum(guess, 0.0))
+        given = system, guess, under.spare_length, under.compliance
         ways = (
             (lambda: new._interior_equations(*given)),
             (lambda: new._finish_equations(*given, piece_length)),
         )
         new, pull = lax.cond(unknowns.is_interior, *ways)
-        unbalanced = system.external_force(x) - pieces.at_nodes(system, pull)
+        unbalanced = system.external_force(x) - pieces.sum_piece_forces(system, pull)
         return copy_with(new, rhs=system.space.restrict(unbalanced, x))
 
     def _interior_equations(self, system, tension, spare_length, compliance):
@@ -143,16 +143,16 @@ class ConicEquations:
         `compliance`.
         """
         inner = self.unknowns.interior_point
-        single = pieces.repeated(system, tension)
+        single = pieces.repeat_per_piece(system, tension)
         points = inner.length_slack + norm(self.vector), self.vector, single, inner.pull
         scaled = nesterov_todd_scaling(*points, inner.length_slack, inner.force_slack)
-        lacks = spare_length - pieces.total(system, inner.length_slack)
-        slope = 1 / (compliance + pieces.total(system, scaled.spring))
+        lacks = spare_length - pieces.sum_per_cable(system, inner.length_slack)
+        slope = 1 / (compliance + pieces.sum_per_cable(system, scaled.spring))
         if self.jacked is not None:
             slope = jnp.where(self.jacked, 0.0, slope)
-        wider = pieces.total(system, scaled.spring * (inner.corrector_tension - single))
+        wider = pieces.sum_per_cable(system, scaled.spring * (inner.corrector_tension - single))
         base = tension + slope * (wider - lacks)
-        away = pieces.repeated(system, base) - inner.corrector_tension
+        away = pieces.repeat_per_piece(system, base) - inner.corrector_tension
         pull = (
             repeat_for_vectors(scaled.ratio * away, inner.pull) * scaled.across
             - inner.corrector_pull
@@ -184,15 +184,17 @@ class ConicEquations:
             self,
             base_tension=base,
             slope=lax.select(active, stiff, none),
-            stiff=pieces.repeated(system, tension) / piece_length,
+            stiff=pieces.repeat_per_piece(system, tension) / piece_length,
             guess=tension,
         )
-        return new, repeat_for_vectors(pieces.repeated(system, base), self.across) * self.across
+        return new, repeat_for_vectors(
+            pieces.repeat_per_piece(system, base), self.across
+        ) * self.across
 
     def matrix(self, system: System, x: Motion, residual: Float[Array, ""]) -> Matrix:
         """Return the matrix of the equations, regularized; `residual` is the largest, N."""
         unknowns = self.unknowns
-        blocks = pieces.matrices(system, self.slope, self.stiff, self.across, self.ratio)
+        blocks = pieces.cable_matrices(system, self.slope, self.stiff, self.across, self.ratio)
         matrix = system.tangent(x, [*blocks])
         size = max_abs(linear.diagonal(matrix))
         force = jnp.max(self.guess) + self.load
@@ -220,9 +222,9 @@ class ConicEquations:
             definite: whether their matrix is.
         """
         unknowns = self.unknowns
-        moved = pieces.differences(system, system.space.prolong(x, step))
+        moved = pieces.piece_differences(system, system.space.prolong(x, step))
         across = jnp.sum(self.across * moved, axis=-1)
-        now = self.base_tension + self.slope * pieces.total(system, self.ratio * across)
+        now = self.base_tension + self.slope * pieces.sum_per_cable(system, self.ratio * across)
 
         def newton_step():
             far = jnp.max(norm(moved)) / (_MAX_MOTION * self.length)

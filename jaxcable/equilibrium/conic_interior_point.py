@@ -48,7 +48,7 @@ from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..mechanics import pieces
 from ..mechanics.assembly import System
-from ..mechanics.pulls import rest_lengths
+from ..mechanics.tension_responses import rest_lengths
 from ..numerics.cones import (
     ConeScaling,
     inverse_step_to_boundary,
@@ -108,7 +108,7 @@ class ConicInteriorPoint:
     def zeros(cls, system: System, x: Motion) -> ConicInteriorPoint:
         """Return zeros: the state before the method begins."""
         n = sum(len(group.links) for group in system.groups)
-        number, vector = (jnp.zeros(s, x.dtype) for s in pieces.shapes(system))
+        number, vector = (jnp.zeros(s, x.dtype) for s in pieces.piece_shapes(system))
         none, zero, no = jnp.zeros(n, x.dtype), jnp.zeros((), x.dtype), jnp.zeros((), bool)
         return cls(none, vector, number, number, number, vector, no, zero, zero, zero)
 
@@ -133,8 +133,11 @@ class ConicInteriorPoint:
             least = jnp.finfo(x.dtype).eps * load  # a jack may have no force
             tension = jnp.where(equations.jacked, jnp.maximum(base, least), tension)
         rest = rest_lengths(system)
-        slack = _INITIAL_SLACK * rest + jnp.maximum(rest - pieces.total(system, size), 0.0)
-        slack, of_pieces = pieces.shared(system, slack), pieces.repeated(system, tension)
+        slack = _INITIAL_SLACK * rest + jnp.maximum(rest - pieces.sum_per_cable(system, size), 0.0)
+        slack, of_pieces = (
+            pieces.share_among_pieces(system, slack),
+            pieces.repeat_per_piece(system, tension),
+        )
         return copy_with(
             self,
             tension=tension,
@@ -145,7 +148,7 @@ class ConicInteriorPoint:
             corrector_pull=jnp.zeros_like(self.pull),
             has_predicted=jnp.zeros((), bool),
             load=load,
-            product=pieces.mean(system, (slack + size) * of_pieces),
+            product=pieces.mean_over_pieces(system, (slack + size) * of_pieces),
             target=jnp.zeros_like(load),
         )
 
@@ -193,10 +196,10 @@ class ConicInteriorPoint:
             whether it was a predictor.
         """
         at, v = equations.vector, self.pull
-        u, before = self.length_slack + norm(at), pieces.repeated(system, self.tension)
-        after = pieces.repeated(system, tension)
+        u, before = self.length_slack + norm(at), pieces.repeat_per_piece(system, self.tension)
+        after = pieces.repeat_per_piece(system, tension)
         away, longer = after - self.corrector_tension, equations.ratio * across
-        wider = pieces.real(system, longer - equations.spring * away)
+        wider = pieces.zero_void_pieces(system, longer - equations.spring * away)
         along = repeat_for_vectors(equations.ratio * away - equations.stiff * across, v)
         pull = (
             along * equations.across
@@ -210,7 +213,7 @@ class ConicInteriorPoint:
         rate = jnp.maximum(first, second)
         fraction = inside / jnp.maximum(rate, inside)
         beyond = lorentz_products(wider, moved, more, change)
-        mean = pieces.mean(system, beyond)
+        mean = pieces.mean_over_pieces(system, beyond)
         product = self.product + fraction * (self.target - self.product + fraction * mean)
 
         def predict():

@@ -9,7 +9,7 @@ from ..common.tree import pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..linear.sparse import FactoredMatrix
 from ..mechanics.assembly import System
-from ..mechanics.pieces import along_chain
+from ..mechanics.pieces import chain_differences
 from .newton_state import NewtonState
 from .newton_step import max_abs
 
@@ -60,7 +60,7 @@ def _find_failure_cause(system, end, residual, rounding):
     `residual` and `rounding` are the largest, N.
     """
     ends = [(system.nodes[g.links], end.x[g.links][..., :3]) for g in system.groups]
-    pieces = [along_chain(at) for at, _ in ends], [along_chain(sum(at)) for at in ends]
+    pieces = [chain_differences(at) for at, _ in ends], [chain_differences(sum(at)) for at in ends]
     before, after = (
         jnp.concatenate([jnp.sum(piece**2, axis=-1).reshape(-1) for piece in of]) for of in pieces
     )

@@ -28,7 +28,7 @@ from ..common import checks, status
 from ..common.rules import Rule, refuse_if_broken
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..mechanics.ramp import Ramp
+from ..mechanics.load_ramp import LoadRamp
 from ..numerics import implicit
 from .increment_outcome import IncrementOutcome
 from .newton import Newton, equilibrate
@@ -93,7 +93,7 @@ class Incremental:
 
 
 def solve_increments(
-    ramp: Ramp,
+    ramp: LoadRamp,
     x: Float[Array, "n_row n_motion"],
     increments: tuple[Float[Array, " n"], Bool[Array, " n"]],
     method: Incremental,
@@ -134,7 +134,7 @@ def _solve_increment(ramp, factor, x, method, code, memory, first):
 
     The `first` increment of a phase is solved to equilibrium if its stiffness is singular.
     """
-    active, system, begin = code == status.OK, ramp.at(factor, memory), x
+    active, system, begin = code == status.OK, ramp.system_at(factor, memory), x
     frozen = lax.stop_gradient(system)
     x, regular = _solve_linear_step(system, x, ramp, method)
 
@@ -172,7 +172,7 @@ def _solve_increment(ramp, factor, x, method, code, memory, first):
     x = jnp.where(good, x, begin)
     steps = jnp.where(active, steps, 0)
     # nothing is judged by it; it tells which part of the residual no correction can remove
-    rounding = jnp.max(frozen.rounding(reached), initial=0.0)
+    rounding = jnp.max(frozen.rounding_error(reached), initial=0.0)
     # where the energy is not convex, `one_phase` judges stability at the end of the phase
     stable = good & system.convex
     outcome = IncrementOutcome(x, code, steps, steps, largest, scale, rounding, iterated, stable)
@@ -184,7 +184,7 @@ def _solve_increment(ramp, factor, x, method, code, memory, first):
 def _solve_linear_step(system, x, ramp, method):
     """Return the next point by one linear solve, and whether the stiffness was regular."""
     if method.stiffness == "tangent":
-        function, numbers, back = system.chart(x)
+        function, numbers, back = system.local_residual(x)
         residual, linearized = jax.linearize(function, numbers)
         # supports are where this increment has them, as in the residual
         tangent = lax.stop_gradient(system).tangent(lax.stop_gradient(system.impose_supports(x)))
@@ -192,7 +192,7 @@ def _solve_linear_step(system, x, ramp, method):
         rhs = implicit.stop_gradient_unless(factor.regular, residual)
         return back(numbers - factor.identity_if_singular().solve(rhs, linearized)), factor.regular
     # the secant form begins at the geometry at the start of the phase
-    origin = system.impose_supports(ramp.begin.motion)
+    origin = system.impose_supports(ramp.start.motion)
     matrix = system.secant(origin, system.impose_supports(x))
     factor = linear.factorize(matrix)
     rhs = implicit.stop_gradient_unless(factor.regular, system.residual(origin))

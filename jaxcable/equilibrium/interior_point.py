@@ -30,7 +30,14 @@ from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear import Matrix
 from ..mechanics.assembly import System
-from ..mechanics.pulls import Pulls, held, lengthened, rest_lengths, stiffness, turned
+from ..mechanics.tension_responses import (
+    TensionResponses,
+    linearized_elongation,
+    net_stiffness,
+    prescribed_tensions,
+    relative_node_motion,
+    rest_lengths,
+)
 from ..spaces.space import Motion
 from .finish_decision import FinishDecision
 
@@ -132,18 +139,18 @@ class LengthBoundEquations:
         unknowns: Any,
         system: System,
         x: Motion,
-        pulls: Pulls,
+        pulls: TensionResponses,
         residual: Float[Array, " n_free"],
         guess: Float[Array, " n"],
         load: Float[Array, ""],
         length: Float[Array, ""],
     ) -> LengthBoundEquations:
         """Return the equations of the next step from x, see `ConicEquations.at_point`."""
-        none, jacked = jnp.zeros_like(pulls.tension), held(system)
+        none, jacked = jnp.zeros_like(pulls.tension), prescribed_tensions(system)
         mixed = cls(
             base_tension=pulls.tension,
             slope=pulls.slope,
-            unit_forces=pulls.along,
+            unit_forces=pulls.unit_forces,
             jacked=jnp.zeros(none.shape, bool) if jacked is None else jacked,
             rhs=-residual,
             spare_length=none,
@@ -163,27 +170,29 @@ class LengthBoundEquations:
         # a first guess only: steps change it freely
         start = jnp.clip(pulls.tension, least, most)
         tension = select_tree(unknowns.is_new_mode, start, unknowns.interior_point.tension)
-        under = pulls.under(system, tension)
-        first_slack = jnp.maximum(under.gap, _FIRST_SLACK * rest_lengths(system))
+        under = pulls.under_tensions(system, tension)
+        first_slack = jnp.maximum(under.spare_length, _FIRST_SLACK * rest_lengths(system))
         if under.sag is not None:
             first_slack = jnp.maximum(first_slack, under.sag)
         slack = select_tree(unknowns.is_new_mode, first_slack, unknowns.interior_point.length_slack)
-        product = jnp.where(free, tension * under.spare(slack), 0.0)
+        product = jnp.where(free, tension * under.beyond_sag(slack), 0.0)
         centering = unknowns.interior_point.centering
         centering = jnp.where(unknowns.is_new_mode, _FIRST_CENTERING, centering)
-        target, falls = under.aim(centering * jnp.sum(product) / jnp.maximum(jnp.sum(free), 1))
+        target, falls = under.target_product(
+            centering * jnp.sum(product) / jnp.maximum(jnp.sum(free), 1)
+        )
         damping = jnp.where(unknowns.is_new_mode, 0.0, unknowns.interior_point.damping)
         width = falls * slack + tension * under.compliance
         width = jnp.where(width > 0, width, 1.0)
-        base = tension + (target - tension * under.gap) / width
+        base = tension + (target - tension * under.spare_length) / width
         base = jnp.where(free, base, self.base_tension)
         return copy_with(
             self,
             base_tension=base,
             slope=jnp.where(free, tension / width, self.slope),
-            unit_forces=under.along,
+            unit_forces=under.unit_forces,
             rhs=-under.residual(system, x, base),
-            spare_length=under.gap,
+            spare_length=under.spare_length,
             compliance=under.compliance,
             unknowns=copy_with(
                 unknowns, interior_point=InteriorPoint(tension, slack, centering, damping)
@@ -201,7 +210,9 @@ class LengthBoundEquations:
         tensions = select_tree(
             unknowns.is_interior, unknowns.interior_point.tension, unknowns.guess
         )
-        matrix = system.tangent(x, [*stiffness(system, x, self.unit_forces, self.slope, tensions)])
+        matrix = system.tangent(
+            x, [*net_stiffness(system, x, self.unit_forces, self.slope, tensions)]
+        )
         size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
         eps, tiny = jnp.finfo(x.dtype).eps, jnp.finfo(x.dtype).tiny
         rounding = unknowns.min_shift_in_eps * (eps * size) + tiny
@@ -218,12 +229,14 @@ class LengthBoundEquations:
     ) -> tuple[Any, Float[Array, ""], Bool[ArrayLike, ""]]:
         """Return the state after a step, the fraction that is taken, and False: no predictor."""
         spread, unknowns = system.space.prolong(x, step), self.unknowns
-        longer = lengthened(system, self.unit_forces, spread)
+        longer = linearized_elongation(system, self.unit_forces, spread)
         now = self.base_tension + self.slope * longer
         mixed = copy_with(unknowns, guess=jnp.maximum(now, 0.0)), jnp.ones_like(self.length)
         after, fraction = lax.cond(
             unknowns.is_interior,
-            lambda: self._take_interior_step(now, longer, jnp.max(turned(system, spread))),
+            lambda: self._take_interior_step(
+                now, longer, jnp.max(relative_node_motion(system, spread))
+            ),
             lambda: mixed,
         )
         new, count = jnp.zeros((), bool), unknowns.steps_in_mode + 1

@@ -12,8 +12,8 @@ from ..common.tree import copy_with, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..linear.sparse import FactoredMatrix
 from ..mechanics.assembly import System
-from ..mechanics.chords import Chords, have_chords, relative
-from ..mechanics.pulls import Pulls, loaded
+from ..mechanics.chords import Chords, any_chords, relative_to_first_end
+from ..mechanics.tension_responses import TensionResponses, has_load
 from ..numerics.line_search import LineSearch
 from .convergence import ConvergenceCriterion, IterationSettings, is_stagnant, residual_tolerance
 from .globalization import ASTRAY, FullStepPhase, LevenbergShift
@@ -59,15 +59,15 @@ class EquilibriumSearch:
         self.system, self.method = system, method
         self.judges_stability, self.only_evaluates = judges_stability, only_evaluates
         self.criterion = criterion if jnp.finfo(x.dtype).eps < 1e-12 else None
-        self.begin = system.impose_supports(system.refined(x))
+        self.begin = system.impose_supports(system.with_low_part(x))
         self.tol = residual_tolerance(method, x.dtype)
         self.length, self.extent = system.length_scale(), system.extent()
         self.is_net = system.is_net
         self.may_be_unstable = not system.always_convex
-        self.is_loaded = loaded(system, self.begin) if self.is_net else None
+        self.is_loaded = has_load(system, self.begin) if self.is_net else None
         # a net beyond the peak of a law finds where its curve ends by the true forces
         softens = not self.is_net and system.without_softening().is_net
-        self.predicts = not self.is_net and not softens and have_chords(system.groups)
+        self.predicts = not self.is_net and not softens and any_chords(system.groups)
         self.convex = system.convex
         tension_only = system.may_be_convex and not self.is_net
         self.has_full_steps = tension_only or system.may_be_unsymmetric
@@ -159,11 +159,11 @@ class EquilibriumSearch:
     def _evaluate_forces(self, x, steps, exact=True):
         """Return residual less the carried one, scale, rounding, `NewtonState.elements` at x."""
         if self.is_net:
-            elements = Pulls.of(self.system, x, exact)
-            residual, scale, rounding = elements.judged(self.system, x)
+            elements = TensionResponses.of(self.system, x, exact)
+            residual, scale, rounding = elements.residual_scale_and_rounding(self.system, x)
         else:
-            end_forces, tangents = self.system.linearized(x)
-            rounding = self.system.rounding(x) if self.system.rounds else None
+            end_forces, tangents = self.system.forces_and_tangents(x)
+            rounding = self.system.rounding_error(x) if self.system.estimates_rounding else None
             chords = Chords.of(self.system, x, end_forces) if self.predicts else None
             residual, scale = self.system.residual_and_scale(x, end_forces)
             elements = tangents, chords
@@ -186,7 +186,7 @@ class EquilibriumSearch:
         if state.predicted is None:
             return slope
         chords, spread = elements[1], self.system.space.prolong(x, state.step)
-        longer = chords.elongation(relative(self.system, spread))
+        longer = chords.elongation(relative_to_first_end(self.system, spread))
         return slope - state.predicted.excess_force(chords.force) @ longer
 
     def _needs_fine_part(self, state):
@@ -254,7 +254,7 @@ class EquilibriumSearch:
         again = jnp.zeros((), bool)
         shift = select_tree(moved, state.shift.update(accepted, fraction), state.shift)
         x, full_steps = state.x, state.full_steps
-        reach = self.system.reach(x)
+        reach = self.system.largest_displacement(x)
         if self.has_full_steps:
             given = accepted, reach, state.steps, self.extent, converged
             new, again = full_steps.update(*given)
@@ -370,8 +370,8 @@ class EquilibriumSearch:
             predicting = is_prediction_step(state.steps) & ~is_full & ~converged
             forces = state.predicted.geometric_forces(chords, predicting)
             tangents = self.system.tangents(state.x, tangents)
-            slopes = chords.slopes(self.system, tangents)
-            tangents = chords.stiffened(self.system, tangents, forces)
+            slopes = chords.axial_stiffness(self.system, tangents)
+            tangents = chords.with_geometric_stiffness(self.system, tangents, forces)
             # after a step sideways R is that of EA, and so would be the shift
             size = jnp.minimum(size, jnp.max(jnp.abs(forces)) + state.start_residual)
         shift = state.shift.value(size, self.length)
@@ -388,8 +388,10 @@ class EquilibriumSearch:
         `slopes` are derivatives of axial forces by lengths, [n], N/m; the work is in J.
         """
         chords, system = state.elements[1], self.system
-        apart = relative(system, system.space.prolong(state.x, step))
+        apart = relative_to_first_end(system, system.space.prolong(state.x, step))
         longer = chords.elongation(apart)
         predicted = state.predicted.for_step(system, chords.force + slopes * longer, predicting)
-        fraction = jnp.where(predicting, step_fraction_within_length(chords.turn(apart)), 1.0)
+        fraction = jnp.where(
+            predicting, step_fraction_within_length(chords.largest_turn_squared(apart)), 1.0
+        )
         return predicted, fraction, predicted.excess_force(chords.force) @ longer

@@ -50,8 +50,8 @@ from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear.sparse import FactoredMatrix
 from ..mechanics.assembly import System
-from ..mechanics.ramp import Ramp
-from ..mechanics.reading import Reading, read
+from ..mechanics.element_output import ElementOutput, evaluate_output
+from ..mechanics.load_ramp import LoadRamp
 from ..spaces.translations import drop_low_part
 from .convergence import ConvergenceCriterion, IterationSettings, residual_tolerance
 from .increment_outcome import IncrementOutcome, is_at_rounding, make_outcome
@@ -231,34 +231,34 @@ def is_stable(system: System, x: Float[Array, "n_row n_motion"]) -> Bool[Array, 
 
 
 def solve_increments(
-    ramp: Ramp,
+    ramp: LoadRamp,
     x: Float[Array, "n_row n_motion"],
     increments: tuple[Float[Array, " n"], Bool[Array, " n"]],
     method: Newton,
     code: Int[Array, ""],
     factored: FactoredMatrix | None,
-    last_reading: Reading,
+    last_reading: ElementOutput,
     is_first: Bool[Array, ""],
     report: Callable[[Float[Array, ""], IncrementOutcome], None] | None = None,
 ) -> tuple[
     Float[Array, "n n_row n_motion"],
     Float[Array, "n n_log"],
-    Reading,
-    Reading,
+    ElementOutput,
+    ElementOutput,
     PyTree[Any],
     FactoredMatrix | None,
 ]:
     """Bring a phase to equilibrium at every load factor, each time from the point before.
 
     Args:
-        ramp: the phase, `ramp.at(factor)` a `System`; not differentiated.
+        ramp: the phase, `ramp.system_at(factor)` a `System`; not differentiated.
         x: motion to start from.
         increments: (load factors, whether the phase has them), both [1 + n_inc]; nothing is done
             at factors that the phase does not have. The first factor is 0, where nothing is solved.
         method: `Newton`.
         code: status so far; after a failure nothing moves.
         factored: as for `equilibrate`.
-        last_reading: `Reading` of the last good increment.
+        last_reading: `ElementOutput` of the last good increment.
         is_first: whether no increment has been good so far: then the start is read.
         report: function that is called after every increment with its load factor and its
             `IncrementOutcome`, or None.
@@ -266,19 +266,19 @@ def solve_increments(
     Returns:
         xs: points, [1 + n_inc, ...]; those of nets with a fine part (`spaces.translations`).
         log: `IncrementOutcome.log_row` of every increment, with latched status.
-        readings: `Reading.of_path` of every increment; after a failure, of the last good one.
-        last_reading: `Reading` of the last good increment.
+        readings: `ElementOutput.of_path` of every increment; after a failure, of the last good one.
+        last_reading: `ElementOutput` of the last good increment.
         memory: history variables at the end.
         factored: what is factored at the end.
     """
-    begun = ramp.begun()
-    x = first = begun.refined(x)
-    largest_added = ramp.most_added(begun, increments[0]) if ramp.varies else None
+    begun = ramp.initial_system()
+    x = first = begun.with_low_part(x)
+    largest_added = ramp.largest_added_load(begun, increments[0]) if ramp.varies else None
 
     def solve_increment(carry, increment):
         x, code, memory, factored, last_reading, earlier_residual = carry
         factor, live = increment
-        system, judges = ramp.at(factor, memory), method.watch | (factor == 1)
+        system, judges = ramp.system_at(factor, memory), method.watch | (factor == 1)
         good, at_start = code == status.OK, factor == 0
         active, only_evaluates = live & good, at_start & good
         criterion = ConvergenceCriterion.of_increment(
@@ -290,11 +290,11 @@ def solve_increments(
         motion, ruptured = select_tree(begins, first, end.x), False
         reading = lax.cond(
             begins | ended,
-            lambda: read(_with_states_of_start(system, begun, factor), motion),
+            lambda: evaluate_output(_with_states_of_start(system, begun, factor), motion),
             lambda: last_reading,
         )
         if system.has_rupture:
-            ruptured = jnp.any(system.broken(reading.strains))
+            ruptured = jnp.any(system.ruptured_elements(reading.strains))
         outcome = make_outcome(system, end, x, active, ruptured, factored)
         if system.has_rupture:
             reading = select_tree(begins | outcome.equilibrated, reading, last_reading)

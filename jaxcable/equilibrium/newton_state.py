@@ -18,8 +18,8 @@ class NewtonState:
     Attributes:
         x, residual, scale: last accepted point, R(x), and the force that R is compared with, N.
         rounding: error that rounding leaves in the residual, N; None if no element states any.
-        elements: what elements give together with their forces at x: `Pulls` of a net,
-            else tangents (`System.linearized`) and `Chords`.
+        elements: what elements give together with their forces at x: `TensionResponses` of a net,
+            else tangents (`System.forces_and_tangents`) and `Chords`.
         step, search: the step from x, and which fraction of it is tried next (`search.LineSearch`).
         stays_at_x: whether the next evaluation is at x itself: at the start, when the iteration
             starts again, and when no usable step was found.

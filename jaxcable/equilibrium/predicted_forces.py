@@ -33,7 +33,7 @@ from jax.typing import DTypeLike
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..mechanics.assembly import System
-from ..mechanics.chords import Chords, tension_only
+from ..mechanics.chords import Chords, tension_only_chords
 
 _CYCLE = 50, 40  # steps of a cycle, and how many of them have predicted forces
 # Largest force in the line search, over the predicted one: from 2 to 5 alike in the bank of bars.
@@ -60,7 +60,7 @@ class PredictedForces:
     @classmethod
     def initial(cls, system: System, dtype: DTypeLike) -> PredictedForces:
         """Return the state before any force is predicted."""
-        n = len(tension_only(system.groups))
+        n = len(tension_only_chords(system.groups))
         return cls(jnp.zeros(n, dtype), jnp.full(n, jnp.inf, dtype), jnp.zeros((), bool))
 
     def excess_force(self, force: Float[Array, " n"]) -> Float[Array, " n"]:
@@ -81,7 +81,7 @@ class PredictedForces:
             force: forces to which the step leads by its linear equations, [n], N.
             predicting: whether the step has predicted forces; else the line search uses true ones.
         """
-        least = np.where(tension_only(system.groups), 0.0, -np.inf).astype(force.dtype)
+        least = np.where(tension_only_chords(system.groups), 0.0, -np.inf).astype(force.dtype)
         force = jnp.maximum(force, least)
         load = jnp.max(system.space.force_norm(system.load))
         cut_off = jnp.maximum(_MAX_OF_PREDICTED * jnp.abs(force), _NEVER_CUT * load)

@@ -39,8 +39,8 @@ import jax.numpy as jnp
 from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..mechanics.assembly import System
-from ..mechanics.pieces import all_fit_cones
-from ..mechanics.pulls import Pulls, held, rest_lengths
+from ..mechanics.pieces import all_suit_cone_solver
+from ..mechanics.tension_responses import TensionResponses, prescribed_tensions, rest_lengths
 from ..spaces.space import Motion
 from .conic_equations import ConicEquations
 from .conic_interior_point import ConicInteriorPoint
@@ -100,7 +100,7 @@ class TensionUnknowns:
         """Return the state at the start of an increment: mixed steps, nothing known."""
         zero, first = jnp.zeros((), x.dtype), jnp.int32(0)
         # in float32 the slacks of cones lose their digits before the iteration can be finished
-        cones = all_fit_cones(system) and jnp.finfo(x.dtype).eps < 1e-12
+        cones = all_suit_cone_solver(system) and jnp.finfo(x.dtype).eps < 1e-12
         kind = ConicInteriorPoint if cones else InteriorPoint
         return cls(
             mode=jnp.int32(MIXED),
@@ -246,7 +246,7 @@ class TensionUnknowns:
         self,
         system: System,
         x: Motion,
-        pulls: Pulls,
+        pulls: TensionResponses,
         residual: Float[Array, " n_free"],
         length: Float[Array, ""],
     ) -> ConicEquations | LengthBoundEquations:
@@ -259,7 +259,7 @@ class TensionUnknowns:
             length: of elements, m.
         """
         load, tension = jnp.max(jnp.abs(system.external_force(x)), initial=0.0), pulls.tension
-        if (jacked := held(system)) is not None:
+        if (jacked := prescribed_tensions(system)) is not None:
             load = jnp.maximum(load, jnp.max(jnp.where(jacked, tension, 0.0)))
         guess = select_tree(self.is_new_mode | self.uses_line_search, tension, self.guess)
         guess = jnp.where(tension <= _OWN_TENSION * (guess + load), tension, guess)

@@ -11,7 +11,7 @@ import numpy as np
 from ..analysis.solution import Solution
 from ..common.writing import atomic_write
 from ..elements import Bars
-from ..model.parts import faces, groups_by_name
+from ..model.result_parts import element_faces, named_groups_of
 from ..model.structure import Structure
 from .dxf import BARS_PROPERTY, METRES_PER_UNIT, SUPPORTS_PROPERTY, import_ezdxf
 from .end_of_analysis import end_state, require_suffix
@@ -70,7 +70,7 @@ def save_dxf(
     document.header["$INSUNITS"], document.header["$MEASUREMENT"] = units[scale], 1
     space, points = document.modelspace(), (places / scale).tolist()
     layers = {"0", "defpoints"}
-    for number, (name, group) in enumerate(groups_by_name(structure)):
+    for number, (name, group) in enumerate(named_groups_of(structure)):
         layer = (name or type(group).__name__).translate(_FORBIDDEN)[:255]
         if layer.lower() in layers:  # the format does not tell small letters from capitals
             raise ValueError(
@@ -80,7 +80,7 @@ def save_dxf(
         document.layers.add(layer, color=_COLOURS[number % len(_COLOURS)])
         if isinstance(group, Bars):
             document.header.custom_vars.append(BARS_PROPERTY, layer)
-        for corners in faces([group])[0].tolist():
+        for corners in element_faces([group])[0].tolist():
             space.add_3dface([points[k] for k in corners], dxfattribs={"layer": layer})
         for chain in group.links.array.tolist() if group.face is None else ():
             ends = [k for k, _ in itertools.groupby(chain)]  # shorter chains are padded

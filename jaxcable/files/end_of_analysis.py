@@ -11,9 +11,9 @@ import numpy as np
 from ..analysis.solution import Solution, State
 from ..common.types import Float
 from ..elements.element import Element
-from ..model.parts import one_case
+from ..model.result_parts import require_single_case
 from ..model.structure import Structure
-from ..model.topology import require_same
+from ..model.topology import require_same_topology
 
 
 def require_suffix(path: str | PathLike[str], suffix: str) -> Path:
@@ -26,8 +26,8 @@ def require_suffix(path: str | PathLike[str], suffix: str) -> Path:
 
 def end_state(structure: Structure, solution: Solution) -> State:
     """Return the last state of an analysis; refuse a batch, or another structure."""
-    one_case(solution)
-    require_same(structure, solution.last.topology, "solution")
+    require_single_case(solution)
+    require_same_topology(structure, solution.last.topology, "solution")
     return solution.last
 
 

@@ -19,7 +19,7 @@ from ..loads import NodalLoads
 from ..model.structure import Structure
 from ..model.supports import Supports, pinned
 from ..scenes import Scene
-from . import crossings, doubts
+from . import crossings, net_doubts
 from .omissions import Omission
 
 GROUP_PROPERTIES = ("axial_stiffness", "rest_length", "weight", "strength", "expansion")
@@ -313,11 +313,11 @@ class Net:
 
     def _refuse_gaps(self, fixed):
         """Raise ValueError for an end that is no anchor but touches another node or link."""
-        gaps = doubts.unjoined_ends(self.nodes, self.links)
+        gaps = net_doubts.unjoined_ends(self.nodes, self.links)
         gaps = [gap for gap in gaps if not fixed[gap.node].any()]
         if gaps:
             gap = min(gaps, key=lambda gap: gap.distance)
-            where = doubts.place(self.nodes[gap.node])
+            where = net_doubts.format_position(self.nodes[gap.node])
             raise ValueError(
                 f"anchors: {len(gaps)} of the ends touch, or nearly touch, another node or link, "
                 f"which looks like a gap in the drawing: node {gap.node} at {where} is "
@@ -327,7 +327,7 @@ class Net:
 
     def _require_connection_to_supports(self, held):
         """Raise ValueError if nodes are not linked to a support; warn of what is doubtful."""
-        told = doubts.doubts(self.nodes, self.links, held)
+        told = net_doubts.describe_doubts(self.nodes, self.links, held)
         graph = coo_matrix((np.ones(len(self.links)), self.links.T), shape=(len(self.nodes),) * 2)
         part = connected_components(graph, directed=False)[1]
         adrift = ~np.isin(part, part[held])
@@ -335,7 +335,7 @@ class Net:
         if adrift.any():
             node = int(adrift.argmax())
             hint = "; ".join(told) or "support it, or join it to the rest"
-            where = doubts.place(self.nodes[node])
+            where = net_doubts.format_position(self.nodes[node])
             raise ValueError(
                 f"anchors: {int((part == part[node]).sum())} nodes, with node {node} at {where}, "
                 f"are not connected to a support: {hint}"

@@ -13,7 +13,7 @@ from ..analysis.solution import Solution
 from ..common import checks
 from ..common.types import ArrayLike, Int
 from ..common.writing import atomic_write
-from ..model.parts import groups_by_name, per_group, pieces
+from ..model.result_parts import named_groups_of, straight_pieces, values_per_group
 from ..model.structure import Structure
 from .end_of_analysis import concatenate_groups, end_state, require_suffix
 from .omissions import Omissions
@@ -95,13 +95,13 @@ def save_network(
 
 def _edge_attributes(structure, last, places):
     """Return the attributes of each straight piece of an element, by its pair of nodes."""
-    ends, element, owner = pieces(structure.groups)
+    ends, element, owner = straight_pieces(structure.groups)
     count = np.bincount(element)
-    names = [name or type(group).__name__ for name, group in groups_by_name(structure)]
+    names = [name or type(group).__name__ for name, group in named_groups_of(structure)]
     force = rest = None
     if last is not None:
         force, rest = (
-            concatenate_groups(structure.groups, per_group(structure, values))
+            concatenate_groups(structure.groups, values_per_group(structure, values))
             for values in (last.tension, last.rest_length)
         )
     lengths = np.linalg.norm(places[ends[:, 1]] - places[ends[:, 0]], axis=1)

@@ -138,7 +138,7 @@ def _parse_point(words, table, place):
 def _point_index(word, count):
     """Return the index of a point, from 0, for "7", "7/1" or "-1" (the last point so far)."""
     try:
-        number = reading.whole(word.split("/")[0])
+        number = reading.parse_integer(word.split("/")[0])
     except ValueError:
         raise ValueError(f"{word!r} is not the number of a point; they begin at 1") from None
     index = number - 1 if number > 0 else count + number

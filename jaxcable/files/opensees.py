@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ..analysis.presence import idle_of
+from ..analysis.activation import inactive_dofs_of
 from ..analysis.solution import Solution
 from ..common import checks
 from ..common.writing import atomic_write
 from ..elements.straight import Straight
-from ..model.parts import groups_by_name, one_case
+from ..model.result_parts import named_groups_of, require_single_case
 from ..model.structure import Structure
-from ..model.topology import require_same
+from ..model.topology import require_same_topology
 from .end_of_analysis import require_suffix
 
 _INPUT = "# the input of the analysis\n"
@@ -63,19 +63,19 @@ def save_opensees(
         True
     """
     path = require_suffix(path, ".py")
-    one_case(solution)
+    require_single_case(solution)
     if int(solution.status) != 0:
         raise ValueError("solution: the analysis has failed; there is no end state to export")
     checks.require_whole_number(steps, "steps")
     require_exportable(structure)
-    require_same(structure, solution.last.topology, "solution")
+    require_same_topology(structure, solution.last.topology, "solution")
     if solution.last.fixed[-1].axes is not None:
         raise ValueError("supports: directions other than x, y, z cannot be exported")
     elements = []
-    for group, state in zip(structure.groups, solution.last.carry.states, strict=True):
+    for group, state in zip(structure.groups, solution.last.restart.states, strict=True):
         elements += _element_curves(structure, group, state)
     fixed = solution.last.fixed[-1].array
-    idle = idle_of(structure, solution.last.carry.states)
+    idle = inactive_dofs_of(structure, solution.last.restart.states)
     if idle is not None:  # nodes that wait for elements
         fixed = fixed | idle
     fixed = fixed[: structure.n_node, :3]
@@ -110,14 +110,14 @@ def save_opensees(
 
 def require_exportable(structure: Structure) -> None:
     """Raise ValueError if elements of a structure have no counterpart in OpenSees."""
-    for name, group in groups_by_name(structure):
+    for name, group in named_groups_of(structure):
         name = name or "elements"
         if not isinstance(group, Straight) or group.links.shape[1] != 2 or group.shaped_by_load:
             raise ValueError(
                 f"structure: {name} are {type(group).__name__}; only Cables and Bars can be "
                 "exported to OpenSees"
             )
-        if group.remembers:
+        if group.has_memory:
             raise ValueError(
                 f"structure: the law of {name} has plastic strains, which are not exported"
             )

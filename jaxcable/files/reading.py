@@ -45,7 +45,7 @@ def number(word: str) -> float:
         raise ValueError(f"{word!r} is not a number") from None
 
 
-def whole(word: str) -> int:
+def parse_integer(word: str) -> int:
     """Parse a whole number as `int` does, with the strictness of `number`."""
     if not word.isascii() or "_" in word:
         raise ValueError(f"{word!r} is not a whole number")

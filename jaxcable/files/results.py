@@ -17,7 +17,13 @@ import numpy as np
 from ..analysis.solution import Solution
 from ..common import status
 from ..common.writing import atomic_write, atomic_write_together, write_npz
-from ..model.parts import Column, columns, first_and_last, groups_by_name, per_group
+from ..model.result_parts import (
+    ResultColumn,
+    end_nodes,
+    named_groups_of,
+    result_columns,
+    values_per_group,
+)
 from ..model.structure import Structure
 from .end_of_analysis import end_state
 from .reading import LARGEST, FileError, read_json
@@ -77,7 +83,9 @@ def save_result(path: str | PathLike[str], structure: Structure, solution: Solut
             stream.write("\n")
         return [path]
     if suffix == ".csv":
-        texts = {name: as_csv(rows) for name, rows in result_tables(structure, solution).items()}
+        texts = {
+            name: format_csv(rows) for name, rows in result_tables(structure, solution).items()
+        }
         done = [path.with_name(f"{path.stem}-{name}.csv") for name in texts]
         with atomic_write_together() as begin:
             for name, text in zip(done, texts.values(), strict=True):
@@ -163,7 +171,7 @@ def flatten_result(structure: Structure, solution: Solution) -> dict[str, np.nda
         Dict from name to NumPy array. ``links`` has the first and last node of every element.
         Arrays of a batch keep their leading axis.
     """
-    names = [name for name, _ in groups_by_name(structure)]
+    names = [name for name, _ in named_groups_of(structure)]
     if len(set(names)) < len(names):
         raise ValueError(f"elements: two groups would have the same name in a file: {names}")
     found = {name: np.asarray(getattr(solution, name)) for name in ("status", "stable")}
@@ -171,25 +179,25 @@ def flatten_result(structure: Structure, solution: Solution) -> dict[str, np.nda
         for name in _PER_NODE:
             if getattr(part, name) is not None:
                 found[prefix + name] = np.asarray(getattr(part, name))
-        for name, value in (part.told | {"rest_length": part.rest_length}).items():
+        for name, value in (part.element_results | {"rest_length": part.rest_length}).items():
             _add_per_group(found, prefix + name, structure, value)
     for name in ("phase", "load_factor"):
         found["last." + name] = np.asarray(getattr(solution.last, name))
-    for name, group in groups_by_name(structure):
-        found[f"links.{name}".rstrip(".")] = first_and_last(group)
+    for name, group in named_groups_of(structure):
+        found[f"links.{name}".rstrip(".")] = end_nodes(group)
     for number, phase in enumerate(solution.phases, 1):
         found[f"phase{number}.stable"] = np.asarray(phase.stable)
         for name in _PER_INCREMENT:
             found[f"phase{number}.{name}"] = np.asarray(getattr(phase.path, name))
-        for name, value in phase.path.told.items():
+        for name, value in phase.path.element_results.items():
             _add_per_group(found, f"phase{number}.{name}", structure, value)
     return found
 
 
 def _add_per_group(found, name, structure, values):
     """Add the values of all groups to a dict, under ``name`` or ``name.group``."""
-    groups = [group for group, _ in groups_by_name(structure)]
-    for group, value in zip(groups, per_group(structure, values), strict=True):
+    groups = [group for group, _ in named_groups_of(structure)]
+    for group, value in zip(groups, values_per_group(structure, values), strict=True):
         if value is not None:
             found[f"{name}.{group}".rstrip(".")] = value
 
@@ -236,14 +244,16 @@ def result_tables(structure: Structure, solution: Solution) -> dict[str, list[li
     for k in range(structure.n_node):
         held = "".join(axis for axis, is_held in zip("xyz", fixed[k], strict=True) if is_held)
         nodes.append([k, held, *(float(v) for column in vectors for v in column[k])])
-    lengths = Column("unstressed length", "m", per_group(structure, solution.rest_length))
-    told = columns(structure.groups, solution.told)
+    lengths = ResultColumn(
+        "unstressed length", "m", values_per_group(structure, solution.rest_length)
+    )
+    told = result_columns(structure.groups, solution.element_results)
     told.insert(1 if told and told[0].label == "tension" else len(told), lengths)
     heads = [f"{column.label.replace('_', ' ')} ({column.unit})" for column in told]
     elements: list[list[Any]] = [["group", "element", "first", "last", *heads]]
     values = zip(*(column.values for column in told), strict=True)
-    for (name, group), of_group in zip(groups_by_name(structure), values, strict=True):
-        for k, ends in enumerate(first_and_last(group).tolist()):
+    for (name, group), of_group in zip(named_groups_of(structure), values, strict=True):
+        for k, ends in enumerate(end_nodes(group).tolist()):
             numbers = (None if result is None else float(result[k]) for result in of_group)
             elements.append([name, k, *ends, *numbers])
     names = [n for n in _PER_INCREMENT if n != "displacement"]
@@ -255,7 +265,7 @@ def result_tables(structure: Structure, solution: Solution) -> dict[str, list[li
     return {"nodes": nodes, "elements": elements, "increments": increments}
 
 
-def as_csv(rows: Iterable[Iterable[Any]]) -> str:
+def format_csv(rows: Iterable[Iterable[Any]]) -> str:
     """Format the lines of a table as CSV, with all digits of floats."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)

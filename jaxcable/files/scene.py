@@ -38,7 +38,7 @@ from ..common.writing import atomic_write
 from ..model.structure import Structure
 from ..scenes import Scene
 from .codec import COMMENT, decode, encode
-from .layout import laid_out
+from .json_format import format_json
 from .omissions import Omissions
 from .reading import LARGEST, FileError, read_json
 
@@ -85,7 +85,7 @@ def save_scene(
         "structure": encode(structure, "structure", Structure),
         "phases": [encode(phase, f"phases[{k}]", Phase) for k, phase in enumerate(phases)],
     }
-    text = laid_out(data)
+    text = format_json(data)
     with atomic_write(path) as stream:
         stream.write(text + "\n")
 

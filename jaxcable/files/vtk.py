@@ -10,7 +10,13 @@ import numpy as np
 
 from ..analysis.solution import Solution
 from ..common.writing import atomic_write, atomic_write_together
-from ..model.parts import columns, faces, groups_by_name, per_group, pieces
+from ..model.result_parts import (
+    element_faces,
+    named_groups_of,
+    result_columns,
+    straight_pieces,
+    values_per_group,
+)
 from ..model.structure import Structure
 from .end_of_analysis import concatenate_groups, end_state, require_suffix
 
@@ -53,8 +59,11 @@ def save_vtk(
     if not increments:
         names = {"displacement": "displacement", "reaction": "reactions", "load": "load"}
         vectors = {name: np.asarray(getattr(last, field)) for name, field in names.items()}
-        scalars = {column.label: column.values for column in columns(structure.groups, last.told)}
-        scalars["rest_length"] = per_group(structure, last.rest_length)
+        scalars = {
+            column.label: column.values
+            for column in result_columns(structure.groups, last.element_results)
+        }
+        scalars["rest_length"] = values_per_group(structure, last.rest_length)
         with atomic_write(path) as stream:
             _write_grid(stream, structure, np.asarray(last.positions), vectors, scalars)
         return [path]
@@ -77,9 +86,11 @@ def _write_increments(path, structure, solution, open_file):
             done.append(path.with_name(f"{path.stem}-{len(done) + 1:04d}.vtk"))
             told = {  # keeps the order of the results: tree.map would sort the names
                 name: jax.tree.map(lambda x, k=k: x[k], result)
-                for name, result in phase.path.told.items()
+                for name, result in phase.path.element_results.items()
             }
-            scalars = {column.label: column.values for column in columns(structure.groups, told)}
+            scalars = {
+                column.label: column.values for column in result_columns(structure.groups, told)
+            }
             moves = {"displacement": moved}
             _write_grid(open_file(done[-1]), structure, begin + moved, moves, scalars)
     return done
@@ -89,7 +100,7 @@ def _write_grid(stream, structure, points, vectors, scalars):
     """Write an unstructured grid: points [n_node, 3], vectors of points, scalars of elements."""
     cells, element, group = _collect_cells(structure.groups)
     names = ", ".join(
-        f"{k} {name}".strip() for k, (name, _) in enumerate(groups_by_name(structure))
+        f"{k} {name}".strip() for k, (name, _) in enumerate(named_groups_of(structure))
     )
     lines = ["# vtk DataFile Version 3.0", _ascii_title(f"jaxcable, SI units; groups: {names}")]
     lines += ["ASCII", "DATASET UNSTRUCTURED_GRID", f"POINTS {len(points)} double"]
@@ -114,8 +125,8 @@ def _write_grid(stream, structure, points, vectors, scalars):
 
 def _collect_cells(groups):
     """Return the points of every line and face, its element and its group; faces come last."""
-    ends, element, owner = pieces(groups)
-    corners, of_face, group = faces(groups)
+    ends, element, owner = straight_pieces(groups)
+    corners, of_face, group = element_faces(groups)
     lines = ~np.isin(element, of_face)  # elements with faces are these
     rings = [list(dict.fromkeys(ring)) for ring in corners.tolist()]  # no node of a triangle twice
     numbers = np.concatenate([element[lines], of_face]), np.concatenate([owner[lines], group])

@@ -9,9 +9,9 @@ from ..analysis.solution import Solution, State
 from ..common.tree import pytree
 from ..common.types import Array, Float, PyTree
 from ..elements.abilities import Sagging, Uniaxial
-from ..elements.prestress import of_each
-from ..mechanics.carry import make_system
-from ..mechanics.elementwise import each
+from ..elements.prestress import call_each_element
+from ..mechanics.elementwise import evaluate_elements
+from ..mechanics.restart_state import make_system
 from ..model.structure import Structure
 from ..stiffness.tangent import merge_state, split_state
 
@@ -93,10 +93,10 @@ def equivalent_prestress(structure: Structure, solution: Solution | State) -> Eq
 @jax.jit
 def _evaluate_prestress(thawed, arrays):
     """Evaluate the prestress of every group; compiled. Returns a list of dicts by field."""
-    nodes, groups, carry = merge_state(thawed, arrays)
-    system = make_system(nodes, groups, carry, None, None, carry.nodal_load)
+    nodes, groups, restart = merge_state(thawed, arrays)
+    system = make_system(nodes, groups, restart, None, None, restart.nodal_load)
     return [
-        _prestress_of_group(group, state, nodes, carry.motion)
+        _prestress_of_group(group, state, nodes, restart.motion)
         for group, state in zip(groups, system.states, strict=True)
     ]
 
@@ -110,10 +110,10 @@ def _prestress_of_group(group, state, nodes, motion):
     values["rest_length"] = state.rest_length
     if not isinstance(group, Uniaxial):
         return values
-    strain = each("strain", group, state, nodes, motion)
+    strain = evaluate_elements("strain", group, state, nodes, motion)
     length = state.rest_length * (1 + strain)
 
-    pretension = of_each("force", group, strain, state.memory)
+    pretension = call_each_element("force", group, strain, state.memory)
     values |= {
         "pretension": pretension,
         "force_density": pretension / length,
@@ -125,5 +125,5 @@ def _prestress_of_group(group, state, nodes, motion):
         # if the element were cut to its length under force: L0 (1 + strain) (1 + expansion dt) = L0
         values["temperature"] = -strain / (1 + strain) / group.expansion
     if isinstance(group, Sagging) and state.line_load is not None:
-        values["sag"] = each("sag", group, state, nodes, motion)
+        values["sag"] = evaluate_elements("sag", group, state, nodes, motion)
     return values

@@ -117,7 +117,7 @@ def feasible_prestress(
     n_group = group_number.max() + 1
     if group is not None and not 0 <= group < n_group:
         raise ValueError(f"group = {group}: there are groups 0 to {n_group - 1}")
-    free = ~structure.held().ravel()
+    free = ~structure.held_displacements().ravel()
     membership = np.zeros((len(links), n_group))
     membership[np.arange(len(links)), group_number] = 1.0
     pulled = (membership * cable[:, None]).any(axis=0)

@@ -29,7 +29,7 @@ from ..loads import Load
 from ..mechanics.assembly import System
 from ..model import plausibility
 from ..model.structure import Structure
-from ..model.supports import Fixed
+from ..model.supports import FixedDofs
 from ..numerics import implicit
 from ..spaces.dof_map import make_dof_map
 from .force_elements import ForceElementNet
@@ -128,13 +128,13 @@ def force_density(
         {'NET': 3.8, 'EDGE': 44.8, 'MAST': -97.5, 'GUY': 55.8} kN
     """
     require_straight_elements(structure)
-    plausibility.precision(structure.nodes)
+    plausibility.warn_of_lost_precision(structure.nodes)
     linear.check_solver_name(linear_solver)
     loads, others = split_loads(structure, loads)
     densities, chosen = values_by_group(q, structure, "q")
     missing = "has no force density; every element needs one"
     require_single_input(structure, ["q"], [chosen], missing)
-    fixed = Fixed(structure.held())
+    fixed = FixedDofs(structure.held_displacements())
     links = tuple(group.links for group in structure.groups)
     numbering = number_unknowns_by_axis(fixed, links, linear_solver)
     if others:

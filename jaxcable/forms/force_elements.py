@@ -18,7 +18,7 @@ from ..common.tree import Indices, pytree
 from ..common.types import Array, Float, Int
 from ..elements.axial import Axial
 from ..elements.element_state import ElementState
-from ..elements.prestress import stretch
+from ..elements.prestress import measure_chord
 from ..elements.straight import Straight
 from ..equilibrium import newton
 from ..equilibrium.newton import Newton
@@ -65,11 +65,11 @@ class ForceElements(Axial):
 
     def tension(self, state, ends, motion):
         """Return the axial force ``T + k (l - L)``, N."""
-        return state.force + state.stiffness * (state.excess + stretch(ends, motion)[2])
+        return state.force + state.stiffness * (state.excess + measure_chord(ends, motion)[2])
 
     def energy(self, state, ends, motion):
         """Return the work of the prescribed force plus the energy of the spring, J."""
-        change = stretch(ends, motion)[2]
+        change = measure_chord(ends, motion)[2]
         elongation = state.excess + change
         return state.force * change + 0.5 * state.stiffness * elongation**2
 

@@ -19,7 +19,7 @@ from ..common.types import Array, Bool, Float, Int
 from ..elements.bar import Straight
 from ..elements.element import Element
 from ..elements.element_state import ElementState
-from ..elements.prestress import AxialState, element
+from ..elements.prestress import AxialState, single_element
 from ..loads import AreaLoads, LineLoads, Load, NodalLoads, SelfWeight, as_list
 from ..model.structure import Structure
 
@@ -49,9 +49,11 @@ def split_loads(
         if not depends:
             nodal.append(load)
             continue
-        if load.asks_begun:  # the phase begins in the form: its geometry is the input geometry
+        if (
+            load.needs_begin_nodes
+        ):  # the phase begins in the form: its geometry is the input geometry
             load = copy_with(load, geometry="input")
-        others.append(load.among(structure))
+        others.append(load.with_group_numbers(structure))
     return nodal, others
 
 
@@ -110,7 +112,7 @@ class FormDependentLoads:
                 yield _face_force_function(load), (forces,), load.faces
                 continue
             for index, group in _loaded_groups(load, self.groups):
-                part = None if load.part is None else load.part[index]
+                part = None if load.element_factors is None else load.element_factors[index]
                 arguments = group.properties(), group.initial_memory(), states[index], part
                 yield _element_force_function(load, index, group), arguments, group.links
 
@@ -168,7 +170,7 @@ def _element_force_function(load, index, group):
         length = jnp.sqrt(vector @ vector)
         # a prescribed force, or a force density times the length: then a spring of length zero
         axial = given.force + given.stiffness * length
-        strain = element(group, properties).strain_at(axial, memory)
+        strain = single_element(group, properties).strain_at(axial, memory)
         # a force beyond the law ends in a status of the form; until then avoid NaN
         strain = jnp.where(jnp.isfinite(strain) & (strain > -1), strain, 0.0)
         rest_length = (length / (1 + strain))[None]
@@ -176,8 +178,8 @@ def _element_force_function(load, index, group):
             group, links=jnp.arange(2)[None], **{k: v[None] for k, v in properties.items()}
         )
         state = AxialState(rest_length, length[None] - rest_length)
-        acting = load if part is None else copy_with(load, part={index: part[None]})
-        whole = rest_length * acting.per_length(index, alone, state, ends)[0]
+        acting = load if part is None else copy_with(load, element_factors={index: part[None]})
+        whole = rest_length * acting.load_per_length(index, alone, state, ends)[0]
         return jnp.stack([0.5 * whole, 0.5 * whole])
 
     return force

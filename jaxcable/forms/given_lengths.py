@@ -22,7 +22,7 @@ from .. import linear
 from ..common import status
 from ..common.tree import Indices, copy_with, pytree
 from ..common.types import Array, Bool, Float, Int
-from ..elements.prestress import stretch
+from ..elements.prestress import measure_chord
 from ..mechanics.assembly import System
 from ..numerics import scaled
 from ..spaces.dof_map import make_dof_map
@@ -230,7 +230,7 @@ class SaddleSystem:
 
 def _length_error(ends, moved, length):
     """Return ``l - L``, without cancellation if L is the initial length."""
-    _, _, change, start = stretch(ends, moved)
+    _, _, change, start = measure_chord(ends, moved)
     return (start - length) + change
 
 

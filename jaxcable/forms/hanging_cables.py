@@ -16,8 +16,8 @@ from ..common.rules import Rule, nan_if_broken, positive, refuse_if_broken
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements import hanging, hanging_sag
 from ..elements.abilities import Sagging
-from ..mechanics.carry import make_system
-from ..mechanics.elementwise import over
+from ..mechanics.elementwise import map_elements
+from ..mechanics.restart_state import make_system
 from ..model.structure import Structure
 from ..stiffness.tangent import merge_state, split_state
 
@@ -112,8 +112,8 @@ def _evaluate_catenaries(structure, solution, method, absent, *arguments):
 @functools.partial(jax.jit, static_argnames=("method", "absent"))
 def _evaluate_catenary_groups(thawed, arrays, *arguments, method, absent):
     """Evaluate a method for all elements of every catenary group, None for others; compiled."""
-    nodes, groups, carry = merge_state(thawed, arrays)
-    states = make_system(nodes, groups, carry, None, None, carry.nodal_load).states
+    nodes, groups, restart = merge_state(thawed, arrays)
+    states = make_system(nodes, groups, restart, None, None, restart.nodal_load).states
 
     def of_group(group, state):
         if not isinstance(group, Sagging):
@@ -122,7 +122,7 @@ def _evaluate_catenary_groups(thawed, arrays, *arguments, method, absent):
         def value(element, *at):
             return getattr(element, method)(*at, *arguments)
 
-        found = over(value, group, state, nodes, carry.motion, absent=True)
+        found = map_elements(value, group, state, nodes, restart.motion, absent=True)
         if state.present is None:
             return found
         there = state.present.reshape(-1, *(1,) * (found.ndim - 1))
@@ -218,7 +218,7 @@ def _solve_chain(chord, sag, weight, stiffness, n):
     strain = hanging_sag.strain_at_sag(chord, down, stiffness, sag)
     length = jnp.sqrt(chord @ chord) / (1 + strain)
     excess = chord @ chord - length**2
-    force, _, _ = hanging.hang(chord, excess, down, length, stiffness)
+    force, _, _ = hanging.solve_catenary(chord, excess, down, length, stiffness)
     start = jnp.stack([force[:2] @ chord[:2] / level, force[2], length])
     scale = lax.stop_gradient(jnp.stack([start[0], jnp.abs(start[2] * weight), start[2]]))
 

@@ -8,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from ..analysis.by_group import spread
+from ..analysis.group_values import value_per_group
 from ..common import checks, status
 from ..common.rules import Rule, are_rules_kept, collect_rules, nan_if_broken
 from ..common.selection import Only, Selection
@@ -17,8 +17,8 @@ from ..elements.element import Element, ElementState
 from ..elements.straight import Straight
 from ..loads import NodalLoads
 from ..mechanics.assembly import System
-from ..model.parts import group_path, groups_by_name
-from ..model.structure import Structure, place_rules
+from ..model.result_parts import named_groups_of, path_of_group
+from ..model.structure import Structure, position_rules
 from ..spaces import Translations
 from ..spaces.dof_map import DofMap
 
@@ -43,7 +43,10 @@ def input_status(
 
     The numbers can be traced.
     """
-    rules = [*collect_rules([groups, others]), *(r for g in groups for r in place_rules(nodes, g))]
+    rules = [
+        *collect_rules([groups, others]),
+        *(r for g in groups for r in position_rules(nodes, g)),
+    ]
     return jnp.where(are_rules_kept(rules), status.OK, status.INVALID_INPUT).astype(jnp.int32)
 
 
@@ -78,8 +81,8 @@ def values_by_group(
         chosen: per group the elements that have a value, [n_elem] bool, NumPy.
     """
     values, chosen = [], []
-    names = groups_by_name(structure)
-    for (label, group), given in zip(names, spread(value, structure, name), strict=True):
+    names = named_groups_of(structure)
+    for (label, group), given in zip(names, value_per_group(value, structure, name), strict=True):
         n_elem = len(group.links)
         meant = np.full(n_elem, given is not None)
         if isinstance(given, Selection):
@@ -131,7 +134,7 @@ def require_single_input(
         if not wrong.any():
             continue
         e = int(wrong.argmax())
-        where = f"element {e} of {group_path(structure, k)}"
+        where = f"element {e} of {path_of_group(structure, k)}"
         if not count[e]:
             raise ValueError(f"{names[0]}: {where} {missing}")
         twice = ", ".join(name for name, mask in zip(names, masks, strict=True) if mask[e])

@@ -27,9 +27,9 @@ from ..equilibrium import newton
 from ..equilibrium.newton import Newton
 from ..loads import Load
 from ..model import plausibility
-from ..model.parts import group_path
+from ..model.result_parts import path_of_group
 from ..model.structure import Structure
-from ..model.supports import Fixed
+from ..model.supports import FixedDofs
 from ..numerics import implicit
 from ..spaces.dof_map import make_dof_map
 from . import given_lengths
@@ -129,7 +129,7 @@ def find_form(
         0 0.000000 m
     """
     require_straight_elements(structure)
-    plausibility.precision(structure.nodes)
+    plausibility.warn_of_lost_precision(structure.nodes)
     method = Newton() if method is None else method
     if not isinstance(method, Newton):
         raise ValueError(f"method: expected Newton, got {type(method).__name__}")
@@ -142,7 +142,7 @@ def find_form(
             "the form, which cannot be combined with given lengths (`length`); give tensions "
             "instead, or NodalLoads"
         )
-    fixed = Fixed(structure.held())
+    fixed = FixedDofs(structure.held_displacements())
     links = tuple(group.links for group in structure.groups)
     solver = method.linear_solver
     coupled = (*((ends, 3, ()) for ends in links), *nodes_coupled_by_loads(structure, others))
@@ -182,9 +182,9 @@ def tensions_and_lengths(structure, tension, stress, length):
         if pulls[k] is not None:
             forces = jnp.where(pulled[k], pulls[k], forces)
         if stressed[k].any():
-            area = group._section()[2]
+            area = group._axial_section()[2]
             if area is None:
-                raise ValueError(f"stress: {group_path(structure, k)} has no area; give tension")
+                raise ValueError(f"stress: {path_of_group(structure, k)} has no area; give tension")
             forces = jnp.where(stressed[k], stresses[k] * area, forces)
         tensions.append(forces)
         if wanted[k] is None:

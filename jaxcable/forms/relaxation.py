@@ -28,13 +28,13 @@ from ..common.rules import Rule, nan_if_broken
 from ..common.selection import Only
 from ..common.tree import cast_floats, copy_with, merge_indices, pytree, split_indices
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from ..elements.prestress import jacked_or, stretch
-from ..elements.stated import Stated
+from ..elements.prestress import jack_value_or, measure_chord
+from ..elements.statement import StatedValues
 from ..loads import Load
-from ..mechanics.elementwise import over
+from ..mechanics.elementwise import map_elements
 from ..model import plausibility
 from ..model.structure import Structure
-from ..model.supports import Fixed
+from ..model.supports import FixedDofs
 from ..numerics import implicit, scaled
 from ..spaces.dof_map import make_dof_map
 from .form import Form, arrange_form, make_form, most_shortened_element
@@ -110,13 +110,13 @@ def dynamic_relaxation(
         converged: 0.577350 m
     """
     require_straight_elements(structure)
-    plausibility.precision(structure.nodes)
+    plausibility.warn_of_lost_precision(structure.nodes)
     loads, _ = split_loads(structure, loads, nodal_only=True)
     forces, prescribed = values_by_group(tension, structure, "tension")
     rests, cut = values_by_group(rest_length, structure, "rest_length", is_length=True)
     require_single_input(structure, ("tension", "rest_length"), (prescribed, cut))
     forces, rests = (
-        [None if v is None else Stated(v, which) for v, which in zip(*pair, strict=True)]
+        [None if v is None else StatedValues(v, which) for v, which in zip(*pair, strict=True)]
         for pair in ((forces, prescribed), (rests, cut))
     )
     tol = nan_if_broken(Rule("tol", tol, lambda v: ~(v > 0), "must be positive"))
@@ -126,7 +126,7 @@ def dynamic_relaxation(
             raise ValueError(
                 f"start: expected shape {structure.nodes.shape}, got {tuple(start.shape)}"
             )
-    dof_map = make_dof_map(Fixed(structure.held()))
+    dof_map = make_dof_map(FixedDofs(structure.held_displacements()))
     thawed, arrays = split_indices((structure.nodes, structure.groups, forces, rests, loads, start))
     return arrange_form(_relax(thawed, arrays, dof_map, tol, max_steps), structure)
 
@@ -137,12 +137,12 @@ def _start_state(group, ends, force, rest):
     Args:
         group: element group.
         ends: initial positions of the ends, [n_elem, 2, 3], m.
-        force: `Stated` forces that elements keep, or None.
-        rest: `Stated` unstressed lengths, or None.
+        force: `StatedValues` forces that elements keep, or None.
+        rest: `StatedValues` unstressed lengths, or None.
     """
     state = group.start(ends)
     if rest is not None:
-        state = group.restate(state, ends, {"rest_length": rest})
+        state = group.apply_statements(state, ends, {"rest_length": rest})
     if force is None:
         return state
     return copy_with(state, jack_force=force.values, jacked=force.chosen)
@@ -159,9 +159,9 @@ def _forces_and_stiffness_bound(element, state, ends, motion):
         strain = jnp.maximum(element.strain(state, ends, motion), 0.0)
         return jnp.maximum(slope(strain), slope(jnp.zeros_like(strain))) / state.rest_length
 
-    _, length, _, _ = stretch(ends, motion)
+    _, length, _, _ = measure_chord(ends, motion)
     across = jnp.abs(element.tension(state, ends, motion)) / length
-    return element.end_forces(state, ends, motion), jacked_or(state, 0.0, along) + across
+    return element.end_forces(state, ends, motion), jack_value_or(state, 0.0, along) + across
 
 
 def _unstressed_length(element, state, ends, motion):
@@ -172,8 +172,8 @@ def _unstressed_length(element, state, ends, motion):
     """
     if state.jack_force is None:
         return state.rest_length
-    _, length, change, _ = stretch(ends, motion)
-    return element.locked(state, length, change).rest_length
+    _, length, change, _ = measure_chord(ends, motion)
+    return element.locked_off_state(state, length, change).rest_length
 
 
 @pytree
@@ -220,7 +220,7 @@ def _relax(thawed, arrays, dof_map, tol, max_steps):
 
     def of_elements(function, motion):
         return [
-            over(function, group, state, nodes, motion)
+            map_elements(function, group, state, nodes, motion)
             for group, state in zip(groups, states, strict=True)
         ]
 
@@ -229,7 +229,7 @@ def _relax(thawed, arrays, dof_map, tol, max_steps):
         motion = system.move(origin, x)
         found = of_elements(_forces_and_stiffness_bound, motion)
         residual, scale = system.residual_and_scale(motion, [forces for forces, _ in found])
-        stiffness = system.at_rows([jnp.stack([bound, bound], axis=1) for _, bound in found])
+        stiffness = system.sum_at_rows([jnp.stack([bound, bound], axis=1) for _, bound in found])
         # a node without stiff elements gets some mass, too
         mass = 0.5 * jnp.maximum(stiffness, 1e-6 * jnp.max(stiffness))
         mass = jnp.where(mass > 0, mass, 1.0)[:, None]

@@ -251,7 +251,7 @@ def self_stress(structure: Structure, tol: float | None = None) -> SelfStress:
     """
     links, cable = links_and_tension_only(structure)
     nodes = nodes_as_numpy(structure, "self_stress")
-    free = ~structure.held().ravel()
+    free = ~structure.held_displacements().ravel()
     if not free.any():
         raise ValueError(
             "supports: they hold every degree of freedom; self-stress needs a free node"

@@ -16,7 +16,7 @@ from ..common.selection import Selection
 from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
 from ..elements.element import Element, OwnState
-from ..model.parts import group_path
+from ..model.result_parts import path_of_group
 from ..model.structure import Structure
 from ..numerics import scaled
 from .groups import Key, OnGroups
@@ -57,7 +57,7 @@ class AlongElements(OnGroups, Dead):
                 total = total.at[groups[number].links].add(amounts)
         return pad_moments(jnp.outer(total, self._load_vector().astype(dtype)), shape)
 
-    def per_length(
+    def load_per_length(
         self, number: int, group: Element, state: OwnState, nodes: Positions
     ) -> Float[Array, "n_elem 3"] | None:
         """Return the load of a group per unstressed length, [n_elem, 3], N/m, or None."""
@@ -67,7 +67,7 @@ class AlongElements(OnGroups, Dead):
         if amounts is None:
             return None
         return jnp.outer(
-            self.partly(number, amounts, state) / state.rest_length, self._load_vector()
+            self.apply_factors(number, amounts, state) / state.rest_length, self._load_vector()
         )
 
 
@@ -110,7 +110,7 @@ class SelfWeight(AlongElements):
     direction: Float[ArrayLike, " 3"] = (0.0, 0.0, -1.0)
     on: Key = None
     elements: Selection | None = None
-    part: dict[int, Float[Array, " n_elem"]] | None = (
+    element_factors: dict[int, Float[Array, " n_elem"]] | None = (
         None  # by number of group: 1 for loaded elements, else 0; set by the analysis
     )
 
@@ -127,7 +127,7 @@ class SelfWeight(AlongElements):
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if the structure has no such elements, or they have no weight."""
-        groups = [structure.groups[number] for number in self.selected(structure)[0]]
+        groups = [structure.groups[number] for number in self.loaded_groups(structure)[0]]
         if all(group.weight is None for group in groups):
             kind = "no element group" if self.on is None else f"on = {self.on!r}: no such group"
             raise ValueError(
@@ -145,7 +145,9 @@ class SelfWeight(AlongElements):
         weights = group.weights(state)
         if weights is None:
             return None
-        return group.at_ends(self.partly(number, weights, state), nodes[group.links])
+        return group.split_among_ends(
+            self.apply_factors(number, weights, state), nodes[group.links]
+        )
 
 
 @pytree(static=("on", "per", "geometry"))
@@ -195,10 +197,10 @@ class LineLoads(AlongElements, Measured):
     factor: Float[ArrayLike, ""] = 1.0
     geometry: Literal["input", "begun"] = "input"
     elements: Selection | None = None
-    begun: Float[Array, "n_row 3"] | None = (
+    begin_nodes: Float[Array, "n_row 3"] | None = (
         None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
     )
-    part: dict[int, Float[Array, " n_elem"]] | None = (
+    element_factors: dict[int, Float[Array, " n_elem"]] | None = (
         None  # by number of group: 1 for loaded elements, else 0; set by the analysis
     )
 
@@ -213,10 +215,10 @@ class LineLoads(AlongElements, Measured):
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if the structure has no such elements, or they have no length."""
-        numbers, _ = self.selected(structure)
+        numbers, _ = self.loaded_groups(structure)
         without = [number for number in numbers if not structure.groups[number].has_length]
         if without and (self.on is not None or len(without) == len(numbers)):
-            path, kind = group_path(structure, without[0]), type(structure.groups[without[0]])
+            path, kind = path_of_group(structure, without[0]), type(structure.groups[without[0]])
             raise ValueError(
                 f"on = {self.on!r}: {path} ({kind.__name__}) has no length to load; if its "
                 "elements have one, give the class has_length = True"
@@ -230,26 +232,26 @@ class LineLoads(AlongElements, Measured):
             return None
         ends = self._end_positions(group, nodes)
         if self.per == "unstressed":
-            share = group.at_ends(state.loaded, ends)
+            share = group.split_among_ends(state.load_bearing_length, ends)
         else:  # half of each piece to each of its ends
             n_inner = group.n_inner_row
             half = 0.5 * self._piece_lengths(ends[:, : ends.shape[1] - n_inner])
             share = jnp.pad(half, ((0, 0), (0, 1))) + jnp.pad(half, ((0, 0), (1, 0)))
             share = jnp.pad(share, ((0, 0), (0, n_inner)))
-        return self.partly(number, share, state)
+        return self.apply_factors(number, share, state)
 
     def _amounts_between_ends(self, number, group, state, nodes):
         slides = group.slides and self.per != "unstressed"
         if slides or not group.has_length:
             return None
         if self.per == "unstressed":
-            return state.loaded
+            return state.load_bearing_length
         ends = self._end_positions(group, nodes)
         return jnp.sum(self._piece_lengths(ends[:, : ends.shape[1] - group.n_inner_row]), axis=-1)
 
     def _end_positions(self, group, nodes):
         """Return the ends in the geometry that lengths are measured in, [n_elem, n_end, 3]."""
-        return self.measured(nodes)[group.links]
+        return self.measuring_positions(nodes)[group.links]
 
     def _piece_lengths(self, ends):
         """Return initial or projected lengths between successive ends, [n_elem, n_end - 1], m."""

@@ -67,10 +67,10 @@ class AreaLoads(OnFaces, Measured):
     geometry: Literal["input", "begun"] = "input"
     on: Key = None
     elements: Selection | None = None
-    begun: Float[Array, "n_row 3"] | None = (
+    begin_nodes: Float[Array, "n_row 3"] | None = (
         None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
     )
-    part: dict[int, Float[Array, "n_elem ..."]] | None = (
+    element_factors: dict[int, Float[Array, "n_elem ..."]] | None = (
         None  # by number of group: factors of the forces on each element; set by the analysis
     )
 
@@ -94,7 +94,7 @@ class AreaLoads(OnFaces, Measured):
         """Return the force on every node, of `shape`, N."""
         total = jnp.zeros((shape[0], 3), dtype)
         for faces, per_area in self._faces_and_values(groups, states, dtype):
-            for numbers, vector in area_vectors(self.measured(nodes)[faces]):
+            for numbers, vector in area_vectors(self.measuring_positions(nodes)[faces]):
                 if self.per == "projected":
                     along = jnp.abs(jnp.sum(vector * per_area, axis=-1))
                     area = scaled.relative_residual(along, scaled.safe_norm(per_area))

@@ -11,7 +11,7 @@ import numpy as np
 from ..common import checks
 from ..common.tree import Indices, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..model.parts import group_path
+from ..model.result_parts import path_of_group
 from ..model.structure import Structure
 from ..numerics import scaled
 from .groups import OnGroups
@@ -56,7 +56,7 @@ def area_vectors(
     return parts
 
 
-def areas(corners: Float[Array, "*n 3or4 3"]) -> Float[Array, "*n"]:
+def face_areas(corners: Float[Array, "*n 3or4 3"]) -> Float[Array, "*n"]:
     """Return the areas of faces, m2, as the sums over their triangles.
 
     `corners` are [..., 3 or 4, 3], m.
@@ -88,20 +88,20 @@ class OnFaces(OnGroups):
         set_fields(self, faces=as_faces(self.faces))
         return self._check_values(len(self.faces))
 
-    def selected(
+    def loaded_groups(
         self, structure: Structure
     ) -> tuple[tuple[int, ...], Bool[np.ndarray, " n_elem"] | None]:
-        """Select groups that have faces, see `OnGroups.selected`; none if `faces` are given."""
+        """Select groups with faces, see `OnGroups.loaded_groups`; none if `faces` are given."""
         if self.faces is not None:
             return (), None
-        numbers, mask = super().selected(structure)
+        numbers, mask = super().loaded_groups(structure)
         groups = structure.groups
         kept = tuple(number for number in numbers if groups[number].face is not None)
         if not kept or (self.on is not None and len(kept) < len(numbers)):
             k = next(number for number in numbers if number not in kept)
             given = "faces: missing" if self.on is None else f"on = {self.on!r}"
             raise ValueError(
-                f"{given}: {group_path(structure, k)} "
+                f"{given}: {path_of_group(structure, k)} "
                 f"({type(groups[k]).__name__}) has no faces; give "
                 "faces=... (net_faces finds those of a net), or on=... a group of surfaces "
                 "(a class with face = (0, 1, 2), the ends around the face of an element)"
@@ -112,9 +112,9 @@ class OnFaces(OnGroups):
         """Raise ValueError if a node is unknown to the structure, or a group has no faces."""
         if self.faces is not None:
             checks.require_known_nodes(self.faces.array, structure.n_node, "faces")
-        self._check_counts(structure, self.selected(structure)[0])
+        self._check_counts(structure, self.loaded_groups(structure)[0])
 
-    def touches(self, groups: Groups) -> list[Indices]:
+    def coupled_nodes(self, groups: Groups) -> list[Indices]:
         """Return the nodes whose forces depend on each other's positions, a list of [n, 3 or 4]."""
         if self.faces is not None:
             return [self.faces]
@@ -136,4 +136,4 @@ class OnFaces(OnGroups):
         for number in self.on:
             faces = groups[number].links[:, np.array(groups[number].face)]
             own = jnp.broadcast_to(values, (len(faces), *one))
-            yield faces, self.partly(number, own, states[number])
+            yield faces, self.apply_factors(number, own, states[number])

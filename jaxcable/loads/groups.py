@@ -15,7 +15,7 @@ from ..common.selection import Selection
 from ..common.tree import Indices, copy_with, index_array, set_fields
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.element_state import ElementState
-from ..model.parts import group_path
+from ..model.result_parts import path_of_group
 from ..model.structure import Structure
 from .load import Acting, Bundles, OnEveryNode
 
@@ -34,14 +34,14 @@ class OnGroups(Acting):
         elements: the loaded elements of this group; None means all.
         varies: name of the field that has one value, or one for every element of a group, and the
             shape of one value; None if no field does.
-        part: by number of group, factors of its elements, [n_elem], or of each component of their
-            values, [n_elem, ...]; set by the analysis.
+        element_factors: by number of group, factors of its elements, [n_elem], or of each component
+            of their values, [n_elem, ...]; set by the analysis.
     """
 
     on: Key
     elements: Selection | None = None
     varies: ClassVar[tuple[str, tuple[int, ...]] | None] = None
-    part: dict[int, Float[Array, "n_elem ..."]] | None
+    element_factors: dict[int, Float[Array, "n_elem ..."]] | None
 
     def _check_selection(self):
         """Raise ValueError unless `elements` is a selection or None."""
@@ -51,7 +51,7 @@ class OnGroups(Acting):
                 f"got {type(self.elements).__name__}"
             )
 
-    def selected(
+    def loaded_groups(
         self, structure: Structure
     ) -> tuple[tuple[int, ...], Bool[np.ndarray, " n_elem"] | None]:
         """Return numbers of the loaded groups, and a mask of their loaded elements, [n_elem].
@@ -69,7 +69,7 @@ class OnGroups(Acting):
                 f"elements: on = {self.on!r} means {len(numbers)} groups; give on=... the group "
                 "that has these elements"
             )
-        label = f"elements of {group_path(structure, numbers[0])}"
+        label = f"elements of {path_of_group(structure, numbers[0])}"
         return numbers, self.elements.element_mask(len(structure.groups[numbers[0]].links), label)
 
     def _check_values(self, count: int | None = None) -> None:
@@ -91,15 +91,15 @@ class OnGroups(Acting):
         name, one = self.varies  # type: ignore[misc]
         for number in numbers:
             count = len(structure.groups[number].links)
-            hint = f"; {group_path(structure, number)} has {count} elements"
+            hint = f"; {path_of_group(structure, number)} has {count} elements"
             checks.floats_of_shape(getattr(self, name), name, one, (count, *one), hint=hint)
 
-    def among(self, structure: Structure) -> Self:
+    def with_group_numbers(self, structure: Structure) -> Self:
         """Return the load with numbers of groups, and factors of elements: 1 if loaded, else 0.
 
         Values of elements become their factors, and the field that has them ones.
         """
-        numbers, mask = self.selected(structure)
+        numbers, mask = self.loaded_groups(structure)
         load = copy_with(self, on=numbers, elements=None)
         factors: Any = None if mask is None else mask.astype(float)
         if self.varies is not None and numbers:
@@ -110,22 +110,26 @@ class OnGroups(Acting):
                 factors = values
                 if mask is not None:
                     factors = jnp.where(mask.reshape(-1, *(1,) * len(one)), values, 0.0)
-        return copy_with(load, part=None if factors is None else dict.fromkeys(numbers, factors))
+        return copy_with(
+            load, element_factors=None if factors is None else dict.fromkeys(numbers, factors)
+        )
 
-    def bundled(self, bundles: Bundles) -> Self:
-        """Return the load, after `among`, on bundles of groups."""
-        if bundles.plain:
+    def on_bundles(self, bundles: Bundles) -> Self:
+        """Return the load, after `with_group_numbers`, on bundles of groups."""
+        if bundles.are_groups:
             return self
-        given = self.part or {}
-        spread = bundles.spread(self.on, {number: given.get(number, _ALL) for number in self.on})
+        given = self.element_factors or {}
+        spread = bundles.join_values(
+            self.on, {number: given.get(number, _ALL) for number in self.on}
+        )
         part = {number: factors for number, factors in spread.items() if factors is not _ALL}
-        return copy_with(self, on=tuple(spread), part=part or None)
+        return copy_with(self, on=tuple(spread), element_factors=part or None)
 
-    def touched(self, bundles: Bundles) -> Self:
+    def with_bundle_numbers(self, bundles: Bundles) -> Self:
         """Return the load with the numbers of the bundles that it acts on."""
-        return copy_with(self, on=bundles.numbers(self.on))
+        return copy_with(self, on=bundles.containing(self.on))
 
-    def partly(
+    def apply_factors(
         self,
         number: int,
         amounts: Float[ArrayLike, "n_elem ..."],
@@ -135,11 +139,11 @@ class OnGroups(Acting):
 
         They are zero where an element is not there, too, if the `state` of the group says so.
         """
-        if self.part is not None and number in self.part:
-            factors = self.part[number].astype(amounts.dtype)
+        if self.element_factors is not None and number in self.element_factors:
+            factors = self.element_factors[number].astype(amounts.dtype)
             across = (1,) * (amounts.ndim - factors.ndim)
             amounts = amounts * factors.reshape(*factors.shape, *across)
-        return amounts if state is None else state.only_present(amounts)
+        return amounts if state is None else state.zero_where_absent(amounts)
 
 
 def _group_numbers(on, structure):

@@ -9,12 +9,13 @@ from typing import Protocol, Self, TypeAlias
 import numpy as np
 from jax.typing import DTypeLike
 
+from ..common.old_names import LOAD, refuse_old_names
 from ..common.rules import Rule
 from ..common.tree import Indices, copy_with
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element, OwnState
 from ..model.structure import Structure
-from ..model.supports import Fixed
+from ..model.supports import FixedDofs
 
 VECTOR_HINT = "; give (x, y, z) for all nodes, or for each of them"
 """End of messages on vectors of nodes that have another shape."""
@@ -33,13 +34,13 @@ class Bundles(Protocol):
     """What loads need to know of groups that are evaluated together, see `mechanics.bundles`."""
 
     @property
-    def plain(self) -> bool:
+    def are_groups(self) -> bool:
         """Whether every bundle is a single group, in the order of the groups."""
 
-    def numbers(self, on: tuple[int, ...]) -> tuple[int, ...]:
+    def containing(self, on: tuple[int, ...]) -> tuple[int, ...]:
         """Numbers of the bundles that contain any of the groups `on`, in ascending order."""
 
-    def spread(
+    def join_values(
         self, on: tuple[int, ...], values: dict[int, Float[ArrayLike, " ..."]]
     ) -> Mapping[int, Float[ArrayLike, " ..."]]:
         """Convert arrays [n_elem] or scalars by number of group to the same by number of bundle."""
@@ -56,8 +57,12 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
         scales: names of fields that a factor of the load multiplies.
     """
 
-    worked_out: tuple[str, ...] = ("begun", "part")
+    worked_out: tuple[str, ...] = ("begin_nodes", "element_factors")
     scales: tuple[str, ...] = ()
+
+    def __init_subclass__(cls, **options: object):
+        super().__init_subclass__(**options)
+        refuse_old_names(cls, LOAD)
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if the load does not fit a structure."""
@@ -85,7 +90,7 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
 class OnNodes(Load):
     """Base of dead loads on nodes; at a degree of freedom that becomes fixed they end."""
 
-    def at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]] | None:
+    def forces_at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]] | None:
         """Return nodes [n] and the forces on them, [3] or [n, 3], N, for warnings.
 
         None (the default) of a load that has them in another form, which is not warned of.
@@ -106,11 +111,11 @@ class Moving(Load):
     """Base of movements of supports."""
 
     @abc.abstractmethod
-    def check_supported(self, fixed: Fixed) -> None:
+    def check_supported(self, fixed: FixedDofs) -> None:
         """Raise ValueError if a moved degree of freedom is not held."""
 
     @abc.abstractmethod
-    def steps(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
+    def nodal_movements(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
         """Return the movement of every node, of `shape`: translation, and rotation vector."""
 
 
@@ -118,20 +123,20 @@ class Acting(Load):
     """Base of loads on elements or areas, which go on acting in later phases."""
 
     @property
-    def asks_begun(self) -> bool:
+    def needs_begin_nodes(self) -> bool:
         """Whether it depends on where the nodes are when its phase begins (`Measured`)."""
         return False
 
-    def among(self, structure: Structure) -> Acting:
+    def with_group_numbers(self, structure: Structure) -> Acting:
         """Return the load as an analysis of a structure needs it, with groups by their numbers."""
         return self
 
-    def bundled(self, bundles: Bundles) -> Acting:
-        """Return the load, after `among`, on bundles of groups."""
+    def on_bundles(self, bundles: Bundles) -> Acting:
+        """Return the load, after `with_group_numbers`, on bundles of groups."""
         return self
 
-    def touched(self, bundles: Bundles) -> Acting:
-        """Return the load as `bundled` does, with only the numbers of its bundles."""
+    def with_bundle_numbers(self, bundles: Bundles) -> Acting:
+        """Return the load as `on_bundles` does, with only the numbers of its bundles."""
         return self
 
 
@@ -149,7 +154,7 @@ class Dead(Acting):
     ) -> OnEveryNode:
         """Return the force on every node, as `shape`, N, for the given element states."""
 
-    def per_length(
+    def load_per_length(
         self, number: int, group: Element, state: OwnState, nodes: Positions
     ) -> Float[Array, "n_elem 3"] | None:
         """Return the load along the elements of a group, which bends them or makes them hang.
@@ -166,30 +171,31 @@ class Measured(Dead):
     Attributes:
         geometry: "input", that of the structure's nodes, or "begun", that at the beginning of the
             phase.
-        begun: nodes at the beginning of the phase, [n_row, 3], m, set by the analysis; else None.
+        begin_nodes: nodes at the beginning of the phase, [n_row, 3], m, set by the analysis; else
+            None.
     """
 
     geometry: str = "input"
-    begun: Positions | None = None
+    begin_nodes: Positions | None = None
 
     @property
-    def asks_begun(self) -> bool:
+    def needs_begin_nodes(self) -> bool:
         """Whether it is measured in the geometry at the beginning of its phase."""
         return self.geometry == "begun"
 
-    def measured(self, nodes: Positions) -> Positions:
+    def measuring_positions(self, nodes: Positions) -> Positions:
         """Return the positions in which lengths or areas are measured, [n_row, 3], m.
 
         `nodes` are the initial positions.
         """
-        return nodes if self.begun is None else self.begun
+        return nodes if self.begin_nodes is None else self.begin_nodes
 
 
 class Following(Acting):
     """Base of follower loads: forces that depend on the current positions of the nodes."""
 
     @abc.abstractmethod
-    def touches(self, groups: Groups) -> list[Indices]:
+    def coupled_nodes(self, groups: Groups) -> list[Indices]:
         """Return nodes whose forces depend on each other's positions, list of `Indices` [n, k]."""
 
     @abc.abstractmethod
@@ -204,7 +210,7 @@ class Following(Acting):
     ) -> Blocks:
         """Return the derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
 
-    def pressing(
+    def bending_pressure(
         self, number: int, group: Element
     ) -> tuple[str, Float[Array, " n_elem"], Float[Array, "n_elem 3"]] | None:
         """Return the pressure that bends the elements of a group (beams, between their ends).

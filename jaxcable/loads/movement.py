@@ -10,7 +10,7 @@ from ..common.tree import Indices, pytree, set_fields
 from ..common.types import ArrayLike, Float, Int
 from ..model import plausibility
 from ..model.structure import Structure
-from ..model.supports import Fixed
+from ..model.supports import FixedDofs
 from .groups import scatter_to_nodes
 from .load import VECTOR_HINT, Moving, OnEveryNode
 
@@ -66,17 +66,18 @@ class SupportMovement(Moving):
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
         checks.require_known_nodes(self.nodes.array, structure.n_node, "moved nodes")
-        if self.rotations is not None and not structure.rotating()[self.nodes.array].all():
-            k = int((~structure.rotating()[self.nodes.array]).argmax())
+        if self.rotations is not None and not structure.rotating_nodes()[self.nodes.array].all():
+            k = int((~structure.rotating_nodes()[self.nodes.array]).argmax())
             raise ValueError(
                 f"rotations: node {self.nodes[k]} has no rotation: no beam is joined to it rigidly"
             )
 
-    def check_supported(self, fixed: Fixed) -> None:
+    def check_supported(self, fixed: FixedDofs) -> None:
         """Raise ValueError if a moved degree of freedom is not held.
 
         It is not known which components of a traced movement are zero: here only nodes without any
-        support are refused; a free component that moves ends in NONFINITE (see `mechanics.ramp`).
+        support are refused; a free component that moves ends in NONFINITE (see
+        `mechanics.load_ramp`).
         """
         held = fixed.array[self.nodes.array]
         moves = checks.array_if_known(self.displacements)
@@ -103,6 +104,6 @@ class SupportMovement(Moving):
                     "rotations are held can be rotated"
                 )
 
-    def steps(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
+    def nodal_movements(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
         """Return the movement of every node, of `shape`: translation, and rotation vector."""
         return scatter_to_nodes(self.nodes, (self.displacements, self.rotations), shape, dtype)

@@ -57,7 +57,7 @@ class NodalLoads(OnNodes):
                 moments=checks.floats_of_shape(self.moments, "moments", *shapes, hint=VECTOR_HINT),
             )
 
-    def at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]]:
+    def forces_at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]]:
         """Return nodes [n] and the forces on them, [3] or [n, 3], N."""
         return self.nodes, self.forces
 
@@ -70,7 +70,7 @@ class NodalLoads(OnNodes):
         """Raise ValueError if a node is unknown to the structure."""
         checks.require_known_nodes(self.nodes.array, structure.n_node, "load nodes")
         if self.moments is not None:
-            rotating = structure.rotating()[self.nodes.array]
+            rotating = structure.rotating_nodes()[self.nodes.array]
             if not rotating.all():
                 k = int((~rotating).argmax())
                 raise ValueError(

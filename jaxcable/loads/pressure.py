@@ -20,7 +20,7 @@ from ..common.selection import Selection
 from ..common.tree import Indices, pytree, set_fields
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element
-from ..model.parts import group_path
+from ..model.result_parts import path_of_group
 from ..model.structure import Structure
 from .faces import OnFaces, area_vectors
 from .groups import Key, OnGroups
@@ -104,7 +104,7 @@ class CablePressure(OnGroups, Pressure):
     axis: Float[ArrayLike, " 3"]
     on: Key = None
     per: Literal["current", "unstressed"] = "current"
-    part: dict[int, Float[Array, " n_elem"]] | None = (
+    element_factors: dict[int, Float[Array, " n_elem"]] | None = (
         None  # by number of group: factor of the pressure on each element; set by the analysis
     )
 
@@ -123,27 +123,27 @@ class CablePressure(OnGroups, Pressure):
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a loaded group cannot take pressure."""
-        numbers, _ = self.selected(structure)
+        numbers, _ = self.loaded_groups(structure)
         for number in numbers:
             group = structure.groups[number]
             if group.links.shape[1] != 2 or (group.shaped_by_load and not group.rotates):
                 raise ValueError(
-                    f"on = {self.on!r}: {group_path(structure, number)} "
+                    f"on = {self.on!r}: {path_of_group(structure, number)} "
                     f"({type(group).__name__}) takes no pressure; only cables and bars of two "
                     "nodes, and beams do"
                 )
             if self.per == "unstressed" and not group.has_length:
                 raise ValueError(
-                    f'per = "unstressed": {group_path(structure, number)} '
+                    f'per = "unstressed": {path_of_group(structure, number)} '
                     f'({type(group).__name__}) has no unstressed length; give per="current"'
                 )
         self._check_counts(structure, numbers)
 
-    def touches(self, groups: Groups) -> list[Indices]:
+    def coupled_nodes(self, groups: Groups) -> list[Indices]:
         """Return the nodes whose forces depend on each other's positions, a list of [n, 2]."""
         return [Indices(groups[number].links.array[:, :2]) for number in self.on]
 
-    def pressing(
+    def bending_pressure(
         self, number: int, group: Element
     ) -> tuple[str, Float[Array, " n_elem"], Float[Array, "n_elem 3"]] | None:
         """Return the pressure that bends the elements of a group.
@@ -156,14 +156,14 @@ class CablePressure(OnGroups, Pressure):
             return None
         count = len(group.links)
         axis = self.axis / _norm_or_one(self.axis)
-        pressure = self.partly(number, jnp.broadcast_to(self.pressure, (count,)))
+        pressure = self.apply_factors(number, jnp.broadcast_to(self.pressure, (count,)))
         return self.per, pressure, jnp.broadcast_to(axis, (count, 3))
 
     def _pressed_pieces(self, groups, states, moved):
         for number in self.on:
             group, state = groups[number], states[number]
             pressure = jnp.broadcast_to(self.pressure, (len(group.links),)).astype(moved.dtype)
-            pressure = self.partly(number, pressure, state)
+            pressure = self.apply_factors(number, pressure, state)
             links = group.links[:, :2]  # without the inner numbers of beams
             yield moved[links], (pressure, state.rest_length), links
 
@@ -217,7 +217,7 @@ class FacePressure(OnFaces, Pressure):
     pressure: Float[ArrayLike, ""] | Float[ArrayLike, " n_face"] = None
     on: Key = None
     elements: Selection | None = None
-    part: dict[int, Float[Array, " n_elem"]] | None = (
+    element_factors: dict[int, Float[Array, " n_elem"]] | None = (
         None  # by number of group: factor of the pressure on each element; set by the analysis
     )
 

@@ -30,7 +30,7 @@ class Amplitude:
     parameters: Float[ArrayLike, "... n_point"]
     factors: Float[ArrayLike, "... n_point"]
 
-    def at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, " ..."]:
+    def factor_at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, " ..."]:
         """Interpolate the factor at a parameter, the load factor of the phase.
 
         At 0 it is zero, whatever the first factor: a phase begins with what earlier ones left.
@@ -43,7 +43,7 @@ class Amplitude:
         factor = self.factors[..., 0] + jnp.sum(rises * passed, axis=-1)
         return jnp.where(parameter > 0, factor, 0.0)
 
-    def padded(self, n_point: int) -> Amplitude:
+    def with_points(self, n_point: int) -> Amplitude:
         """Return the same function with `n_point` points; the new ones are on its last line."""
         count = n_point - len(self.parameters)
         if not count:
@@ -68,7 +68,7 @@ class Amplitude:
         ]
 
 
-def together(amplitudes: Sequence[Amplitude | None]) -> Amplitude | None:
+def stack_amplitudes(amplitudes: Sequence[Amplitude | None]) -> Amplitude | None:
     """Stack amplitudes with a leading axis and equally many points; None if no load has any.
 
     A load without an amplitude is proportional to the parameter.
@@ -78,7 +78,7 @@ def together(amplitudes: Sequence[Amplitude | None]) -> Amplitude | None:
     line = np.array([0.0, 1.0])
     given = [Amplitude(line, line) if one is None else one for one in amplitudes]
     n_point = max(len(one.parameters) for one in given)
-    return stack_trees([one.padded(n_point) for one in given])
+    return stack_trees([one.with_points(n_point) for one in given])
 
 
 @pytree

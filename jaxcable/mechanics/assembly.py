@@ -17,15 +17,15 @@ import jax.numpy as jnp
 from .. import linear
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
-from ..elements.abilities import Pulling, Rounding
+from ..elements.abilities import Rounding, TensionElement
 from ..elements.element import Element
 from ..elements.element_state import ElementState
 from ..spaces import Space
 from ..spaces.dof_map import reference_rows
 from ..spaces.space import Forces, Matrix, MatrixPart, Motion, Step
 from ..spaces.translations import append_low_part, drop_low_part
-from .elementwise import Elementwise, PerGroup, each, over_ends
-from .load_stacks import Following
+from .elementwise import Elementwise, PerGroup, evaluate_elements, map_elements_at_ends
+from .load_stacks import ActiveFollowers
 
 EndForces: TypeAlias = 'list[Float[Array, "n_elem n_end n_freedom"]]'
 """End forces of every group."""
@@ -42,7 +42,7 @@ class System(Elementwise):
         load: dead load on every row, [n_row, n_freedom], N and N m.
         space: `Space`: supports and degrees of freedom.
         followers: following loads, which depend on the positions of the nodes, a list of
-            `load_stacks.Following`, or None.
+            `load_stacks.ActiveFollowers`, or None.
     """
 
     nodes: Float[Array, "n_row 3"]
@@ -50,7 +50,7 @@ class System(Elementwise):
     states: list[ElementState]
     load: Float[Array, "n_row n_freedom"]
     space: Space
-    followers: list[Following] | None = None
+    followers: list[ActiveFollowers] | None = None
 
     def without_softening(self) -> System:
         """Return the system with laws without softening, see `Law.without_softening`."""
@@ -70,11 +70,13 @@ class System(Elementwise):
         """Return the motion after a step [n_free]."""
         return self.space.move(x, step)
 
-    def reach(self, x: Motion) -> Float[Array, ""]:
+    def largest_displacement(self, x: Motion) -> Float[Array, ""]:
         """Return the largest displacement along an axis, m; rotations do not count."""
         return jnp.max(jnp.abs(x[:, :3]), initial=0.0)
 
-    def chart(self, x: Motion) -> tuple[Callable[[Step], Step], Step, Callable[[Step], Motion]]:
+    def local_residual(
+        self, x: Motion
+    ) -> tuple[Callable[[Step], Step], Step, Callable[[Step], Motion]]:
         """Return the residual as a function of a step from `x`, the zero step, and `move`."""
         x = self.impose_supports(x)
         # computed from x, so that the zero step has the batch axes of x
@@ -86,7 +88,7 @@ class System(Elementwise):
 
         return residual, zero, lambda step: self.move(x, step)
 
-    def refined(self, x: Motion) -> Motion:
+    def with_low_part(self, x: Motion) -> Motion:
         """Return `x` with a low-order part if this is a net (`spaces.translations`)."""
         return append_low_part(drop_low_part(x)) if self.is_net else x
 
@@ -100,19 +102,19 @@ class System(Elementwise):
         `end_forces` of every group are evaluated unless they are given.
         """
         if end_forces is None:
-            end_forces = self.reading(x, "end_forces")["end_forces"]
+            end_forces = self.results_by_name(x, "end_forces")["end_forces"]
         ends = [self.space.pad_moments(forces) for forces in end_forces]
-        return self.at_rows(ends), self.at_rows(self.end_sizes(ends, x))
+        return self.sum_at_rows(ends), self.sum_at_rows(self.end_force_norms(ends, x))
 
-    def end_sizes(self, ends: EndForces, x: Motion) -> list[Float[Array, "n_elem n_end"]]:
-        """Return norms of the end forces of every group, plus `part_sizes` of laws with memory."""
+    def end_force_norms(self, ends: EndForces, x: Motion) -> list[Float[Array, "n_elem n_end"]]:
+        """Return norms of end forces, plus `internal_absolute_forces` where laws have a memory."""
         sizes = [self.space.force_norm(forces) for forces in ends]
         for k, (group, state) in enumerate(zip(self.groups, self.states, strict=True)):
-            if group.remembers:
-                sizes[k] = sizes[k] + self.part_sizes(group, state, x)
+            if group.has_memory:
+                sizes[k] = sizes[k] + self.internal_absolute_forces(group, state, x)
         return sizes
 
-    def at_rows(self, values: Sequence[Float[Array, "n_elem n_end ..."]]) -> Array:
+    def sum_at_rows(self, values: Sequence[Float[Array, "n_elem n_end ..."]]) -> Array:
         """Sum up `values` at the ends of all elements for every row, [n_row, ...]."""
         parts = [value.reshape(-1, *value.shape[2:]) for value in values]
         flat = parts[0] if len(parts) == 1 else jnp.concatenate(parts)
@@ -124,13 +126,13 @@ class System(Elementwise):
     def _end_forces_after(self, x, spread):
         """Return the end forces of every group after a step of all rows from `x`."""
         found = []
-        placed = zip(*map(self.at_ends, (self.nodes, x, spread)), strict=True)
+        placed = zip(*map(self.gather_at_ends, (self.nodes, x, spread)), strict=True)
         for group, state, (*at, step) in zip(self.groups, self.states, placed, strict=True):
             beside = (step[..., : group.n_freedom],)
-            found.append(over_ends(_element_forces_after, group, state, at, beside))
+            found.append(map_elements_at_ends(_element_forces_after, group, state, at, beside))
         return found
 
-    def part_sizes(
+    def internal_absolute_forces(
         self, group: Element, state: ElementState, motion: Motion
     ) -> Float[Array, "n_elem n_end"]:
         """Return sums of absolute forces of an element's parts, at each end, [n_elem, n_end], N.
@@ -138,14 +140,14 @@ class System(Elementwise):
         Forces of the parts of an elastic-plastic element can cancel each other. An unloaded element
         is in equilibrium up to the rounding of these forces.
         """
-        sizes = each("size", group, state, self.nodes, motion)[:, None]
+        sizes = evaluate_elements("absolute_force", group, state, self.nodes, motion)[:, None]
         return jnp.repeat(sizes, group.links.shape[1], axis=1)
 
     def external_force(self, x: Motion, spread: Forces | None = None) -> Forces:
         """Return the dead and following loads on every row, as `load`.
 
         A system with further forces, such as inertia, adds them here, and their tangent to
-        `external_parts`; every solver uses these two methods.
+        `external_stiffness_parts`; every solver uses these two methods.
 
         Args:
             x: motion of all rows.
@@ -191,19 +193,23 @@ class System(Elementwise):
         return self.space.restrict(force - load, x), scale
 
     @property
-    def rounds(self) -> bool:
+    def estimates_rounding(self) -> bool:
         """Whether any elements estimate the rounding error of their forces."""
         return any(isinstance(group, Rounding) for group in self.groups)
 
-    def rounding(self, x: Motion) -> Step:
+    def rounding_error(self, x: Motion) -> Step:
         """Return the error of the residual by rounding of displacements, [n_free], N."""
         left = []
         for group, state in zip(self.groups, self.states, strict=True):
             if isinstance(group, Rounding):
-                left.append(self.space.pad_moments(each("rounding", group, state, self.nodes, x)))
+                left.append(
+                    self.space.pad_moments(
+                        evaluate_elements("rounding_error", group, state, self.nodes, x)
+                    )
+                )
             else:
                 left.append(jnp.zeros((*group.links.shape, self.space.n_freedom), x.dtype))
-        return jnp.abs(self.space.restrict(self.at_rows(left), x))
+        return jnp.abs(self.space.restrict(self.sum_at_rows(left), x))
 
     def load_norm(self, x: Motion) -> Float[Array, ""]:
         """Return the Euclidean norm of the load on the unknowns, N (moments over a length)."""
@@ -227,10 +233,14 @@ class System(Elementwise):
         if not self._has_symmetric_elements:
             return jnp.ones((), bool)
         moments = self.space.moments(self.load)
-        return self.followed if moments is None else jnp.any(moments != 0) | self.followed
+        return (
+            self.has_following_loads
+            if moments is None
+            else jnp.any(moments != 0) | self.has_following_loads
+        )
 
     @property
-    def followed(self) -> Bool[Array, ""]:
+    def has_following_loads(self) -> Bool[Array, ""]:
         """Whether a following load acts in this phase, scalar bool."""
         if self.followers is None:
             return jnp.zeros((), bool)
@@ -244,17 +254,19 @@ class System(Elementwise):
         By autodiff of the element forces. A matrix of `linear`: dense [n_free, n_free], or sparse
         if the degrees of freedom have a pattern. `known`: element tangents from `linearized`.
         """
-        parts = self.parts(self.tangents(x, known), x) + self.external_parts(x)
+        parts = self.parts(self.tangents(x, known), x) + self.external_stiffness_parts(x)
         return self.space.stabilize_free_spins(self._assemble_matrix(parts), x)
 
     def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[MatrixPart]:
         """Return element matrices [n_elem, d, d] in the form of `linear.assemble_matrix`."""
         return [
-            self.space.transform_to_unknowns(blocks, group.links, group.n_freedom, group.inner, x)
+            self.space.transform_to_unknowns(
+                blocks, group.links, group.n_freedom, group.inner_unknowns, x
+            )
             for blocks, group in zip(matrices, self.groups, strict=True)
         ]
 
-    def mass(
+    def mass_matrix(
         self, x: Motion, gravity: Float[ArrayLike, ""], distribution: str | None = None
     ) -> Matrix:
         """Assemble the mass matrix of the elements, on the pattern of `tangent`, kg.
@@ -265,14 +277,14 @@ class System(Elementwise):
         pattern = self.dof_map.pattern
         if pattern is not None and any(pattern.paired):
             raise ValueError("pattern: is one of paired elements, whose masses are not paired")
-        parts = self.parts(self.masses(x, gravity, distribution), x)
+        parts = self.parts(self.mass_matrices(x, gravity, distribution), x)
         # the pattern has places for terms of loads, too
-        others = jax.eval_shape(lambda: self.external_parts(x))
+        others = jax.eval_shape(lambda: self.external_stiffness_parts(x))
         return self._assemble_matrix(
             parts + jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), others)
         )
 
-    def external_parts(self, x: Motion) -> list[MatrixPart]:
+    def external_stiffness_parts(self, x: Motion) -> list[MatrixPart]:
         """Return the load stiffness, as `parts`: of following loads and moments.
 
         A sparse pattern needs places for them, after those of the elements (`make_dof_map`).
@@ -289,7 +301,7 @@ class System(Elementwise):
         """Assemble the secant stiffness between two points, a matrix like `tangent`, N/m."""
         return self._assemble_matrix(self.parts(self.secants(before, x), x))
 
-    def displaced_by(self, x: Motion) -> Float[Array, "n_row 3 n_free"]:
+    def displacement_jacobian(self, x: Motion) -> Float[Array, "n_row 3 n_free"]:
         """Return the derivative of all displacements by the unknowns, [n_row, 3, n_free]."""
         dof_map, n_row = self.dof_map, len(x)
         number, slopes = dof_map.unknown_of_dof, self.space.motion_jacobian(x)
@@ -321,30 +333,30 @@ class System(Elementwise):
         """Return the forces of the supports on the structure, as `load`; zero where free."""
         return self.space.reactions(self.unbalanced(x, end_forces), x)
 
-    def loose_nodes(
+    def nodes_without_stiffness(
         self, motion: Motion, slack: list[Bool[Array, " n_elem"]] | None = None
     ) -> Bool[Array, " n_row"]:
         """Return which free nodes have no stiffness: slack elements only, [n_node] bool."""
         slack = self.slack(motion) if slack is None else slack
         taut = []
         for group, state, loose in zip(self.groups, self.states, slack, strict=True):
-            bears = state.only_present(~loose)[:, None]
+            bears = state.zero_where_absent(~loose)[:, None]
             taut.append(jnp.broadcast_to(bears, group.links.shape).astype(jnp.int32))
-        stiffened = self.at_rows(taut) > 0
+        stiffened = self.sum_at_rows(taut) > 0
         if self.dof_map.node_of_row is not None:
             stiffened = stiffened.at[self.dof_map.node_of_row].max(stiffened)
         return ~stiffened & ~jnp.all(self.dof_map.fixed, axis=-1)
 
-    def kinked(self, motion: Motion) -> Bool[Array, ""]:
+    def nonsmooth(self, motion: Motion) -> Bool[Array, ""]:
         """Return whether equilibrium has no derivative: a cable at a free node is at its kink.
 
         Cables whose law has history variables go slack at other strains and do not count.
         """
         found, free = jnp.zeros((), bool), self.dof_map.movable_dofs()
         for group, state in zip(self.groups, self.states, strict=True):
-            if group.tension_only and not group.remembers:
+            if group.tension_only and not group.has_memory:
                 moves = jnp.any(free[group.links], axis=(1, 2))
-                kink = each("at_kink", group, state, self.nodes, motion)
+                kink = evaluate_elements("at_kink", group, state, self.nodes, motion)
                 found = found | jnp.any(kink & moves)
         return found
 
@@ -366,7 +378,7 @@ class System(Elementwise):
         if self.always_convex or not self.may_be_convex:
             return jnp.asarray(self.always_convex)
         still = [jnp.all(load == 0) for load in self._sliding_loads]
-        return jnp.all(jnp.stack([~self.followed, *still]))
+        return jnp.all(jnp.stack([~self.has_following_loads, *still]))
 
     @property
     def _sliding_loads(self) -> list[Float[Array, "n_elem 3"]]:
@@ -379,10 +391,10 @@ class System(Elementwise):
     def is_net(self) -> bool:
         """Whether it is a net of cables under dead loads, with one tension for each cable."""
         pairs = zip(self.groups, self.states, strict=True)
-        cables = [isinstance(g, Pulling) and g.pulls(s) for g, s in pairs]
+        cables = [isinstance(g, TensionElement) and g.has_tension_unknown(s) for g, s in pairs]
         return all(cables) and self.always_convex and not self.space.rotates
 
 
 def _element_forces_after(one, state, ends, motion, step):
     """Return the end forces of one element after a step from a motion."""
-    return one.end_forces_about(state, ends, motion, step)
+    return one.end_forces_after_step(state, ends, motion, step)

@@ -19,7 +19,7 @@ import numpy as np
 from ..common.tree import Indices, PerElement, concatenate, copy_with
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.element import Element
-from ..elements.stated import Stated
+from ..elements.statement import StatedValues
 from ..sections import Section, padding
 
 _NEUTRAL_VALUES = {"weight": 0.0, "expansion": 0.0}
@@ -30,11 +30,11 @@ class Bundles(NamedTuple):
     """Which groups are evaluated together; hashable, static in a program.
 
     Attributes:
-        members: indices of the groups of every bundle, in ascending order.
+        group_indices: indices of the groups of every bundle, in ascending order.
         sizes: number of elements of every group.
     """
 
-    members: tuple[tuple[int, ...], ...]
+    group_indices: tuple[tuple[int, ...], ...]
     sizes: tuple[int, ...]
 
     @classmethod
@@ -47,34 +47,36 @@ class Bundles(NamedTuple):
         return cls(members, tuple(len(group.links) for group in groups))
 
     @property
-    def plain(self) -> bool:
+    def are_groups(self) -> bool:
         """Whether no groups are evaluated together: every bundle is one group, in their order."""
-        return len(self.members) == len(self.sizes)
+        return len(self.group_indices) == len(self.sizes)
 
-    def groups(self, groups: list[Element]) -> list[Element]:
+    def join_groups(self, groups: list[Element]) -> list[Element]:
         """Return one group for every bundle, with the elements of its groups."""
         return (
             groups
-            if self.plain
-            else [_join_groups([groups[k] for k in numbers]) for numbers in self.members]
+            if self.are_groups
+            else [_join_groups([groups[k] for k in numbers]) for numbers in self.group_indices]
         )
 
-    def together(self, per_group: Any) -> list[PyTree[Float[Array, "n_elem ..."]]]:
+    def join(self, per_group: Any) -> list[PyTree[Float[Array, "n_elem ..."]]]:
         """Join pytrees of arrays [n_elem, ...] of groups to one for every bundle."""
-        if self.plain:
+        if self.are_groups:
             return per_group
 
         def one(*parts):
             return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
 
-        return [jax.tree.map(one, *(per_group[k] for k in numbers)) for numbers in self.members]
+        return [
+            jax.tree.map(one, *(per_group[k] for k in numbers)) for numbers in self.group_indices
+        ]
 
-    def apart(self, per_bundle: Any, axis: int = 0) -> list[PyTree[Float[Array, "n_elem ..."]]]:
-        """Split pytrees of bundles, with elements on `axis`, into groups: inverse of `together`."""
-        if self.plain:
+    def split(self, per_bundle: Any, axis: int = 0) -> list[PyTree[Float[Array, "n_elem ..."]]]:
+        """Split pytrees of bundles, with elements on `axis`, into groups: inverse of `join`."""
+        if self.are_groups:
             return per_bundle
         found = [None] * len(self.sizes)
-        for numbers, whole in zip(self.members, per_bundle, strict=True):
+        for numbers, whole in zip(self.group_indices, per_bundle, strict=True):
             start = 0
             for k in numbers:
                 at = (slice(None),) * axis + (slice(start, start + self.sizes[k]),)
@@ -82,11 +84,11 @@ class Bundles(NamedTuple):
                 start += self.sizes[k]
         return found
 
-    def numbers(self, on: Collection[int]) -> tuple[int, ...]:
+    def containing(self, on: Collection[int]) -> tuple[int, ...]:
         """Return the indices of the bundles that contain any of the groups `on`, ascending."""
-        return tuple(b for b, numbers in enumerate(self.members) if set(numbers) & set(on))
+        return tuple(b for b, numbers in enumerate(self.group_indices) if set(numbers) & set(on))
 
-    def spread(
+    def join_values(
         self,
         on: Collection[int],
         values: Mapping[int, Float[ArrayLike, "n_elem ..."]],
@@ -103,21 +105,23 @@ class Bundles(NamedTuple):
             Values by index of a bundle; a scalar where all of its groups have the same scalar.
         """
         found = {}
-        for b in self.numbers(on):
-            given = [values.get(k, fill) for k in self.members[b]]
+        for b in self.containing(on):
+            given = [values.get(k, fill) for k in self.group_indices[b]]
             if all(x is given[0] for x in given) and np.ndim(given[0]) == 0:
                 found[b] = given[0]
                 continue
-            sizes = [self.sizes[k] for k in self.members[b]]
+            sizes = [self.sizes[k] for k in self.group_indices[b]]
             each = max((np.shape(x)[1:] for x in given), key=len)  # components of values
             parts = [jnp.broadcast_to(x, (n, *each)) for x, n in zip(given, sizes, strict=True)]
             found[b] = jnp.concatenate(parts)
         return found
 
-    def statements(self, per_group: list[dict[str, Stated]]) -> list[dict[str, Stated]]:
-        """Join the statements of a phase: a dict from name to `Stated` for every bundle."""
+    def join_statements(
+        self, per_group: list[dict[str, StatedValues]]
+    ) -> list[dict[str, StatedValues]]:
+        """Join the statements of a phase: a dict from name to `StatedValues` for every bundle."""
         found = []
-        for numbers in self.members:
+        for numbers in self.group_indices:
             names = dict.fromkeys(name for k in numbers for name in per_group[k])
             found.append({name: self._join_statement(name, numbers, per_group) for name in names})
         return found
@@ -132,12 +136,12 @@ class Bundles(NamedTuple):
             for s, n in zip(parts, sizes, strict=True)
         ]
         if all(stated is not None and stated.chosen is None for stated in parts):
-            return Stated(concatenate(values))
+            return StatedValues(concatenate(values))
         chosen = [
             np.full(n, s is not None) if s is None or s.chosen is None else s.chosen
             for s, n in zip(parts, sizes, strict=True)
         ]
-        return Stated(concatenate(values), np.concatenate(chosen))
+        return StatedValues(concatenate(values), np.concatenate(chosen))
 
 
 def _bundle_key(number, group):

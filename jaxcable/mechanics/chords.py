@@ -36,7 +36,7 @@ class Chords:
     @classmethod
     def of(cls, system: System, x: Motion, end_forces: EndForces) -> Chords:
         """Return the chords of a system at `x`, where every group has these end forces."""
-        vector = relative(system, system.nodes + x[:, :3])
+        vector = relative_to_first_end(system, system.nodes + x[:, :3])
         length = jnp.sqrt(jnp.sum(vector**2, axis=1))
         along = vector / length[:, None]
         pairs = zip(system.groups, end_forces, strict=True)
@@ -47,11 +47,11 @@ class Chords:
         """Return the linearized elongations [n], m, by motions `apart` of second ends to first."""
         return jnp.sum(self.along * apart, axis=1)
 
-    def turn(self, apart: Float[Array, "n 3"]) -> Float[Array, ""]:
+    def largest_turn_squared(self, apart: Float[Array, "n 3"]) -> Float[Array, ""]:
         """Return the square of the largest motion `apart` over the length."""
         return jnp.max(jnp.sum(apart**2, axis=1) / self.length**2)
 
-    def slopes(
+    def axial_stiffness(
         self, system: System, tangents: Sequence[Float[Array, "n_elem d d"]]
     ) -> Float[Array, " n"]:
         """Return the derivative of the force by the length, from element tangents, [n], N/m."""
@@ -61,7 +61,7 @@ class Chords:
                 blocks.append(matrix[:, 3:, 3:])
         return jnp.einsum("ni,nij,nj->n", self.along, jnp.concatenate(blocks), self.along)
 
-    def stiffened(
+    def with_geometric_stiffness(
         self,
         system: System,
         tangents: Sequence[Float[Array, "n_elem d d"]],
@@ -92,19 +92,19 @@ def has_chord(group: Element) -> bool:
     return group.links.shape[1] == 2 and not group.rotates
 
 
-def have_chords(groups: Sequence[Element]) -> bool:
+def any_chords(groups: Sequence[Element]) -> bool:
     """Return whether any element has two ends without rotations."""
     return any(map(has_chord, groups))
 
 
-def tension_only(groups: Sequence[Element]) -> Bool[np.ndarray, " n"]:
+def tension_only_chords(groups: Sequence[Element]) -> Bool[np.ndarray, " n"]:
     """Return which of the elements with chords are tension-only, on the host."""
     return np.concatenate(
         [np.full(len(group.links), group.tension_only) for group in groups if has_chord(group)]
     )
 
 
-def relative(system: System, values: Float[Array, "n_row n"]) -> Float[Array, "n 3"]:
+def relative_to_first_end(system: System, values: Float[Array, "n_row n"]) -> Float[Array, "n 3"]:
     """Return positions or translations of second ends relative to first ends, [n, 3], m."""
     links = jnp.concatenate([group.links[:, :2] for group in system.groups if has_chord(group)])
     ends = values[:, :3][links]

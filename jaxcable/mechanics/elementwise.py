@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..elements.element import PEAK_TENSION, PRESENT, TENSION, Element, Result
 from ..elements.element_state import ElementState
-from ..elements.prestress import element, of_each
+from ..elements.prestress import call_each_element, single_element
 from ..numerics.rotations import IDENTITY
 from ..spaces.dof_map import DofMap
 from ..spaces.space import Motion, Space
@@ -36,8 +36,10 @@ class Elementwise:
         """Map of the degrees of freedom, `DofMap`."""
         return self.space.dof_map
 
-    def at_ends(self, values: Float[Array, "n_row ..."]) -> list[Float[Array, "n_elem n_end ..."]]:
-        """Gather `values` of rows at the ends of all elements; the transpose is `at_rows`."""
+    def gather_at_ends(
+        self, values: Float[Array, "n_row ..."]
+    ) -> list[Float[Array, "n_elem n_end ..."]]:
+        """Gather `values` of rows at the ends of all elements; the transpose is `sum_at_rows`."""
         meeting = None if self.dof_map is None else self.dof_map.nodal_assembly
         if meeting is None:
             return [values[group.links] for group in self.groups]
@@ -51,12 +53,12 @@ class Elementwise:
     def stored_energy(self, motion: Motion) -> Float[Array, ""]:
         """Return the energy stored in the elements, J."""
         total: Float[ArrayLike, ""] = sum(
-            jnp.sum(each("energy", group, state, self.nodes, motion))
+            jnp.sum(evaluate_elements("energy", group, state, self.nodes, motion))
             for group, state in zip(self.groups, self.states, strict=True)
         )
         return total
 
-    def reading(self, motion: Motion, *names: str) -> dict[str, list[Any]]:
+    def results_by_name(self, motion: Motion, *names: str) -> dict[str, list[Any]]:
         """Return results of all elements; each element is evaluated once for all of them.
 
         Args:
@@ -69,14 +71,14 @@ class Elementwise:
             tension of elements without load along them, which is their axial force.
         """
         found = []
-        placed = zip(self.at_ends(self.nodes), self.at_ends(motion), strict=True)
+        placed = zip(self.gather_at_ends(self.nodes), self.gather_at_ends(motion), strict=True)
         for group, state, at in zip(self.groups, self.states, placed, strict=True):
             present = [name for name in names if group.has_result(name, state)]
 
             def read(one, *at, present=present):
-                return one.reading(*at, present)
+                return one.results_by_name(*at, present)
 
-            values = over_ends(read, group, state, at)
+            values = map_elements_at_ends(read, group, state, at)
             if PRESENT.name in names and state.present is not None:
                 values[PRESENT.name] = state.present.astype(motion.dtype)
             found.append(values)
@@ -90,16 +92,16 @@ class Elementwise:
             found.append(PRESENT)
         return {result.name: result for result in (TENSION, PEAK_TENSION, *found)}
 
-    def linearized(self, motion: Motion) -> list[list[Any]]:
+    def forces_and_tangents(self, motion: Motion) -> list[list[Any]]:
         """Return end forces of all groups, and tangents of groups that compute both together.
 
         Two lists; None for the tangents of other groups, which may never be needed.
         """
         pairs = []
         for group, state in zip(self.groups, self.states, strict=True):
-            together = group.finds_both(state)
-            name = "linearized" if together else "end_forces"
-            found = each(name, group, state, self.nodes, motion)
+            together = group.evaluates_both_at_once(state)
+            name = "forces_and_tangent" if together else "end_forces"
+            found = evaluate_elements(name, group, state, self.nodes, motion)
             pairs.append(found if together else (found, None))
         return [list(arrays) for arrays in zip(*pairs, strict=True)]
 
@@ -110,12 +112,16 @@ class Elementwise:
         known = [None] * len(self.groups) if known is None else known
         found = []
         for group, state, matrix in zip(self.groups, self.states, known, strict=True):
-            matrix = each("tangent", group, state, self.nodes, motion) if matrix is None else matrix
+            matrix = (
+                evaluate_elements("tangent", group, state, self.nodes, motion)
+                if matrix is None
+                else matrix
+            )
             count = len(matrix)
             found.append(matrix.reshape(count, -1, round((matrix.size // count) ** 0.5)))
         return found
 
-    def masses(
+    def mass_matrices(
         self, motion: Motion, gravity: Float[ArrayLike, ""], distribution: str | None = None
     ) -> list[Float[Array, "n_elem d d"]]:
         """Return the mass matrices of all elements, as `tangents`, kg; zero without a weight.
@@ -137,28 +143,28 @@ class Elementwise:
                 found.append(jnp.zeros(shape.shape, shape.dtype))
                 continue
             at, beside = (self.nodes[group.links], motion[group.links]), (weights / gravity,)
-            found.append(over_ends(of_element, group, state, at, beside))
+            found.append(map_elements_at_ends(of_element, group, state, at, beside))
         return found
 
     def secants(self, before: Motion, motion: Motion) -> list[Float[Array, "n_elem ..."]]:
         """Return the secant stiffness of all elements between two motions, [n_elem, ...] each."""
         return [
-            each("secant", group, state, self.nodes, before, motion)
+            evaluate_elements("secant", group, state, self.nodes, before, motion)
             for group, state in zip(self.groups, self.states, strict=True)
         ]
 
     def tensions(self, motion: Motion) -> list[Float[Array, " n_elem"]]:
         """Return the axial forces, one array [n_elem] per group, N."""
-        return self.reading(motion, "tension")["tension"]
+        return self.results_by_name(motion, "tension")["tension"]
 
     def slack(self, motion: Motion) -> list[Bool[Array, " n_elem"]]:
         """Return which elements are slack, one boolean array [n_elem] per group."""
-        return self.reading(motion, "is_slack")["is_slack"]
+        return self.results_by_name(motion, "is_slack")["is_slack"]
 
     @property
-    def remembers(self) -> bool:
+    def has_memory(self) -> bool:
         """Whether any group has history variables."""
-        return any(group.remembers for group in self.groups)
+        return any(group.has_memory for group in self.groups)
 
     @property
     def has_rupture(self) -> bool:
@@ -167,13 +173,13 @@ class Elementwise:
 
     def strains(self, motion: Motion) -> PerGroup:
         """Return the section strains, an array for every group; None for one without them."""
-        return self.reading(motion, "section_strain")["section_strain"]
+        return self.results_by_name(motion, "section_strain")["section_strain"]
 
-    def broken(self, strains: PerGroup) -> Bool[Array, " n"]:
+    def ruptured_elements(self, strains: PerGroup) -> Bool[Array, " n"]:
         """Return which elements have ruptured, all groups in one array, [n] bool."""
         return jnp.concatenate(
             [
-                of_each("is_ruptured", group, strain)
+                call_each_element("is_ruptured", group, strain)
                 if group.has_rupture
                 else jnp.zeros(len(group.links), bool)
                 for group, strain in zip(self.groups, strains, strict=True)
@@ -182,7 +188,7 @@ class Elementwise:
 
     def is_ruptured(self, motion: Motion) -> Bool[Array, ""]:
         """Return whether any element is strained beyond its rupture strain."""
-        return jnp.any(self.broken(self.strains(motion)))
+        return jnp.any(self.ruptured_elements(self.strains(motion)))
 
     def commit_memory(
         self, motion: Motion, strains: PerGroup | None = None, duration: float = 0.0
@@ -195,13 +201,17 @@ class Elementwise:
         strains = self.strains(motion) if strains is None else strains
         found, options = [], {"duration": duration}
         for group, state, strain in zip(self.groups, self.states, strains, strict=True):
-            if not group.remembers:
+            if not group.has_memory:
                 found.append(None)
-            elif type(group).settled is Element.settled:
-                found.append(of_each("commit_memory", group, strain, state.memory, **options))
+            elif type(group).committed_memory is Element.committed_memory:
+                found.append(
+                    call_each_element("commit_memory", group, strain, state.memory, **options)
+                )
             else:
                 at = self.nodes[group.links], motion[group.links]
-                found.append(over_ends(_memory_after(duration), group, state, at, absent=True))
+                found.append(
+                    map_elements_at_ends(_memory_after(duration), group, state, at, absent=True)
+                )
         return found
 
     def length_scale(self) -> Float[Array, ""]:
@@ -215,10 +225,10 @@ class Elementwise:
 
 def _memory_after(duration):
     """Return the function that commits the memory of one element after a `duration`, s."""
-    return lambda one, state, ends, motion: one.settled(state, ends, motion, duration)
+    return lambda one, state, ends, motion: one.committed_memory(state, ends, motion, duration)
 
 
-def each(
+def evaluate_elements(
     method: str,
     group: Element,
     state: ElementState,
@@ -227,15 +237,15 @@ def each(
     exact: Bool[ArrayLike, ""] = True,
     absent: bool = False,
 ) -> Any:
-    """Call a method for all elements of a group, by vmap; options as of `over_ends`."""
+    """Call a method for all elements of a group, by vmap; options as of `map_elements_at_ends`."""
 
     def one(law, *at):
         return getattr(law, method)(*at)
 
-    return over(one, group, state, nodes, *motions, exact=exact, absent=absent)
+    return map_elements(one, group, state, nodes, *motions, exact=exact, absent=absent)
 
 
-def over(
+def map_elements(
     function: Callable[..., Any],
     group: Element,
     state: ElementState,
@@ -243,12 +253,12 @@ def over(
     *motions: Motion,
     **options: Any,
 ) -> Any:
-    """Call `over_ends` with the positions and motions of all rows."""
+    """Call `map_elements_at_ends` with the positions and motions of all rows."""
     at = nodes[group.links], *(motion[group.links] for motion in motions)
-    return over_ends(function, group, state, at, **options)
+    return map_elements_at_ends(function, group, state, at, **options)
 
 
-def over_ends(
+def map_elements_at_ends(
     function: Callable[..., Any],
     group: Element,
     state: ElementState,
@@ -276,11 +286,13 @@ def over_ends(
         motions = [_zero_motion_unless(state.present, motion) for motion in motions]
 
     def one(properties, beside, *at):
-        law = element(group, properties)
-        return function(law, *(law.brought(*at, exact) if has_low_part(at[-1]) else at), *beside)
+        law = single_element(group, properties)
+        return function(
+            law, *(law.rebased_element(*at, exact) if has_low_part(at[-1]) else at), *beside
+        )
 
     found = jax.vmap(one)(group.properties(), beside, state, nodes, *motions)
-    return found if absent or isinstance(found, ElementState) else state.only_present(found)
+    return found if absent or isinstance(found, ElementState) else state.zero_where_absent(found)
 
 
 def _zero_motion_unless(present, motion):
@@ -291,7 +303,7 @@ def _zero_motion_unless(present, motion):
     return jnp.where(present[:, None, None], motion, still)
 
 
-def motion_of(group: Element, motion: Motion) -> Float[Array, "n_elem n_end n_motion"]:
+def motion_at_ends(group: Element, motion: Motion) -> Float[Array, "n_elem n_end n_motion"]:
     """Return the motion of the ends of a group, [n_elem, n_end, 3, 7 or 6 (low-order part)]."""
     return _motion_columns(group, motion[group.links])
 

@@ -19,7 +19,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import Element
 from ..elements.element_state import ElementLoad, ElementState
 from ..loads import load as kinds
-from ..loads.varying import Amplitude, together
+from ..loads.varying import Amplitude, stack_amplitudes
 from .bundles import Bundles
 
 
@@ -58,38 +58,40 @@ class LoadStack:
 
     def factors(self, parameter: Float[ArrayLike, ""]) -> Float[ArrayLike, " ..."]:
         """Return factors at a load factor of the phase that adds the loads, [m], or one for all."""
-        return parameter if self.amplitude is None else self.amplitude.at(parameter)
+        return parameter if self.amplitude is None else self.amplitude.factor_at(parameter)
 
     def keeps_rules(self) -> Bool[Array, " m"]:
         """Return whether the numbers of each load keep their rules, [m] bool."""
-        good = self.each(lambda load: are_rules_kept(collect_rules(load)))
+        good = self.for_each_load(lambda load: are_rules_kept(collect_rules(load)))
         if self.amplitude is None:
             return good
         return good & jax.vmap(lambda amplitude: are_rules_kept(amplitude.rules()))(self.amplitude)
 
     def bundled(self, bundles: Bundles) -> LoadStack:
         """Return the stack for bundles instead of groups."""
-        return copy_with(self, load=jax.vmap(lambda load: load.bundled(bundles))(self.load))
+        return copy_with(self, load=jax.vmap(lambda load: load.on_bundles(bundles))(self.load))
 
-    def touches(self, groups: list[Element], bundles: Bundles) -> list[Indices]:
+    def coupled_nodes(self, groups: list[Element], bundles: Bundles) -> list[Indices]:
         """Return the sets of k nodes that the stiffness of the loads couples, a list of [n, k]."""
-        load: Any = self.load.touched(bundles)  # only called for following loads
-        return load.touches(groups)
+        load: Any = self.load.with_bundle_numbers(bundles)  # only called for following loads
+        return load.coupled_nodes(groups)
 
-    def idle(self, begun: Float[Array, "n_row 3"], dtype: Any) -> Amounts:
-        """Return the `Amounts` before the first phase, with nodes at `begun`, [n_row, 3], m."""
+    def initial_factors(self, begun: Float[Array, "n_row 3"], dtype: Any) -> LoadFactors:
+        """Return the `LoadFactors` before the first phase, with nodes at `begun`, [n_row, 3], m."""
         m = self.phase.shape[0]
-        there = jnp.broadcast_to(begun, (m, *begun.shape)) if self.load.asks_begun else None
-        return Amounts(jnp.zeros(m, dtype), there)
+        there = jnp.broadcast_to(begun, (m, *begun.shape)) if self.load.needs_begin_nodes else None
+        return LoadFactors(jnp.zeros(m, dtype), there)
 
-    def weighted(self, amounts: Amounts, function: Callable[[Any], PyTree[Array]]) -> PyTree[Array]:
+    def weighted_sum(
+        self, amounts: LoadFactors, function: Callable[[Any], PyTree[Array]]
+    ) -> PyTree[Array]:
         """Return the sum over loads of factor times ``function(load)``, a tree, or None."""
-        values = self.each(function, amounts.begun)
+        values = self.for_each_load(function, amounts.begun)
         if self.phase.shape[0] == 1:
             return jax.tree.map(lambda x: amounts.factors[0] * x[0], values)
         return jax.tree.map(lambda x: jnp.tensordot(amounts.factors, x, 1), values)
 
-    def each(
+    def for_each_load(
         self,
         function: Callable[[Any], PyTree[Array]],
         begun: Float[Array, "m n_row 3"] | None = None,
@@ -99,7 +101,7 @@ class LoadStack:
 
         def one(leaves, begun):
             load = jax.tree.unflatten(tree, leaves)
-            return function(load if begun is None else copy_with(load, begun=begun))
+            return function(load if begun is None else copy_with(load, begin_nodes=begun))
 
         if self.phase.shape[0] == 1:
             value = one(*jax.tree.map(lambda x: x[0], (leaves, begun)))
@@ -108,7 +110,7 @@ class LoadStack:
 
 
 @pytree
-class Amounts:
+class LoadFactors:
     """Load factors of the loads of a stack.
 
     Attributes:
@@ -120,25 +122,25 @@ class Amounts:
     factors: Float[Array, " m"]
     begun: Float[Array, "m n_row 3"] | None = None
 
-    def added(self, which: Bool[Array, " m"], factors: Float[ArrayLike, " ..."]) -> Amounts:
+    def added(self, which: Bool[Array, " m"], factors: Float[ArrayLike, " ..."]) -> LoadFactors:
         """Return them with other factors, [m] or one for all, of the loads `which`, [m] bool."""
         return copy_with(self, factors=jnp.where(which, factors, self.factors))
 
-    def at_start(self, which: Bool[Array, " m"], moved: Float[Array, "n_row 3"]) -> Amounts:
+    def at_start(self, which: Bool[Array, " m"], moved: Float[Array, "n_row 3"]) -> LoadFactors:
         """Return them with positions [n_row, 3] at the start of the phase of loads `which`."""
         if self.begun is None:
             return self
         return copy_with(self, begun=jnp.where(which[:, None, None], moved, self.begun))
 
 
-def stacks(
+def stack_loads(
     acting: Sequence[Sequence[tuple[kinds.Acting, Amplitude | None]]],
 ) -> list[LoadStack]:
     """Stack the element loads of all phases by kind, on the host.
 
     Args:
-        acting: for every phase a list of pairs: `loads.Acting`, as `among` makes them for the
-            analysis, and amplitude.
+        acting: for every phase a list of pairs: `loads.Acting`, as `with_group_numbers` makes them
+            for the analysis, and amplitude.
 
     Returns:
         List of `LoadStack`, in the order in which their kinds appear.
@@ -153,45 +155,45 @@ def stacks(
             stack_trees([load for _, load, _ in members]),
             np.array([phase for phase, _, _ in members], np.int32),
             late=any(phase > 0 for phase, _, _ in members),
-            amplitude=together([amplitude for _, _, amplitude in members]),
+            amplitude=stack_amplitudes([amplitude for _, _, amplitude in members]),
         )
         for members in found.values()
     ]
 
 
-def continued(stack: LoadStack) -> LoadStack:
+def acting_from_start(stack: LoadStack) -> LoadStack:
     """Return a stack whose loads act from the beginning, to continue another analysis."""
     return copy_with(stack, phase=np.full(stack.phase.shape, -1, np.int32), late=False)
 
 
 def dead_load(
-    nodes: Float[Array, "n_row 3"], groups: list[Element], carry: Any
+    nodes: Float[Array, "n_row 3"], groups: list[Element], restart: Any
 ) -> Float[Array, "n_row n_freedom"]:
-    """Return the sum of dead loads of a `Carry` on every node, [n_node, 3 or 6], N and N m."""
-    load = carry.nodal_load
-    arguments = groups, carry.states, nodes, load.shape, nodes.dtype
-    for stack, amounts in zip(carry.loads, carry.amounts, strict=True):
+    """Return the sum of dead loads of a `RestartState` on every node, [n_node, 3 or 6], N and N m."""
+    load = restart.nodal_load
+    arguments = groups, restart.states, nodes, load.shape, nodes.dtype
+    for stack, amounts in zip(restart.loads, restart.load_factors, strict=True):
         if not stack.follows:
-            load = load + stack.weighted(amounts, lambda one: one.element_forces(*arguments))
+            load = load + stack.weighted_sum(amounts, lambda one: one.element_forces(*arguments))
     return load
 
 
 def element_load(
-    number: int, group: Element, state: ElementState, nodes: Float[Array, "n_row 3"], carry: Any
+    number: int, group: Element, state: ElementState, nodes: Float[Array, "n_row 3"], restart: Any
 ) -> ElementLoad | None:
-    """Return the loads of a `Carry` along the elements of the group with index `number`."""
+    """Return the loads of a `RestartState` along the elements of the group with index `number`."""
     line, pressures = None, {}
-    for stack, amounts in zip(carry.loads, carry.amounts, strict=True):
+    for stack, amounts in zip(restart.loads, restart.load_factors, strict=True):
         if not stack.follows:
-            force = stack.weighted(
-                amounts, lambda load: load.per_length(number, group, state, nodes)
+            force = stack.weighted_sum(
+                amounts, lambda load: load.load_per_length(number, group, state, nodes)
             )
             if force is not None:
                 line = force if line is None else line + force
             continue
         for k in range(stack.phase.shape[0]):
             load = jax.tree.map(lambda x, k=k: x[k], stack.load)
-            pressing = load.pressing(number, group)
+            pressing = load.bending_pressure(number, group)
             if pressing is not None:
                 per, pressure, axis = pressing
                 pressures.setdefault(per, []).append((amounts.factors[k] * pressure, axis))
@@ -199,20 +201,22 @@ def element_load(
 
 
 @pytree
-class Following:
+class ActiveFollowers:
     """A stack of following loads, with its load factors."""
 
     stack: LoadStack
-    amounts: Amounts
+    load_factors: LoadFactors
 
     @property
     def acts(self) -> Bool[Array, ""]:
         """Whether any factor is not zero, scalar bool."""
-        return jnp.any(self.amounts.factors != 0)
+        return jnp.any(self.load_factors.factors != 0)
 
     def following_forces(self, *arguments: Any) -> Float[Array, "n_row 3"]:
         """Return the forces of the loads on every node, [n_node, 3], N."""
-        return self.stack.weighted(self.amounts, lambda load: load.following_forces(*arguments))
+        return self.stack.weighted_sum(
+            self.load_factors, lambda load: load.following_forces(*arguments)
+        )
 
     def following_blocks(
         self, *arguments: Any
@@ -225,10 +229,10 @@ class Following:
             links[:] = [nodes for _, nodes in parts]  # the same for all loads of a stack
             return [block for block, _ in parts]
 
-        return list(zip(self.stack.weighted(self.amounts, blocks), links, strict=True))
+        return list(zip(self.stack.weighted_sum(self.load_factors, blocks), links, strict=True))
 
 
-def following(carry: Any) -> list[Following] | None:
-    """Return the following loads of a `Carry`, a list of `Following`, or None."""
-    pairs = zip(carry.loads, carry.amounts, strict=True)
-    return [Following(*pair) for pair in pairs if pair[0].follows] or None
+def active_followers(restart: Any) -> list[ActiveFollowers] | None:
+    """Return the following loads of a `RestartState`, a list of `ActiveFollowers`, or None."""
+    pairs = zip(restart.loads, restart.load_factors, strict=True)
+    return [ActiveFollowers(*pair) for pair in pairs if pair[0].follows] or None

@@ -13,7 +13,7 @@ import numpy as np
 from jax import lax
 
 from ..common.types import Array, Bool, Float
-from ..elements.abilities import Pulling
+from ..elements.abilities import TensionElement
 from ..spaces.space import Forces, Motion
 from ..spaces.translations import has_low_part
 from .assembly import System
@@ -23,35 +23,38 @@ _DIFFERENCE_SQUARED = np.kron(
 )  # of the square of a difference
 
 
-def all_fit_cones(system: System) -> bool:
+def all_suit_cone_solver(system: System) -> bool:
     """Return whether every cable is straight between its nodes and has a linear law."""
     pairs = zip(system.groups, system.states, strict=True)
-    return all(isinstance(group, Pulling) and group.fits_cones(state) for group, state in pairs)
+    return all(
+        isinstance(group, TensionElement) and group.suits_cone_solver(state)
+        for group, state in pairs
+    )
 
 
-def along_chain(values: Float[Array, "n_elem n_end k"]) -> Float[Array, "n_elem n_piece k"]:
+def chain_differences(values: Float[Array, "n_elem n_end k"]) -> Float[Array, "n_elem n_piece k"]:
     """Return the differences of values at the nodes of chains in succession."""
     return values[:, 1:] - values[:, :-1]  # less code than `jnp.diff`
 
 
-def differences(system: System, values: Float[Array, "n_row k"]) -> Float[Array, "n_piece k"]:
+def piece_differences(system: System, values: Float[Array, "n_row k"]) -> Float[Array, "n_piece k"]:
     """Return the differences of `values` of nodes [n_row, k] along all pieces, [n_piece, k].
 
     They are zero for void pieces.
     """
-    parts = [along_chain(values[group.links]) for group in system.groups]
+    parts = [chain_differences(values[group.links]) for group in system.groups]
     found = jnp.concatenate([part.reshape(-1, values.shape[1]) for part in parts])
-    real = exist(system)
+    real = existing_pieces(system)
     return found if real is None else jnp.where(real[:, None], found, 0.0)
 
 
-def vectors(system: System, x: Motion) -> Float[Array, "n_piece 3"]:
+def piece_vectors(system: System, x: Motion) -> Float[Array, "n_piece 3"]:
     """Return the vectors of all pieces at the point x, [n_piece, 3], m."""
-    parts = differences(system, jnp.concatenate([system.nodes, x], axis=1))
+    parts = piece_differences(system, jnp.concatenate([system.nodes, x], axis=1))
     return parts[:, :3] + (parts[:, 3:6] + parts[:, 6:] if has_low_part(x) else parts[:, 3:])
 
 
-def exist(system: System) -> Bool[Array, " n_piece"] | None:
+def existing_pieces(system: System) -> Bool[Array, " n_piece"] | None:
     """Return which pieces are not void, [n_piece] bool; None if all are there."""
     if all(state.present is None for state in system.states) and _have_single_pieces(system):
         return None
@@ -64,35 +67,35 @@ def exist(system: System) -> Bool[Array, " n_piece"] | None:
     return jnp.concatenate(found)
 
 
-def shapes(system: System) -> tuple[tuple[int], tuple[int, int]]:
+def piece_shapes(system: System) -> tuple[tuple[int], tuple[int, int]]:
     """Return the shapes of arrays of numbers and of vectors of all pieces."""
     n_piece = sum(group.links[:, 1:].size for group in system.groups)
     return (n_piece,), (n_piece, 3)
 
 
-def real(system: System, values: Float[Array, " n_piece"]) -> Float[Array, " n_piece"]:
+def zero_void_pieces(system: System, values: Float[Array, " n_piece"]) -> Float[Array, " n_piece"]:
     """Return numbers of all pieces, zero for void ones."""
-    found = exist(system)
+    found = existing_pieces(system)
     return values if found is None else jnp.where(found, values, 0.0)
 
 
-def mean(system: System, values: Float[Array, " n_piece"]) -> Float[Array, ""]:
+def mean_over_pieces(system: System, values: Float[Array, " n_piece"]) -> Float[Array, ""]:
     """Return the mean of numbers of pieces that are not void."""
-    found = exist(system)
+    found = existing_pieces(system)
     if found is None:
         return jnp.mean(values)
-    return jnp.sum(real(system, values)) / jnp.maximum(jnp.sum(found), 1)
+    return jnp.sum(zero_void_pieces(system, values)) / jnp.maximum(jnp.sum(found), 1)
 
 
-def total(system: System, values: Float[Array, " n_piece"]) -> Float[Array, " n"]:
+def sum_per_cable(system: System, values: Float[Array, " n_piece"]) -> Float[Array, " n"]:
     """Return the sums of `values` [n_piece] over the pieces of every cable, [n]."""
-    values = real(system, values)
+    values = zero_void_pieces(system, values)
     if _have_single_pieces(system):
         return values
     return jnp.concatenate([jnp.sum(part, axis=1) for part in _split_by_group(system, values)])
 
 
-def repeated(system: System, values: Float[Array, "... n"]) -> Float[Array, "... n_piece"]:
+def repeat_per_piece(system: System, values: Float[Array, "... n"]) -> Float[Array, "... n_piece"]:
     """Return for every piece the value of its cable, [..., n_piece]."""
     if _have_single_pieces(system):
         return values
@@ -106,23 +109,23 @@ def repeated(system: System, values: Float[Array, "... n"]) -> Float[Array, "...
     return jnp.concatenate(parts, axis=-1)
 
 
-def shared(system: System, values: Float[Array, " n"]) -> Float[Array, " n_piece"]:
+def share_among_pieces(system: System, values: Float[Array, " n"]) -> Float[Array, " n_piece"]:
     """Return for every piece an equal share of the number of its cable, [n_piece]."""
-    found = exist(system)
+    found = existing_pieces(system)
     if found is None:
         return values
-    count = total(system, jnp.ones(found.shape, values.dtype))
-    return repeated(system, values / jnp.maximum(count, 1.0))
+    count = sum_per_cable(system, jnp.ones(found.shape, values.dtype))
+    return repeat_per_piece(system, values / jnp.maximum(count, 1.0))
 
 
-def at_nodes(system: System, tensions: Float[Array, "n_piece 3"]) -> Forces:
+def sum_piece_forces(system: System, tensions: Float[Array, "n_piece 3"]) -> Forces:
     """Return the sums at nodes of the end forces of pieces with tension vectors [n_piece, 3], N."""
-    return system.at_rows(
+    return system.sum_at_rows(
         [_end_forces_of_pieces(part) for part in _split_by_group(system, tensions)]
     )
 
 
-def matrices(
+def cable_matrices(
     system: System,
     slope: Float[Array, " n"],
     stiff: Float[Array, " n_piece"],
@@ -141,7 +144,7 @@ def matrices(
         across: c of every piece, [n_piece, 3].
         ratio: of every piece, [n_piece].
     """
-    found, first, stiff = [], 0, real(system, stiff)
+    found, first, stiff = [], 0, zero_void_pieces(system, stiff)
     for q, c, r in zip(*(_split_by_group(system, v) for v in (stiff, across, ratio)), strict=True):
         n, width = q.shape
         k = slope[first : first + n, None]

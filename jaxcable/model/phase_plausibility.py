@@ -12,7 +12,7 @@ import numpy as np
 
 from ..common.types import ArrayLike, Float
 from ..elements.element import Element
-from ..elements.stated import Stated
+from ..elements.statement import StatedValues
 from .plausibility import (
     FixedDofs,
     NamedGroups,
@@ -35,13 +35,13 @@ _UNITS = "check the units: stiffness and forces in N, areas in m2, moduli in Pa"
 
 @issues_warnings
 def warn_of_prestress(
-    name: str, stated: Stated, group: Element, label: str, nodes: Float[ArrayLike, "n_node 3"]
+    name: str, stated: StatedValues, group: Element, label: str, nodes: Float[ArrayLike, "n_node 3"]
 ) -> Iterator[str]:
     """Warn of a statement of prestress that no cable can bear.
 
     Args:
         name: of the statement, as in `Phase`.
-        stated: `Stated` for the group.
+        stated: `StatedValues` for the group.
         group: element group.
         label: the statement as a user writes it, such as ``phases[0].pretension['guys']``.
         nodes: initial positions of the structure, [n_node, 3].
@@ -94,7 +94,7 @@ def warn_of_nodal_loads(
         inactive: True where a freedom is held because no element that is there touches it,
             [n_row, 3 or 6]; None if all elements are always there.
     """
-    known = [load.at_nodes() for load in loads]
+    known = [load.forces_at_nodes() for load in loads]
     forces = [None if pair is None else array_or_none(pair[1]) for pair in known]
     if not loads or any(f is None for f in forces):
         return
@@ -175,7 +175,7 @@ def warn_if_all_held(number: int, fixed: FixedDofs, groups: Sequence[Element]) -
 
 def known_axial_stiffness(group: Element) -> Float[np.ndarray, " n_elem"] | None:
     """Return EA of a group with a linear law, [n_elem], N, NumPy; None if it is not known."""
-    return array_or_none(group.stiffness_along())
+    return array_or_none(group.linear_axial_stiffness())
 
 
 def _unlikely_strains(label, value, strain, hint, stiffness=None):

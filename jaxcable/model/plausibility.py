@@ -67,7 +67,7 @@ def warn_if_unstable(solution: Any) -> None:
 
 
 @issues_warnings
-def precision(nodes: Float[ArrayLike, "n_node 3"]) -> Iterator[str]:
+def warn_of_lost_precision(nodes: Float[ArrayLike, "n_node 3"]) -> Iterator[str]:
     """Warn of nodes in double precision if JAX works in single precision."""
     given = getattr(nodes, "dtype", None)
     if given == np.float64 and jax.dtypes.canonicalize_dtype(np.float64) != np.float64:

@@ -77,7 +77,7 @@ def find_free_spins(
 
 def _torsion_chains(structure):
     """Iterate over beams joined for torsion: links [k, 2], list of the rows that rotate."""
-    _, groups = structure.rows()
+    _, groups = structure.motion_rows()
     n_node = structure.n_node
     pairs, joined, hinge_rows, wide = [], [], [], []
     for given, group in zip(structure.groups, groups, strict=True):
@@ -149,7 +149,7 @@ def warn_of_free_spins(structure: Any, fixed: Any, label: str = "supports") -> N
 
     Args:
         structure: `Structure`.
-        fixed: `supports.Fixed`, with its `spins`.
+        fixed: `supports.FixedDofs`, with its `spins`.
         label: the supports as a user writes them, such as "phases[0].supports".
     """
     spins = fixed.spins

@@ -21,7 +21,7 @@ from ..spaces.dof_map import MotionRows
 from . import coordinate_precision, plausibility
 from .spins import find_free_spins
 from .spins import warn_of_free_spins as warn_of_spins
-from .supports import Fixed, Supports
+from .supports import FixedDofs, Supports
 
 _RESERVED_RESULT_NAMES = (  # names of results of nodes and increments
     *("displacement", "positions", "reactions", "load", "rotation", "reaction_moments"),
@@ -35,7 +35,7 @@ def is_group(x: object) -> bool:
     return isinstance(x, Element)
 
 
-def place_rules(nodes, group, where=""):
+def position_rules(nodes, group, where=""):
     """Return the rules that positions [n_node, 3] and a group keep together."""
     links = index_array(group.links)
 
@@ -118,7 +118,7 @@ class Structure:
                     "Cables(links, axial_stiffness=...)"
                 )
             checks.require_known_nodes(group.links.array, len(nodes), f"elements{where}.links")
-            refuse_if_broken(place_rules(nodes, group, f"elements{where}."))
+            refuse_if_broken(position_rules(nodes, group, f"elements{where}."))
             if positions is not None:
                 group.check(positions)
                 plausibility.warn_of_dimensions(group, where, positions)
@@ -222,7 +222,7 @@ class Structure:
                 joined[group.links.array[rigid]] = True
         return joined
 
-    def rotating(self) -> Bool[np.ndarray, " n_node"]:
+    def rotating_nodes(self) -> Bool[np.ndarray, " n_node"]:
         """Return which nodes have rotations, or have carriers that do, [n_node] bool."""
         turns = self.rigidly_joined_nodes()
         if self.rigid is not None:
@@ -230,7 +230,7 @@ class Structure:
         return turns
 
     @computed_once
-    def rows(self) -> tuple[MotionRows | None, list[Element]]:
+    def motion_rows(self) -> tuple[MotionRows | None, list[Element]]:
         """Lay out rows of motion: nodes, then hinged ends, then inner unknowns of elements.
 
         Returns:
@@ -267,8 +267,8 @@ class Structure:
             idles[start : start + len(unused)] = unused
         return MotionRows(np.concatenate(nodes), np.concatenate(inner), idles), groups
 
-    def fixed(self, supports: Supports) -> Fixed:
-        """Return the fixed degrees of freedom under `supports`: `Fixed` [n_row, 3 or 6].
+    def fixed(self, supports: Supports) -> FixedDofs:
+        """Return the fixed degrees of freedom under `supports`: `FixedDofs` [n_row, 3 or 6].
 
         Rotations exist where a beam is joined rigidly; elsewhere they count as fixed. Columns of
         inner rows that no element uses count as fixed, too.
@@ -293,7 +293,7 @@ class Structure:
                 "such as pinned([0, 1])"
             )
         self._require_connected(fixed)
-        rows, _ = self.rows()
+        rows, _ = self.motion_rows()
         if not self.space.rotates:
             if supports.holds_rotations:
                 raise ValueError(
@@ -304,7 +304,7 @@ class Structure:
             if rows is not None:
                 fixed, axes = fixed[rows.node_of_row], axes[rows.node_of_row]
                 fixed[rows.inner], axes[rows.inner] = rows.inactive[rows.inner], np.eye(3)
-            return Fixed(fixed, None if (axes == np.eye(3)).all() else axes)
+            return FixedDofs(fixed, None if (axes == np.eye(3)).all() else axes)
         if self.rigid is not None:
             carried = self.rigid.array[:, 1]
             wrong = fixed[carried].any(axis=1)
@@ -313,7 +313,7 @@ class Structure:
                 raise ValueError(
                     f"supports: node {node} is carried by another node (rigid); support that one"
                 )
-        fixed[:, 3:] |= ~self.rotating()[:, None]
+        fixed[:, 3:] |= ~self.rotating_nodes()[:, None]
         spins = find_free_spins(self, fixed, axes)
         if rows is not None:
             fixed, axes = fixed[rows.node_of_row], axes[rows.node_of_row]
@@ -321,9 +321,9 @@ class Structure:
             fixed[rows.inner, 3:], fixed[rows.inner, :3] = True, rows.inactive[rows.inner]
             axes[rows.inner] = np.eye(3)
         plain = (axes == np.eye(3)).all() and (fixed[:, 3:].sum(axis=1) != 1).all()
-        return Fixed(fixed, None if plain else axes, spins)
+        return FixedDofs(fixed, None if plain else axes, spins)
 
-    def held(self) -> Bool[np.ndarray, "n_node 3"]:
+    def held_displacements(self) -> Bool[np.ndarray, "n_node 3"]:
         """Return which displacements along x, y, z are held, [n_node, 3] bool, without rotations.
 
         Raises:

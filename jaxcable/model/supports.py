@@ -13,7 +13,7 @@ N_DISPLACEMENT = 3
 """Freedoms of a node in a structure of bars and cables: three displacements."""
 
 
-class Fixed(Indices):
+class FixedDofs(Indices):
     """Held degrees of freedom of all rows of motion, with their directions: static metadata.
 
     Attributes:
@@ -44,13 +44,13 @@ class Fixed(Indices):
         return hash(self._identity())
 
     def __eq__(self, other):
-        return isinstance(other, Fixed) and self._identity() == other._identity()
+        return isinstance(other, FixedDofs) and self._identity() == other._identity()
 
-    def with_directions(self) -> Fixed:
+    def with_directions(self) -> FixedDofs:
         """Return the same with `axes`, which are x, y, z if there were none."""
         if self.axes is not None:
             return self
-        return Fixed(self.array, np.tile(np.eye(3), (len(self.array), 1, 1)), self.spins)
+        return FixedDofs(self.array, np.tile(np.eye(3), (len(self.array), 1, 1)), self.spins)
 
 
 @pytree(indices=("mask", "nodes", "clamps", "chosen", "held", "axes"))

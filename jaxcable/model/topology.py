@@ -10,10 +10,10 @@ import numpy as np
 
 from ..common.tree import Indices, computed_once
 from ..elements.element import Result
-from .supports import Fixed
+from .supports import FixedDofs
 
 
-class Part(NamedTuple):
+class GroupTopology(NamedTuple):
     """Topology of one element group.
 
     Attributes:
@@ -24,7 +24,7 @@ class Part(NamedTuple):
         outline: ends through which pictures draw an element, a tuple, or None.
         results: results of its elements, a tuple of `elements.element.Result`.
         hinges: `Indices` of ends that turn against their nodes, or None.
-        inner: indices of its inner numbers, and how many rows they take.
+        inner_unknowns: indices of its inner numbers, and how many rows they take.
         memory_shapes: shapes of the memory of its law, as text; that of None without memory.
     """
 
@@ -35,7 +35,7 @@ class Part(NamedTuple):
     outline: tuple[int, ...] | None
     results: tuple[Result, ...]
     hinges: Indices | None
-    inner: tuple[tuple[tuple[int, int], ...], int]
+    inner_unknowns: tuple[tuple[tuple[int, int], ...], int]
     memory_shapes: str
 
 
@@ -43,15 +43,15 @@ class Topology(NamedTuple):
     """Topology of a whole structure; static metadata of a state.
 
     Attributes:
-        parts: one `Part` per group.
+        parts: one `GroupTopology` per group.
         rigid: pairs of carrier and carried nodes, `Indices`, or None.
-        supports: freedoms that the supports of the structure itself hold, `Fixed`.
+        supports: freedoms that the supports of the structure itself hold, `FixedDofs`.
         n_node: number of nodes.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[GroupTopology, ...]
     rigid: Indices | None
-    supports: Fixed
+    supports: FixedDofs
     n_node: int
 
 
@@ -59,7 +59,7 @@ class Topology(NamedTuple):
 def topology_of(structure):
     """Return the `Topology` of a structure."""
     parts = tuple(
-        Part(
+        GroupTopology(
             name,
             type(group).__name__,
             group.links,
@@ -67,7 +67,7 @@ def topology_of(structure):
             group.outline,
             group.results,
             group.hinges,
-            (tuple(group.inner), group.n_inner_row),
+            (tuple(group.inner_unknowns), group.n_inner_row),
             str(jax.tree.map(jnp.shape, group.initial_memory())),
         )
         for name, group in structure.named_groups()
@@ -76,7 +76,7 @@ def topology_of(structure):
     return Topology(parts, structure.rigid, supports, structure.n_node)
 
 
-def require_same(structure, there, name):
+def require_same_topology(structure, there, name):
     """Raise ValueError unless a structure has the topology of a given state.
 
     Args:
@@ -135,6 +135,6 @@ def _describe_difference(part, other):
         return f"links[{k}] is {here[k].tolist()} in this structure, and {there[k].tolist()} there"
     if part.hinges != other.hinges:
         return "hinges: other ends are hinged in this structure than there"
-    if part.inner != other.inner:
+    if part.inner_unknowns != other.inner_unknowns:
         return "its beams have other inner unknowns (joints, or sections that are not linear)"
     return "its law has other history variables than there"

@@ -78,7 +78,7 @@ def attach_derivative_with_marks(
             in a product would be multiplied by zero in second derivatives and spread everywhere.
     """
     x = lax.stop_gradient(x)
-    _, numbers, back = system.chart(system.with_support_rotations(x))
+    _, numbers, back = system.local_residual(system.with_support_rotations(x))
     if not numbers.size:  # nothing is free
         return back(numbers), back(numbers), jnp.zeros(system.nodes.shape[0], x.dtype)
     # Marks are further unknowns beside the root. A NaN in the root itself would enter the residual
@@ -99,7 +99,7 @@ def attach_derivative_with_marks(
 def _residual_with_marks(found, problem):
     """Return the equations of root and marks, [2 n]: residual at a step, and the marks (zero)."""
     system, x, *_ = merge_indices(*problem)
-    residual, numbers, _ = system.chart(system.with_support_rotations(x))
+    residual, numbers, _ = system.local_residual(system.with_support_rotations(x))
     return jnp.concatenate([residual(found[: numbers.size]), found[numbers.size :]])
 
 
@@ -146,8 +146,8 @@ def _factorize_tangent(problem):
     """Assemble and factorize the tangent of `_residual_with_marks`; NaN at a nonsmooth point."""
     system, x, valid, *known = merge_indices(*problem)
     matrix = linear.identity_unless(system.tangent(x), valid)
-    matrix = linear.nan_unless(matrix, ~(system.kinked(x) & valid))
-    loose = system.loose_nodes(x)[system.dof_map.row_of_unknown] & valid
+    matrix = linear.nan_unless(matrix, ~(system.nonsmooth(x) & valid))
+    loose = system.nodes_without_stiffness(x)[system.dof_map.row_of_unknown] & valid
     return linear.factorize(matrix, loose, *known)
 
 

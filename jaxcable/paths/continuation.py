@@ -25,7 +25,7 @@ from ..common import status
 from ..common.tree import copy_with
 from ..common.types import ArrayLike, Int
 from ..equilibrium.newton import Newton
-from ..mechanics.ramp import Ramp
+from ..mechanics.load_ramp import LoadRamp
 from .path_state import BracketEnd, PathPoint, PathSettings, PathState
 from .records import allocate_records, make_point_record, record_events, record_point
 from .step_decision import StepDecision
@@ -33,7 +33,7 @@ from .trial_step import LOAD, PathProblem
 
 
 def follow_path(
-    ramp: Ramp,
+    ramp: LoadRamp,
     method: Newton,
     settings: PathSettings,
     code: Int[ArrayLike, ""],
@@ -69,9 +69,9 @@ def _initial_state(problem, code):
     """Return the `PathState` before the first step, at load factor 0."""
     ramp, begin, settings = problem.ramp, problem.begin, problem.settings
     n_point, n_event = problem.capacity
-    dtype = ramp.begin.motion.dtype
+    dtype = ramp.start.motion.dtype
     zero, no, number = jnp.zeros((), dtype), jnp.zeros((), bool), jnp.int32(0)
-    x = begin.impose_supports(ramp.begin.motion)
+    x = begin.impose_supports(ramp.start.motion)
     no_element = jnp.zeros(sum(len(group.links) for group in ramp.groups), bool)
     still = jnp.zeros(begin.dof_map.free.shape[0], dtype)
     tangent = still, zero + 1

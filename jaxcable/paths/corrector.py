@@ -22,7 +22,7 @@ from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
 from ..equilibrium.newton_step import max_abs
 from ..mechanics.assembly import System
-from ..mechanics.ramp import Ramp
+from ..mechanics.load_ramp import LoadRamp
 
 # A guess whose residual is below this part of the allowed one is taken as it is: a correction would
 # be below rounding, and could not be judged.
@@ -70,7 +70,7 @@ class CorrectorState:
 
 
 def correct_onto_path(
-    ramp: Ramp,
+    ramp: LoadRamp,
     memory: list[PyTree[Array]] | None,
     guess: tuple[Float[Array, "n_row n_motion"], Float[Array, " n_free"], Float[Array, ""]],
     origin: Float[Array, ""],
@@ -92,18 +92,18 @@ def correct_onto_path(
     x, moved, factor = guess
     row, rise, target = condition
     zero = jnp.zeros((), x.dtype)
-    begin = ramp.at(factor, memory)
-    came_from = begin.rounding(begin.impose_supports(x))
+    begin = ramp.system_at(factor, memory)
+    came_from = begin.rounding_error(begin.impose_supports(x))
 
     def unfinished(it):
         return active & ~it.converged & ~it.failed & (it.steps <= _MAX_ITERATIONS)
 
     def iterate(it):
-        system = ramp.at(it.factor, memory)
+        system = ramp.system_at(it.factor, memory)
         x = system.impose_supports(it.x)
 
         def unbalanced(f):
-            system = ramp.at(f, memory)
+            system = ramp.system_at(f, memory)
             return system.residual_and_scale(system.impose_supports(x))
 
         unit = zero + 1
@@ -112,7 +112,7 @@ def correct_onto_path(
         )
         # an unloaded start has no forces to judge by: take the load that the phase adds
         scale = jnp.maximum(scale, max_abs(residual_by_factor))
-        rounding = jnp.maximum(system.rounding(x), came_from)
+        rounding = jnp.maximum(system.rounding_error(x), came_from)
         allowed = jnp.maximum(tol * scale, rounding)
         small = jnp.all(jnp.abs(residual) <= allowed)
         # after a short step the guess is nearly in equilibrium: make one correction at least
@@ -156,4 +156,4 @@ def unknowns_without_stiffness(
     system: System, x: Float[Array, "n_row n_motion"]
 ) -> Bool[Array, " n_free"]:
     """Return which unknowns belong to nodes that touch only slack elements, [n_free] bool."""
-    return system.loose_nodes(x)[system.dof_map.row_of_unknown]
+    return system.nodes_without_stiffness(x)[system.dof_map.row_of_unknown]

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 
 from ..common.tree import select_tree
 from ..common.types import Array, Bool, Int, PyTree
-from ..mechanics.ramp import Ramp
-from ..mechanics.reading import read
+from ..mechanics.element_output import evaluate_output
+from ..mechanics.load_ramp import LoadRamp
 from . import events
 from .negative_eigenvalues import count_crossings
 from .path_state import PathPoint
@@ -29,14 +29,14 @@ def record_point(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Arra
 
 
 def make_point_record(
-    ramp: Ramp, p: PathPoint, memory: list[PyTree[Array]] | None
+    ramp: LoadRamp, p: PathPoint, memory: list[PyTree[Array]] | None
 ) -> dict[str, PyTree[Array]]:
     """Return the results at a point as a record; those of its correction are added later."""
-    seen = read(ramp.at(p.factor, memory), p.x)
+    seen = evaluate_output(ramp.system_at(p.factor, memory), p.x)
     return {
         "load_factor": p.factor,
-        "displacement": (p.x - ramp.begin.motion)[:, :3],
-        "found": seen.of_path.found,
+        "displacement": (p.x - ramp.start.motion)[:, :3],
+        "found": seen.of_path.by_name,
         "n_slack": seen.n_slack,
         "n_loose": seen.n_loose,
         "n_negative": p.n_negative,

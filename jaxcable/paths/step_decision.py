@@ -106,7 +106,7 @@ class StepDecision(StepEvents):
 
     def _commit_end_point(self):
         """Commit the history variables at the end of the step; return this `PathPoint`."""
-        if not self.system.remembers:
+        if not self.system.has_memory:
             return self.point
         return copy_with(self.point, memory=self.system.commit_memory(self.point.x, self.strains))
 

@@ -61,7 +61,7 @@ class StepEvents(TrialStep):
         self.newly_slack, self.newly_taut = p.is_slack & ~a.is_slack, a.is_slack & ~p.is_slack
         self.ruptured = jnp.zeros_like(p.is_slack)
         if self.system.has_rupture:
-            self.ruptured = self.system.broken(self.strains)
+            self.ruptured = self.system.ruptured_elements(self.strains)
         self.has_slackening = known & jnp.any(self.newly_slack)
         self.has_tightening = known & jnp.any(self.newly_taut)
         self.has_failure = self.usable & jnp.any(self.ruptured) & ~on_other_branch

@@ -12,11 +12,11 @@ import numpy as np
 from jax import lax
 
 from ..analysis.phases import Phase, as_phases
-from ..analysis.preparation import prepare, ready, verdicts
-from ..analysis.results import element_fields, per_element, with_peaks
+from ..analysis.preparation import complete_input, prepare, traced_input_status
+from ..analysis.results import fields_of_element_results, fill_peak_tensions, map_element_fields
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
-from ..analysis.states import on_nodes
+from ..analysis.states import without_extra_rows
 from ..common import checks, status
 from ..common.compilation import jit_program
 from ..common.rules import refuse_if_broken
@@ -24,7 +24,7 @@ from ..common.tree import copy_with, merge_indices
 from ..common.types import ArrayLike, Bool, Float
 from ..equilibrium.newton import Newton
 from ..loads import Varying, as_list
-from ..mechanics.ramp import Ramp
+from ..mechanics.load_ramp import LoadRamp
 from ..model.structure import Structure
 from ..numerics import implicit, scaled
 from .continuation import follow_path
@@ -132,12 +132,14 @@ def trace_path(
     if len(phases) > 1:
         start = solve(structure, phases[:-1], method, start=start)
     task = prepare(structure, phases[-1:], method, start, len(phases) - 1)
-    core = task.thawed, task.arrays, task.method, settings, task.code
+    core = task.without_indices, task.arrays, task.method, settings, task.code
     path, n_point, n_event = _trace_compiled(
-        *core, capacity=(int(steps), int(events)), bundles=task.bundles, size=task.n_free
+        *core, capacity=(int(steps), int(events)), bundles=task.bundles, size=task.n_unknown
     )
-    path = per_element(with_peaks(on_nodes(structure, path)), structure.arrange)
-    happened = on_nodes(structure, path.events, ("displacement", "mode"))
+    path = map_element_fields(
+        fill_peak_tensions(without_extra_rows(structure, path)), structure.arrange
+    )
+    happened = without_extra_rows(structure, path.events, ("displacement", "mode"))
     happened = copy_with(happened, elements=structure.arrange(happened.elements))
     if not isinstance(n_point, jax.core.Tracer):
         happened = _first_entries(happened, int(n_event))
@@ -166,24 +168,24 @@ def check_path_settings(structure, until, down_to, step, largest, tol, through):
 def _trace_compiled(thawed, arrays, method, settings, code, capacity, bundles):
     """Trace a path, compiled; return `TracedPath` of full length, numbers of points and events."""
     parameters = merge_indices(thawed, arrays)
-    code = status.first_failure(code, verdicts(parameters, method, settings)[1][0])
-    nodes, groups, carry, schedule = ready(parameters, bundles)
+    code = status.first_failure(code, traced_input_status(parameters, method, settings)[1][0])
+    nodes, groups, restart, schedule = complete_input(parameters, bundles)
     # rounding limits how short a bracket can be
     closest = 64 * jnp.finfo(settings.tol.dtype).eps
     settings = copy_with(settings, tol=jnp.maximum(settings.tol * settings.step, closest))
-    problem = nodes, groups, carry, schedule.phase(0)
-    ramp = Ramp.build(*lax.stop_gradient(problem))
+    problem = nodes, groups, restart, schedule.phase(0)
+    ramp = LoadRamp.build(*lax.stop_gradient(problem))
     method, settings = lax.stop_gradient((method, settings))
     final = lax.stop_gradient(follow_path(ramp, method, settings, code, capacity))
     happened = jnp.arange(capacity[1]) < final.n_event
     reached = jnp.arange(capacity[0]) < final.n_point
     rows, event_records = _mask_unreached(final.point_records, reached), dict(final.event_records)
-    found = {name: bundles.apart(value, axis=1) for name, value in rows.pop("found").items()}
+    found = {name: bundles.split(value, axis=1) for name, value in rows.pop("found").items()}
     point, has_null_vector, factor, elements = (
         event_records.pop(name) for name in ("point", "null", "load_factor", "elements")
     )
     between = {name: event_records.pop(name) for name in ("lower", "upper", "row")}
-    between["displacement"] = jax.vmap(lambda p: (p.x - ramp.begin.motion)[:, :3])(point)
+    between["displacement"] = jax.vmap(lambda p: (p.x - ramp.start.motion)[:, :3])(point)
     modes = {"mode": jax.vmap(lambda p: _mode_shape(ramp, p))(point)}
     modes["alignment"] = jax.vmap(load_alignment)(point)
     critical = (event_records["kind"] == LIMIT_POINT) | (event_records["kind"] == BIFURCATION)
@@ -195,7 +197,7 @@ def _trace_compiled(thawed, arrays, method, settings, code, capacity, bundles):
         relative_residual=scaled.relative_residual(rows["residual"], rows.pop("scale")),
         events=Events(load_factor=None, elements=None, **event_records, **known),
         **rows,
-        **element_fields(found),
+        **fields_of_element_results(found),
     )
     path = implicit.with_nan_derivative(path, parameters)
     located = jax.vmap(lambda *event: _event_load_factor(*event, ramp, problem, parameters))
@@ -206,7 +208,7 @@ def _trace_compiled(thawed, arrays, method, settings, code, capacity, bundles):
         load_factor=_mask_unreached(
             located(event_records["kind"], factor, point, has_null_vector), happened
         ),
-        elements=bundles.apart(parts, axis=1),
+        elements=bundles.split(parts, axis=1),
     )
     return copy_with(path, events=events), final.n_point, final.n_event
 
@@ -224,7 +226,7 @@ def _mask_unreached(values, there):
 
 def _mode_shape(ramp, point):
     """Return the null vector of a point as displacements [n_node, 3], the largest 1."""
-    space = ramp.at(point.factor, point.memory).space
+    space = ramp.system_at(point.factor, point.memory).space
 
     def moved(step):
         return space.prolong(point.x, step)[:, :3]
@@ -242,8 +244,10 @@ def _event_load_factor(kind, factor, point, has_null_vector, ramp, problem, para
     factor = implicit.with_nan_derivative(factor, parameters)
     if ramp.memory is not None:  # history variables depend on all points before
         return factor
-    system = Ramp.build(*implicit.first_derivative_only(problem)).at(point.factor, point.memory)
-    function, numbers, _ = system.chart(system.with_support_rotations(point.x))
+    system = LoadRamp.build(*implicit.first_derivative_only(problem)).system_at(
+        point.factor, point.memory
+    )
+    function, numbers, _ = system.local_residual(system.with_support_rotations(point.x))
     work = point.left_phi @ function(lax.stop_gradient(numbers))
     along = point.left_phi @ point.residual_by_factor
     smooth = (kind == LIMIT_POINT) & has_null_vector & (along != 0)

@@ -10,8 +10,8 @@ from ..common.types import Array, Bool
 from ..elements.abilities import Uniaxial
 from ..equilibrium import newton
 from ..equilibrium.newton import Newton
-from ..mechanics.elementwise import each
-from ..mechanics.ramp import Ramp
+from ..mechanics.elementwise import evaluate_elements
+from ..mechanics.load_ramp import LoadRamp
 from .corrector import correct_onto_path, unknowns_without_stiffness
 from .path_state import PathPoint, PathSettings, PathState
 from .step_length import cosine_between_tangents, displacement_per_load
@@ -45,11 +45,11 @@ class PathProblem:
     """
 
     def __init__(
-        self, ramp: Ramp, method: Newton, settings: PathSettings, capacity: tuple[int, int]
+        self, ramp: LoadRamp, method: Newton, settings: PathSettings, capacity: tuple[int, int]
     ):
         self.ramp, self.method, self.settings, self.capacity = ramp, method, settings, capacity
-        dtype = ramp.begin.motion.dtype
-        self.begin = ramp.at(jnp.zeros((), dtype))
+        dtype = ramp.start.motion.dtype
+        self.begin = ramp.system_at(jnp.zeros((), dtype))
         self.tol, self.extent = newton.residual_tolerance(method, dtype), self.begin.extent()
 
 
@@ -85,14 +85,14 @@ class TrialStep:
         corrected, free = self.corrected, current.mode == ARC
         known, new = current.displacement_scale, displacement_per_load(corrected, begin)
         scale = jnp.where(known > 0, known, new)
-        self.system = system = problem.ramp.at(corrected.factor, a.memory)
+        self.system = system = problem.ramp.system_at(corrected.factor, a.memory)
         self.point = self._end_point(scale)
-        looks = system.has_rupture or system.remembers
+        looks = system.has_rupture or system.has_memory
         self.strains = system.strains(corrected.x) if looks else []
         self.turns_sharply = (
             (cosine_between_tangents(a, self.point) < _LEAST_COSINE) & free & ~self.is_first
         )
-        self.too_far = begin.reach(corrected.x) > _MECHANISM * problem.extent
+        self.too_far = begin.largest_displacement(corrected.x) > _MECHANISM * problem.extent
         regular = corrected.regular | (self.is_load_step & begin.always_convex)
         gone = jnp.sqrt(
             jnp.sum((corrected.moved / scale) ** 2) + (corrected.factor - a.factor) ** 2
@@ -112,7 +112,7 @@ class TrialStep:
         end = jnp.where(a.rise > 0, settings.until, settings.down_to)
         factor = jnp.where(current.mode == FINISH, end, factor)
         along = jnp.where(is_load_step, 0.0, ds * a.direction * current.displacement_scale)
-        system = ramp.at(factor, a.memory)
+        system = ramp.system_at(factor, a.memory)
         x, self.newton_code = system.move(a.x, along), jnp.int32(status.OK)
         if system.always_convex:  # else equilibrium is not unique, and Newton could end anywhere
             ended, _ = newton.equilibrate(system, a.x, self.problem.method, is_load_step)
@@ -154,7 +154,7 @@ class TrialStep:
         def is_unsure(group, state):
             if not (group.tension_only and isinstance(group, Uniaxial)):
                 return jnp.zeros(len(group.links), bool)
-            strain = each("strain", group, state, system.nodes, x)
+            strain = evaluate_elements("strain", group, state, system.nodes, x)
             return jnp.abs(strain) <= _UNSURE_STRAIN * jnp.finfo(strain.dtype).eps
 
         unsure = jnp.concatenate([*map(is_unsure, system.groups, system.states)])

@@ -17,9 +17,9 @@ from ..analysis.phase_results import PhaseResult
 from ..analysis.solution import Solution, State
 from ..common.types import Float, Int
 from ..elements.element import SECTION_FORCES
-from ..model.parts import first_and_last
+from ..model.result_parts import end_nodes
 from ..model.structure import Structure
-from ..model.topology import Part
+from ..model.topology import GroupTopology
 from ..results.interpolation import interpolate_recorded_forces
 from .element_curves import (
     PLACES,
@@ -213,7 +213,7 @@ class _BeamForces:
         ValueError: the structure has no beams.
     """
 
-    def __init__(self, parts: Sequence[Part], snapshot: Snapshot, of: str):
+    def __init__(self, parts: Sequence[GroupTopology], snapshot: Snapshot, of: str):
         self.snapshot, positions, curves = snapshot, snapshot.positions, snapshot.curves
         forces, ends, number = forces_along_beams(parts, snapshot.end, PLACES)
         if not len(number):
@@ -263,7 +263,7 @@ class _BeamForces:
 
 
 def forces_along_beams(
-    parts: Sequence[Part], end: State | PhaseResult | None, n_place: int
+    parts: Sequence[GroupTopology], end: State | PhaseResult | None, n_place: int
 ) -> tuple[
     Float[np.ndarray, "n_beam n_place 6"],
     Int[np.ndarray, "n_beam 2"],
@@ -286,7 +286,7 @@ def forces_along_beams(
         size = len(part.links.array)
         if values is not None:
             found.append(np.asarray(values))
-            ends.append(first_and_last(part))
+            ends.append(end_nodes(part))
             numbers.append(count + np.arange(size))
         count += size
     return np.concatenate(found), np.concatenate(ends), np.concatenate(numbers)

@@ -10,14 +10,14 @@ from typing import Any, TypeAlias
 import jax
 import numpy as np
 
-from ..analysis.results import common_fields
+from ..analysis.results import result_fields
 from ..analysis.solution import Solution, State
 from ..common.tree import copy_with
 from ..common.types import Bool, Float, Int
 from ..elements.abilities import Bending, Sagging
-from ..elements.prestress import element
+from ..elements.prestress import single_element
 from ..forms import catenary_curves
-from ..model.parts import first_and_last, per_group, there
+from ..model.result_parts import end_nodes, present_elements, values_per_group
 from ..model.structure import Structure
 from ..stiffness.tangent import merge_state, split_state
 from .views import View
@@ -115,7 +115,7 @@ class SolutionCurves:
         """Return the curves in a `State`."""
         if self.straight:
             return None
-        return self._make_curves(np.asarray(state.carry.motion), self._sag_in_state(state))
+        return self._make_curves(np.asarray(state.restart.motion), self._sag_in_state(state))
 
     def after_phase(self, phase: int) -> Curves | None:
         """Return the curves at the end of a phase that has converged."""
@@ -131,7 +131,7 @@ class SolutionCurves:
         if self.straight:
             return None
         last, path = self.solution.last, self.solution.phases[phase].path
-        motion = last.carry.motion if path.motion is None else path.motion[number]
+        motion = last.restart.motion if path.motion is None else path.motion[number]
         before, after = self._sag_after_phase(max(phase - 1, 0)), self._sag_after_phase(phase)
         before = np.where(np.isfinite(before), before, after)  # of what this phase has added
         at_end = float(last.load_factor) if phase == int(last.phase) else 1.0
@@ -155,10 +155,10 @@ class SolutionCurves:
         last, end = self.solution.last, self.solution.phases[phase]
         if phase == int(last.phase):
             return last
-        fields = common_fields(end)
+        fields = result_fields(end)
         fields["displacement"] = np.asarray(end.positions) - self.initial_positions
         if not self.straight:
-            fields["carry"] = _restart_after_phase(last, self.structure, phase, end)
+            fields["restart"] = _restart_after_phase(last, self.structure, phase, end)
         return copy_with(last, phase=np.int32(phase), load_factor=np.ones(()), **fields)
 
     def _make_curves(self, motion, sag):
@@ -174,7 +174,7 @@ class SolutionCurves:
                     axes.append(turned)
         pairs = zip(self._numbers, self.groups, strict=True)
         numbers += [number for number, group in pairs if isinstance(group, Sagging)]
-        number, ends = np.concatenate(numbers), [first_and_last(group) for group in self.groups]
+        number, ends = np.concatenate(numbers), [end_nodes(group) for group in self.groups]
         parts = np.concatenate(slopes), np.concatenate(axes), sag
         return Curves(number, np.concatenate(ends)[number], *parts)
 
@@ -187,10 +187,12 @@ class SolutionCurves:
         """Return the distances of the hanging cables from their chords in a state, see `Curves`."""
         found, positions = [np.zeros((0, self.places - 2, 3))], np.asarray(state.positions)
         if any(isinstance(group, Sagging) for group in self.groups):
-            curves = per_group(self.structure, catenary_curves(self.structure, state, self.places))
+            curves = values_per_group(
+                self.structure, catenary_curves(self.structure, state, self.places)
+            )
             for group, curve in zip(self.groups, curves, strict=True):
                 if curve is not None:
-                    chord = points_on_chords(positions[first_and_last(group)], self.places)
+                    chord = points_on_chords(positions[end_nodes(group)], self.places)
                     found.append((curve - chord)[:, 1:-1])
         return np.concatenate(found)
 
@@ -247,11 +249,11 @@ def hermite_cubic(
 @jax.jit
 def _deflected_beams(thawed, arrays, motion):
     """Return slopes, section axes and chord lengths of the beams of each group; None for others."""
-    nodes, groups, carry = merge_state(thawed, arrays)
+    nodes, groups, restart = merge_state(thawed, arrays)
     motion = motion.astype(nodes.dtype)
 
     def one(group, properties, state, ends, motion):
-        found = element(group, properties).deflected(state, ends, motion)
+        found = single_element(group, properties).end_slopes_and_axes(state, ends, motion)
         if found is None:
             return None
         chord = ends[1] + motion[1, :3] - ends[0] - motion[0, :3]
@@ -261,21 +263,21 @@ def _deflected_beams(thawed, arrays, motion):
         at = group.properties(), state, nodes[group.links], motion[group.links]
         return jax.vmap(functools.partial(one, group))(*at)
 
-    pairs = zip(groups, carry.states, strict=True)
+    pairs = zip(groups, restart.states, strict=True)
     return [along(*pair) if isinstance(pair[0], Bending) else None for pair in pairs]
 
 
 def _restart_after_phase(last, structure, phase, end):
-    """Return the `Carry` after a phase, as far as shapes depend on it."""
-    carry: Any = last.carry
+    """Return the `RestartState` after a phase, as far as shapes depend on it."""
+    restart: Any = last.restart
     amounts = [
         copy_with(amount, factors=amount.factors * (np.asarray(stack.phase) <= phase))
-        for stack, amount in zip(carry.loads, carry.amounts, strict=True)
+        for stack, amount in zip(restart.loads, restart.load_factors, strict=True)
     ]
-    then, now = (per_group(structure, x.rest_length) for x in (end, last))
+    then, now = (values_per_group(structure, x.rest_length) for x in (end, last))
     states = []
-    masks = there(structure, end.present)
-    for state, a, b, present in zip(carry.states, then, now, masks, strict=True):
+    masks = present_elements(structure, end.present)
+    for state, a, b, present in zip(restart.states, then, now, masks, strict=True):
         if state.rest_length is not None:  # the sum of length and elongation stays
             length = np.asarray(state.rest_length) * (np.asarray(a) / np.asarray(b))
             longer = None
@@ -288,7 +290,7 @@ def _restart_after_phase(last, structure, phase, end):
     motion = end.path.motion
     if motion is None:  # from the initial nodes, which an earlier analysis may have left
         moved = np.asarray(end.positions) - np.asarray(structure.nodes)
-        motion = np.concatenate([moved, np.asarray(carry.motion)[len(moved) :]])
+        motion = np.concatenate([moved, np.asarray(restart.motion)[len(moved) :]])
     else:
         motion = np.asarray(motion[-1])
-    return copy_with(carry, motion=motion, states=states, amounts=amounts)
+    return copy_with(restart, motion=motion, states=states, load_factors=amounts)

@@ -11,9 +11,9 @@ import numpy as np
 from .. import design
 from ..common.types import Float
 from ..elements.element import PRESENT, Element
-from ..model.parts import Column, columns, slack_cables
+from ..model.result_parts import ResultColumn, result_columns, slack_cables
 from ..model.structure import Structure
-from ..model.topology import Part
+from ..model.topology import GroupTopology
 
 _ROUNDING = 1e-9  # compression over the largest force up to which it is rounding
 
@@ -23,10 +23,10 @@ class ElementForces:
 
     Args:
         element_results: results of elements by name, each in the shape of the elements, as in
-            `Results.told`.
+            `Results.element_results`.
         parts: element groups, or the parts of a `Topology`.
         structure: `Structure`, or None; it says which elements are cables.
-        color: "tension", "utilization", or the label of another `parts.Column`.
+        color: "tension", "utilization", or the label of another `parts.ResultColumn`.
 
     Attributes:
         tension: axial forces of all elements, [n_elem], N; NaN for groups without them.
@@ -42,7 +42,7 @@ class ElementForces:
     def __init__(
         self,
         element_results: Mapping[str, Any],
-        parts: Sequence[Element | Part],
+        parts: Sequence[Element | GroupTopology],
         structure: Structure | None = None,
         color: str = "tension",
     ):
@@ -59,18 +59,20 @@ class ElementForces:
         if color == "utilization":
             column = _utilization_column(structure, element_results)
         else:
-            labelled = {each.label: each for each in columns(parts, element_results)}
-            column = labelled.get(color, Column(color, "N", [None] * len(parts)))
+            labelled = {each.label: each for each in result_columns(parts, element_results)}
+            column = labelled.get(color, ResultColumn(color, "N", [None] * len(parts)))
         self.value = np.where(self.present, concatenate_values(column.values, parts), np.nan)
         self.color, self.unit = color, column.unit
 
 
-def result_columns(
-    element_results: Mapping[str, Any], parts: Sequence[Element | Part], structure: Structure | None
-) -> list[Column]:
+def all_result_columns(
+    element_results: Mapping[str, Any],
+    parts: Sequence[Element | GroupTopology],
+    structure: Structure | None,
+) -> list[ResultColumn]:
     """Return the results of all elements as columns, with utilization and largest moments."""
     shown = {name: tree for name, tree in element_results.items() if name != PRESENT.name}
-    found = columns(parts, shown)
+    found = result_columns(parts, shown)
     if structure is not None:
         try:
             found.append(_utilization_column(structure, element_results))
@@ -82,7 +84,7 @@ def result_columns(
             most = [
                 None if x is None else _largest_with_sign(np.asarray(x)[..., k]) for x in forces
             ]
-            found.append(Column(f"largest {name}", "N m", most))
+            found.append(ResultColumn(f"largest {name}", "N m", most))
     return found
 
 
@@ -92,7 +94,7 @@ def values_by_group(tree: Any, count: int) -> list[Any]:
 
 
 def concatenate_values(
-    tree: Any, parts: Sequence[Element | Part], otherwise: float = np.nan
+    tree: Any, parts: Sequence[Element | GroupTopology], otherwise: float = np.nan
 ) -> Float[np.ndarray, " n_elem"]:
     """Concatenate the values of all groups, [n_elem].
 
@@ -111,14 +113,14 @@ def concatenate_values(
 
 
 def _utilization_column(structure, element_results):
-    """Return the utilization as a `Column`; raise ValueError if no breaking force is known."""
+    """Return the utilization as a `ResultColumn`; ValueError if no breaking force is known."""
     if structure is None:
         raise ValueError(
             'structure: needed for color = "utilization", which the breaking forces in it give'
         )
     force = element_results.get("peak_tension", element_results.get("tension"))
     used = design.utilization(structure, force)
-    return Column("utilization", "-", values_by_group(used, len(structure.groups)))
+    return ResultColumn("utilization", "-", values_by_group(used, len(structure.groups)))
 
 
 def _largest_with_sign(values):

@@ -72,8 +72,8 @@ def net(
               result of elements);
             - "utilization", the largest force along an element over its breaking force, from 0 to
               100 % and red above; needs `structure`;
-            - another name in ``solution.told``, followed by a place and a component if the result
-              has several: ``skin_stress top xx``.
+            - another name in ``solution.element_results``, followed by a place and a component if
+              the result has several: ``skin_stress top xx``.
         structure: the `Structure` that was analysed. It says which elements are cables, which
             nodes rotate, and where elements are curved: without it every element with zero tension
             is drawn as slack, and no support as clamped.

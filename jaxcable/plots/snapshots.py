@@ -12,7 +12,7 @@ import numpy as np
 from ..analysis.phase_results import PhaseResult
 from ..analysis.solution import Solution, State
 from ..common.types import Bool, Float, Int
-from ..model.parts import columns, faces, pieces
+from ..model.result_parts import element_faces, result_columns, straight_pieces
 from ..model.structure import Structure
 from .element_curves import PLACES, Curves, SolutionCurves
 from .element_forces import ElementForces
@@ -156,16 +156,16 @@ class Snapshots:
         _require_same_links(solution, structure)
         if names is not None and len(names) != len(solution.phases):
             raise ValueError(f"names: {len(names)} of them, but {len(solution.phases)} phases")
-        self.links, self.faces = pieces(self.parts)[:2], faces(self.parts)[:2]
+        self.links, self.faces = straight_pieces(self.parts)[:2], element_faces(self.parts)[:2]
         self._curves = SolutionCurves(solution, structure, places)
-        self._rotates = None if structure is None else structure.rotating()
+        self._rotates = None if structure is None else structure.rotating_nodes()
 
     def of_state(self, state: State) -> Snapshot:
         """Return the snapshot of a `State`."""
         displacement = np.asarray(state.positions) - self._curves.initial_positions
         place = int(state.phase), None, float(state.load_factor)
         return self._make_snapshot(
-            place, displacement, state.told, self._curves.of_state(state), state
+            place, displacement, state.element_results, self._curves.of_state(state), state
         )
 
     def after_phase(self, phase: int) -> Snapshot:
@@ -199,7 +199,7 @@ class Snapshots:
         for j in chosen.tolist():
             phase, number = good[j]
             path = jax.tree.map(lambda x, n=number: x[n], paths[phase])
-            displacement, element_results = path.displacement, path.told
+            displacement, element_results = path.displacement, path.element_results
             if phase > 0:
                 displacement = (
                     np.asarray(phases[phase - 1].positions)
@@ -209,7 +209,7 @@ class Snapshots:
             end: PhaseResult | State | None = None
             if j in last:
                 end = self.solution.last if j + 1 == len(good) else phases[phase]
-                element_results |= end.told
+                element_results |= end.element_results
             place = phase, number, float(path.load_factor)
             curves = self._curves.in_increment(phase, number)
             found.append(self._make_snapshot(place, displacement, element_results, curves, end))
@@ -310,7 +310,7 @@ def refuse_batch(solution: Solution) -> None:
 
 def _require_known_color(parts, solution, color):
     """Return the name of the values that color elements; refuse an unknown one."""
-    known = columns(parts, solution.last.told)
+    known = result_columns(parts, solution.last.element_results)
     names = [column.label for column in known if any(x is not None for x in column.values)]
     if color == "tension" and names and "tension" not in names:
         color = names[0]

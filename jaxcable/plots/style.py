@@ -112,11 +112,11 @@ def finish_figure(
     """Set the size of all text, save the figure to `path` unless it is None, and return it."""
     set_text_size(figure)
     if path is not None:
-        save(figure, path, dpi)
+        save_figure(figure, path, dpi)
     return figure
 
 
-def save(figure: Figure, path: str | os.PathLike[str], dpi: float) -> None:
+def save_figure(figure: Figure, path: str | os.PathLike[str], dpi: float) -> None:
     """Save a figure in the format of its suffix, PNG without one; completely or not at all.
 
     Raises:

@@ -14,10 +14,10 @@ from matplotlib.colors import to_hex
 from ..analysis.phase_results import Path as Increments
 from ..analysis.solution import Solution, State
 from ..common import status
-from ..model.parts import groups_by_name
+from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
 from .diagrams import forces_along_beams
-from .element_forces import concatenate_values, result_columns
+from .element_forces import all_result_columns, concatenate_values
 from .page import Page, PageArrays, write_page
 from .snapshots import Snapshots
 from .style import LOAD, REACTION, SLACK, accepts_old_spelling, color_map
@@ -137,7 +137,7 @@ def _add_geometry(description, arrays, snapshots, shots):
     parts, structure = snapshots.parts, snapshots.structure
     names = [part.name for part in parts]
     if structure is not None:
-        names = [name for name, _ in groups_by_name(structure)]
+        names = [name for name, _ in named_groups_of(structure)]
     description["groups"] = [
         {"name": name.strip("[]'\""), "kind": part.kind, "count": len(part.links.array)}
         for name, part in zip(names, parts, strict=True)
@@ -192,7 +192,7 @@ def _add_results(description, arrays, snapshots, shots):
     """Add the results of elements at all instants, NaN where unknown, and how elements look."""
     parts, columns = snapshots.parts, {}
     for at, shot in enumerate(shots):
-        for column in result_columns(shot.element_results, parts, snapshots.structure):
+        for column in all_result_columns(shot.element_results, parts, snapshots.structure):
             nothing = np.full((len(shots), len(shot.forces.present)), np.nan, np.float32)
             values = columns.setdefault(column.label, (column.unit, nothing))[1]
             values[at] = concatenate_values(column.values, parts)

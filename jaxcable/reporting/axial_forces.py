@@ -11,7 +11,7 @@ from ..analysis.results import Results
 from ..design import utilization
 from ..elements import Beams
 from ..elements.abilities import Sagging
-from ..model.parts import per_group, there
+from ..model.result_parts import present_elements, values_per_group
 from ..model.structure import Structure
 from .columns import (
     concatenate_groups,
@@ -48,7 +48,7 @@ def axial_force_table(
     envelope: list[Any]
     results = (state, *(other.result for other in states.values()))
     try:
-        used, *envelope = (per_group(structure, utilization(structure, x)) for x in results)
+        used, *envelope = (values_per_group(structure, utilization(structure, x)) for x in results)
     except ValueError:  # no group has a strength
         used, *envelope = ([None] * len(now) for _ in results)
     force = concatenate_groups(structure, now, kept)
@@ -189,7 +189,10 @@ def _first_item(item):
 
 def _peak_forces(structure, state):
     """Return the largest force along each element, NaN where inactive, a list of [n_elem]."""
-    parts = per_group(structure, state.peak_tension), there(structure, state.present)
+    parts = (
+        values_per_group(structure, state.peak_tension),
+        present_elements(structure, state.present),
+    )
     return [
         None if force is None else np.where(present, force, np.nan)
         for force, present in zip(*parts, strict=True)

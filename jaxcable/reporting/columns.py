@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..common.types import Float
-from ..model.parts import first_and_last, groups_by_name
+from ..model.result_parts import end_nodes, named_groups_of
 from ..model.structure import Structure
 from .table import Column
 
@@ -19,8 +19,8 @@ def element_columns(structure: Structure, groups: Sequence[int]) -> list[Column]
         structure: `Structure`.
         groups: indices of the groups, all of whose elements have a row.
     """
-    named = groups_by_name(structure)
-    parts = [(named[k][0], first_and_last(named[k][1])) for k in groups]
+    named = named_groups_of(structure)
+    parts = [(named[k][0], end_nodes(named[k][1])) for k in groups]
     ends = np.concatenate([np.zeros((0, 2), int), *(ends for _, ends in parts)])
     return [
         Column("group", "", [label for label, ends in parts for _ in ends]),

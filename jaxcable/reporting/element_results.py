@@ -10,7 +10,7 @@ import numpy as np
 from ..analysis.results import Results
 from ..common.types import Float
 from ..elements.element import PRESENT
-from ..model.parts import columns, there
+from ..model.result_parts import present_elements, result_columns
 from ..model.structure import Structure
 from .columns import element_columns, envelope_columns, states_heading
 from .states import EnvelopeState
@@ -84,12 +84,12 @@ def element_result_tables(
 def _result_components(structure, name, state, states):
     """Return the columns of the places of a result, and its components, two lists."""
 
-    def result_columns(result):
+    def columns_of(result):
         value = (result.results or {}).get(name)
-        return [] if value is None else columns(structure.groups, {name: value})
+        return [] if value is None else result_columns(structure.groups, {name: value})
 
-    now = result_columns(state)
-    every = [result_columns(other.result) for other in states.values()]
+    now = columns_of(state)
+    every = [columns_of(other.result) for other in states.values()]
     places = list(dict.fromkeys(column.place for column in now))
     # group, element and place of every row
     rows = [
@@ -110,7 +110,7 @@ def _result_components(structure, name, state, states):
 
     def component_values(own, result, component):
         mine = {one.place: one.values for one in own if one.component == component}
-        masks = there(structure, result.present)
+        masks = present_elements(structure, result.present)
         taken = (mine[place][k][i] if masks[k][i] else np.nan for k, i, place in rows)
         return np.array([*taken] if mine else np.full(len(rows), np.nan), float)
 

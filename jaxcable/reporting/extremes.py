@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..common.types import Float
-from ..elements.bending import lobatto
+from ..elements.bending import gauss_lobatto
 from ..results.interpolation import interpolation_matrices
 
 _FINE = 17
@@ -48,7 +48,7 @@ def fine_interpolation(
         values, slopes: matrices [n_data, n_fine] that give both at the places from the data; see
             `interpolation_matrices`.
     """
-    places = np.unique(np.concatenate([np.linspace(0.0, 1.0, _FINE), lobatto(count)[0]]))
+    places = np.unique(np.concatenate([np.linspace(0.0, 1.0, _FINE), gauss_lobatto(count)[0]]))
     return places, *interpolation_matrices(count, sloped, tuple(places.tolist()))
 
 

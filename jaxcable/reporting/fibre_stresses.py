@@ -12,9 +12,9 @@ from ..analysis.solution import Solution
 from ..common import status
 from ..common.types import Bool, Float
 from ..elements import Beams
-from ..elements.bending import lobatto
+from ..elements.bending import gauss_lobatto
 from ..elements.element import Element
-from ..model.parts import per_group, there
+from ..model.result_parts import present_elements, values_per_group
 from ..model.structure import Structure
 from ..results import fibre_stress
 from . import extremes
@@ -138,12 +138,12 @@ def stress_points(group: Element) -> SectionPoints | None:
 def _group_stresses(structure, points, phase):
     """Return the stresses of every group, [n_inc, n_elem, (n_point,) n_fibre], or None; a list."""
     strain = phase.path.strain
-    strains = [None] * len(points) if strain is None else per_group(structure, strain)
+    strains = [None] * len(points) if strain is None else values_per_group(structure, strain)
     linear = [p is not None and p.modulus is not None for p in points]
     if all(linear):
         found = strains
     else:
-        found = per_group(structure, fibre_stress(structure, phase))
+        found = values_per_group(structure, fibre_stress(structure, phase))
     for k, (place, strain) in enumerate(zip(points, strains, strict=True)):
         if linear[k]:
             levers = np.stack([np.ones_like(place.y), place.z, -place.y])
@@ -154,8 +154,8 @@ def _group_stresses(structure, points, phase):
 def _active_elements(structure: Structure, path: Path, k: int) -> list[Bool[np.ndarray, " n_elem"]]:
     """Return which elements are active in increment k: [n_elem] bool for every group, a list."""
     if path.present is None:
-        return there(structure, None)
-    return [np.asarray(found)[k] > 0 for found in per_group(structure, path.present)]
+        return present_elements(structure, None)
+    return [np.asarray(found)[k] > 0 for found in values_per_group(structure, path.present)]
 
 
 def _extreme_stresses(group, points, stress, present):
@@ -174,7 +174,7 @@ def _extreme_stresses(group, points, stress, present):
     stress = np.where(present[:, None, None], stress, np.nan)
     fibres = np.swapaxes(stress, 1, 2)  # [n_elem, n_fibre, n_point]
     if isinstance(group, Beams):
-        places = lobatto(stress.shape[1])[0]
+        places = gauss_lobatto(stress.shape[1])[0]
         if group.section.is_elastic:
             ends = np.array([0.0, 1.0])
             found = extremes.polynomial_extremes(extremes.fit_parabola(fibres, places), ends)

@@ -9,7 +9,7 @@ import numpy as np
 from ..analysis.solution import Solution
 from ..common.types import Float, Int
 from ..elements import Cables, SlidingCables
-from ..model.parts import first_and_last, groups_by_name, per_group
+from ..model.result_parts import end_nodes, named_groups_of, values_per_group
 from ..model.structure import Structure
 from .columns import concatenate_groups, element_columns
 from .table import Column, Table, make_table
@@ -38,7 +38,7 @@ def cutting_list_table(structure: Structure, solution: Solution) -> Table:
     notes = [_reference_temperature(solution)]
     if not all(isinstance(structure.groups[k], Cables) for k in kept):
         notes.append("beams and bars: length between nodes, without connections")
-    for k, (label, _) in enumerate(groups_by_name(structure)):
+    for k, (label, _) in enumerate(named_groups_of(structure)):
         for number, (elements, turned) in enumerate(chained[k]):
             along = np.cumsum([0.0, *lengths[k][elements]])
             span = np.column_stack([along[:-1], along[1:]])
@@ -70,9 +70,9 @@ def cable_tables(structure: Structure, solution: Solution) -> dict[str, Table]:
     table where every cable is a single element.
     """
     rows = []
-    groups = zip(groups_by_name(structure), *_lengths_and_chains(structure, solution), strict=True)
+    groups = zip(named_groups_of(structure), *_lengths_and_chains(structure, solution), strict=True)
     for (label, group), length, found in groups:
-        ends = first_and_last(group)
+        ends = end_nodes(group)
         for k, (elements, turned) in enumerate(found):
             nodes = np.where(turned[:, None], ends[elements][:, ::-1], ends[elements])
             total = float(length[elements].sum())
@@ -94,21 +94,21 @@ def cable_tables(structure: Structure, solution: Solution) -> dict[str, Table]:
 
 def _reference_temperature(solution):
     """Return a sentence on the temperature of the lengths."""
-    states = solution.last.carry.states
-    added = any(state.present is not None and state.warmth is not None for state in states)
+    states = solution.last.restart.states
+    added = any(state.present is not None and state.thermal_stretch is not None for state in states)
     return _REFERENCE + _ADDED if added else _REFERENCE
 
 
 def _lengths_and_chains(structure, solution):
     """Return the lengths [n_elem] of every group, or None, and its `cable_chains`; two lists."""
-    lengths = per_group(structure, solution.last.rest_length)
+    lengths = values_per_group(structure, solution.last.rest_length)
     positions, chained = np.asarray(solution.last.positions, float), []
-    states = solution.last.carry.states
+    states = solution.last.restart.states
     for k, (group, state) in enumerate(zip(structure.groups, states, strict=True)):
         runs = isinstance(group, Cables) and not isinstance(group, SlidingCables)
-        chained.append(cable_chains(first_and_last(group), positions) if runs else [])
-        if lengths[k] is not None and state.warmth is not None:
-            lengths[k] = lengths[k] / np.asarray(state.warmth)
+        chained.append(cable_chains(end_nodes(group), positions) if runs else [])
+        if lengths[k] is not None and state.thermal_stretch is not None:
+            lengths[k] = lengths[k] / np.asarray(state.thermal_stretch)
     return lengths, chained
 
 

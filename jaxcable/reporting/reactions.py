@@ -8,7 +8,7 @@ import numpy as np
 
 from ..analysis.solution import State
 from ..model.structure import Structure
-from ..model.supports import Fixed
+from ..model.supports import FixedDofs
 from .columns import envelope_columns
 from .states import EnvelopeState
 from .table import Column, Table, make_table
@@ -20,7 +20,7 @@ _SKEW = 1e-9  # cosine between a fixed direction and an axis from which it has a
 def reaction_table(
     structure: Structure,
     state: State,
-    fixed: Fixed,
+    fixed: FixedDofs,
     states: Mapping[str, EnvelopeState],
     several: bool,
 ) -> Table:
@@ -72,7 +72,7 @@ def _supported_components(structure, fixed):
     held = np.zeros((structure.n_node, 6), bool)
     array = fixed.array[: structure.n_node]
     held[:, : array.shape[1]] = array
-    held[:, 3:] &= structure.rotating()[:, None]
+    held[:, 3:] &= structure.rotating_nodes()[:, None]
     if fixed.axes is None:
         return held
     over = np.abs(fixed.axes.array[: structure.n_node]) > _SKEW  # [n_node, direction, component]

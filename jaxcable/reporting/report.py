@@ -13,10 +13,10 @@ from ..analysis.phases import Phase
 from ..analysis.solution import Solution, State
 from ..common import status
 from ..common.writing import atomic_write_together
-from ..files.results import as_csv
-from ..model.parts import one_case
+from ..files.results import format_csv
+from ..model.result_parts import require_single_case
 from ..model.structure import Structure
-from ..model.topology import require_same
+from ..model.topology import require_same_topology
 from . import stability, states
 from .axial_forces import axial_force_table, exceeded_strength_sentence, group_tables
 from .displacements import displacement_tables, large_displacement_sentence
@@ -87,9 +87,9 @@ class Report:
         sentences = [["of", "note"], *(["all", line] for line in self.summary)]
         sentences += [[name, note] for name, table in self.tables.items() for note in table.notes]
         return {
-            "summary": as_csv(sentences),
+            "summary": format_csv(sentences),
             **{
-                name: as_csv([csv_header(table), *table.rows])  # None is an empty field
+                name: format_csv([csv_header(table), *table.rows])  # None is an empty field
                 for name, table in self.tables.items()
             },
         }
@@ -206,8 +206,8 @@ def report(
         stored 0.9779 0.3574 J
         imbalance 0.0000 0.0003 J
     """
-    one_case(solution)
-    require_same(structure, solution.last.topology, "solution")
+    require_single_case(solution)
+    require_same_topology(structure, solution.last.topology, "solution")
     phases = _check_phases(phases, solution)
     balanced = energy is not False and energy is not None
     if balanced and phases is None:

@@ -10,7 +10,7 @@ import numpy as np
 from ..common.types import Float
 from ..elements import Beams
 from ..elements.element import SECTION_FORCES
-from ..model.parts import first_and_last, groups_by_name, per_group, there
+from ..model.result_parts import end_nodes, named_groups_of, present_elements, values_per_group
 from ..model.structure import Structure
 from . import extremes
 from .columns import element_columns, envelope_columns
@@ -54,7 +54,7 @@ def section_force_tables(
         return {}
     parts = [_group_section_forces(structure, beams, state) for state in (end, *states.values())]
     least = _rounding_sizes(structure, parts)
-    labels = [label for label, _ in groups_by_name(structure)]
+    labels = [label for label, _ in named_groups_of(structure)]
     tables: dict[str, Table] = {}
     zero = []
     for index, (name, rounding) in enumerate(zip(SECTION_FORCES.components, least, strict=True)):
@@ -95,10 +95,13 @@ def _group_section_forces(structure, beams, state):
         for inactive elements, and to `Extremes` [n_elem] by name of the force.
     """
     result, groups = state.result, {}
-    forces, present = per_group(structure, result.section_forces), there(structure, result.present)
+    forces, present = (
+        values_per_group(structure, result.section_forces),
+        present_elements(structure, result.present),
+    )
     for k in beams:
         values = np.where(present[k][:, None, None], np.asarray(forces[k], float), np.nan)
-        ends = np.asarray(result.positions, float)[first_and_last(structure.groups[k])]
+        ends = np.asarray(result.positions, float)[end_nodes(structure.groups[k])]
         length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[:, None]
         groups[k] = values, _extremes_along(values, length)
     return groups

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..model.parts import groups_by_name, per_group, slack_cables, there
+from ..model.result_parts import named_groups_of, present_elements, slack_cables, values_per_group
 from ..model.structure import Structure
 from .columns import states_heading
 from .states import EnvelopeState
@@ -45,8 +45,8 @@ def loose_node_table(structure: Structure, states: Mapping[str, EnvelopeState]) 
 
 def _cable_groups(structure, state):
     """Yield name, links, active elements and slack elements of every group."""
-    parts = per_group(structure, state.tension), there(structure, state.present)
-    for (label, group), force, present in zip(groups_by_name(structure), *parts, strict=True):
+    parts = values_per_group(structure, state.tension), present_elements(structure, state.present)
+    for (label, group), force, present in zip(named_groups_of(structure), *parts, strict=True):
         yield label, group.links.array, present, slack_cables(group, force, present)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..analysis.solution import Solution, State
-from ..model.parts import pieces
+from ..model.result_parts import straight_pieces
 from ..model.structure import Structure
 from ..stiffness import buckling_factor
 
@@ -22,7 +22,7 @@ def buckling_sentence(
     before = np.asarray(structure.nodes)
     if reference is not None:
         before = np.asarray(getattr(reference, "last", reference).positions)
-    ends = pieces(structure.groups)[0]
+    ends = straight_pieces(structure.groups)[0]
     rotation = np.degrees(_largest_rotation(before[ends], np.asarray(state.positions)[ends]))
     loads = "the loads and all forces of this state"
     if reference is not None:

@@ -11,7 +11,7 @@ import numpy as np
 from ..analysis.results import Results
 from ..analysis.solution import Solution
 from ..common import status
-from ..model.supports import Fixed
+from ..model.supports import FixedDofs
 
 
 class EnvelopeState(NamedTuple):
@@ -23,7 +23,7 @@ class EnvelopeState(NamedTuple):
     """
 
     result: Results
-    fixed: Fixed
+    fixed: FixedDofs
 
 
 def last_state(solution: Solution) -> EnvelopeState:

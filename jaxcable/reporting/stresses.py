@@ -8,7 +8,7 @@ import numpy as np
 
 from ..analysis.solution import Solution
 from ..elements import Beams
-from ..model.parts import groups_by_name
+from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
 from ..sections import Section
 from .columns import element_columns, envelope_columns
@@ -103,7 +103,7 @@ def _stress_notes(structure, end, known, gone):
     """
     notes = []
     beams = [
-        (label, group) for label, group in groups_by_name(structure) if isinstance(group, Beams)
+        (label, group) for label, group in named_groups_of(structure) if isinstance(group, Beams)
     ]
     if beams:
         notes.append("x/L: position from the start node, 0 to 1; y, z: point of the section")
@@ -119,7 +119,7 @@ def _stress_notes(structure, end, known, gone):
         )
     if known:
         notes.append("utilization: stress / strength of the law of the fibre, the largest")
-    labels = enumerate(label for label, _ in groups_by_name(structure))
+    labels = enumerate(label for label, _ in named_groups_of(structure))
     without = [label for k, label in labels if k not in end.groups]
     if without:
         notes.append(f"{', '.join(without)}: no area given, so no stress")

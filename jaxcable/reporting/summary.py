@@ -8,7 +8,7 @@ import numpy as np
 
 from ..analysis.solution import Solution, State
 from ..common import status
-from ..model.parts import groups_by_name, there
+from ..model.result_parts import named_groups_of, present_elements
 from ..model.structure import Structure
 
 _TOLERANCE = 1e-10  # default of `Newton.tol`; a larger residual is explained
@@ -31,7 +31,7 @@ def summary_sentences(
         failed: status codes of the phases or cases that have failed, by name.
     """
     code = int(solution.status)
-    named = groups_by_name(structure)
+    named = named_groups_of(structure)
     counts = [f"{len(g.links)} {type(g).__name__} {name}".strip() for name, g in named]
     lines = [f"status {code}: {status.describe(code)}"]
     lines.append(f"{structure.n_node} nodes; {', '.join(counts)}")
@@ -69,7 +69,7 @@ def _phase_sentence(structure, last, head, phase):
     if int(phase.status) != status.OK:
         return text
     if phase.present is not None:
-        masks = there(structure, phase.present)
+        masks = present_elements(structure, phase.present)
         text += f"; {sum(int(m.sum()) for m in masks)} of {sum(map(len, masks))} elements active"
     if not bool(phase.stable):
         text += "; UNSTABLE at its end: negative eigenvalue of the tangent stiffness"
@@ -84,6 +84,6 @@ def _may_be_unsymmetric(structure: Structure, last: State) -> bool:
 
     Only its symmetric part is judged then, whose negative eigenvalue proves no instability.
     """
-    moments = np.asarray(last.carry.nodal_load)[:, 3:]
-    follows = any(stack.follows for stack in last.carry.loads)
+    moments = np.asarray(last.restart.nodal_load)[:, 3:]
+    follows = any(stack.follows for stack in last.restart.loads)
     return follows or bool(moments.any()) or not all(g.symmetric for g in structure.groups)

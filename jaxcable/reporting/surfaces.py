@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..analysis.solution import State
-from ..loads.faces import areas
-from ..model.parts import groups_by_name, there
+from ..loads.faces import face_areas
+from ..model.result_parts import named_groups_of, present_elements
 from ..model.structure import Structure
 from ..stiffness.vibration import STANDARD_GRAVITY
 from .table import Column, Table, make_table
@@ -19,13 +19,17 @@ def surface_tables(structure: Structure, state: State) -> dict[str, Table]:
         A dict with the table; empty if no group has faces.
     """
     rows = []
-    groups = groups_by_name(structure), state.carry.states, there(structure, state.present)
+    groups = (
+        named_groups_of(structure),
+        state.restart.states,
+        present_elements(structure, state.present),
+    )
     for (label, group), own, present in zip(*groups, strict=True):
         if group.face is None:
             continue
         corners = group.links.array[present][:, group.face]
         nodes, positions = np.asarray(structure.nodes), np.asarray(state.positions)
-        initial, area = (float(areas(at[corners]).sum()) for at in (nodes, positions))
+        initial, area = (float(face_areas(at[corners]).sum()) for at in (nodes, positions))
         weights = group.weights(own)
         weight = np.nan if weights is None else float(np.asarray(weights)[present].sum())
         mass = weight / STANDARD_GRAVITY / initial if initial > 0 else np.nan

@@ -27,9 +27,9 @@ from ..analysis.solution import Solution, State
 from ..common.checks import without_warnings
 from ..common.tree import pytree
 from ..common.types import Float
-from ..model.parts import one_case
+from ..model.result_parts import require_single_case
 from ..model.structure import Structure
-from ..model.topology import require_same
+from ..model.topology import require_same_topology
 from .increment_works import end_fingerprint, increment_works
 
 WORKS = ("dead", "following", "supports", "prestress")
@@ -144,13 +144,13 @@ def energy_balance(
         >>> bool(balance.relative_imbalance.max() < 0.01)
         True
     """
-    one_case(solution)
-    require_same(structure, solution.last.topology, "solution")
+    require_single_case(solution)
+    require_same_topology(structure, solution.last.topology, "solution")
     with without_warnings():  # the analysis has issued them
         task = prepare(structure, phases, None, start)
-    if task.thawed[3].present is not None:
+    if task.without_indices[3].present is not None:
         raise ValueError("phases: there is no energy balance where phases add or remove elements")
-    counts = task.thawed[3].increments
+    counts = task.without_indices[3].increments
     if len(counts) != len(solution.phases):
         raise ValueError(f"phases: got {len(counts)}, the solution has {len(solution.phases)}")
     paths = [phase.path for phase in solution.phases]
@@ -160,10 +160,10 @@ def energy_balance(
                 f"phases[{k}]: has {count} increments, in the solution {len(path.status)}"
             )
     records = [(p.status, p.displacement if p.motion is None else p.motion) for p in paths]
-    arguments = task.thawed, task.arrays, records
-    found = increment_works(*arguments, bundles=task.bundles, size=task.n_free)
+    arguments = task.without_indices, task.arrays, records
+    found = increment_works(*arguments, bundles=task.bundles, size=task.n_unknown)
     phase_terms, end = jax.tree.map(np.asarray, found)
-    for computed, given in zip(end, end_fingerprint(solution.last.carry), strict=True):
+    for computed, given in zip(end, end_fingerprint(solution.last.restart), strict=True):
         difference = np.abs(computed - np.asarray(given)).max()
         if difference > np.sqrt(np.finfo(computed.dtype).eps) * np.abs(computed).max():
             raise ValueError(

@@ -13,15 +13,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..analysis.preparation import ready
+from ..analysis.preparation import complete_input
 from ..common import status
 from ..common.compilation import jit_program
 from ..common.tree import copy_with, merge_indices, pytree
 from ..common.types import Array, Float
-from ..elements.element_state import Amounts, ElementState
-from ..mechanics.carry import Carry, knowing
-from ..mechanics.elementwise import each
-from ..mechanics.ramp import Ramp
+from ..elements.element_state import ElementState, TotalLoads
+from ..mechanics.elementwise import evaluate_elements
+from ..mechanics.load_ramp import LoadRamp
+from ..mechanics.restart_state import RestartState, with_loads_until
 from ..spaces import space_of
 
 # Part of the largest load in the phase that stands for no load: it has a direction. Its own work is
@@ -45,31 +45,31 @@ def increment_works(thawed, arrays, paths, bundles):
             energy; and the stored energy at the end of the phase.
         end: `end_fingerprint` of the analysis, by which its end is compared with a solution.
     """
-    nodes, groups, carry, schedule = ready(merge_indices(thawed, arrays), bundles)
+    nodes, groups, restart, schedule = complete_input(merge_indices(thawed, arrays), bundles)
 
-    def marks_of(carry):
-        return end_fingerprint(copy_with(carry, states=bundles.apart(carry.states)))
+    def marks_of(restart):
+        return end_fingerprint(copy_with(restart, states=bundles.split(restart.states)))
 
-    phase_terms, end, loads = [], marks_of(carry), carry.loads
+    phase_terms, end, loads = [], marks_of(restart), restart.loads
     for k, (codes, path) in enumerate(paths):
-        before = knowing(carry, loads, k)
-        ramp = Ramp.build(nodes, groups, before, schedule.phase(k))
-        terms, stored_energy, carry = _phase_works(ramp, codes, path)
+        before = with_loads_until(restart, loads, k)
+        ramp = LoadRamp.build(nodes, groups, before, schedule.phase(k))
+        terms, stored_energy, restart = _phase_works(ramp, codes, path)
         reached = jnp.any(codes == status.OK)
-        end = jax.tree.map(lambda a, b, ok=reached: jnp.where(ok, a, b), marks_of(carry), end)
+        end = jax.tree.map(lambda a, b, ok=reached: jnp.where(ok, a, b), marks_of(restart), end)
         phase_terms.append((terms, stored_energy))
     return phase_terms, end
 
 
-def end_fingerprint(carry: Carry) -> list[Array]:
+def end_fingerprint(restart: RestartState) -> list[Array]:
     """Return arrays that identify the end of an analysis: motion, loads, unstressed lengths."""
-    lengths = [state.rest_length for state in carry.states]
-    return jax.tree.leaves((carry.motion, carry.nodal_load, lengths))
+    lengths = [state.rest_length for state in restart.states]
+    return jax.tree.leaves((restart.motion, restart.nodal_load, lengths))
 
 
 def _phase_works(ramp, codes, path):
-    """Return the terms of a phase's increments [6, n_inc], its final stored energy and `Carry`."""
-    begin, n_inc, space = ramp.begin.motion, len(codes), space_of(ramp.groups)
+    """Return terms of a phase's increments [6, n_inc], final stored energy and `RestartState`."""
+    begin, n_inc, space = ramp.start.motion, len(codes), space_of(ramp.groups)
     good, n_good = codes == status.OK, jnp.sum(codes == status.OK)
     path = path if space.stored_motion(path) is not None else begin[None] + path
     path = jnp.where(good[:, None, None], path, begin[None])
@@ -102,7 +102,7 @@ def _phase_works(ramp, codes, path):
         ]
     )
     end = jax.tree.map(lambda x: x[n_good], (factors, motions, memories))
-    return jnp.where(good, terms, 0.0), points.stored_energy[n_good], ramp.leave(*end)
+    return jnp.where(good, terms, 0.0), points.stored_energy[n_good], ramp.commit(*end)
 
 
 def _memory_history(ramp, factors, motions):
@@ -110,7 +110,7 @@ def _memory_history(ramp, factors, motions):
 
     def follow(memory, increment):
         factor, motion = increment
-        system = ramp.at(factor, memory)
+        system = ramp.system_at(factor, memory)
         memory = system.commit_memory(motion)
         return memory, memory
 
@@ -145,8 +145,8 @@ class _LoadFactorState:
     following: Float[Array, "n_row n_freedom"] | None
     supports: Float[Array, "n_row n_freedom"] | None
     states: list[ElementState]
-    element_loads: list[Amounts | None]
-    slopes: list[Amounts | None]
+    element_loads: list[TotalLoads | None]
+    slopes: list[TotalLoads | None]
     energies: list[Float[Array, ""]]
 
     @property
@@ -170,7 +170,7 @@ def _small_loads(ramp, factors):
         return _SMALL * load[jnp.argmax(size, axis=0), jnp.arange(load.shape[1])]
 
     def loads_at(factor):
-        return [_element_loads(state) for state in ramp.at(factor).states]
+        return [_element_loads(state) for state in ramp.system_at(factor).states]
 
     return jax.tree.map(small, lax.map(loads_at, factors))
 
@@ -180,7 +180,7 @@ def _evaluate_load_factor(ramp, small, factor, motion, memory):
 
     `small` is what `_small_loads` returns.
     """
-    system = ramp.at(factor, memory)
+    system = ramp.system_at(factor, memory)
     load, following, supports = system.load, None, None
     if ramp.released is not None:
         supports = (1 - factor) * ramp.released
@@ -192,7 +192,7 @@ def _evaluate_load_factor(ramp, small, factor, motion, memory):
     lists = [[], [], [], []]
     for group, state, least in zip(system.groups, system.states, small, strict=True):
         if state.jack_force is not None:
-            state = each("lock", group, state, system.nodes, motion)
+            state = evaluate_elements("lock_off", group, state, system.nodes, motion)
         along, slopes = _element_loads(state), None
         if along is None:
             energy = _group_energy(group, state, system.nodes, motion)
@@ -213,7 +213,7 @@ def _evaluate_load_factor(ramp, small, factor, motion, memory):
 
 def _group_energy(group, state, nodes, motion):
     """Return the energy E of a group, J, see `_LoadFactorState`."""
-    return jnp.sum(each("energy", group, state, nodes, motion))
+    return jnp.sum(evaluate_elements("energy", group, state, nodes, motion))
 
 
 def _work_within_elements(old, new):
@@ -242,18 +242,18 @@ def _prestress_work_and_dissipation(ramp, points):
     prestress, dissipated = jnp.zeros((2, n), points.motion.dtype)
     for k, group in enumerate(ramp.groups):
         changes = ramp.end_states[k] is not None or ramp.jacks[k] is not None
-        if not (changes or group.remembers):
+        if not (changes or group.has_memory):
             continue
         # energies with lengths, motions and history variables from before or after an increment
         sources = [(new, old, old), (old, new, old)] if changes else []
-        sources += [(new, new, old)] if group.remembers else []
+        sources += [(new, new, old)] if group.has_memory else []
         indices = (np.concatenate(source) for source in zip(*sources, strict=True))
         mixed = _energy_of_mixed_points(ramp, points, k, *indices)
         energies = points.energies[k]
-        last = mixed[-n:] if group.remembers else energies[1:]
+        last = mixed[-n:] if group.has_memory else energies[1:]
         if changes:
             prestress = prestress + 0.5 * (mixed[:n] - energies[:-1] + last - mixed[n : 2 * n])
-        if group.remembers:
+        if group.has_memory:
             dissipated = dissipated + last - energies[1:]
     return prestress, dissipated
 
@@ -286,14 +286,14 @@ def _entry_of_each(tree, k):
 
 
 def _element_loads(state):
-    """Return the loads along the elements of a group, `Amounts`; None if none act."""
+    """Return the loads along the elements of a group, `TotalLoads`; None if none act."""
     acting = state.element_load
-    return None if acting is None else acting.amounts(state.rest_length)
+    return None if acting is None else acting.total_loads(state.rest_length)
 
 
 def _with_element_loads(state, along):
     """Return the state of a group with other loads along its elements."""
-    acting = state.element_load.with_amounts(along, state.rest_length)
+    acting = state.element_load.with_total_loads(along, state.rest_length)
     return copy_with(state, element_load=acting)
 
 

@@ -11,9 +11,9 @@ from ..common import checks
 from ..common.rules import Rule, nan_if_broken
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.abilities import Bending
-from ..elements.prestress import element
-from ..mechanics.carry import make_system
-from ..model.parts import listed
+from ..elements.prestress import single_element
+from ..mechanics.restart_state import make_system
+from ..model.result_parts import items_per_group
 from ..model.structure import Structure
 from ..stiffness.tangent import merge_state, split_state
 from .interpolation import interpolate_recorded_forces
@@ -91,7 +91,7 @@ def section_forces(
     if isinstance(state, PhaseResult):
         if isinstance(places, jax.core.Tracer):
             raise ValueError("places: cannot be traced for the end of a phase; give known numbers")
-        forces = listed(structure, state.section_forces)
+        forces = items_per_group(structure, state.section_forces)
         at = state.positions, np.asarray(places)
         return structure.arrange(interpolate_recorded_forces(structure.groups, forces, *at))
     thawed, arrays, dof_map = split_state(structure, state)
@@ -101,15 +101,15 @@ def section_forces(
 @jax.jit
 def _section_forces_at(thawed, arrays, dof_map, places):
     """Compute section forces [n_elem, n_place, 6] of each group of beams; None for others."""
-    nodes, groups, carry = merge_state(thawed, arrays)
-    system = make_system(nodes, groups, carry, carry.motion, dof_map)
+    nodes, groups, restart = merge_state(thawed, arrays)
+    system = make_system(nodes, groups, restart, restart.motion, dof_map)
     places = places.astype(nodes.dtype)
 
     def along(group, state):
         def of_element(properties, state, ends, motion):
-            return element(group, properties).section_forces(state, ends, motion, places)
+            return single_element(group, properties).section_forces(state, ends, motion, places)
 
-        ends, motion = nodes[group.links], carry.motion[group.links]
+        ends, motion = nodes[group.links], restart.motion[group.links]
         return jax.vmap(of_element)(group.properties(), state, ends, motion)
 
     pairs = zip(groups, system.states, strict=True)

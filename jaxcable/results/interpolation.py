@@ -12,7 +12,7 @@ from numpy.polynomial.legendre import legder, legvander
 from scipy.interpolate import CubicHermiteSpline
 
 from ..common.types import Array, Float
-from ..elements.bending import lobatto
+from ..elements.bending import gauss_lobatto
 
 # Largest number of points through which there is one polynomial, with slopes of degree 11; higher
 # degrees would be of no use. Through more points there are cubics.
@@ -36,7 +36,7 @@ def interpolation_matrices(
     Returns:
         Matrices from the data to values, and to slopes, at the places.
     """
-    points = lobatto(count)[0]
+    points = gauss_lobatto(count)[0]
     if count > _MOST_POINTS:
         values = np.eye(count, (2 if sloped else 1) * count)
         slopes = np.eye(count, 2 * count, count) if sloped else np.gradient(values, points, axis=0)

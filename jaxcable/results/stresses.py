@@ -7,8 +7,8 @@ import jax
 from ..analysis.phase_results import PhaseResult
 from ..common.tree import merge_indices, split_indices
 from ..common.types import Array, Float, PyTree
-from ..elements.prestress import element
-from ..model.parts import listed
+from ..elements.prestress import single_element
+from ..model.result_parts import items_per_group
 from ..model.structure import Structure
 
 
@@ -49,7 +49,9 @@ def fibre_stress(
     if not hasattr(phase, "path"):
         raise ValueError(f"phase: expected one of solution.phases, got {type(phase).__name__}")
     path = phase.path
-    records = [listed(structure, tree) for tree in (path.strain, path.tension, phase.began)]
+    records = [
+        items_per_group(structure, tree) for tree in (path.strain, path.tension, phase.began)
+    ]
     return structure.arrange(_stresses_of_groups(*split_indices((structure.groups, *records))))
 
 
@@ -71,7 +73,7 @@ def _stress_history(group, strain, memory):
 
     def of_all(method, strain, memory):
         def of_element(properties, strain, memory):
-            return getattr(element(group, properties), method)(strain, memory)
+            return getattr(single_element(group, properties), method)(strain, memory)
 
         return jax.vmap(of_element)(group.properties(), strain, memory)
 

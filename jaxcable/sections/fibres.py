@@ -60,7 +60,7 @@ class Fibres:
         return any(law.has_rupture for law in self.laws)
 
     @property
-    def remembers(self) -> bool:
+    def has_memory(self) -> bool:
         """Whether a law of the section has history variables."""
         return any(law.n_memory for law in self.laws)
 

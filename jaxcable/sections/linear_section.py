@@ -24,7 +24,7 @@ class LinearSection:
 
     is_elastic = True
     has_rupture = False
-    remembers = False
+    has_memory = False
 
     @property
     def laws(self) -> tuple[Law]:

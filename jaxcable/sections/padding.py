@@ -18,7 +18,7 @@ def padding_key(section: Section) -> Hashable:
     """
     laws = [jax.tree.flatten(law) for law in section.laws]
     # history variables are results of every fibre: the number of such fibres cannot be changed
-    counts = section.counts if section.remembers else len(section.counts)
+    counts = section.counts if section.has_memory else len(section.counts)
     missing = section.own is None, section.torsion is None
     return counts, missing, tuple((tree, tuple(map(np.shape, leaves))) for leaves, tree in laws)
 

@@ -91,7 +91,7 @@ def solve_strains(
     N, My, Mz = jnp.broadcast_arrays(*(jnp.asarray(v, section.area.dtype) for v in (N, My, Mz)))
     if N.ndim:
         return _solve_one_by_one(section, (N, My, Mz), memory, tol, max_steps)
-    if memory is None and section.remembers:
+    if memory is None and section.has_memory:
         memory = section.initial_memory()
     target, radius = jnp.stack([N, My, Mz]), _strain_scale(section)
     parameters = (section, target, memory)

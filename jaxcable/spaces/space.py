@@ -85,8 +85,8 @@ class Space(abc.ABC):
             groups: the element groups.
             dof_map: degree-of-freedom map of the phase.
             prescribed: prescribed motion of all rows, or None.
-            support_rotation: rotation of every row when its support was set, as in `ramp.Carry`, or
-                None.
+            support_rotation: rotation of every row when its support was set, as in
+                `restart_state.RestartState`, or None.
         """
 
     @classmethod

@@ -15,7 +15,7 @@ from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging
 from ..elements.element import Element
 from ..linear import unbatched
-from ..mechanics.carry import make_system, unloaded
+from ..mechanics.restart_state import initial_restart_state, make_system
 from ..model.structure import Structure
 from ..numerics.scaled import normalize_mode_shapes
 from .tangent import (
@@ -113,8 +113,8 @@ def buckling_factor(
     Raises:
         ValueError: wrong arguments; follower loads, or elements that are not `symmetric`;
             catenaries under load, or slack elements that have no unstressed state
-            (`Element.unstressed`), without a reference; too many unknowns for dense matrices in the
-            memory there is.
+            (`Element.unstressed_state`), without a reference; too many unknowns for dense matrices
+            in the memory there is.
 
     Example:
         A rigid strut of 2 m whose top is stayed by two cables of 4 m with 8 kN. It buckles out of
@@ -185,9 +185,9 @@ def buckling_factor(
     return Buckling(factor, normalize_mode_shapes(shapes, vectors.T))
 
 
-def _refuse_follower_loads(carry, name):
+def _refuse_follower_loads(restart, name):
     """Raise ValueError if follower loads act in a state; `name` is the argument that it is."""
-    if any(stack.follows for stack in carry.loads):
+    if any(stack.follows for stack in restart.loads):
         raise ValueError(
             f"{name}: follower loads act on it; linear buckling multiplies loads that keep their "
             "direction; use trace_path"
@@ -202,7 +202,7 @@ def _can_be_unstressed(structure, slack):
     """
     sound = jnp.ones((), bool)
     for (where, group), own in zip(structure.named_groups(), slack, strict=True):
-        if not group.tension_only or type(group).unstressed is not Element.unstressed:
+        if not group.tension_only or type(group).unstressed_state is not Element.unstressed_state:
             continue
         sound &= ~jnp.any(own)
         known = checks.array_if_known(own)
@@ -218,14 +218,14 @@ def _can_be_unstressed(structure, slack):
 @jax.jit
 def _nodal_moments_act(thawed, arrays):
     """Whether moments act on nodes in a state; scalar bool, compiled."""
-    nodes, groups, carry = merge_state(thawed, arrays)
-    system = make_system(nodes, groups, carry, None, None)
+    nodes, groups, restart = merge_state(thawed, arrays)
+    system = make_system(nodes, groups, restart, None, None)
     moments = system.space.moments(system.load)
     return jnp.any(jnp.zeros(()) if moments is None else moments != 0)
 
 
 def _same_elements_present(first, second):
-    """Whether the same elements are present in two states (`Carry`); scalar bool."""
+    """Whether the same elements are present in two states (`RestartState`); scalar bool."""
     same: Bool[ArrayLike, ""] = True
     for a, b in zip(first.states, second.states, strict=True):
         if a.present is not None or b.present is not None:
@@ -238,29 +238,29 @@ def _same_elements_present(first, second):
 @jax.jit
 def _slack_elements(thawed, arrays):
     """Return which elements are slack in a state, one boolean array [n_elem] per group."""
-    nodes, groups, carry = merge_state(thawed, arrays)
-    return make_system(nodes, groups, carry, None, None).slack(carry.motion)
+    nodes, groups, restart = merge_state(thawed, arrays)
+    return make_system(nodes, groups, restart, None, None).slack(restart.motion)
 
 
 def _unstressed_with_zero_loads(thawed, arrays, slack):
-    """Return the `Carry` of the unstressed structure: elements as long as their chord, or slack.
+    """Return the `RestartState` of the unstressed structure: lengths of chords, or slack.
 
     It has the loads of the state times zero, so that one compiled program serves both tangents.
     """
-    bare, carry = _unstressed_without_loads(thawed, arrays, slack), thawed[2]
-    amounts = [copy_with(amount, factors=0.0 * amount.factors) for amount in carry.amounts]
-    return copy_with(bare, loads=carry.loads, amounts=amounts)
+    bare, restart = _unstressed_without_loads(thawed, arrays, slack), thawed[2]
+    amounts = [copy_with(amount, factors=0.0 * amount.factors) for amount in restart.load_factors]
+    return copy_with(bare, loads=restart.loads, load_factors=amounts)
 
 
 @jax.jit
 def _unstressed_without_loads(thawed, arrays, slack):
-    """Return the `Carry` of the unstressed structure without loads; compiled."""
-    nodes, groups, carry = merge_state(thawed, arrays)
-    bare = unloaded(nodes, groups)
+    """Return the `RestartState` of the unstressed structure without loads; compiled."""
+    nodes, groups, restart = merge_state(thawed, arrays)
+    bare = initial_restart_state(nodes, groups)
     states = []
-    present = [state.present for state in carry.states]
+    present = [state.present for state in restart.states]
     for group, is_slack, there in zip(groups, slack, present, strict=True):
-        state = group.unstressed(nodes[group.links], is_slack)
+        state = group.unstressed_state(nodes[group.links], is_slack)
         states.append(state if there is None else copy_with(state, present=there))
     return copy_with(bare, states=states)
 

@@ -162,6 +162,6 @@ def imperfect(
     amplitudes = checks.floats_per_element(amplitudes, len(shapes), "amplitudes")
     moved = jnp.tensordot(jnp.asarray(amplitudes), jnp.asarray(shapes), axes=1)
     nodes = jnp.asarray(structure.nodes)
-    upright = [group.oriented(nodes) for group in structure.groups]
+    upright = [group.with_fixed_axes(nodes) for group in structure.groups]
     elements = structure.arrange(upright)
     return replace(structure, nodes=nodes + moved.astype(nodes.dtype), elements=elements)

@@ -8,19 +8,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..analysis.presence import idle_of
+from ..analysis.activation import inactive_dofs_of
 from ..analysis.solution import Solution, State
 from ..common import memory_limit
 from ..common.tree import cast_floats, merge_indices, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.element import Element
-from ..mechanics.carry import Carry, make_system
+from ..mechanics.restart_state import RestartState, make_system
 from ..model.structure import Structure
-from ..model.supports import Fixed
-from ..model.topology import require_same
+from ..model.supports import FixedDofs
+from ..model.topology import require_same_topology
 from ..spaces.dof_map import DofMap, make_dof_map
 
-_SplitModel: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], Carry]"
+_SplitModel: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], RestartState]"
 _IndexArrays: TypeAlias = "list[np.ndarray]"
 
 
@@ -71,9 +71,9 @@ def tangent_of(
 @jax.jit
 def compiled_tangent(thawed, arrays, dof_map):
     """Compute the tangent stiffness from the results of `split_state`, [n_free, n_free], N/m."""
-    nodes, groups, carry = merge_state(thawed, arrays)
-    system = make_system(nodes, groups, carry, carry.motion, dof_map)
-    return system.tangent(carry.motion)
+    nodes, groups, restart = merge_state(thawed, arrays)
+    system = make_system(nodes, groups, restart, restart.motion, dof_map)
+    return system.tangent(restart.motion)
 
 
 @jax.jit
@@ -81,9 +81,9 @@ def displacement_jacobian(
     thawed: _SplitModel, arrays: _IndexArrays, dof_map: DofMap
 ) -> Float[Array, "n_row 3 n_free"]:
     """Return the derivative of all displacements by the unknowns, [n_row, 3, n_free]."""
-    nodes, groups, carry = merge_state(thawed, arrays)
-    system = make_system(nodes, groups, carry, carry.motion, dof_map)
-    return system.displaced_by(carry.motion)
+    nodes, groups, restart = merge_state(thawed, arrays)
+    system = make_system(nodes, groups, restart, restart.motion, dof_map)
+    return system.displacement_jacobian(restart.motion)
 
 
 def split_state(
@@ -94,26 +94,26 @@ def split_state(
     """Prepare the state of a solution for compiled functions such as `compiled_tangent`.
 
     Returns:
-        Nodes, groups and `Carry` of the state without their index arrays; these index arrays, which
-        `merge_state` puts back; the numbering of the unknowns.
+        Nodes, groups and `RestartState` of the state without their index arrays; these index
+        arrays, which `merge_state` puts back; the numbering of the unknowns.
     """
     state = state.last if isinstance(state, Solution) else state
     if not isinstance(state, State):
         raise ValueError(f"state: expected a Solution or its .last, got {type(state).__name__}")
-    require_same(structure, state.topology, "state")
-    rows, groups = structure.rows()
+    require_same_topology(structure, state.topology, "state")
+    rows, groups = structure.motion_rows()
     held = state.fixed[-1] if fixed is not None else _fixed_in_phase_of(state)
-    fixed = held if fixed is None else Fixed(np.asarray(fixed, bool), held.axes)
-    idle = idle_of(structure, state.carry.states)
+    fixed = held if fixed is None else FixedDofs(np.asarray(fixed, bool), held.axes)
+    idle = inactive_dofs_of(structure, state.restart.states)
     if idle is not None:
-        fixed = Fixed(fixed.array | idle, fixed.axes, fixed.spins)
+        fixed = FixedDofs(fixed.array | idle, fixed.axes, fixed.spins)
     if fixed.shape != state.fixed[-1].shape:
         raise ValueError(
             f"fixed: expected booleans of shape {state.fixed[-1].shape}, got {fixed.shape}"
         )
     nodes = structure.nodes if rows is None else structure.nodes[rows.node_of_row]
     dof_map = make_dof_map(fixed, rows, rigid=structure.rigid)
-    return *split_indices((nodes, groups, state.carry)), dof_map
+    return *split_indices((nodes, groups, state.restart)), dof_map
 
 
 def require_symmetric_elements(structure: Structure, what: str) -> None:
@@ -154,7 +154,7 @@ def merge_state(thawed: _SplitModel, arrays: _IndexArrays) -> _SplitModel:
 
 
 def _fixed_in_phase_of(state):
-    """Return the degrees of freedom held in the phase that a state belongs to, `Fixed`."""
+    """Return the degrees of freedom held in the phase that a state belongs to, `FixedDofs`."""
     if all(fixed == state.fixed[-1] for fixed in state.fixed):
         return state.fixed[-1]
     if isinstance(state.phase, jax.core.Tracer):

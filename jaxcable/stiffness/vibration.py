@@ -18,8 +18,8 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging
 from ..linear import unbatched
-from ..mechanics.carry import make_system
-from ..mechanics.elementwise import each
+from ..mechanics.elementwise import evaluate_elements
+from ..mechanics.restart_state import make_system
 from ..model.structure import Structure
 from ..numerics.scaled import normalize_mode_shapes
 from .tangent import (
@@ -180,9 +180,9 @@ def natural_frequencies(
 @functools.partial(jax.jit, static_argnames=("distribution",))
 def _mass_matrix(thawed, arrays, dof_map, gravity, distribution):
     """Assemble the mass matrix of the elements, [n_free, n_free], kg."""
-    nodes, groups, carry = merge_state(thawed, arrays)
-    system = make_system(nodes, groups, carry, carry.motion, dof_map)
-    return system.mass(carry.motion, jnp.asarray(gravity, nodes.dtype), distribution)
+    nodes, groups, restart = merge_state(thawed, arrays)
+    system = make_system(nodes, groups, restart, restart.motion, dof_map)
+    return system.mass_matrix(restart.motion, jnp.asarray(gravity, nodes.dtype), distribution)
 
 
 def _warn_of_modes_within_spans(structure, thawed, arrays, gravity, found):
@@ -190,14 +190,14 @@ def _warn_of_modes_within_spans(structure, thawed, arrays, gravity, found):
     highest = checks.array_if_known(jnp.nanmax(jnp.append(found.frequency, -jnp.inf)))
     if highest is None:
         return
-    nodes, groups, carry = merge_state(thawed, arrays)
+    nodes, groups, restart = merge_state(thawed, arrays)
     named = structure.named_groups()
-    for number, (group, state) in enumerate(zip(groups, carry.states, strict=True)):
+    for number, (group, state) in enumerate(zip(groups, restart.states, strict=True)):
         where = named[number][0]
         if not isinstance(group, Sagging) or group.weight is None:
             continue
-        system = make_system(nodes, groups, carry, None, None)
-        tension = each("tension", group, system.states[number], nodes, carry.motion)
+        system = make_system(nodes, groups, restart, None, None)
+        tension = evaluate_elements("tension", group, system.states[number], nodes, restart.motion)
         # first frequency of a taut string with the mass of the catenary: exact across a shallow one
         mass = group.weights(state) / gravity
         span_frequency = (

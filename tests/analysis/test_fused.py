@@ -138,7 +138,7 @@ def test_a_gradient_is_two_functions(name):
 @fused
 def test_only_nets_are_solved_so():
     def solver(scene, to_end=True):
-        schedule = prepare(*scene, None, None, to_end=to_end).thawed[3]
+        schedule = prepare(*scene, None, None, to_end=to_end).without_indices[3]
         return schedule.dof_map.pattern.solver.name
 
     assert [solver(make()[:2]) for make in NETS.values()] == ["rolling"] * len(NETS)

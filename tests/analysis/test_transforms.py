@@ -119,7 +119,7 @@ def weighed(f):
 
 def scanned(f):
     """A scan over points; `f` may return several arrays."""
-    return jax.lax.scan(lambda carry, p: (carry, f(p)), 0, ON_LINE)[1]
+    return jax.lax.scan(lambda restart, p: (restart, f(p)), 0, ON_LINE)[1]
 
 
 def summed(f):
@@ -127,8 +127,8 @@ def summed(f):
     shares = np.array([[0.2], [0.3], [0.5]]) * WEIGHTS
 
     def total(p):
-        def step(carry, share):
-            return carry + share @ f(p), None
+        def step(restart, share):
+            return restart + share @ f(p), None
 
         return jax.lax.scan(step, 0.0, shares)[0]
 

@@ -270,7 +270,7 @@ WORDS = "jaxcable.analysis.solver", "_analyse"
 
 def key(structure, phases, method=None):
     task = prepare(structure, phases, method, None)
-    core = task.thawed, task.arrays, task.method, task.code
+    core = task.without_indices, task.arrays, task.method, task.code
     return program_store._program_key(WORDS, core, {"bundles": task.bundles})
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import jaxcable as jc
 from jaxcable.analysis import solver
-from jaxcable.analysis.results import NAMES
+from jaxcable.analysis.results import RESULT_NAMES
 from jaxcable.common import compilation, status
 from jaxcable.design import Target, sensitivity, targets, tune
 
@@ -260,7 +260,7 @@ def test_the_default_tolerance_is_that_of_the_kind_of_result():
         assert f'"{of}"' in Target.__doc__
     # a turn by 1e-3 rad about any axis, as a unit quaternion beside none
     assert Target("rotation").within == pytest.approx(np.sin(0.5e-3), rel=1e-6)
-    assert set(targets.WITHIN) == {*kinds, "rotation"} == set(NAMES) - {"results"}
+    assert set(targets.WITHIN) == {*kinds, "rotation"} == set(RESULT_NAMES) - {"results"}
     assert Target(lambda phase: phase.positions[1, 2]).within == 1.0  # its unit is not known
 
 

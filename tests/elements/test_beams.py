@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import jaxcable as jc
 from jaxcable.common.tree import copy_with
 from jaxcable.elements import AxialState
-from jaxcable.elements.prestress import element
+from jaxcable.elements.prestress import single_element
 
 STEEL = jc.Elastic(210e9)
 BOX = jc.Section.rectangle(0.05, 0.05, STEEL, (10, 10))
@@ -45,7 +45,7 @@ def in_plane(n_node, clamped=(), pinned=()):
 
 def one_beam(section=BOX, **options):
     ends = jnp.asarray([[0.3, -0.2, 0.5], [1.1, 0.4, 0.9]])
-    group = element(jc.Beams([[0, 1]], section=section, **options), {})
+    group = single_element(jc.Beams([[0, 1]], section=section, **options), {})
     length = jnp.linalg.norm(ends[1] - ends[0])
     return group, AxialState(length, jnp.zeros(())), ends
 

@@ -20,8 +20,8 @@ from jaxcable.common.tree import copy_with
 from jaxcable.elements import hanging, hanging_springs
 from jaxcable.elements.element_state import ElementLoad
 from jaxcable.elements.hanging_sag import strain_at_sag
-from jaxcable.elements.stated import Stated
-from jaxcable.mechanics.elementwise import each
+from jaxcable.elements.statement import StatedValues
+from jaxcable.mechanics.elementwise import evaluate_elements
 from jaxcable.numerics.roots import bracketed_root
 
 mp = mpmath.mp.clone()
@@ -61,8 +61,8 @@ def middle_force(x, z, length, weight, stiffness):
         group.start(nodes[links]), element_load=ElementLoad(jnp.outer(weight, DOWN.astype(x.dtype)))
     )
     still = jnp.zeros_like(nodes)
-    force = each("end_forces", group, state, nodes, still)[:, 1]
-    return force[:, ::2], each("tension", group, state, nodes, still)
+    force = evaluate_elements("end_forces", group, state, nodes, still)[:, 1]
+    return force[:, ::2], evaluate_elements("tension", group, state, nodes, still)
 
 
 def chord_of(h, v, length, weight, stiffness):
@@ -250,7 +250,7 @@ def test_plumb_and_collapsed_cables_have_derivatives():
     @jax.jit
     def both(p):
         def force(p):
-            found = hanging.hang(p[:3], p[:3] @ p[:3] - p[3] ** 2, p[4:7], p[3], p[7])[0]
+            found = hanging.solve_catenary(p[:3], p[:3] @ p[:3] - p[3] ** 2, p[4:7], p[3], p[7])[0]
             return found, found
 
         return jax.jacfwd(force, has_aux=True)(p)
@@ -298,15 +298,17 @@ def test_in_balance_it_is_the_hanging_cable():
     def compared(*span):
         tension, rest = hanging.tension_unknown(*span), span[2:]
         at, off = (hanging_springs.hanging_under_tension(f * tension, *span) for f in (1.0, 1.01))
-        by_chord, by_excess = jax.jacfwd(lambda *at: hanging.hang(*at, *rest)[0], (0, 1))(*span[:2])
+        by_chord, by_excess = jax.jacfwd(lambda *at: hanging.solve_catenary(*at, *rest)[0], (0, 1))(
+            *span[:2]
+        )
         # |d|^2 - L0^2 moves with the chord
         exact = by_chord + jnp.outer(by_excess, 2 * span[0])
         block = jnp.outer(at.force_per_tension, at.force_per_tension) / (
             at.compliance + at.sag_compliance
         )
         block = block + hanging_springs.tension_stiffness(tension, *rest)
-        turned = hanging.hang(turn @ span[0], span[1], turn @ span[2], *span[3:])
-        return tension, at, off, hanging.hang(*span)[0], exact, block, turn.T @ turned[0]
+        turned = hanging.solve_catenary(turn @ span[0], span[1], turn @ span[2], *span[3:])
+        return tension, at, off, hanging.solve_catenary(*span)[0], exact, block, turn.T @ turned[0]
 
     spans = [np.array(values) for values in zip(*chords(200, 10), strict=True)]
     tension, at, off, force, exact, block, turned = jax.tree.map(np.asarray, compared(*spans))
@@ -445,11 +447,11 @@ def test_spans_hang_by_the_force_that_belongs_to_their_sag():
     ends = np.linalg.norm(pull, axis=2)
     np.testing.assert_allclose(solution.tension, ends.mean(axis=1), rtol=1e-12)
     np.testing.assert_allclose(solution.peak_tension, ends.max(axis=1), rtol=1e-12)
-    state, own = solution.last.carry.states[0], copy_with(cables, links=links)
+    state, own = solution.last.restart.states[0], copy_with(cables, links=links)
     state = copy_with(
         state, element_load=ElementLoad(jnp.asarray(np.tile(WEIGHT / WARMTH * DOWN, (n, 1))))
     )
-    told = each("end_tensions", own, state, structure.nodes, jnp.zeros((2 * n, 3)))
+    told = evaluate_elements("end_tensions", own, state, structure.nodes, jnp.zeros((2 * n, 3)))
     np.testing.assert_allclose(told, ends, rtol=1e-12)
     said = jc.forms.equivalent_prestress(structure, solution).sag
     np.testing.assert_allclose(said, sag, rtol=1e-12)
@@ -521,10 +523,10 @@ def test_a_plumb_span_has_no_midspan():
     assert int(run(nodes[[0, 2, 1]])[0]) == 0
     # one that is plumb and not stated has no part in the derivatives
     cable = jc.Catenaries([[0, 1], [0, 2]], axial_stiffness=1e6, weight=WEIGHT)
-    stated = {"sag": Stated(np.array([0.0, 1.0]), np.array([False, True]))}
+    stated = {"sag": StatedValues(np.array([0.0, 1.0]), np.array([False, True]))}
 
     def rest(ends):
-        return jnp.sum(cable.restate(cable.start(ends), ends, stated).rest_length)
+        return jnp.sum(cable.apply_statements(cable.start(ends), ends, stated).rest_length)
 
     rate = jax.jit(jax.grad(rest))(jnp.asarray(PLUMB[np.array([[0, 1], [0, 2]])]))
     assert np.isfinite(rate).all() and float(rate[0, 1, 2]) == pytest.approx(1.0)

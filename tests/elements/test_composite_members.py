@@ -314,9 +314,11 @@ def test_a_spring_beside_a_law_that_falls_is_refused():
 def test_a_spring_in_series_counts_in_the_stiffness_along():
     """1 / (l / EA + c l) l: the spring has the strain c per force."""
     for stated in {"axial_stiffness": 2e5}, {"area": 1e-3, "law": jc.Elastic(2e8)}:
-        plain = jc.Bars([[0, 1]], **stated).stiffness_along()
+        plain = jc.Bars([[0, 1]], **stated).linear_axial_stiffness()
         soft = jc.Bars([[0, 1]], compliance=5e-6, **stated)
         np.testing.assert_allclose(plain, [2e5], rtol=1e-15)
-        np.testing.assert_allclose(soft.stiffness_along(), [1e5], rtol=1e-15)
-        one = jc.elements.prestress.element(soft, {k: v[0] for k, v in soft.properties().items()})
+        np.testing.assert_allclose(soft.linear_axial_stiffness(), [1e5], rtol=1e-15)
+        one = jc.elements.prestress.single_element(
+            soft, {k: v[0] for k, v in soft.properties().items()}
+        )
         np.testing.assert_allclose(one.force(1e-3), 1e5 * 1e-3, rtol=1e-14)

@@ -13,11 +13,12 @@ from extensions.own_membrane import Cloth, Membranes
 from extensions.own_saddle import Saddles
 
 import jaxcable as jc
+from jaxcable import extend
 from jaxcable.common.tree import Indices, copy_with, pytree
 from jaxcable.elements import abilities, check
 from jaxcable.elements.element import Element, Result
 from jaxcable.elements.element_state import ElementState
-from jaxcable.elements.stated import Statement
+from jaxcable.elements.statement import Statement
 from jaxcable.elements.straight import Straight
 from jaxcable.loads.load import Dead, Following, Load, Measured, Moving, OnNodes
 from jaxcable.materials.law import Law
@@ -50,7 +51,7 @@ KNOWN = {
     "law": names_of(Law),
 }
 OTHERS = {  # what a variable of this name is besides, here
-    "load": {"ndim", "shape", "at", "begun"},
+    "load": {"ndim", "shape", "at"},
     "group": {"_index_fields", "_static_fields"},  # of every `pytree`
 }
 STRAIGHT = ("forms/prescribed_forces.py", "files/opensees.py")
@@ -65,7 +66,9 @@ def asked(source):
         if isinstance(node, ast.Call) and node.args:
             called = node.func.id if isinstance(node.func, ast.Name) else ""
             first = node.args[0]
-            if called in ("each", "of_each", "of_all") and isinstance(first, ast.Constant):
+            if called in ("evaluate_elements", "call_each_element", "of_all") and isinstance(
+                first, ast.Constant
+            ):
                 yield "group", first.value
 
 
@@ -87,12 +90,12 @@ def test_every_name_that_is_asked_for_is_in_the_contract():
         found[where] = holes(pairs, where.split("/")[0], extra)
         seen |= {name for variable, name in pairs if variable == "group"}
     assert {where: missing for where, missing in found.items() if missing} == {}
-    assert {"strain", "tension", "lock", "is_ruptured", "links", "symmetric"} <= seen
+    assert {"strain", "tension", "lock_off", "is_ruptured", "links", "symmetric"} <= seen
 
 
 def test_the_search_finds_what_is_missing():
     for source, room, missing in (
-        ('each("wobble", group, state)', "paths", {("group", "wobble")}),
+        ('evaluate_elements("wobble", group, state)', "paths", {("group", "wobble")}),
         ("f(group.wob, state.ble)", "mechanics", {("group", "wob"), ("state", "ble")}),
     ):
         assert holes(asked(source), room) == missing
@@ -152,7 +155,7 @@ def test_a_state_without_the_field_of_a_statement_is_refused():
     with pytest.raises(TypeError, match=r"abstract method '?tension"):
 
         class Untold(abilities.Jacked):
-            start = restate = lock = end_forces = energy = None
+            start = apply_statements = lock_off = end_forces = energy = None
 
         Untold()
 
@@ -249,7 +252,10 @@ DEFECTS = [
     ({"is_slack": returns(jnp.zeros(2, bool))}, "is_slack: expected a bool of an element, got boo"),
     ({"results": PULL, "pull": wobbly}, "results: pull: expected an array, got AttributeError: "),
     ({"results": PULL, "pull": returns("much")}, "results: pull: expected an array"),
-    ({"end_forces_about": returns(jnp.zeros((1, 3)))}, f"end_forces_about: {ARRAY} (2, 3) of"),
+    (
+        {"end_forces_after_step": returns(jnp.zeros((1, 3)))},
+        f"end_forces_after_step: {ARRAY} (2, 3) of",
+    ),
     (
         {"per_element": ("stiffness", "softness"), "softness": None},
         "per_element: expected fields of the class, `name: object` in its body, got 'softness'",
@@ -260,29 +266,29 @@ DEFECTS = [
 class Forgetful(Dampers):
     """Says neither that it remembers nor anything else that is right."""
 
-    remembers = False
+    has_memory = False
 
 
 class Widened(Dampers):
     """Its memory changes its shape."""
 
-    def settled(self, state, ends, motion, duration=0.0):
+    def committed_memory(self, state, ends, motion, duration=0.0):
         return motion
 
 
 class Timeless(Dampers):
     """It knows no duration."""
 
-    def settled(self, state, ends, motion):
+    def committed_memory(self, state, ends, motion):
         return state.memory
 
 
 @pytest.mark.parametrize(
     ("kind", "sentence"),
     [
-        (Forgetful, "settled: it is only asked where remembers = True"),
-        (Widened, "settled: expected a memory like that of the state"),
-        (Timeless, "settled: expected a memory like that of the state, got TypeError"),
+        (Forgetful, "committed_memory: it is only asked where has_memory = True"),
+        (Widened, "committed_memory: expected a memory like that of the state"),
+        (Timeless, "committed_memory: expected a memory like that of the state, got TypeError"),
     ],
 )
 def test_a_memory_is_tried(kind, sentence):
@@ -293,30 +299,30 @@ def test_a_memory_is_tried(kind, sentence):
 class Everywhere(Cloth):
     """It takes a statement for some elements as one for all."""
 
-    def restate(self, state, ends, statements):
+    def apply_statements(self, state, ends, statements):
         return copy_with(state, stress=statements["pretension"].values)
 
 
 class Summed(Cloth):
     """It forgets that values have components."""
 
-    def restate(self, state, ends, statements):
+    def apply_statements(self, state, ends, statements):
         return copy_with(state, stress=statements["pretension"].values[:, 0])
 
 
 class Deaf(Cloth):
     """It asks for a statement of another name."""
 
-    def restate(self, state, ends, statements):
+    def apply_statements(self, state, ends, statements):
         return copy_with(state, stress=statements["stress"].values)
 
 
 @pytest.mark.parametrize(
     ("kind", "sentence"),
     [
-        (Everywhere, "restate: pretension: .* got other numbers; take `stated.over"),
-        (Summed, r"restate: pretension: .* got `stress` float64 of shape \(1,\)"),
-        (Deaf, "restate: pretension: .* got KeyError: 'stress'"),
+        (Everywhere, "apply_statements: pretension: .* got other numbers; take `stated.select"),
+        (Summed, r"apply_statements: pretension: .* got `stress` float64 of shape \(1,\)"),
+        (Deaf, "apply_statements: pretension: .* got KeyError: 'stress'"),
     ],
 )
 def test_statements_are_tried(kind, sentence):
@@ -344,21 +350,24 @@ def test_names_of_statements_are_tried(statement, sentence):
 class Lost(Dampers):
     """One that is added has a memory of another shape."""
 
-    def found(self, state, ends, motion):
+    def state_at_activation(self, state, ends, motion):
         return copy_with(state, memory=motion)
 
 
 class Nowhere(Dampers):
     """One that is added has no state."""
 
-    found = returns(None)
+    state_at_activation = returns(None)
 
 
 @pytest.mark.parametrize(
     ("kind", "sentence"),
     [
-        (Lost, r"found: expected a state like that of `start`, got `memory` .* \(1, 2, 3\)"),
-        (Nowhere, "found: expected a state like that of `start`, got None"),
+        (
+            Lost,
+            r"state_at_activation: expected a state like .*`start`, got `memory` .* \(1, 2, 3\)",
+        ),
+        (Nowhere, "state_at_activation: expected a state like that of `start`, got None"),
     ],
 )
 def test_elements_that_are_added_are_tried(kind, sentence):
@@ -441,3 +450,35 @@ def test_fields_of_the_wrong_kind_are_named():
 )
 def test_links_are_checked(links, sentence):
     assert said(springs(links=links)) == f"links: expected {sentence}"
+
+
+# --- old names of the contract
+
+
+@pytest.mark.parametrize(
+    ("base", "members", "sentence"),
+    [
+        (extend.Element, {"settle": returns(None)}, "`settle` is now called `commit_memory`"),
+        (extend.Element, {"remembers": True}, "`remembers` is now called `has_memory`"),
+        (
+            extend.Prestressable,
+            {"restate": returns(None)},
+            "`restate` is now .* `apply_statements`",
+        ),
+        (extend.ElementState, {"loaded": property(returns(None))}, "`load_bearing_length`"),
+        (extend.Law, {"beyond": returns(None)}, "`beyond` is now called `is_ruptured`"),
+    ],
+)
+def test_an_old_name_is_refused(base, members, sentence):
+    with pytest.raises(TypeError, match=sentence):
+        type("Own", (base,), members)
+
+
+def test_a_field_may_have_an_old_name():
+    assert type("Own", (extend.Element,), {"size": 3.0, "__annotations__": {"size": object}}).size
+
+
+@pytest.mark.parametrize(("old", "new"), [("Stated", "StatedValues"), ("put", "set_fields")])
+def test_an_old_name_of_extend_warns(old, new):
+    with pytest.warns(DeprecationWarning, match=f"{old} is now called {new}"):
+        assert getattr(extend, old) is getattr(extend, new)

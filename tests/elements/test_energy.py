@@ -81,7 +81,7 @@ def system(name, held=False):
     fixed[:2] = True
     fixed[3, 1] = True
     structure = jc.Structure(nodes, group, jc.Supports(fixed))
-    rows, (group,) = structure.rows()
+    rows, (group,) = structure.motion_rows()
     dof_map = make_dof_map(structure.fixed(structure.supports), rows)
     count = n if rows is None else len(rows)
     nodes = jnp.asarray(nodes if rows is None else nodes[rows.node_of_row])
@@ -112,7 +112,7 @@ def system(name, held=False):
 def figures(thawed, arrays, x):
     """Residual twice, slope of the energy, tangent, Jacobian; the arrays are indices."""
     made = merge_indices(thawed, arrays)
-    residual, numbers, back = made.chart(x)
+    residual, numbers, back = made.local_residual(x)
 
     def twice(v):
         about = residual(v)

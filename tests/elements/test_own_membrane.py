@@ -22,7 +22,7 @@ import jaxcable as jc
 from jaxcable.cli import main
 from jaxcable.common import status
 from jaxcable.common.tree import Indices
-from jaxcable.model.parts import faces
+from jaxcable.model.result_parts import element_faces
 
 ET, NU = 1e4, 0.3
 
@@ -229,7 +229,7 @@ def test_a_sheet_between_cables_is_in_balance():
     assert solution.tension["sheet"] is None and solution.rest_length["sheet"] is None
     assert solution.results["membrane_forces"]["edges"] is None
     assert solution.phases[1].path.results["membrane_forces"]["sheet"].shape == (3, 32, 3)
-    assert list(solution.told) == ["tension", "peak_tension", "membrane_forces"]
+    assert list(solution.element_results) == ["tension", "peak_tension", "membrane_forces"]
     found = jc.energy_balance(structure, phases, solution)
     assert found.level[0] > 0 and found.dead[1] > 0
     assert found.relative_imbalance[1] < 0.05  # trapezoidal rule with 3 increments
@@ -305,7 +305,7 @@ def test_faces_of_four_ends():
         SimpleNamespace(face=(0, 1, 2), links=Indices([[4, 5, 6]])),
         SimpleNamespace(face=(1, 2, 3, 0), links=Indices([[0, 1, 2, 3], [2, 4, 4, 5]])),
     ]
-    corners, element, group = faces(groups)
+    corners, element, group = element_faces(groups)
     assert corners.tolist() == [[4, 5, 6, 6], [1, 2, 3, 0], [4, 4, 5, 2]]
     assert element.tolist() == [2, 3, 4] and group.tolist() == [1, 2, 2]
 

@@ -79,7 +79,7 @@ class TurningSprings(Element):
     def end_forces(self, state, ends, motion):
         return jnp.concatenate([jnp.zeros(3), self._moment(motion)])[None]
 
-    def end_forces_about(self, state, ends, motion, step):
+    def end_forces_after_step(self, state, ends, motion, step):
         moment = self._moment(jax.vmap(rotations.move_node_by_series)(motion, step))
         return jnp.concatenate([jnp.zeros(3), rotations.conjugate_moment(step[0, 3:], moment)])[
             None
@@ -87,7 +87,7 @@ class TurningSprings(Element):
 
     def tangent(self, state, ends, motion):
         still = jnp.zeros((1, 6))
-        return jax.jacfwd(lambda step: self.end_forces_about(state, ends, motion, step))(still)
+        return jax.jacfwd(lambda step: self.end_forces_after_step(state, ends, motion, step))(still)
 
     def energy(self, state, ends, motion):
         return 0.5 * self.stiffness * jnp.sum(_angles(motion) ** 2)

@@ -50,7 +50,7 @@ class Prager(Law):
     def commit_memory(self, strain, memory, duration=0.0):
         return self._after(strain, memory)[1][..., None]
 
-    def corners(self, memory=None):
+    def corner_strains(self, memory=None):
         p = jnp.zeros(1) if memory is None else memory
         ends = jnp.stack([-self.y, self.y])
         return p + (self.H * p + ends.reshape((1,) * (p.ndim - 1) + (2,))) / self.E

@@ -124,10 +124,10 @@ class Jacks(Brittle, Jacked):
 
     statements = ("jacking",)
 
-    def restate(self, state, ends, statements):
+    def apply_statements(self, state, ends, statements):
         return state
 
-    def lock(self, state, ends, motion):
+    def lock_off(self, state, ends, motion):
         return state
 
 
@@ -142,7 +142,7 @@ class Series(Joined):
 
     per_element = ("first", "second", "weight")
     results = (TENSION,)
-    inner = ((0, 0),)
+    inner_unknowns = ((0, 0),)
     n_inner_row = 1
 
     def unused_columns(self):
@@ -177,7 +177,7 @@ class Moved(ElementState):
 class Dampers(Joined):
     """Resist what an increment moves the second end against the first, in every direction.
 
-    Their memory is a vector that no strain tells: ``settled`` sees the motion.
+    Their memory is a vector that no strain tells: ``committed_memory`` sees the motion.
     """
 
     links: object
@@ -185,7 +185,7 @@ class Dampers(Joined):
     weight: object = None
 
     per_element = ("damping", "weight")
-    remembers = True
+    has_memory = True
 
     def start(self, ends):
         return Moved(self.initial_memory())
@@ -203,13 +203,13 @@ class Dampers(Joined):
     def energy(self, state, ends, motion):
         return 0.5 * jnp.sum(self._pull(state, motion) ** 2) / self.damping
 
-    def size(self, state, ends, motion):
+    def absolute_force(self, state, ends, motion):
         return jnp.sum(jnp.abs(self._pull(state, motion)))
 
-    def settled(self, state, ends, motion, duration=0.0):
+    def committed_memory(self, state, ends, motion, duration=0.0):
         return motion[1] - motion[0]
 
-    def found(self, state, ends, motion):
+    def state_at_activation(self, state, ends, motion):
         return copy_with(state, memory=motion[1] - motion[0])
 
 

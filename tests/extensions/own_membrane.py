@@ -70,15 +70,15 @@ class Membranes(Prestressable):
         area = jax.vmap(lambda own: self._place(own)[2])(ends)
         return Strained(jnp.zeros_like(area), area, jnp.zeros_like(ends))
 
-    def found(self, state, ends, motion):
+    def state_at_activation(self, state, ends, motion):
         none = jax.tree.map(jnp.zeros_like, state)
         return copy_with(
             none, area=self._place(ends + motion)[2], moved=motion, present=state.present
         )
 
-    def restate(self, state, ends, statements):
+    def apply_statements(self, state, ends, statements):
         stated = statements["prestrain"]
-        return copy_with(state, prestrain=stated.over(stated.values, state.prestrain))
+        return copy_with(state, prestrain=stated.select(stated.values, state.prestrain))
 
     def weights(self, state):
         return None if self.weight is None else self.weight * state.area
@@ -147,9 +147,9 @@ class Cloth(Membranes):
         stress = jnp.zeros((len(ends), 2))
         return Stressed(before.prestrain, before.area, before.moved, stress=stress)
 
-    def restate(self, state, ends, statements):
+    def apply_statements(self, state, ends, statements):
         stated = statements["pretension"]
-        return copy_with(state, stress=stated.over(stated.values, state.stress))
+        return copy_with(state, stress=stated.select(stated.values, state.stress))
 
     def _strain(self, state, ends, motion):
         gradient, strain, inverse, area = super()._strain(state, ends, motion)

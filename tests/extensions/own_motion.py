@@ -16,7 +16,7 @@ from jaxcable.common.tree import copy_with, merge_indices, pytree, split_indices
 from jaxcable.elements.element_state import with_fields
 from jaxcable.equilibrium.newton import equilibrate
 from jaxcable.mechanics.assembly import System
-from jaxcable.mechanics.carry import make_system
+from jaxcable.mechanics.restart_state import make_system
 from jaxcable.numerics import implicit
 from jaxcable.stiffness import tangent
 
@@ -92,11 +92,11 @@ class Moving(System):
             placed = jax.tree.map(lambda a, links=group.links: a[links], (self.begun, at))
             ends.append(jax.vmap(self._resistance)(mass, *placed))
         f = self._numbers()[1]
-        against = self.at_rows(ends) + f / (1 - f) * self.begun.unbalanced
+        against = self.sum_at_rows(ends) + f / (1 - f) * self.begun.unbalanced
         against = against if spread is None else self.space.conjugate_loads(against, spread)
         return super().external_force(x, spread) - against
 
-    def external_parts(self, x):
+    def external_stiffness_parts(self, x):
         def of_element(mass, begun, x):
             def force(step):
                 step = self.space.pad_moments(step)
@@ -110,9 +110,9 @@ class Moving(System):
         for group, mass in zip(self.groups, self.masses, strict=True):
             placed = jax.tree.map(lambda a, links=group.links: a[links], (self.begun, x))
             blocks.append(jax.vmap(of_element)(mass, *placed))
-        return [*super().external_parts(x), *self.parts(blocks, x)]
+        return [*super().external_stiffness_parts(x), *self.parts(blocks, x)]
 
-    def loose_nodes(self, motion, slack=None):
+    def nodes_without_stiffness(self, motion, slack=None):
         return jnp.zeros(len(motion), bool)  # a node that only slack cables touch has a mass
 
 
@@ -130,7 +130,7 @@ def step_in_time(system, begun, masses, duration, damping=0.0, rho=None, method=
     outcome, _ = equilibrate(lax.stop_gradient(end), begun.motion, method, True)
     x = implicit.attach_derivative(end, outcome.x, outcome.equilibrated)
     ended = InMotion(x, *end.rates(begun, x), system.unbalanced(x))
-    if system.remembers:
+    if system.has_memory:
         pairs = zip(system.states, system.commit_memory(x, duration=duration), strict=True)
         states = [state if new is None else with_fields(state, memory=new) for state, new in pairs]
         system = copy_with(system, states=states)
@@ -140,17 +140,17 @@ def step_in_time(system, begun, masses, duration, damping=0.0, rho=None, method=
 def at_rest(structure, solution):
     """The system of a solution, and its motion."""
     thawed, arrays, dof_map = tangent.split_state(structure, solution)
-    nodes, groups, carry = tangent.merge_state(thawed, arrays)
-    return make_system(nodes, groups, carry, carry.motion, dof_map), carry.motion
+    nodes, groups, restart = tangent.merge_state(thawed, arrays)
+    return make_system(nodes, groups, restart, restart.motion, dof_map), restart.motion
 
 
 def let_go(system, x, velocity, damping=0.0, distribution=None):
     """`InMotion` at a motion `x` with a velocity [n_row, n_freedom]; masses of the elements."""
-    mass = system.mass(x, GRAVITY, distribution)
+    mass = system.mass_matrix(x, GRAVITY, distribution)
     pulled = jnp.linalg.lstsq(mass, -system.residual(x))[0]  # a spin may have no mass
     acceleration = system.space.prolong(x, pulled) - damping * velocity
     begun = InMotion(x, velocity, acceleration, system.unbalanced(x))
-    return begun, system.masses(x, GRAVITY, distribution)
+    return begun, system.mass_matrices(x, GRAVITY, distribution)
 
 
 @partial(jax.jit, static_argnames=("rho",))

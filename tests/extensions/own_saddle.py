@@ -61,7 +61,7 @@ class Saddles(Prestressable):
 
     per_element = ("stiffness",)
     results = (Result("rope_forces", "N", ("first", "last")),)
-    remembers = True
+    has_memory = True
     symmetric = False  # where it slides, one side has the force of the other times a number
     statements = (
         "pretension",
@@ -89,9 +89,9 @@ class Saddles(Prestressable):
     def initial_memory(self):
         return jnp.zeros(len(self.links))
 
-    def restate(self, state, ends, statements):
+    def apply_statements(self, state, ends, statements):
         changes = {
-            name: statements[name].over(statements[name].values, getattr(state, name))
+            name: statements[name].select(statements[name].values, getattr(state, name))
             for name in ("friction", "clamped")
             if name in statements
         }
@@ -99,7 +99,7 @@ class Saddles(Prestressable):
             stated = statements["pretension"]
             length = jnp.sum(_sides(ends)[1], axis=-1)
             rest = length / (1 + stated.values / self.stiffness)
-            changes["rest_length"] = stated.over(rest, state.rest_length)
+            changes["rest_length"] = stated.select(rest, state.rest_length)
         return copy_with(state, **changes)
 
     # --- one element
@@ -137,15 +137,15 @@ class Saddles(Prestressable):
         rest = jnp.stack([first, state.rest_length - first])
         return 0.5 * jnp.sum(self._forces(state, length, first) ** 2 * rest) / self.stiffness
 
-    def size(self, state, ends, motion):
+    def absolute_force(self, state, ends, motion):
         return jnp.sum(jnp.abs(self.rope_forces(state, ends, motion)))
 
-    def settled(self, state, ends, motion, duration=0.0):
+    def committed_memory(self, state, ends, motion, duration=0.0):
         before = _sides(ends)[1]
         first = self._first(state, ends, motion)[0]
         return first / state.rest_length - before[0] / jnp.sum(before)
 
-    def found(self, state, ends, motion):
+    def state_at_activation(self, state, ends, motion):
         before, length = _sides(ends)[1], _sides(ends + motion)[1]
         memory = length[0] / jnp.sum(length) - before[0] / jnp.sum(before)
         return copy_with(state, rest_length=jnp.sum(length), memory=memory)

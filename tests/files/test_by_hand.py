@@ -11,7 +11,7 @@ import pytest
 from file_cases import CHECK, MAST, NODES, changed, read_scene
 
 import jaxcable as jc
-from jaxcable.analysis.presence import presence_of
+from jaxcable.analysis.activation import make_activation
 from jaxcable.cli import main
 from jaxcable.forms.input_checks import values_by_group
 
@@ -46,13 +46,13 @@ def test_groups_that_are_left_out_have_no_statement(field, value):
     phases = [[jc.Phase(), jc.Phase(**{field: of})] for of in (short, full)]
     for read in (
         lambda all_: all_[1].statements(structure),
-        lambda all_: presence_of(structure, all_, None),
+        lambda all_: make_activation(structure, all_, None),
     ):
         one, other = map(read, phases)
         assert jax.tree.structure(one) == jax.tree.structure(other)
         for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
             np.testing.assert_array_equal(a, b)
-    there = presence_of(structure, phases[0], None)
+    there = make_activation(structure, phases[0], None)
     assert (there is not None) == (field in ("adds", "removes"))
     assert bool(phases[0][1].statements(structure)[0]) == (value is not None and there is None)
     if field != "pretension":

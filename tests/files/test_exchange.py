@@ -13,7 +13,7 @@ import pytest
 import scenes
 
 import jaxcable as jc
-from jaxcable.model.parts import pieces
+from jaxcable.model.result_parts import straight_pieces
 
 PEERS = Path(__file__).parents[2] / "experiments" / "peers"
 
@@ -76,7 +76,7 @@ def test_vtk_of_a_rope_over_pulleys_and_of_groups(tmp_path):
     assert mesh.cell_data["group"][0].ravel().tolist() == [0, 0, 0, 1]
     force = mesh.cell_data["tension"][0].ravel()
     assert force[0] == force[1] == solution.tension["rope"][0]
-    pairs, element, group = pieces(solution.last.topology.parts)
+    pairs, element, group = straight_pieces(solution.last.topology.parts)
     assert pairs.tolist() == mesh.cells[0].data.tolist()
     assert (element.tolist(), group.tolist()) == ([0, 0, 1, 2], [0, 0, 0, 1])
     jc.plots.net(solution, tmp_path / "rope.png")

@@ -22,7 +22,7 @@ from jaxcable.common.types import ArrayLike, Float
 from jaxcable.elements.element import Element
 from jaxcable.files import FileError, codec
 from jaxcable.files.examples import load_examples
-from jaxcable.files.layout import laid_out
+from jaxcable.files.json_format import format_json
 from jaxcable.loads.load import Load
 from jaxcable.materials.law import Law
 
@@ -33,7 +33,7 @@ OWN = {k: v for k, v in codec.TYPES.items() if v.__module__.startswith("jaxcable
 def test_the_file_is_what_the_classes_say(tmp_path, capsys, monkeypatch):
     """``python -m jaxcable schema --save jaxcable/files/scene.schema.json`` writes it."""
     monkeypatch.setattr("jaxcable.files.schema.TYPES", OWN)
-    assert SCHEMA.read_text() == laid_out(jc.files.scene_schema()) + "\n"
+    assert SCHEMA.read_text() == format_json(jc.files.scene_schema()) + "\n"
     assert main(["schema"]) == 0
     assert capsys.readouterr().out == SCHEMA.read_text()
     path = tmp_path / "scene.schema.json"

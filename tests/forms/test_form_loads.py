@@ -35,7 +35,7 @@ LINKS = BARE.elements.links
 EA = 2e6
 NET = jc.replace(BARE, elements=jc.Cables(LINKS, axial_stiffness=EA, weight=30.0))
 FACES = jc.net_faces(NET.nodes, LINKS, border="ends")
-FREE = np.flatnonzero(~NET.held().any(axis=1))
+FREE = np.flatnonzero(~NET.held_displacements().any(axis=1))
 
 
 def acting(scale=1.0):

@@ -71,7 +71,7 @@ def forces(load, structure):
     groups = merge_indices(*split_indices(structure.groups))
     nodes = jnp.asarray(structure.nodes)
     states = [group.start(nodes[group.links]) for group in groups]
-    load = merge_indices(*split_indices(load.among(structure)))
+    load = merge_indices(*split_indices(load.with_group_numbers(structure)))
     return load.element_forces(groups, states, nodes, nodes.shape, float)
 
 
@@ -185,8 +185,8 @@ def test_elements_bend_and_hang_under_loads_on_some_of_them():
     state = chain.start(jnp.asarray(SQUARE)[chain.links.array])
     for load, each in ((jc.SelfWeight, 20.0), (functools.partial(jc.LineLoads, DOWN), 50.0)):
         chosen = load(on="all", elements=jc.only([1, 2]))
-        own = jc.combine([chosen], [2.0])[0].among(structure)
-        along = own.per_length(0, chain, state, SQUARE)
+        own = jc.combine([chosen], [2.0])[0].with_group_numbers(structure)
+        along = own.load_per_length(0, chain, state, SQUARE)
         np.testing.assert_allclose(along[:, 2], [0, -2 * each, -2 * each], rtol=1e-14)
 
 
@@ -248,10 +248,11 @@ def test_parts_are_kept_in_files(tmp_path):
 def test_elements_do_not_compile_anew():
     """Which elements are loaded is data of the program, not the program."""
     one, two = (
-        jc.SelfWeight(on="back", elements=jc.only(chosen)).among(hub()) for chosen in ([0], [0, 1])
+        jc.SelfWeight(on="back", elements=jc.only(chosen)).with_group_numbers(hub())
+        for chosen in ([0], [0, 1])
     )
     assert jax.tree.structure(one) == jax.tree.structure(two)
-    assert jnp.sum(two.part[0]) == 2
+    assert jnp.sum(two.element_factors[0]) == 2
 
 
 # --- derivatives: all kinds of loads on a pyramid

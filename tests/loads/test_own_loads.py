@@ -123,3 +123,8 @@ def test_what_it_cannot_blow_at_is_refused():
     rope = jc.Structure(nodes, jc.SlidingCables([[0, 1, 2]], 1e5), jc.pinned([0, 2]))
     with pytest.raises(ValueError, match="elements of two ends only"):
         jc.solve(rope, jc.Phase(loads=WIND))
+
+
+def test_an_old_name_of_the_contract_is_refused():
+    with pytest.raises(TypeError, match="`per_length` is now called `load_per_length`"):
+        type("Own", (jc.extend.Dead,), {"per_length": lambda self: None})

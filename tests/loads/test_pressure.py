@@ -12,9 +12,9 @@ from scipy.optimize import brentq
 from scipy.sparse.csgraph import connected_components
 
 import jaxcable as jc
-from jaxcable.analysis.preparation import prepare, ready
+from jaxcable.analysis.preparation import complete_input, prepare
 from jaxcable.common.tree import copy_with, merge_indices, split_indices
-from jaxcable.mechanics.ramp import Ramp
+from jaxcable.mechanics.load_ramp import LoadRamp
 
 AXIS = (0.0, -1.0, 0.0)  # what runs along x is pressed up, along axis x d
 
@@ -101,7 +101,7 @@ def test_pressure_goes_on_following_in_later_analyses():
 def test_each_end_gets_half_of_the_pressure_on_its_element(per):
     """On the chord as it is, or on the unstressed length, across axis and chord."""
     structure, _ = arch(2)
-    load = jc.CablePressure(30.0, AXIS, on="edge", per=per).among(structure)
+    load = jc.CablePressure(30.0, AXIS, on="edge", per=per).with_group_numbers(structure)
     groups = merge_indices(*split_indices(structure.groups))
     nodes = jnp.asarray(structure.nodes)
     states = [group.start(nodes[group.links]) for group in groups]
@@ -377,11 +377,13 @@ def test_tangent_is_the_jacobian_and_symmetric_where_there_is_a_potential(
     @jax.jit
     def tangents(thawed):
         """Of all, as the Jacobian of the residual, and without the loads."""
-        nodes, groups, carry, schedule = ready(merge_indices(thawed, task.arrays), task.bundles)
-        system = Ramp.build(nodes, groups, carry, schedule.phase(0)).at(1.0)
+        nodes, groups, restart, schedule = complete_input(
+            merge_indices(thawed, task.arrays), task.bundles
+        )
+        system = LoadRamp.build(nodes, groups, restart, schedule.phase(0)).system_at(1.0)
         step = 0.1 * np.random.default_rng(0).normal(size=len(system.dof_map.free))
-        point = system.move(system.impose_supports(carry.motion), jnp.asarray(step))
-        residual, zero, _ = system.chart(point)
+        point = system.move(system.impose_supports(restart.motion), jnp.asarray(step))
+        residual, zero, _ = system.local_residual(point)
         states = [
             copy_with(state, pressed=None) if hasattr(state, "pressed") else state
             for state in system.states
@@ -390,7 +392,7 @@ def test_tangent_is_the_jacobian_and_symmetric_where_there_is_a_potential(
         return system.tangent(point), jax.jacfwd(residual)(zero), bare.tangent(point)
 
     tangent, jacobian, dead = (
-        np.asarray(m.dense() if hasattr(m, "dense") else m) for m in tangents(task.thawed)
+        np.asarray(m.dense() if hasattr(m, "dense") else m) for m in tangents(task.without_indices)
     )
     assert np.abs(tangent - jacobian).max() < 1e-13 * np.abs(jacobian).max()
     count, part = connected_components(jacobian != 0)

@@ -234,7 +234,7 @@ def test_loads_share_their_program():
     assert len(stack.phase) == 4 and stack.amplitude.factors.shape == (4, 4)
     # padding changes no function
     at = np.linspace(0, 1, 21)
-    values = np.array([stack.amplitude.at(s) for s in at])
+    values = np.array([stack.amplitude.factor_at(s) for s in at])
     np.testing.assert_allclose(values[:, 2], at, atol=1e-15)
     np.testing.assert_allclose(values[:, 3], np.interp(at, POINTS, FACTORS), atol=1e-15)
 

@@ -37,16 +37,16 @@ def alone(monkeypatch):
 
 def results(solution):
     """A solution without what only the next analysis reads."""
-    return copy_with(solution, last=copy_with(solution.last, carry=None))
+    return copy_with(solution, last=copy_with(solution.last, restart=None))
 
 
 def assert_same(found, expected, near=NEAR):
     """Equal trees to the rounding of two iterations, and not trivially."""
     if isinstance(found, jc.Solution):
-        states = [own.last.carry.states for own in (found, expected)]
+        states = [own.last.restart.states for own in (found, expected)]
         for a, b in zip(*states, strict=True):
             assert_allclose(a.rest_length, b.rest_length, rtol=near)
-            assert_allclose(a.loaded, b.loaded, rtol=near)
+            assert_allclose(a.load_bearing_length, b.load_bearing_length, rtol=near)
         found, expected = results(found), results(expected)
     found, expected = jax.tree.flatten(found), jax.tree.flatten(expected)
     assert found[1] == expected[1]
@@ -125,13 +125,13 @@ def stages():
 
 
 def test_sorts():
-    groups = net().rows()[1]
+    groups = net().motion_rows()[1]
     # dictionaries are in the order of their keys: a, b, c, strut
-    assert Bundles.of(groups).members == ((0, 1, 2), (3,))
-    other = net(compliance=1e-7).rows()[1]  # a spring, which the others do not have
-    assert Bundles.of(other).members == ((0,), (1, 2), (3,))
+    assert Bundles.of(groups).group_indices == ((0, 1, 2), (3,))
+    other = net(compliance=1e-7).motion_rows()[1]  # a spring, which the others do not have
+    assert Bundles.of(other).group_indices == ((0,), (1, 2), (3,))
     one = jc.Structure(NODES[[1, 4, 7]], jc.Cables([[0, 1], [1, 2]], 1e5), jc.pinned([0, 2]))
-    assert Bundles.of(one.rows()[1]).plain
+    assert Bundles.of(one.motion_rows()[1]).are_groups
 
 
 def test_every_statement_and_load(alone):
@@ -175,7 +175,7 @@ def test_laws_of_one_kind(alone):
         return jc.Polygonal(strain, np.array([0.0, 3e6, 6e6]), "elastic")
 
     structure = net(law)
-    assert len(Bundles.of(structure.rows()[1]).members) == 2
+    assert len(Bundles.of(structure.motion_rows()[1]).group_indices) == 2
     loads = jc.NodalLoads([4, 9], (0.0, 20.0, -150.0))
     phases = [
         jc.Phase(prestrain={"a": 1.2e-3, "b": 1e-3, "c": 5e-4, "strut": None}),
@@ -218,7 +218,7 @@ def sections(sort):
 @pytest.mark.parametrize("sort", ["elastic", "memory"])
 def test_sections_of_one_kind(alone, sort):
     structure = mast(sections(sort))
-    assert len(Bundles.of(structure.rows()[1]).members) == 2
+    assert len(Bundles.of(structure.motion_rows()[1]).group_indices) == 2
     wind = jc.LineLoads((200.0, 50.0, 0.0), on=1, per="initial")
     tip = jc.NodalLoads([4], (900.0, 0.0, -500.0))
     phases = [

@@ -404,8 +404,8 @@ def test_derivatives_through_steps_with_memory(yielding):
     def end(force):
         system, (begun, masses) = pushed(yielding, force)
 
-        def step(carry, _):
-            states, begun = carry
+        def step(restart, _):
+            states, begun = restart
             now = copy_with(system, states=states)
             now, ended, code = step_in_time(now, begun, masses, 0.01, method=taylor.TIGHT)
             return (now.states, ended), code
@@ -483,7 +483,7 @@ def test_beams_turn_over_large_angles():
     @jax.jit
     def tangents(begun, x):  # consistent masses have moments
         end = moving(system, begun, let_go(system, *still)[1], 0.05, damping=2.0, rho=0.6)
-        residual, zero, _ = end.chart(x)
+        residual, zero, _ = end.local_residual(x)
         return end.tangent(x), jax.jacfwd(residual)(zero)
 
     matrix, jacobian = tangents(found[-8], found[-1].motion)

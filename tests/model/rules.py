@@ -12,12 +12,12 @@ from messages import rows
 
 import jaxcable as jc
 from jaxcable import design, forms
-from jaxcable.analysis.preparation import prepare, verdicts
+from jaxcable.analysis.preparation import prepare, traced_input_status
 from jaxcable.analysis.solution import State
 from jaxcable.common.tree import merge_indices, split_indices
 from jaxcable.design.arguments import check_tolerance, check_width, is_valid_tolerance
 from jaxcable.design.bounds import broadcast_to_params
-from jaxcable.mechanics.carry import unloaded
+from jaxcable.mechanics.restart_state import initial_restart_state
 from jaxcable.paths.trace import check_path_settings
 
 NODES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.2], [2.0, 0.0, 0.0]])
@@ -36,7 +36,9 @@ def code(structure, phases=None, method=None):
     """The verdict of `solve` on numbers, as its compiled core finds it: no analysis is compiled."""
     phases = jc.Phase(loads=PULL) if phases is None else phases
     task = prepare(structure, phases, method, None)
-    return jnp.max(verdicts(merge_indices(task.thawed, task.arrays), task.method)[1])
+    return jnp.max(
+        traced_input_status(merge_indices(task.without_indices, task.arrays), task.method)[1]
+    )
 
 
 def net(nodes=NODES, kind=jc.Cables, links=LINKS, **numbers):
@@ -148,21 +150,25 @@ def of_path(name):
         numbers = {"until": 1.0, "down_to": -1.0, "step": 0.1, "largest": 0.1, "tol": 1e-9}
         own = check_path_settings(net(), *(numbers | {name: v}).values(), True)
         task = prepare(net(), jc.Phase(loads=PULL), None, None)
-        return verdicts(merge_indices(task.thawed, task.arrays), task.method, own)[1][0]
+        return traced_input_status(
+            merge_indices(task.without_indices, task.arrays), task.method, own
+        )[1][0]
 
     return make
 
 
 def unstrained(structure):
     """A state of a structure that nothing has happened to, without an analysis."""
-    rows, groups = structure.rows()
+    rows, groups = structure.motion_rows()
     assert rows is None
     zero, fixed = jnp.zeros((3, 3)), structure.fixed(structure.supports)
-    carry = unloaded(jnp.asarray(structure.nodes), merge_indices(*split_indices(groups)))
-    named = {"rotation": carry.motion[:, 3:]} if carry.motion.shape[1] == 7 else {}
+    restart = initial_restart_state(
+        jnp.asarray(structure.nodes), merge_indices(*split_indices(groups))
+    )
+    named = {"rotation": restart.motion[:, 3:]} if restart.motion.shape[1] == 7 else {}
     still = {"displacement": zero, "positions": structure.nodes, "reactions": zero, "load": zero}
     still |= {"tension": None, "rest_length": None, "phase": 0, "load_factor": 1.0}
-    return State(**still, carry=carry, fixed=(fixed,), **named)
+    return State(**still, restart=restart, fixed=(fixed,), **named)
 
 
 def along(v):
@@ -366,9 +372,9 @@ used, 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
 """)
 
 OTHERWISE = {
-    "analysis/absent.py:_is_zero_increment": "traced: it may be other than zero",
-    "analysis/absent.py:_warn_of_lost_value": "a warning",
-    "analysis/absent.py:_loaded_elements": "a warning",
+    "analysis/absent_elements.py:_is_zero_increment": "traced: it may be other than zero",
+    "analysis/absent_elements.py:_warn_of_lost_value": "a warning",
+    "analysis/absent_elements.py:_loaded_elements": "a warning",
     "analysis/preparation.py:_can_prove_instability": "no rule: whether a warning can be given",
     "loads/groups.py:scatter_to_nodes": "no rule: which library computes",
     "loads/nodal.py:__str__": "no rule: what is said of it",

@@ -173,7 +173,9 @@ def test_slack_cables_are_dashed_and_counted(pictures, runs):
     count = int(np.sum(np.asarray(runs.slack.tension) == 0))
     assert 0 < count < 12
     assert f"slack ({count} of 12)" in legend_texts(pictures["net, slack"])
-    shown = element_forces.ElementForces(runs.slack.told, runs.structure.groups, runs.structure)
+    shown = element_forces.ElementForces(
+        runs.slack.element_results, runs.structure.groups, runs.structure
+    )
     assert (shown.slack == (np.asarray(runs.slack.tension) == 0)).all()
     orange = np.array([0xD5, 0x5E, 0x00])
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.plots.element_forces import ElementForces, result_columns
+from jaxcable.plots.element_forces import ElementForces, all_result_columns
 from jaxcable.plots.snapshots import Snapshots
 
 
@@ -44,9 +44,11 @@ def test_results_say_what_is_there(hung):
     assert found == [[[1, 0], [1]], [[1, 1], [1]], [[1, 1], [0]]]
     assert np.asarray(solution.present["aid"]).tolist() == [0]
     assert np.asarray(solution.phases[0].path.present["row"]).tolist() == [[1, 0]]
-    assert list(solution.told) == ["tension", "peak_tension", "present"]
+    assert list(solution.element_results) == ["tension", "peak_tension", "present"]
     alone = jc.solve(structure, phases[:1])  # where nothing comes or goes
-    assert int(alone.status) == 0 and alone.present is None and "present" not in alone.told
+    assert (
+        int(alone.status) == 0 and alone.present is None and "present" not in alone.element_results
+    )
     notes = jc.report(structure, alone).tables["members"].notes
     assert "no final force: the element is not active in the final state" not in notes
 
@@ -125,7 +127,8 @@ def test_the_view_tells_them_apart(hung):
     assert absent == [[False, False, True], [False] * 3, [True, False, False]]
     assert not any(shot.forces.slack.any() or shot.forces.compressed.any() for shot in shots)
     labels = [
-        column.label for column in result_columns(shots[0].element_results, found.parts, structure)
+        column.label
+        for column in all_result_columns(shots[0].element_results, found.parts, structure)
     ]
     assert "tension" in labels and "present" not in labels
 

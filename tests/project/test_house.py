@@ -3,6 +3,9 @@
 import ast
 import graphlib
 import inspect
+import io
+import re
+import tokenize
 from pathlib import Path
 
 import pytest
@@ -226,3 +229,51 @@ def test_what_is_asked_of_a_group_is_in_the_contract():
     }
     assert len(asked) > 20
     assert asked <= known, asked - known
+
+
+FOREIGN = {"CACHEDIR", "TAG", "OtherClass", "custom_derivatives", "linear_call", "ffi", "tree_util"}
+FOREIGN |= {
+    "include_dir",
+    "register_dataclass",
+    "mnum",
+    "pythonpath",
+    "pyproject",
+    "txt",
+    "CHANGELOG",
+    "opensees_script",
+    "py",
+}
+
+
+def words_of(text):
+    """Names and words in the code of a module, and in those of its strings that are one word."""
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.NAME:
+            yield token.string
+        elif token.type == tokenize.STRING and token.string[1:-1].isidentifier():
+            yield token.string[1:-1]
+
+
+def unknown_names(text, known):
+    """Names in single backticks that do not exist, ``a.b`` name by name."""
+    for name in re.findall(r"(?<!`)`([A-Za-z_][\w.]*)(?:\(\))?`(?!`)", text):
+        if not set(name.removesuffix(".py").removesuffix(".md").split(".")) <= known:
+            yield name
+
+
+def test_names_in_backticks_exist():
+    """A docstring, comment or page names nothing that has another name by now."""
+    python = [*TEXTS, *sorted((ROOT / "tests").rglob("*.py"))]
+    pages = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "experiments/README.md")]
+    known = FOREIGN | {word for path in python for word in words_of(path.read_text())}
+    known |= {part.removesuffix(".py") for path in python + pages for part in path.parts}
+    known |= {
+        path.stem
+        for folder in ("experiments", "notebooks")
+        for path in (ROOT / folder).rglob("*.*")
+    }
+    texts = TEXTS | {path: path.read_text() for path in pages}
+    assert {
+        p.name: found for p, text in texts.items() if (found := [*unknown_names(text, known)])
+    } == {}
+    assert [*unknown_names("see `System.no_such_name`, `System`", known)] == ["System.no_such_name"]

@@ -296,7 +296,7 @@ def test_a_cable_net_has_no_tables_of_sections(flat):
 
 def test_wrong_arguments_are_named(net):
     structure, _, solution, batch = net
-    free = int(np.flatnonzero(~structure.held().any(axis=1))[0])
+    free = int(np.flatnonzero(~structure.held_displacements().any(axis=1))[0])
     other = jc.replace(structure, supports=structure.supports + jc.pinned([free]))
     for arguments, options, message in (
         ((structure, batch), {}, "solution: is a batch"),

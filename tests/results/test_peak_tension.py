@@ -14,7 +14,7 @@ import jaxcable as jc
 from jaxcable.cli.solve import largest_values
 from jaxcable.common.tree import copy_with
 from jaxcable.elements.element_state import ElementLoad
-from jaxcable.mechanics.elementwise import each
+from jaxcable.mechanics.elementwise import evaluate_elements
 from jaxcable.plots.element_forces import ElementForces
 from jaxcable.plots.snapshots import Snapshots
 
@@ -142,7 +142,10 @@ def test_the_larger_end_tension_differentiates():
         nodes = p[0] * NODES[:2]
         load = jnp.array([[0.0, 0.0, -WEIGHT]]) * p[2]
         state = copy_with(group.start(nodes[group.links]), element_load=ElementLoad(load))
-        return each("peak_tension", group, state, nodes, jnp.zeros_like(nodes))[0] / STRENGTH
+        return (
+            evaluate_elements("peak_tension", group, state, nodes, jnp.zeros_like(nodes))[0]
+            / STRENGTH
+        )
 
     def peak(p):
         return there(p)[0]

@@ -94,7 +94,7 @@ def test_counts_and_prestress(name):
     found = forms.self_stress(structure)
     assert (found.s, found.m, len(found.rigid)) == (*COUNTS[name], 0)
     links, tension = stated_tension(structure, phases[0])
-    free = ~structure.held()
+    free = ~structure.held_displacements()
     assert found.m - found.s == free.sum() - len(links)  # Maxwell's rule, after Calladine
     # a residual from lengths alone: some ten forces at a node, each with a rounding or two
     nodes = np.asarray(structure.nodes)
@@ -187,7 +187,7 @@ def test_prestressed_and_loaded(name):
     )
     # lengths subtracted: eps EA; the tolerance of Newton's method is 1e-10 of the forces
     least = 20 * EPS * ea.max() + 1e-9 * np.abs(force).max()
-    assert np.abs(left[~structure.held()]).max() < least
+    assert np.abs(left[~structure.held_displacements()]).max() < least
     assert int(loaded.phases[1].path.n_slack[-1]) == 0
     assert float(np.asarray(loaded.displacement)[:, 2].min()) < -1e-3
     if name == "geiger":
@@ -200,7 +200,7 @@ def test_prestressed_and_loaded(name):
 @pytest.mark.parametrize("name", SOLVED)
 def test_tangent_and_its_lowest_eigenvalue(name):
     structure, _ = scene(name)
-    free = ~structure.held().ravel()
+    free = ~structure.held_displacements().ravel()
     for solution in solved(name):
         own = stiffness(structure, solution)
         matrix = np.asarray(jc.stiffness.tangent_of(structure, solution))

@@ -10,7 +10,7 @@ from scenes.frames import in_plane, solid
 
 import jaxcable as jc
 from jaxcable.mechanics.bundles import Bundles
-from jaxcable.mechanics.carry import make_system
+from jaxcable.mechanics.restart_state import make_system
 from jaxcable.spaces.dof_map import make_dof_map
 from jaxcable.stiffness import flexibility, tangent
 from jaxcable.stiffness import natural_frequencies as frequencies
@@ -349,17 +349,17 @@ def test_a_sparse_mass_matrix_is_the_dense_one():
     solution = jc.solve(structure, jc.Phase(pretension={"guys": 500.0}, loads=pressure))
     assert solution.status == 0
     thawed, arrays, _ = tangent.split_state(structure, solution)
-    nodes, groups, carry = tangent.merge_state(thawed, arrays)
-    rows, own = structure.rows()
-    links = [(group.links, group.n_freedom, group.inner) for group in own]
+    nodes, groups, restart = tangent.merge_state(thawed, arrays)
+    rows, own = structure.motion_rows()
+    links = [(group.links, group.n_freedom, group.inner_unknowns) for group in own]
     bundles = Bundles.of(own)
-    links += [(at, 3, ()) for stack in carry.loads for at in stack.touches(own, bundles)]
+    links += [(at, 3, ()) for stack in restart.loads for at in stack.coupled_nodes(own, bundles)]
     found = []
     for settings in ((), (tuple(links), "superlu", False, None, structure.space)):
         dof_map = make_dof_map(solution.last.fixed[-1], rows, *settings)
-        system = make_system(nodes, groups, carry, carry.motion, dof_map)
+        system = make_system(nodes, groups, restart, restart.motion, dof_map)
         assert system.followers
-        found.append(system.mass(carry.motion, 9.80665))
+        found.append(system.mass_matrix(restart.motion, 9.80665))
     dense, sparse = found
     np.testing.assert_allclose(sparse.dense(), dense, rtol=1e-12, atol=1e-15)
     assert np.count_nonzero(dense) > len(dense)

@@ -18,23 +18,23 @@ import numpy as np
 from ..common import checks
 from ..common.selection import Only
 from ..common.types import Bool
-from ..elements.stated import Stated
+from ..elements.statement import StatedValues
 from ..loads.groups import OnGroups
 from ..loads.load import Acting
 from ..model.structure import Structure
-from .by_group import is_single_number, spread
-from .phases import Phase, all_stated
-from .presence import Presence
-from .statements import ABSOLUTE, INCREMENTS, statement_path
+from .activation import Activation
+from .group_values import is_single_number, value_per_group
+from .phases import Phase, all_statements
+from .statements import ABSOLUTE_STATEMENTS, INCREMENTAL_STATEMENTS, statement_path
 
 
 def refuse_absent_elements(
     structure: Structure,
     phases: Sequence[Phase],
-    statements: Sequence[Sequence[dict[str, Stated]]],
-    presence: Presence,
+    statements: Sequence[Sequence[dict[str, StatedValues]]],
+    presence: Activation,
     earlier: int = 0,
-) -> Presence:
+) -> Activation:
     """Refuse statements that name elements which are not there; return the presence.
 
     Args:
@@ -46,15 +46,15 @@ def refuse_absent_elements(
     Raises:
         ValueError: a statement names an element that is known not to be there.
     """
-    sound = presence.sound
+    sound = presence.is_consistent
     for k, phase in enumerate(phases):
         there = [present[k] for present in presence.present]
-        for name, value in all_stated(phase).items():
+        for name, value in all_statements(phase).items():
             label = f"phases[{earlier + k}].{statement_path(name)}"
             if is_single_number(value):
                 _warn_if_all_absent(name, label, [name in own for own in statements[k]], there)
                 continue
-            values = spread(value, structure, label)
+            values = value_per_group(value, structure, label)
             parts = zip(values, structure.named_groups(), there, strict=True)
             for number, (given, (where, group), own) in enumerate(parts):
                 if given is None or _is_zero_increment(name, given):
@@ -65,16 +65,16 @@ def refuse_absent_elements(
                     sound = sound.at[k].set(sound[k] & ~wrong)
                 later = [of_phase[number] for of_phase in statements[k + 1 :]]
                 _warn_of_lost_value(name, label, where, given, presence.present[number][k:], later)
-    return presence._replace(sound=sound)
+    return presence._replace(is_consistent=sound)
 
 
 def warn_of_idle_loads(
-    along: Sequence[Sequence[Acting]], presence: Presence, earlier: int = 0
+    along: Sequence[Sequence[Acting]], presence: Activation, earlier: int = 0
 ) -> None:
     """Warn of loads on elements of which none is there in the phase of the load or later.
 
     Args:
-        along: element loads of every phase, after `among`.
+        along: element loads of every phase, after `with_group_numbers`.
         presence: which elements are there in which phase.
         earlier: number of phases solved before, by which messages number the phases.
     """
@@ -82,10 +82,10 @@ def warn_of_idle_loads(
         for acting in loads:
             if not isinstance(acting, OnGroups) or not acting.on:  # or a load on stated faces
                 continue
-            on: Any = acting.on  # numbers of groups, after `among`
+            on: Any = acting.on  # numbers of groups, after `with_group_numbers`
             if any(isinstance(presence.present[number], jax.core.Tracer) for number in on):
                 continue
-            part = acting.part or {}
+            part = acting.element_factors or {}
             acts = [presence.present[n][k:] & _loaded_elements(part.get(n)) for n in on]
             if not any(np.any(one) for one in acts):
                 checks.warn_user(
@@ -103,7 +103,7 @@ def _loaded_elements(factors):
 def _is_zero_increment(name, given):
     """Return whether a statement is an increment (shortening, temperature) known to be zero."""
     values = checks.array_if_known(given.values if isinstance(given, Only) else given)
-    return name in INCREMENTS and values is not None and not np.any(values)
+    return name in INCREMENTAL_STATEMENTS and values is not None and not np.any(values)
 
 
 def _warn_if_all_absent(name, label, concerned, there):
@@ -143,7 +143,7 @@ def _warn_of_lost_value(name, label, where, given, present, later):
         name, label, where: of the statement and its group, for messages.
         given: what is stated for the group.
         present: elements that are there in this phase and in all later ones, [n, n_elem] bool.
-        later: statements for the group in the later phases, dicts from name to `Stated`.
+        later: statements for the group in the later phases, dicts from name to `StatedValues`.
     """
     values = None if isinstance(given, Only) else checks.array_if_known(given)
     known = values is not None and not isinstance(present, jax.core.Tracer)
@@ -153,12 +153,12 @@ def _warn_of_lost_value(name, label, where, given, present, later):
     waits, lost = ~present[0], np.zeros(len(present[0]), bool)
     for comes, statements in zip(present[1:], later, strict=True):
         for other, stated in statements.items():
-            if other == name or other in ABSOLUTE:
+            if other == name or other in ABSOLUTE_STATEMENTS:
                 chosen = True if stated.chosen is None else stated.chosen
                 waits = waits & ~(comes & chosen)
         lost |= waits & comes
         waits = waits & ~comes
-    lost &= True if name in ABSOLUTE else nonzero
+    lost &= True if name in ABSOLUTE_STATEMENTS else nonzero
     if lost.any():
         k = int(lost.argmax())
         shown = ", ".join(f"{number:.6g}" for number in np.atleast_1d(values[k]))

@@ -12,11 +12,11 @@ from .elementwise import PerGroup
 
 
 @pytree(static=("of_ends", "of_increments"))
-class Reading:
+class ElementOutput:
     """Results of all elements at one point of equilibrium.
 
     Attributes:
-        found: by the name of a `Result`, and of ``end_forces``, a list with an array per group;
+        by_name: by the name of a `Result`, and of ``end_forces``, a list with an array per group;
             None for a group without this result.
         n_slack: number of slack elements.
         n_loose: number of free nodes without stiffness, at which all elements are slack.
@@ -24,7 +24,7 @@ class Reading:
             increments.
     """
 
-    found: dict[str, PerGroup]
+    by_name: dict[str, PerGroup]
     n_slack: Int[Array, ""]
     n_loose: Int[Array, ""]
     of_ends: tuple[str, ...]
@@ -36,22 +36,22 @@ class Reading:
 
         None instead of a list if no group has it.
         """
-        return self.found.get("section_strain")
+        return self.by_name.get("section_strain")
 
     @property
-    def of_path(self) -> Reading:
+    def of_path(self) -> ElementOutput:
         """The part of the output that is recorded for every increment."""
-        return copy_with(self, found={name: self.found[name] for name in self.of_increments})
+        return copy_with(self, by_name={name: self.by_name[name] for name in self.of_increments})
 
 
-def read(system: System, motion: Motion) -> Reading:
+def evaluate_output(system: System, motion: Motion) -> ElementOutput:
     """Evaluate all results of a system at a motion of all rows."""
     results = system.results()
-    found = system.reading(motion, *results, "end_forces", "is_slack")
+    found = system.results_by_name(motion, *results, "end_forces", "is_slack")
     slack = found.pop("is_slack")
     n_slack = sum(jnp.sum(flags) for flags in slack)
-    n_loose = jnp.sum(system.loose_nodes(motion, slack))
-    return Reading(
+    n_loose = jnp.sum(system.nodes_without_stiffness(motion, slack))
+    return ElementOutput(
         found,
         n_slack.astype(jnp.int32),
         n_loose.astype(jnp.int32),

@@ -19,58 +19,59 @@ from ..elements.element import Element
 from ..spaces import space_of
 from ..spaces.dof_map import DofMap, to_global, to_local
 from ..spaces.space import Forces
-from .carry import Carry, make_system
-from .elementwise import each
+from .elementwise import evaluate_elements
+from .restart_state import RestartState, make_system
 
 Present: TypeAlias = 'list[Bool[Array, " n_elem"]]'
 """For every group, which of its elements are active."""
 
 
-def changed(
+def apply_activation(
     nodes: Float[Array, "n_row 3"],
     groups: list[Element],
-    carry: Carry,
+    restart: RestartState,
     present: Present,
     before: DofMap,
     now: DofMap,
     attached: Bool[Array, ""] | None,
-) -> tuple[Carry, Forces]:
+) -> tuple[RestartState, Forces]:
     """Activate and deactivate elements at the start of a phase.
 
     Args:
-        nodes, groups, carry: structure, and `Carry` of the phase before.
+        nodes, groups, carry: structure, and `RestartState` of the phase before.
         present: active elements of this phase.
         before, now: `DofMap` with the supports and inactive nodes of both phases.
         attached: whether inactive nodes move rigidly with the node to which their first element
             joins them; None if this is so in no phase.
 
     Returns:
-        The changed `Carry`, and the unbalanced forces of the change, [n_row, n_freedom], N, N m.
+        The changed `RestartState`, and the unbalanced forces of the change, [n_row, n_freedom], N,
+        N m.
     """
-    motion = carry.motion
-    old = make_system(nodes, groups, carry, motion, before)
+    motion = restart.motion
+    old = make_system(nodes, groups, restart, motion, before)
     new = []
-    for there, state in zip(present, carry.states, strict=True):
+    for there, state in zip(present, restart.states, strict=True):
         was: Array = state.present  # type: ignore[assignment]  # all groups have it here
         new.append(there & ~was)
     if attached is not None:
         placed = _attach_nodes(nodes, groups, motion, new, before, now)
         motion = jnp.where(attached, placed, motion)
     states = []
-    for group, state, there, coming in zip(groups, carry.states, present, new, strict=True):
+    for group, state, there, coming in zip(groups, restart.states, present, new, strict=True):
         begins, fresh = copy_with(state, present=coming), group.initial_memory()
         if fresh is not None:
             begins = copy_with(begins, memory=fresh)
-        found = each("found", group, begins, nodes, motion)
+        found = evaluate_elements("state_at_activation", group, begins, nodes, motion)
         state = jax.tree.map(
             lambda a, b, own=coming: jnp.where(own.reshape(-1, *(1,) * (a.ndim - 1)), a, b),
             copy_with(found, present=there),
             copy_with(state, present=there),
         )
         states.append(state)
-    carry = copy_with(carry, motion=motion, states=states)
-    system = make_system(nodes, groups, carry, motion, now)
-    return carry, system.unbalanced(motion) - old.unbalanced(old.impose_supports(carry.motion))
+    restart = copy_with(restart, motion=motion, states=states)
+    system = make_system(nodes, groups, restart, motion, now)
+    return restart, system.unbalanced(motion) - old.unbalanced(old.impose_supports(restart.motion))
 
 
 def _attach_nodes(nodes, groups, motion, new, before, now):

@@ -83,7 +83,7 @@ def unjoined_ends(
     return [found[node] for node in sorted(found)]
 
 
-def doubts(
+def describe_doubts(
     nodes: Float[np.ndarray, "n_node 3"],
     links: Int[np.ndarray, "n_elem 2"],
     held: Bool[np.ndarray, " n_node"],
@@ -99,8 +99,8 @@ def doubts(
     if len(pairs):
         i, j = pairs[0].tolist()
         told.append(
-            f"{counted(len(pairs), 'pair')} of nodes closer than {NEAR_FRACTION:.0%} of the "
-            f"shortest link there: nodes {i} and {j} at {place(nodes[i])}, "
+            f"{pluralize(len(pairs), 'pair')} of nodes closer than {NEAR_FRACTION:.0%} of the "
+            f"shortest link there: nodes {i} and {j} at {format_position(nodes[i])}, "
             f"{_format_millimetres(distance[0])} apart; to join them, read the file with a larger "
             "tolerance (--tol)"
         )
@@ -112,9 +112,9 @@ def doubts(
             else _first_crossing(nodes, links, found)
         )
         told.append(
-            f"{counted(len(found.pairs), 'crossing')} of links in plan without a node, and "
-            f"{counted(len(found.joints.link), 'node')} on a link that it is no end of, such as "
-            f"at {place(some[0])}; to join them there, use Net.split (--split)"
+            f"{pluralize(len(found.pairs), 'crossing')} of links in plan without a node, and "
+            f"{pluralize(len(found.joints.link), 'node')} on a link that it is no end of, such as "
+            f"at {format_position(some[0])}; to join them there, use Net.split (--split)"
         )
     on_nodes = {k for pair in pairs.tolist() for k in pair} | set(found.joints.node.tolist())
     gaps = [
@@ -123,8 +123,8 @@ def doubts(
     if gaps:
         gap = min(gaps, key=lambda gap: gap.distance)
         told.append(
-            f"{counted(len(gaps), 'end')} closer to a link than {NEAR_FRACTION:.0%} of its "
-            f"length: node {gap.node} at {place(nodes[gap.node])}, "
+            f"{pluralize(len(gaps), 'end')} closer to a link than {NEAR_FRACTION:.0%} of its "
+            f"length: node {gap.node} at {format_position(nodes[gap.node])}, "
             f"{_format_millimetres(gap.distance)} from {gap.other}; to join them, "
             "use Net.split (--split) with a larger tolerance (--tol)"
         )
@@ -137,7 +137,7 @@ def _first_crossing(nodes, links, found):
     return (first + found.fractions[0, 0] * (last - first))[None]
 
 
-def place(node: Float[np.ndarray, " 3"]) -> str:
+def format_position(node: Float[np.ndarray, " 3"]) -> str:
     """Format the position of a node: (x, y, z) m."""
     return f"({', '.join(f'{x:.6g}' for x in node + 0.0)}) m"
 
@@ -147,6 +147,6 @@ def _format_millimetres(distance):
     return f"{1e3 * distance:.3g} mm"
 
 
-def counted(number: int, word: str) -> str:
+def pluralize(number: int, word: str) -> str:
     """Format a number with its noun: 1 increment, 2 increments."""
     return f"{number} {word}" + ("" if number == 1 else "s")

@@ -1,4 +1,4 @@
-"""`Statement`: what a phase can state of elements; `Stated`: the values for one group."""
+"""`Statement`: what a phase can state of elements; `StatedValues`: the values for one group."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Statement:
 
 
 @pytree
-class Stated:
+class StatedValues:
     """Values that a phase states for the elements of a group.
 
     Attributes:
@@ -44,7 +44,7 @@ class Stated:
     values: Float[ArrayLike, "n_elem ..."]
     chosen: Bool[ArrayLike, " n_elem"] | None = None
 
-    def over(
+    def select(
         self, new: Float[ArrayLike, "n_elem ..."], old: Float[ArrayLike, "n_elem ..."]
     ) -> Float[Array, "n_elem ..."]:
         """Return `new` for the elements that the statement concerns, `old` for all others."""

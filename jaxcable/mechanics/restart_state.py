@@ -16,7 +16,7 @@ from .assembly import System
 
 
 @pytree
-class Carry:
+class RestartState:
     """Restart state: what a phase hands to the next one.
 
     Attributes:
@@ -24,7 +24,7 @@ class Carry:
         states: element states, one per group.
         nodal_load: sum of the nodal loads so far, [n_row, n_freedom], N and N m.
         loads: element loads of all phases, a list of `LoadStack`.
-        amounts: factors of these loads, a list of `Amounts`.
+        load_factors: factors of these loads, a list of `LoadFactors`.
         support_rotation: rotation of every row when its support was set, see
             `RotatingNodes.support_rotation`.
     """
@@ -33,44 +33,48 @@ class Carry:
     states: list[ElementState]
     nodal_load: Float[Array, "n_row n_freedom"]
     loads: list[load_stacks.LoadStack]
-    amounts: list[load_stacks.Amounts]
+    load_factors: list[load_stacks.LoadFactors]
     support_rotation: Float[Array, "n_row 4"] | None = None
 
 
-def unloaded(nodes: Float[Array, "n_row 3"], groups: list[Element]) -> Carry:
-    """Return the `Carry` of a structure before its first phase."""
+def initial_restart_state(nodes: Float[Array, "n_row 3"], groups: list[Element]) -> RestartState:
+    """Return the `RestartState` of a structure before its first phase."""
     states = [group.start(nodes[group.links]) for group in groups]
     space = space_of(groups)
-    return Carry(space.at_rest(nodes), states, space.pad_moments(jnp.zeros_like(nodes)), [], [])
+    return RestartState(
+        space.at_rest(nodes), states, space.pad_moments(jnp.zeros_like(nodes)), [], []
+    )
 
 
-def knowing(carry: Carry, loads: list[load_stacks.LoadStack], phase: Int[ArrayLike, ""]) -> Carry:
-    """Return a `Carry` with `loads` up to a phase; later ones, even if NaN, are zero."""
-    return copy_with(carry, loads=[stack.until(phase) for stack in loads])
+def with_loads_until(
+    restart: RestartState, loads: list[load_stacks.LoadStack], phase: Int[ArrayLike, ""]
+) -> RestartState:
+    """Return a `RestartState` with `loads` up to a phase; later ones, even if NaN, are zero."""
+    return copy_with(restart, loads=[stack.until(phase) for stack in loads])
 
 
 def make_system(
     nodes: Float[Array, "n_row 3"],
     groups: list[Element],
-    carry: Carry,
+    restart: RestartState,
     prescribed: Motion | None,
     dof_map: DofMap,
     load: Float[Array, "n_row n_freedom"] | None = None,
 ) -> System:
-    """Make the `System` of a `Carry`, with the loads along elements in their states.
+    """Make the `System` of a `RestartState`, with the loads along elements in their states.
 
     `prescribed`: motion of all rows that supports prescribe; None if supports are not needed.
     `load`: dead load; it is computed unless it is given.
     """
     if load is None:
-        load = load_stacks.dead_load(nodes, groups, carry)
+        load = load_stacks.dead_load(nodes, groups, restart)
     states = [
         with_fields(
-            state, element_load=load_stacks.element_load(number, group, state, nodes, carry)
+            state, element_load=load_stacks.element_load(number, group, state, nodes, restart)
         )
         if group.shaped_by_load
         else state
-        for number, (group, state) in enumerate(zip(groups, carry.states, strict=True))
+        for number, (group, state) in enumerate(zip(groups, restart.states, strict=True))
     ]
-    space = space_of(groups).of(nodes, groups, dof_map, prescribed, carry.support_rotation)
-    return System(nodes, groups, states, load, space, load_stacks.following(carry))
+    space = space_of(groups).of(nodes, groups, dof_map, prescribed, restart.support_rotation)
+    return System(nodes, groups, states, load, space, load_stacks.active_followers(restart))

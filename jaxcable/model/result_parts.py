@@ -20,29 +20,31 @@ from ..elements.element import (
     Element,
 )
 from .structure import Structure, is_group
-from .topology import Part
+from .topology import GroupTopology
 
 
-def groups_by_name(structure: Structure) -> list[tuple[str, Element]]:
+def named_groups_of(structure: Structure) -> list[tuple[str, Element]]:
     """Return pairs (name, group); the name is the key in the elements, "" of a single group."""
     leaves = jax.tree_util.tree_leaves_with_path(structure.elements, is_leaf=is_group)
     keystr = functools.partial(jax.tree_util.keystr, simple=True, separator=".")
     return [(keystr(path), group) for path, group in leaves]
 
 
-def group_path(structure: Structure, k: int) -> str:
+def path_of_group(structure: Structure, k: int) -> str:
     """Return group number `k` as a user writes it, for messages: ``elements['net']``."""
     return f"elements{structure.named_groups()[k][0]}"
 
 
-def per_group(
+def values_per_group(
     structure: Structure, values: PyTree[Float[Array, "n_elem ..."]]
 ) -> list[Float[np.ndarray, "n_elem ..."] | None]:
     """Convert values in the shape of the elements to a list of NumPy arrays (or None)."""
-    return [None if value is None else np.asarray(value) for value in listed(structure, values)]
+    return [
+        None if value is None else np.asarray(value) for value in items_per_group(structure, values)
+    ]
 
 
-def listed(structure: Structure, values: PyTree[Any] | None) -> list[Any]:
+def items_per_group(structure: Structure, values: PyTree[Any] | None) -> list[Any]:
     """Convert values in the shape of the elements to a list with one item per group, unchanged.
 
     All items are None if there are no values.
@@ -52,13 +54,13 @@ def listed(structure: Structure, values: PyTree[Any] | None) -> list[Any]:
     return structure.group_tree.flatten_up_to(values)
 
 
-def there(
+def present_elements(
     structure: Structure, present: PyTree[Float[Array, " n_elem"]] | None
 ) -> list[Bool[np.ndarray, " n_elem"]]:
     """Return which elements are there, from `ElementResults.present`: a list of [n_elem] bool."""
     if present is None:
         return [np.ones(len(group.links), bool) for group in structure.groups]
-    return [np.asarray(found) > 0 for found in per_group(structure, present)]
+    return [np.asarray(found) > 0 for found in values_per_group(structure, present)]
 
 
 def slack_cables(
@@ -76,7 +78,7 @@ def slack_cables(
     return np.asarray(tension <= 0) & present
 
 
-class Column(NamedTuple):
+class ResultColumn(NamedTuple):
     """A table column: one number per element of a result, at one place and of one component.
 
     Attributes:
@@ -94,10 +96,10 @@ class Column(NamedTuple):
     component: str = ""
 
 
-def columns(
-    groups: Sequence[Element | Part],
+def result_columns(
+    groups: Sequence[Element | GroupTopology],
     told: Mapping[str, PyTree[Float[Array, "n_elem ..."]]],
-) -> list[Column]:
+) -> list[ResultColumn]:
     """Split results of elements into columns, one for every place and component.
 
     Section forces and strains at several positions along an element, which have tables and pictures
@@ -122,7 +124,7 @@ def columns(
         for place, component in dict.fromkeys(key for part in parts for key in part):
             label = " ".join(word for word in (name, place, component) if word)
             own = [part.get((place, component)) for part in parts]
-            found.append(Column(label, result.unit, own, place, component))
+            found.append(ResultColumn(label, result.unit, own, place, component))
     return found
 
 
@@ -139,8 +141,8 @@ def _split_result(result, values):
     }
 
 
-def pieces(
-    groups: Sequence[Element | Part],
+def straight_pieces(
+    groups: Sequence[Element | GroupTopology],
 ) -> tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"], Int[np.ndarray, " n_piece"]]:
     """Return the straight pieces of all elements, as pictures draw them.
 
@@ -168,8 +170,8 @@ def pieces(
     return np.concatenate(ends), np.concatenate(element), np.concatenate(owner)
 
 
-def faces(
-    groups: Sequence[Element | Part],
+def element_faces(
+    groups: Sequence[Element | GroupTopology],
 ) -> tuple[Int[np.ndarray, "n_face 4"], Int[np.ndarray, " n_face"], Int[np.ndarray, " n_face"]]:
     """Return the faces of all elements that have one.
 
@@ -192,12 +194,12 @@ def faces(
     return np.concatenate(corners), np.array(element, int), np.array(owner, int)
 
 
-def first_and_last(group: Element | Part) -> Int[np.ndarray, "n_elem 2"]:
+def end_nodes(group: Element | GroupTopology) -> Int[np.ndarray, "n_elem 2"]:
     """Return first and last node of every element of a group, [n_elem, 2]."""
     return group.links.array[:, [0, -1]]
 
 
-def one_case(solution: Any) -> None:
+def require_single_case(solution: Any) -> None:
     """Raise ValueError unless `solution` is a solution of one case that is not being traced."""
     if not hasattr(solution, "status"):
         raise ValueError(f"solution: expected a Solution, got {type(solution).__name__}")

@@ -19,38 +19,38 @@ from ..elements.element import Element
 from ..elements.element_state import ElementState
 from ..mechanics.bundles import Bundles
 from ..model.structure import Structure
-from .by_group import spread
+from .group_values import value_per_group
 from .phases import Phase
 
 
-class Presence(NamedTuple):
+class Activation(NamedTuple):
     """Which elements of every group are active (there) in which phase.
 
     Attributes:
-        first: before the first phase, [n_elem] bool.
+        present_at_start: before the first phase, [n_elem] bool.
         present: in every phase, [n_phase, n_elem] bool.
-        sound: whether a phase adds only what is not there, and removes only what is, [n_phase]
-            bool, traced; None if that is known (else it has been refused).
+        is_consistent: whether a phase adds only what is not there, and removes only what is,
+            [n_phase] bool, traced; None if that is known (else it has been refused).
     """
 
-    first: list[Bool[ArrayLike, " n_elem"]]
+    present_at_start: list[Bool[ArrayLike, " n_elem"]]
     present: list[Bool[ArrayLike, "n_phase n_elem"]]
-    sound: Bool[Array, " n_phase"] | None = None
+    is_consistent: Bool[Array, " n_phase"] | None = None
 
-    def bundled(self, bundles: Bundles) -> Presence:
+    def on_bundles(self, bundles: Bundles) -> Activation:
         """Return the presence by bundles of groups instead of groups."""
-        if bundles.plain:
+        if bundles.are_groups:
             return self
 
         def one(parts, axis):
             return [
                 _numpy_or_jax(parts).concatenate([parts[k] for k in numbers], axis=axis)
-                for numbers in bundles.members
+                for numbers in bundles.group_indices
             ]
 
-        return Presence(one(self.first, 0), one(self.present, 1), self.sound)
+        return Activation(one(self.present_at_start, 0), one(self.present, 1), self.is_consistent)
 
-    def idle(
+    def inactive_dofs(
         self, structure: Structure, groups: Sequence[Element]
     ) -> Bool[ArrayLike, "1+n_phase n_row n_freedom"]:
         """Find degrees of freedom that no present element touches, before and in every phase.
@@ -59,12 +59,12 @@ class Presence(NamedTuple):
             structure: `Structure`.
             groups: the groups of `self` with links that are rows of motion.
         """
-        (rows, _), width = structure.rows(), structure.space.n_freedom
+        (rows, _), width = structure.motion_rows(), structure.space.n_freedom
         n_row = structure.n_node if rows is None else len(rows.node_of_row)
-        pack = _numpy_or_jax([*self.first, *self.present])
+        pack = _numpy_or_jax([*self.present_at_start, *self.present])
         shape = 1 + len(self.present[0]), n_row, width
         touched = pack.zeros(shape, bool)
-        for group, first, present in zip(groups, self.first, self.present, strict=True):
+        for group, first, present in zip(groups, self.present_at_start, self.present, strict=True):
             there = pack.concatenate([first[None], present])
             links = group.links.array
             over = pack.broadcast_to(there[:, :, None, None], (*there.shape, links.shape[1], 1))
@@ -101,12 +101,12 @@ def _share_touched(touched, structure, rows, pack):
     return touched
 
 
-def presence_of(
+def make_activation(
     structure: Structure,
     phases: Sequence[Phase],
     states: Sequence[ElementState] | None,
     earlier: int = 0,
-) -> Presence | None:
+) -> Activation | None:
     """Find which elements are there in which phase; None if all are there in all phases.
 
     An element is absent before the phase that adds it.
@@ -127,12 +127,12 @@ def presence_of(
         return None
     named = structure.named_groups()
     for where, group in named:
-        if type(group).found is Element.found:
+        if type(group).state_at_activation is Element.state_at_activation:
             number = asked.index(True) if any(asked) else 0
             raise ValueError(
                 f"phases[{earlier + number}].adds, removes: elements{where} "
                 f"({type(group).__name__}) cannot be added or removed; write "
-                "its method `found`, and "
+                "its method `state_at_activation`, and "
                 "give its state the field `present` (see jaxcable.extend)"
             )
     changes = [
@@ -165,10 +165,10 @@ def presence_of(
             there = (there | adds) & ~removes
             rows.append(there)
         present.append(pack.stack(rows))
-    return Presence(first, present, sound if isinstance(sound, jax.core.Tracer) else None)
+    return Activation(first, present, sound if isinstance(sound, jax.core.Tracer) else None)
 
 
-def idle_of(
+def inactive_dofs_of(
     structure: Structure, states: Sequence[ElementState]
 ) -> Bool[np.ndarray, "n_row n_freedom"] | None:
     """Find degrees of freedom that no present element touches in these states of the groups.
@@ -184,8 +184,8 @@ def idle_of(
     if any(isinstance(there, jax.core.Tracer) for there in present):
         raise ValueError("state: is being traced, so that it is not known which elements are there")
     first = [np.asarray(there) for there in present]
-    presence = Presence(first, [there[None] for there in first])
-    return presence.idle(structure, structure.rows()[1])[0]
+    presence = Activation(first, [there[None] for there in first])
+    return presence.inactive_dofs(structure, structure.motion_rows()[1])[0]
 
 
 def attached_phases(phases: Sequence[Phase]) -> Bool[np.ndarray, " n_phase"] | None:
@@ -208,7 +208,9 @@ def _group_masks(value: Any, structure, name):
         return _masks_of_whole_groups(value, structure, name)
     found = []
     keys = [key for key, _ in structure.named_groups()]
-    for given, count, key in zip(spread(value, structure, name), counts, keys, strict=True):
+    for given, count, key in zip(
+        value_per_group(value, structure, name), counts, keys, strict=True
+    ):
         if given is None:
             found.append(np.zeros(count, bool))
         elif isinstance(given, Selection):

@@ -6,13 +6,13 @@ import json
 from typing import Any
 
 
-def laid_out(data: Any, indent: int = 0) -> str:
+def format_json(data: Any, indent: int = 0) -> str:
     """Format plain data as JSON, with objects indented and all digits of numbers."""
     inner = "\n" + " " * (indent + 1)
     if isinstance(data, dict) and data:
-        items = (f"{json.dumps(key)}: {laid_out(v, indent + 1)}" for key, v in data.items())
+        items = (f"{json.dumps(key)}: {format_json(v, indent + 1)}" for key, v in data.items())
         return "{" + inner + ("," + inner).join(items) + "\n" + " " * indent + "}"
     if isinstance(data, list) and any(isinstance(item, dict | list) for item in data):
-        lines = (laid_out(item, indent + 1) for item in data)
+        lines = (format_json(item, indent + 1) for item in data)
         return "[" + inner + ("," + inner).join(lines) + "\n" + " " * indent + "]"
     return json.dumps(data, allow_nan=False, ensure_ascii=False)

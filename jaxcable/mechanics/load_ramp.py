@@ -3,9 +3,9 @@
 The parameter is the load factor, from 0 to 1. Prestress and loads are proportional to it, except
 loads with an amplitude (`loads.varying`).
 
-The phase begins with the restart state of earlier phases (`carry.Carry`) and adds its own data
-(`PhaseData`), both with index arrays in place of topology. `Ramp.build` converts the prestress
-statements into start and end states once; `Ramp.at` interpolates.
+The phase begins with the restart state of earlier phases (`restart_state.RestartState`) and adds
+its own data (`PhaseData`), both with index arrays in place of topology. `LoadRamp.build` converts
+the prestress statements into start and end states once; `LoadRamp.system_at` interpolates.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from jax import lax
 
 from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..elements.abilities import mixed, statements_of
+from ..elements.abilities import interpolate, statements_of
 from ..elements.element import Element
 from ..elements.element_state import ElementState, with_fields
-from ..elements.stated import Stated
+from ..elements.statement import StatedValues
 from ..loads.varying import Amplitude
 from ..spaces import space_of
 from ..spaces.dof_map import DofMap, to_global, to_local
 from ..spaces.space import Motion
-from . import load_stacks, presence
+from . import activation, load_stacks
 from .assembly import System
-from .carry import Carry, make_system
-from .elementwise import Memory, PerGroup, each
+from .elementwise import Memory, PerGroup, evaluate_elements
+from .restart_state import RestartState, make_system
 
 
 @pytree
-class Added:
+class NodalIncrement:
     """Loads on nodes, or movements of supports, that a phase adds.
 
     Attributes:
@@ -49,7 +49,7 @@ class Added:
         """Return their sum at a parameter, [n_row, 3 or 6]."""
         if self.amplitude is None:
             return parameter * self.values
-        return jnp.sum(self.amplitude.at(parameter)[:, None, None] * self.values, axis=0)
+        return jnp.sum(self.amplitude.factor_at(parameter)[:, None, None] * self.values, axis=0)
 
 
 @pytree
@@ -58,7 +58,7 @@ class PhaseData:
 
     Attributes:
         number: index of the phase.
-        statements: prestress statements, a dict from name to `Stated` for every group.
+        statements: prestress statements, a dict from name to `StatedValues` for every group.
         added_load: the nodal loads that it adds, or None.
         moved: its movements of supports, or None.
         dof_map: map of the degrees of freedom, with the supports of this phase.
@@ -66,102 +66,106 @@ class PhaseData:
             phase, else None.
         present: active elements of this phase, per group; None if all are active in all phases.
         attached: whether newly activated nodes move rigidly with active ones, see
-            `presence.changed`; None if this is so in no phase.
+            `activation.apply_activation`; None if this is so in no phase.
     """
 
     number: Int[ArrayLike, ""]
-    statements: list[dict[str, Stated]]
-    added_load: Added | None
-    moved: Added | None
+    statements: list[dict[str, StatedValues]]
+    added_load: NodalIncrement | None
+    moved: NodalIncrement | None
     dof_map: DofMap
     dof_map_before: DofMap | None
-    present: presence.Present | None = None
+    present: activation.Present | None = None
     attached: Bool[Array, ""] | None = None
 
 
 @pytree
-class Ramp:
+class LoadRamp:
     """A phase (load step) as a function of its load factor from 0 to 1.
 
     Attributes:
         nodes, groups: the structure.
-        begin: `Carry` at the start of the phase (without loads on newly supported freedoms).
+        start: `RestartState` at the start of the phase (without loads on newly supported freedoms).
         end_states: element states at the end; None for a group that does not change.
-        jacks: (force at the start, `Stated` at the end) for a jacked group, else None.
+        jacks: (force at the start, `StatedValues` at the end) for a jacked group, else None.
         added_load: nodal loads that this phase adds, or None.
-        added: which loads of every stack in `begin` this phase adds, list of [m] bool.
+        added: which loads of every stack in `start` this phase adds, list of [m] bool.
         moved: movements of the supports in this phase, or None.
         released: reactions of released supports and unbalanced forces of (de)activated elements,
-            which this phase reduces to zero, as `Carry.nodal_load`, or None.
+            which this phase reduces to zero, as `RestartState.nodal_load`, or None.
         dof_map: map of the degrees of freedom.
     """
 
     nodes: Float[Array, "n_row 3"]
     groups: list[Element]
-    begin: Carry
+    start: RestartState
     end_states: list[ElementState | None]
-    jacks: list[tuple[Float[Array, " n_elem"], Stated] | None]
-    added_load: Added | None
+    jacks: list[tuple[Float[Array, " n_elem"], StatedValues] | None]
+    added_load: NodalIncrement | None
     added: list[Bool[Array, " m"]]
-    moved: Added | None
+    moved: NodalIncrement | None
     released: Float[Array, "n_row n_freedom"] | None
     dof_map: DofMap
 
     @classmethod
     def build(
-        cls, nodes: Float[Array, "n_row 3"], groups: list[Element], carry: Carry, data: PhaseData
-    ) -> Ramp:
-        """Build the ramp of a phase from the `Carry` of the phase before and its own data."""
-        added = [stack.phase == data.number for stack in carry.loads]
-        moved = nodes + carry.motion[:, :3]
-        pairs = zip(carry.amounts, added, strict=True)
+        cls,
+        nodes: Float[Array, "n_row 3"],
+        groups: list[Element],
+        restart: RestartState,
+        data: PhaseData,
+    ) -> LoadRamp:
+        """Build the ramp of a phase from its data and the `RestartState` before it."""
+        added = [stack.phase == data.number for stack in restart.loads]
+        moved = nodes + restart.motion[:, :3]
+        pairs = zip(restart.load_factors, added, strict=True)
         amounts = [amounts.at_start(which, moved) for amounts, which in pairs]
-        carry = copy_with(carry, amounts=amounts)
+        restart = copy_with(restart, load_factors=amounts)
         released = None
         if data.dof_map_before is not None:
-            carry, released = _change_supports(nodes, groups, carry, data)
+            restart, released = _change_supports(nodes, groups, restart, data)
             if data.present is not None:
                 at = data.present, data.dof_map_before, data.dof_map, data.attached
-                carry, left = presence.changed(nodes, groups, carry, *at)
+                restart, left = activation.apply_activation(nodes, groups, restart, *at)
                 released = released + jnp.where(data.dof_map.fixed, 0.0, left)
         states, end_states, jacks = [], [], []
-        for group, state, statements in zip(groups, carry.states, data.statements, strict=True):
+        for group, state, statements in zip(groups, restart.states, data.statements, strict=True):
             end_state = jack = None
             known = statements_of(group)
             if "jacking" in statements:
-                force = each("tension", group, state, nodes, carry.motion)
+                force = evaluate_elements("tension", group, state, nodes, restart.motion)
                 jack = (force, statements["jacking"])
             stateable: Any = group  # a `Prestressable`: other groups accept no statement
             sudden = {n: stated for n, stated in statements.items() if not known[n].ramped}
             if sudden:
-                state = stateable.restate(state, nodes[group.links], sudden)
+                state = stateable.apply_statements(state, nodes[group.links], sudden)
             ramped = {
                 n: stated for n, stated in statements.items() if n not in ("jacking", *sudden)
             }
             if ramped:
-                end_state = stateable.restate(state, nodes[group.links], ramped)
+                end_state = stateable.apply_statements(state, nodes[group.links], ramped)
             states.append(state)
             end_states.append(end_state)
             jacks.append(jack)
-        carry = copy_with(carry, states=states)
+        restart = copy_with(restart, states=states)
         steps = None if data.moved is None else _restrict_to_supports(data.moved, data.dof_map)
         return cls(
-            *(nodes, groups, carry, end_states, jacks, data.added_load, added, steps, released),
+            *(nodes, groups, restart, end_states, jacks, data.added_load, added, steps, released),
             data.dof_map,
         )
 
     @property
     def varies(self) -> bool:
         """Whether any load of the analysis has an amplitude."""
-        parts = [self.added_load, self.moved, *self.begin.loads]
+        parts = [self.added_load, self.moved, *self.start.loads]
         return any(part is not None and part.amplitude is not None for part in parts)
 
     @property
     def memory(self) -> Memory | None:
         """History variables at the start of the phase, per group; None if no group has any."""
-        if not any(group.remembers for group in self.groups):
+        if not any(group.has_memory for group in self.groups):
             return None
-        return [state.memory for state in self.begin.states]
+        return [state.memory for state in self.start.states]
 
     def states(
         self, parameter: Float[ArrayLike, ""], memory: Memory | None = None
@@ -169,12 +173,12 @@ class Ramp:
         """Return the element states at a parameter; `memory` replaces that of the start."""
         now = []
         groups: list[Any] = self.groups  # `Prestressable` where there is an end state
-        parts = groups, self.begin.states, self.end_states, self.jacks
+        parts = groups, self.start.states, self.end_states, self.jacks
         for group, start, end, jack in zip(*parts, strict=True):
-            state = start if end is None else group.between(start, end, parameter)
+            state = start if end is None else group.interpolate_states(start, end, parameter)
             if jack is not None:
                 force, stated = jack
-                force = mixed(force, stated.values, parameter)
+                force = interpolate(force, stated.values, parameter)
                 state = with_fields(state, jack_force=force, jacked=stated.chosen)
             now.append(state)
         if memory is not None:
@@ -186,40 +190,40 @@ class Ramp:
 
     def nodal_load(self, parameter: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
         """Return nodal loads plus the remaining part of `released`, at a parameter."""
-        load = self.begin.nodal_load
+        load = self.start.nodal_load
         if self.added_load is not None:
             load = load + self.added_load.at(parameter)
         if self.released is not None:
             load = load + (1 - parameter) * self.released
         return load
 
-    def amounts(self, parameter: Float[ArrayLike, ""]) -> list[load_stacks.Amounts]:
+    def load_factors(self, parameter: Float[ArrayLike, ""]) -> list[load_stacks.LoadFactors]:
         """Return the factors of the element loads at a parameter."""
-        parts = zip(self.begin.loads, self.begin.amounts, self.added, strict=True)
+        parts = zip(self.start.loads, self.start.load_factors, self.added, strict=True)
         return [amounts.added(which, stack.factors(parameter)) for stack, amounts, which in parts]
 
     def prescribed_motion(self, parameter: Float[ArrayLike, ""]) -> Motion:
         """Return the motion of all rows that the supports prescribe at a parameter."""
-        begin = self.begin.motion
+        begin = self.start.motion
         if self.moved is None:
             return begin
         return space_of(self.groups).moved_by(begin, self.moved.at(parameter))
 
-    def at(self, parameter: Float[ArrayLike, ""], memory: Memory | None = None) -> System:
+    def system_at(self, parameter: Float[ArrayLike, ""], memory: Memory | None = None) -> System:
         """Return the `System` at a parameter."""
-        now = self._restart_at(self.begin.motion, self.states(parameter, memory), parameter)
+        now = self._restart_at(self.start.motion, self.states(parameter, memory), parameter)
         return make_system(
             self.nodes, self.groups, now, self.prescribed_motion(parameter), self.dof_map
         )
 
-    def most_added(self, begun: System, parameters: Float[Array, " n"]) -> Float[Array, ""]:
+    def largest_added_load(self, begun: System, parameters: Float[Array, " n"]) -> Float[Array, ""]:
         """Return the largest dead load that the phase adds to a node at any of the parameters, N.
 
         `begun` is the system at the start of the phase.
         """
 
         def added(parameter):
-            system = self.at(parameter)
+            system = self.system_at(parameter)
             return jnp.max(system.space.force_norm(system.load - begun.load))
 
         return jnp.max(lax.map(added, parameters))
@@ -238,26 +242,28 @@ class Ramp:
         """
         return select_tree(ok, system.commit_memory(motion, strains), memory)
 
-    def begun(self) -> System:
+    def initial_system(self) -> System:
         """Return the system at the start of the phase, without prescribed motion."""
-        return make_system(self.nodes, self.groups, self.begin, None, self.dof_map)
+        return make_system(self.nodes, self.groups, self.start, None, self.dof_map)
 
-    def leave(
+    def commit(
         self, parameter: Float[ArrayLike, ""], motion: Motion, memory: Memory | None = None
-    ) -> Carry:
-        """Commit the phase at its end, `parameter`: return its `Carry`, with jacks locked off."""
+    ) -> RestartState:
+        """Commit the phase at its end: return its `RestartState`, with jacks locked off."""
         states = []
         for group, state in zip(self.groups, self.states(parameter, memory), strict=True):
             locked = state.jack_force is not None
-            states.append(each("lock", group, state, self.nodes, motion) if locked else state)
+            states.append(
+                evaluate_elements("lock_off", group, state, self.nodes, motion) if locked else state
+            )
         return self._restart_at(motion, states, parameter)
 
     def _restart_at(
         self, motion: Motion, states: list[ElementState], parameter: Float[ArrayLike, ""]
-    ) -> Carry:
-        """Return a `Carry` with the loads at a parameter."""
-        loads = self.nodal_load(parameter), self.begin.loads, self.amounts(parameter)
-        return Carry(motion, states, *loads, self.begin.support_rotation)
+    ) -> RestartState:
+        """Return a `RestartState` with the loads at a parameter."""
+        loads = self.nodal_load(parameter), self.start.loads, self.load_factors(parameter)
+        return RestartState(motion, states, *loads, self.start.support_rotation)
 
 
 def _restrict_to_supports(added, dof_map):
@@ -266,7 +272,9 @@ def _restrict_to_supports(added, dof_map):
     A support cannot move a degree of freedom that it does not hold.
     """
     if added.amplitude is not None:
-        one_by_one = jax.vmap(lambda moved: _restrict_to_supports(Added(moved), dof_map).values)
+        one_by_one = jax.vmap(
+            lambda moved: _restrict_to_supports(NodalIncrement(moved), dof_map).values
+        )
         return copy_with(added, values=one_by_one(added.values))
     moved = added.values
     if dof_map.node_of_row is not None:
@@ -279,32 +287,32 @@ def _restrict_to_supports(added, dof_map):
         shift = to_local(dof_map.axes, shift)
         shift = jnp.where(jnp.abs(shift) <= rounding, 0.0, shift)
     loose = ~dof_map.fixed[:, :3] & (shift != 0)
-    return Added(jnp.where(jnp.any(loose), jnp.nan, moved))
+    return NodalIncrement(jnp.where(jnp.any(loose), jnp.nan, moved))
 
 
-def _change_supports(nodes, groups, carry, data):
-    """Return the `Carry` after supports have changed, and the reactions of released ones.
+def _change_supports(nodes, groups, restart, data):
+    """Return the `RestartState` after supports have changed, and the reactions of released ones.
 
     Loads on newly supported degrees of freedom end. Reactions become loads, to be ramped out.
 
     A load on an inactive degree of freedom stays, and acts once an element activates it. A node
     that is partly supported before and after has the same directions in both (`preparation`).
     """
-    before = make_system(nodes, groups, carry, carry.motion, data.dof_map_before)
+    before = make_system(nodes, groups, restart, restart.motion, data.dof_map_before)
     was, now = data.dof_map_before.fixed, data.dof_map.fixed
     newly = data.dof_map.fixed_by_supports & ~data.dof_map_before.fixed_by_supports
     if data.dof_map.axes is None:
-        released = jnp.where(was & ~now, before.unbalanced(carry.motion), 0.0)
-        return copy_with(carry, nodal_load=jnp.where(newly, 0.0, carry.nodal_load)), released
-    reaction, load = before.reactions(carry.motion), carry.nodal_load
-    if carry.support_rotation is not None:
+        released = jnp.where(was & ~now, before.unbalanced(restart.motion), 0.0)
+        return copy_with(restart, nodal_load=jnp.where(newly, 0.0, restart.nodal_load)), released
+    reaction, load = before.reactions(restart.motion), restart.nodal_load
+    if restart.support_rotation is not None:
         turned_anew = jnp.any((was != now)[:, 3:], axis=1, keepdims=True)
-        bearing = jnp.where(turned_anew, carry.motion[:, 3:], carry.support_rotation)
-        carry = copy_with(carry, support_rotation=bearing)
-    after = make_system(nodes, groups, carry, carry.motion, data.dof_map)
+        bearing = jnp.where(turned_anew, restart.motion[:, 3:], restart.support_rotation)
+        restart = copy_with(restart, support_rotation=bearing)
+    after = make_system(nodes, groups, restart, restart.motion, data.dof_map)
     released, left = [], []
     pairs = zip(
-        *(system.space.dof_directions(carry.motion) for system in (after, before)), strict=True
+        *(system.space.dof_directions(restart.motion) for system in (after, before)), strict=True
     )
     for k, (axes, axes_before) in enumerate(pairs):
         part = slice(3 * k, 3 * k + 3)
@@ -316,4 +324,4 @@ def _change_supports(nodes, groups, carry, data):
         left.append(to_global(axes, jnp.where(ended, 0.0, to_local(axes, load[: len(was), part]))))
     # without a change the load itself, which `to_local` and `to_global` would round
     left = jnp.where(jnp.any(was != now), jnp.concatenate(left, axis=1), load)
-    return copy_with(carry, nodal_load=left), jnp.concatenate(released, axis=1)
+    return copy_with(restart, nodal_load=left), jnp.concatenate(released, axis=1)

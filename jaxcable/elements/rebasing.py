@@ -17,7 +17,7 @@ from ..numerics import compensated
 
 
 @jax.jit  # one function in a program, however often it is called
-def brought(
+def rebase(
     elongation: Float[Array, ""],
     ends: Float[Array, "n_end 3"],
     motion: Float[Array, "n_end 6"],

@@ -20,7 +20,7 @@ def is_single_number(value: Any) -> bool:
     return leaf and not isinstance(value, dict | None) and np.ndim(value) == 0
 
 
-def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
+def value_per_group(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
     """Assign values to the groups; return a list with one item per group, None if not given.
 
     `value` is one number, or a pytree with the upper levels of the structure's elements (a prefix),

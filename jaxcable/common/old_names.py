@@ -1,0 +1,95 @@
+"""Refuse a class of a user that still defines an old name of a contract.
+
+An analysis would ignore a method of this name, and use the default of the base class instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+ELEMENT = {
+    "remembers": "has_memory",
+    "rising": "monotone",
+    "breaks": "has_rupture",
+    "size": "absolute_force",
+    "settle": "commit_memory",
+    "settled": "committed_memory",
+    "beyond": "is_ruptured",
+    "extended": "extrapolated",
+    "risen": "without_softening",
+    "found": "state_at_activation",
+    "partly": "with_activation",
+    "unstressed": "unstressed_state",
+    "reading": "results_by_name",
+    "linearized": "forces_and_tangent",
+    "finds_both": "evaluates_both_at_once",
+    "end_forces_about": "end_forces_after_step",
+    "slid": "sliding_load_forces",
+    "oriented": "with_fixed_axes",
+    "stiffness_along": "linear_axial_stiffness",
+    "at_ends": "split_among_ends",
+    "inner": "inner_unknowns",
+    "restate": "apply_statements",
+    "between": "interpolate_states",
+    "lock": "lock_off",
+    "rounding": "rounding_error",
+    "deflected": "end_slopes_and_axes",
+    "pulls": "has_tension_unknown",
+    "fits_cones": "suits_cone_solver",
+    "pulled": "tension_response",
+    "brought": "rebased_element",
+    "room": "length_slack",
+    "bent": "geometric_stiffness",
+}
+"""New names by old ones, of methods and attributes of elements."""
+STATE = {
+    "loaded": "load_bearing_length",
+    "only_present": "zero_where_absent",
+    "warmth": "thermal_stretch",
+}
+"""New names by old ones, of members of element states."""
+LAW = {
+    "rising": "monotone",
+    "breaks": "has_rupture",
+    "settle": "commit_memory",
+    "beyond": "is_ruptured",
+    "extended": "extrapolated",
+    "risen": "without_softening",
+    "falls": "softening_stresses",
+    "softened": "in_series_with_spring",
+    "size_at": "stress_scale_at",
+    "corners": "corner_strains",
+    "limits": "strain_limits",
+}
+"""New names by old ones, of methods and attributes of laws."""
+
+LOAD = {
+    "among": "with_group_numbers",
+    "bundled": "on_bundles",
+    "touched": "with_bundle_numbers",
+    "asks_begun": "needs_begin_nodes",
+    "per_length": "load_per_length",
+    "pressing": "bending_pressure",
+    "partly": "apply_factors",
+    "touches": "coupled_nodes",
+    "steps": "nodal_movements",
+    "at_nodes": "forces_at_nodes",
+    "measured": "measuring_positions",
+    "selected": "loaded_groups",
+}
+"""New names by old ones, of methods of loads."""
+
+
+def refuse_old_names(cls: type, renamed: Mapping[str, str]) -> None:
+    """Raise TypeError if a class outside of the package defines an old name of its contract.
+
+    Args:
+        cls: class that derives from a base class of the package.
+        renamed: new names by old ones. Fields of the class may have an old name; they are its own.
+    """
+    for base in cls.__mro__:
+        if base.__module__.split(".")[0] == __package__.split(".")[0]:
+            continue
+        for name, value in vars(base).items():
+            if name in renamed and (isinstance(value, bool | property) or callable(value)):
+                raise TypeError(f"{cls.__name__}: `{name}` is now called `{renamed[name]}`")
