@@ -199,7 +199,7 @@ FAULTS = (
         "balance.load))",
         "the gradient of a form forgets the places of its supports"),
     Fault("forms/relaxation.py",
-        "return element.locked(state, length, change).rest_length", "return length",
+        "return element.locked_off_state(state, length, change).rest_length", "return length",
         "the length to be cut is that under force"),
     Fault("design/confidence.py",
         "special.stdtrit(degrees, 0.5 + level / 2)", "special.stdtrit(degrees, level)",

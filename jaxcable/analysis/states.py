@@ -74,7 +74,7 @@ def make_state(frame, restart, point, reached, schedule, seen=None):
             `implicit.attach_derivative_with_marks`; marks may be None.
         reached: `LastConverged`.
         schedule: `Schedule`.
-        seen: `ElementOutput` of the restart state's motion, without derivatives; None to read it now.
+        seen: `ElementOutput` of the restart state's motion without derivatives; None: read it now.
     """
     nodes, groups = frame
     system = system_at_last(frame, restart, reached, schedule)

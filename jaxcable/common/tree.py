@@ -183,7 +183,7 @@ def template_of(obj: Any) -> Any:
 
 
 def apply_to_each(function: Callable[[Any], Any], obj: Any) -> Any:
-    """Return ``function(obj)``; for `PerElement` apply the function to the object of every element."""
+    """Return ``function(obj)``; apply it to the object of every element of a `PerElement`."""
     return (
         PerElement(jax.vmap(function)(obj.every)) if isinstance(obj, PerElement) else function(obj)
     )

@@ -169,7 +169,7 @@ def acting_from_start(stack: LoadStack) -> LoadStack:
 def dead_load(
     nodes: Float[Array, "n_row 3"], groups: list[Element], restart: Any
 ) -> Float[Array, "n_row n_freedom"]:
-    """Return the sum of dead loads of a `RestartState` on every node, [n_node, 3 or 6], N and N m."""
+    """Return the sum of dead loads of a `RestartState` by node, [n_node, 3 or 6], N and N m."""
     load = restart.nodal_load
     arguments = groups, restart.states, nodes, load.shape, nodes.dtype
     for stack, amounts in zip(restart.loads, restart.load_factors, strict=True):
