@@ -26,6 +26,19 @@ from .phase_results import LOG_COLUMNS, Path
 from .results import fields_of_element_results
 
 
+class ConvergedPoints(NamedTuple):
+    """The converged increments of every phase, from which derivatives can be computed later.
+
+    Attributes:
+        motions: motions of the last converged increment, [n_phase, 1, n_row, n_motion]; with
+            history variables those of all increments, [n_phase, n_inc, n_row, n_motion].
+        codes: status after each increment, [n_phase, n_inc].
+    """
+
+    motions: Float[Array, "n_phase n_kept n_row n_motion"]
+    codes: Int[Array, "n_phase n_inc"]
+
+
 class PhaseOutcome(NamedTuple):
     """What a phase ends with; an increment is called good if its status is OK.
 
@@ -40,6 +53,7 @@ class PhaseOutcome(NamedTuple):
         seen: `ElementOutput` of the last good increment.
         path, log: `Path`, and the numbers `LOG_COLUMNS` of every increment, [n_inc, 10].
         factored: the last matrix that a sparse solve has factorised.
+        points: `ConvergedPoints` of this phase; None for `Incremental`.
     """
 
     code: Int[Array, ""]
@@ -52,10 +66,11 @@ class PhaseOutcome(NamedTuple):
     path: Path
     log: Float[Array, "n_inc 10"]
     factored: FactoredMatrix | None
+    points: ConvergedPoints | None
 
 
 def run_phase(
-    problem, before, steps, method, code, differentiate_path, factored, seen, fresh, tell
+    problem, before, steps, method, code, differentiate_path, factored, seen, fresh, tell, known
 ):
     """Solve the increments of one phase; return its `PhaseOutcome`.
 
@@ -66,6 +81,8 @@ def run_phase(
             those of phases with more increments: nothing is done at them.
         method, code, factored, seen, fresh, tell: see `newton.solve_increments`.
         differentiate_path: whether increments have derivatives, and not only the end.
+        known: `ConvergedPoints` of this phase if it has been solved before and only its derivative
+            is wanted; the path and the log are then zeros. None: solve it.
     """
     ramp, (count, factors) = LoadRamp.build(*problem), steps
     begin = ramp.start
@@ -74,11 +91,13 @@ def run_phase(
     given = (factors, live), method, code
     if isinstance(method, Newton):
         found = _solve_by_newton(
-            ramp, count, given, differentiate_path, factored, seen, fresh, tell
+            ramp, count, given, differentiate_path, factored, seen, fresh, tell, known
         )
     else:
         found = _solve_by_scheme(ramp, count, given, fresh, tell)
     ramp, (x, bare, marks), xs, readings, log, memory, seen, factored = found
+    kept = xs[-1:] if memory is None else xs
+    points = ConvergedPoints(*lax.stop_gradient((kept, log[:, 0].astype(jnp.int32))))
     good, live = (log[:, 0] == status.OK) & live[1:], live[1:]
     valid, factor = _last_converged(good, count, begin.motion.dtype)
     restart, bare = _phase_end(ramp, factor, (x, bare), valid, before, memory)
@@ -94,11 +113,11 @@ def run_phase(
     log = lax.stop_gradient(jnp.concatenate([log, counts.astype(log.dtype)], axis=1))
     stable = jnp.take(log[:, stable], count - 1) > 0
     return PhaseOutcome(
-        code, stable, begin, restart, (bare, marks), factor, seen, path, log, factored
+        code, stable, begin, restart, (bare, marks), factor, seen, path, log, factored, points
     )
 
 
-def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fresh, tell):
+def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fresh, tell, known):
     """Solve the increments by Newton's method; the end, or all of them, have derivatives.
 
     Returns:
@@ -108,31 +127,52 @@ def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fre
     """
     (factors, live), method, _ = given
     frozen = lax.stop_gradient(ramp)
-    found = newton.solve_increments(
-        frozen, frozen.start.motion, *given, factored, seen, fresh, tell
-    )
-    *whole, seen, memory, factored = found
-    xs, log, readings = jax.tree.map(lambda x: x[1:], whole)
+    if known is None:
+        found = newton.solve_increments(
+            frozen, frozen.start.motion, *given, factored, seen, fresh, tell
+        )
+        *whole, seen, memory, factored = found
+        xs, log, readings = jax.tree.map(lambda x: x[1:], whole)
+    else:
+        xs, log, readings = _recall_increments(known, frozen, len(factors) - 1)
+        seen, memory = None, ramp.memory
     factors, good = factors[1:], (log[:, 0] == status.OK) & live[1:]
     valid, factor = _last_converged(good, count, factors.dtype)
     ramp = implicit.stop_gradient_unless(valid, ramp)
     x = xs[-1]  # the point stays where it was when an increment fails
     if memory is None:
         tol, worth = newton.adjoint_cg_settings(method, ramp.system_at(factor), factors.dtype)
-        point = implicit.attach_derivative_with_marks(
-            ramp.system_at(factor), x, valid, factored, tol, worth
-        )
+        earlier = () if known is not None else (factored, tol, worth)
+        point = implicit.attach_derivative_with_marks(ramp.system_at(factor), x, valid, *earlier)
         if differentiate_path:
             attach = jax.vmap(lambda f, x, ok: implicit.attach_derivative(ramp.system_at(f), x, ok))
             xs = attach(factors, xs, good)
             readings = jax.vmap(lambda f, x: _path_output(ramp.system_at(f), x))(factors, xs)
     else:
         problem = split_indices((ramp, factors, xs, good))
-        x, memory = with_deferred_derivative(_replay_to_end, (x, memory), problem)
+        if known is None:
+            x, memory = with_deferred_derivative(_replay_to_end, (x, memory), problem)
+        else:
+            x, memory = _replay_to_end(problem)
         point = x, x, None
         if differentiate_path:
             readings, xs, *_ = _replay_increments(ramp, factors, xs, good, True)
     return ramp, point, xs, readings, log, memory, seen, factored
+
+
+def _recall_increments(known, ramp, count):
+    """Return points of all increments of a solved phase, and zeros for log and readings.
+
+    Args:
+        known: `ConvergedPoints` of the phase.
+        ramp: `LoadRamp`.
+        count: number of increments.
+    """
+    xs = jnp.broadcast_to(known.motions, (count, *known.motions.shape[1:]))
+    columns = len(LOG_COLUMNS) - 2  # without those that `_make_path` counts
+    log = jnp.zeros((count, columns), xs.dtype).at[:, 0].set(known.codes.astype(xs.dtype))
+    shapes = jax.eval_shape(lambda x: _path_output(ramp.system_at(1.0), x), xs[-1])
+    return xs, log, jax.tree.map(lambda s: jnp.zeros((count, *s.shape), s.dtype), shapes)
 
 
 def _solve_by_scheme(ramp, count, given, fresh, tell):

@@ -2,35 +2,19 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 
-import jax
-import jax.numpy as jnp
-from jax import lax
-
-from .. import linear
-from ..common import status
-from ..common.compilation import jit_program
-from ..common.progress import Increment, as_listener, report_progress
-from ..common.tree import copy_with, merge_indices, pytree
-from ..common.types import Array, Bool, Int
+from ..common.progress import Increment, as_listener
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
-from ..linear.sparse import FactoredMatrix
-from ..mechanics.element_output import ElementOutput, evaluate_output
-from ..mechanics.restart_state import RestartState, with_loads_until
 from ..model import plausibility
 from ..model.structure import Structure
-from ..numerics import implicit, scaled
-from ..numerics.single_kernel import as_single_kernel
-from .one_phase import run_phase
-from .phase_results import PhaseResult, PhaseResults
+from .phase_loop import analyse
 from .phases import Phase
-from .preparation import cast_to_dtype_of, complete_input, prepare, traced_input_status
-from .results import map_element_fields, result_fields
+from .preparation import prepare
+from .recalled_derivative import attach_recalled_derivative, known_numbers
 from .solution import Solution, State
-from .states import LastConverged, arrange_solution, make_state, system_at_last
+from .states import arrange_solution
 
 
 def solve(
@@ -97,175 +81,12 @@ def solve(
     task = prepare(structure, phases, method, start, to_end=True)
     core = task.without_indices, task.arrays, task.method, task.code
     static = {"differentiate_path": differentiate_path, "listen": listen, "bundles": task.bundles}
-    solution = _analyse(*core, **static, size=task.n_unknown)
+    iterates = isinstance(task.method, Newton) and not differentiate_path
+    known = known_numbers(core) if iterates else None
+    solution, points = analyse(*(known or core), **static, size=task.n_unknown)
+    if known is not None:
+        given = core, points, task.bundles, task.n_unknown
+        solution = attach_recalled_derivative(solution, *given)
     if task.warns_if_unstable:  # only then: the check waits until the numbers have been computed
         plausibility.warn_if_unstable(solution)
     return arrange_solution(structure, solution, task)
-
-
-@functools.partial(jit_program, static=("differentiate_path", "listen", "bundles", "alone"))
-def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles, alone):
-    """Run the analysis as one compiled program. Results of elements are lists over groups."""
-    through = functools.partial(_scan_phases, differentiate_path, listen, bundles)
-    pattern = thawed[-1].dof_map.pattern
-    # a program of its own hands over as many results as there are; one function gains nothing
-    whole = listen is None and not alone
-    if whole and pattern is not None and pattern.solver.fused:
-        through = as_single_kernel(through)
-    return through(thawed, arrays, method, code)
-
-
-def analyse_within_program(thawed, arrays, method, code, bundles):
-    """Run the analysis as a part of another program, with derivatives of the ends of phases."""
-    given = {"differentiate_path": False, "listen": None, "bundles": bundles}
-    return _analyse(thawed, arrays, method, code, **given, size=0)
-
-
-def _scan_phases(differentiate_path, listen, bundles, thawed, arrays, method, code):
-    """Solve the phases of an analysis one after the other, in one `lax.scan`."""
-    parameters = merge_indices(thawed, arrays)
-    structure_ok, codes = traced_input_status(parameters, method)
-    nodes, groups, restart, schedule = complete_input(parameters, bundles)
-    # unsound input has no state: block its gradient so that a batch is not polluted with NaN
-    sound = _is_finite((nodes, groups)) & structure_ok
-    frame = implicit.stop_gradient_unless(sound, (nodes, groups))
-    loads, counts = restart.loads, jnp.asarray(schedule.increments, jnp.int32)
-    factors = jnp.asarray(schedule.factors, nodes.dtype)
-    teller = None if listen is None else _progress_reporter(listen, len(schedule))
-    touched = implicit.gradient_probe(parameters)
-
-    def phase(run, scanned):
-        arrays_of_phase, verdict, *steps = scanned
-        data = schedule.phase_data(arrays_of_phase)
-        code = status.first_failure(run.code, verdict)
-        before = with_loads_until(run.restart, loads, data.number)
-        sane = sound & _is_finite((before, data)) & (code == status.OK)
-        problem = implicit.stop_gradient_unless(sane, (nodes, groups, before, data))
-        factored = run.factored if schedule.changes is None else linear.without_factor(run.factored)
-        tell = None if teller is None else functools.partial(teller, data.number, steps[0])
-        fresh = run.reached.number < 0
-        given = method, code, differentiate_path, factored, run.seen, fresh, tell
-        done = run_phase(problem, before, steps, *given)
-        code, restart = done.code, done.restart
-        path = copy_with(done.path, displacement=done.path.displacement[:, : schedule.n_node])
-        reached = run.reached.after(data, done.factor)
-        end = make_state(frame, restart, done.point, reached, schedule, done.seen)
-        end = _nan_unless(sound, end, touched)
-        moved = end.displacement - done.begin.motion[: schedule.n_node, :3]
-        result = _nan_unless(code == status.OK, copy_with(end, displacement=moved), touched)
-        began = [state.memory for state in done.begin.states]
-        began = None if all(memory is None for memory in began) else began
-        given = {"status": None, "stable": None, "path": None, "began": began}
-        result = PhaseResult(**given, **result_fields(result))
-        left = copy_with(restart, loads=None)
-        run = _LoopState(code, done.stable, left, end, done.factored, reached, done.seen)
-        return run, (result, path, done.log)
-
-    start, reached = (
-        copy_with(restart, loads=None),
-        LastConverged.before_first(schedule, nodes.dtype),
-    )
-    end = _zeros_like_result(
-        lambda: make_state(frame, restart, (restart.motion, None), reached, schedule)
-    )
-    factored = seen = None
-    if isinstance(method, Newton):
-        factored = linear.no_factored_matrix(schedule.dof_map.pattern, nodes.dtype)
-        seen = _zeros_like_result(
-            lambda: evaluate_output(
-                system_at_last(frame, restart, reached, schedule), restart.motion
-            )
-        )
-    run = _LoopState(code, jnp.zeros((), bool), start, end, factored, reached, seen)
-    run, (ends, paths, log) = lax.scan(
-        phase, run, (schedule.scanned_arrays, codes, counts, factors)
-    )
-    if not differentiate_path and isinstance(method, Newton):
-        paths = implicit.with_nan_derivative(paths, touched)
-    known = [stack.until(run.reached.number) for stack in _loads_on_groups(parameters)]
-    states = bundles.split(run.restart.states)
-    restart = copy_with(
-        run.restart, states=states, loads=[jax.tree.leaves(stack.load) for stack in known]
-    )
-    ends, paths = _split_bundles(bundles, ends, axis=1), _split_bundles(bundles, paths, axis=2)
-    watched = isinstance(method, Newton) and method.watch
-    solution = Solution(
-        status=run.code,
-        stable=run.stable,
-        last=copy_with(_split_bundles(bundles, run.end), restart=restart),
-        phases=PhaseResults(ends, paths, log, schedule.increments, watched),
-        **implicit.nan_unless_probed(run.code == status.OK, result_fields(run.end), touched),
-    )
-    return _split_bundles(bundles, solution)
-
-
-def _zeros_like_result(function):
-    """Return zeros in the shape of a function's result, which is not computed."""
-    return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function))
-
-
-def _loads_on_groups(parameters):
-    """Return all element loads, of `start` and the phases, on the user's groups."""
-    nodes, _, restart, schedule = parameters
-    return cast_to_dtype_of(nodes, [*(() if restart is None else restart.loads), *schedule.loads])
-
-
-def _split_bundles(bundles, part, axis=0):
-    """Convert results of bundles to those of their groups; `axis` is that of the elements."""
-    if bundles.are_groups:
-        return part
-    return map_element_fields(part, lambda values: bundles.split(values, axis))
-
-
-@pytree
-class _LoopState:
-    """What the loop over the phases hands from one phase to the next.
-
-    Attributes:
-        code, stable: status so far, and whether the end of the last phase is stable.
-        carry: `RestartState`, without the loads, which do not change.
-        end: the `State` that belongs to `restart`.
-        factored: the last matrix that a sparse solve has factorised, see
-            `linear.solve_reusing_factor`.
-        reached: `states.LastConverged`.
-        seen: `ElementOutput` of the last converged increment.
-    """
-
-    code: Int[Array, ""]
-    stable: Bool[Array, ""]
-    restart: RestartState
-    end: State
-    factored: FactoredMatrix | None
-    reached: LastConverged
-    seen: ElementOutput | None
-
-
-def _nan_unless(ok, end, touched):
-    """Return a `State` whose results are NaN unless `ok`."""
-    return copy_with(end, **implicit.nan_unless_probed(ok, result_fields(end), touched))
-
-
-def _progress_reporter(listen, phases):
-    """Return the function by which `newton.solve_increments` reports increments."""
-
-    def news(number, count, factor, outcome):
-        traced = {
-            "phase": number + 1,
-            "count": count,
-            "number": jnp.round(factor * count).astype(jnp.int32),
-            "load_factor": factor,
-            "iterations": outcome.steps,
-            "residual": outcome.residual,
-            "relative_residual": scaled.relative_residual(outcome.residual, outcome.scale),
-            "status": outcome.code,
-        }
-        report_progress(listen, Increment, {"phases": phases}, lax.stop_gradient(traced))
-
-    return news
-
-
-def _is_finite(tree):
-    """Return whether every float in `tree` is finite."""
-    floats = [x for x in jax.tree.leaves(tree) if jnp.issubdtype(x.dtype, jnp.floating)]
-    # one test of the joined array compiles faster than one for each of many small arrays
-    return jnp.all(jnp.isfinite(jnp.concatenate([x.reshape(-1) for x in floats])))

@@ -178,19 +178,39 @@ def is_jaxpr_literal(value: Any) -> bool:
 
 # --- where the program is
 
-_trace_state = _import_names("jax.extend.core", "get_opaque_trace_state")
-_UNTRACED = _trace_state[0]() if _trace_state else None  # as long as nothing is being traced
+_traces = _import_names("jax._src.core", "trace_ctx")
+# traces of derivatives and batches compute with numbers if those around them do
+_EAGER_TRACES = "JVPTrace", "LinearizeTrace", "BatchTrace", "JaxprTrace"
+
+
+def _traces_around():
+    """Return the kinds of jax's traces from the present one outward; None if not known."""
+    trace, kinds = None if _traces is None else getattr(_traces[0], "trace", None), []
+    if trace is None:
+        return None
+    while trace is not None:
+        kinds.append(type(trace).__name__)
+        trace = getattr(trace, "parent_trace", None)
+    return kinds
 
 
 def is_tracing() -> bool:
     """Tell whether jax is tracing a program now, of whatever arguments.
 
-    Where jax lacks the name, a new array is made to find out, which takes a hundred times as long
+    Outside of a program, derivatives and batches compute with numbers: that is not tracing. Where
+    jax lacks the name, a new array is made to find out, which takes a hundred times as long
     (30 us).
     """
-    if _trace_state is None:
+    kinds = _traces_around()
+    if kinds is None:
         return isinstance(jnp.zeros(()), jax.core.Tracer)
-    return _trace_state[0]() != _UNTRACED
+    return kinds[-1] != "EvalTrace" or any(kind not in _EAGER_TRACES for kind in kinds[:-1])
+
+
+def is_differentiating() -> bool:
+    """Tell whether jax takes a derivative of computations with numbers, outside of a program."""
+    kinds = _traces_around() or []
+    return not is_tracing() and ("JVPTrace" in kinds or "LinearizeTrace" in kinds)
 
 
 def has_xla_started() -> bool | None:

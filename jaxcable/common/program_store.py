@@ -320,9 +320,13 @@ def _program_key(words, arguments, options):
 
 
 def argument_signature(x: Any) -> Any:
-    """Return what a program depends on of an argument: shape, dtype and device; hashable."""
+    """Return what a program depends on of an argument: shape, dtype and device; hashable.
+
+    Arrays of NumPy, and those of jax that are bound to no device, are the same to a program.
+    """
     if isinstance(x, jax.Array):
-        return x.shape, x.dtype, x.weak_type, x.sharding
+        free = not (x.weak_type or getattr(x, "committed", True))
+        return (x.shape, x.dtype) if free else (x.shape, x.dtype, x.weak_type, x.sharding)
     return (x.shape, x.dtype) if isinstance(x, np.ndarray | np.generic) else type(x)
 
 

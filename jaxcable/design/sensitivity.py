@@ -14,12 +14,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 
+from ..analysis.phase_loop import analyse, recall_solution
 from ..analysis.phases import Phase
 from ..analysis.preparation import prepare
 from ..analysis.solution import Solution, State
-from ..analysis.solver import analyse_within_program
 from ..analysis.states import arrange_solution
 from ..common.compilation import jit_program
 from ..common.tree import copy_with
@@ -67,14 +66,16 @@ def measure_with_jacobian(
     leaves, tree = jax.tree.flatten(_core_arguments(task))
     for k, value in zip(moving, values, strict=True):
         leaves[k] = value
+    core, size = tree.unflatten(leaves), task.n_unknown
+    static = {"differentiate_path": False, "listen": None, "bundles": task.bundles}
+    solution, points = analyse(*core, **static, size=size)  # the program of `solve`
     together = min(x.size, _MAX_DIRECTIONS)
     every = jnp.eye(x.size + -x.size % together, x.size, dtype=x.dtype)
     columns = []
     for k in range(0, x.size, together):
         changes = jax.vmap(push)(every[k : k + together])
-        core = tree.unflatten(leaves)
         given = {"bundles": task.bundles, "moving": moving, "names": names}
-        solution, ends = _solve_with_tangents(core, changes, **given, size=task.n_unknown)
+        ends = _changes_of_ends(core, points, changes, **given, size=size)
 
         def measured(phases, solution=solution):
             return measure(arrange_solution(structure, copy_with(solution, phases=phases), task))
@@ -85,35 +86,40 @@ def measure_with_jacobian(
 
 
 def _core_arguments(task):
-    """Return the arguments of the compiled core of an analysis, `analyse_within_program`."""
+    """Return the arguments of the compiled core of an analysis, `phase_loop.analyse`."""
     return task.without_indices, task.arrays, task.method, task.code
 
 
 @functools.partial(jit_program, static=("bundles", "moving", "names"))
-def _solve_with_tangents(core, changes, bundles, moving, names):
-    """Solve; return also the changes of `phases.ends` for given changes of the leaves `moving`.
+def _changes_of_ends(core, points, changes, bundles, moving, names):
+    """Return the changes of `phases.ends` for given changes of the leaves `moving`.
 
     Args:
         core: as from `_core_arguments`.
+        points: `ConvergedPoints` of the analysis.
         changes: list of arrays, an axis of directions before those of the leaf.
         bundles, moving, names: static.
 
     Returns:
-        `Solution` of the compiled core; list of arrays for `_split_floats` of its `phases.ends`.
+        List of arrays for `_split_floats` of the `phases.ends`.
     """
     leaves, tree = jax.tree.flatten(core)
 
-    def analyse(values):
+    def recall(values):
         at = list(leaves)
         for k, value in zip(moving, values, strict=True):
             at[k] = value
-        solution = analyse_within_program(*tree.unflatten(at), bundles)
-        return _split_floats(solution.phases.ends, names)[0], solution
+        ends = recall_solution(*tree.unflatten(at), points, bundles).phases.ends
+        return _split_floats(ends, names)[0]
 
-    # forward and linear part apart: a fifth more to compile than one direction, but the iteration
-    # is done once for all
-    _, push, solution = jax.linearize(analyse, [leaves[k] for k in moving], has_aux=True)
-    return solution, lax.map(push, changes)
+    at = [leaves[k] for k in moving]
+
+    def push(change):
+        return jax.jvp(recall, (at,), (change,))[1]
+
+    # not `jax.linearize`: the points are known, and separate forward and linear parts take a third
+    # longer to compile; matrices are the same in all directions
+    return jax.vmap(push)(changes)
 
 
 def _split_floats(ends, names):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.analysis import solver
+from jaxcable.analysis import phase_loop
 from jaxcable.common import compilation, jax_internals
 
 EXPERIMENTS = Path(__file__).parents[2] / "experiments"
@@ -20,7 +20,7 @@ STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net()
 
 
 def compilations():
-    return len(solver._analyse.known)
+    return len(phase_loop.analyse.known)
 
 
 def bars_only(kind=jc.Bars, **options):

@@ -141,12 +141,36 @@ def test_whether_a_program_is_traced(monkeypatch):
         seen.append(jax_internals.is_tracing())
         return x
 
-    for state in (jax_internals._trace_state, None):
-        monkeypatch.setattr(jax_internals, "_trace_state", state)
+    for traces in (jax_internals._traces, None):
+        monkeypatch.setattr(jax_internals, "_traces", traces)
         look(1.0)
         jax.jit(lambda x: look(x))(1.0)
         jax.grad(jax.jit(lambda x: look(x)))(1.0)
-    assert seen == 2 * [False, True, True]
+        jax.jit(jax.grad(lambda x: look(x)))(1.0)
+    assert seen == 2 * [False, True, True, True]
+
+
+def test_whether_a_derivative_is_taken_of_numbers():
+    seen = []
+
+    def look(x):
+        seen.append((jax_internals.is_tracing(), jax_internals.is_differentiating()))
+        return x**2
+
+    x = jnp.ones(2)
+    look(1.0)
+    for derivative in (jax.grad, jax.value_and_grad, jax.hessian, jax.jacfwd):
+        derivative(look)(1.0)
+        assert seen.pop() == (False, True)
+    jax.vmap(jax.grad(look))(x)
+    jax.vmap(look)(x)
+    jax.jit(jax.grad(look))(1.0)
+    jax.grad(jax.checkpoint(look))(1.0)
+    assert seen == [(False, False), (False, True), (False, False), (True, False), (True, False)]
+
+
+def test_where_a_program_is_and_is_not():
+    """Within a program nothing runs by itself."""
     run = compilation.jit_program(lambda x: 2 * x)
     assert float(jax.jit(lambda: run(np.ones(()), size=1))()) == 2.0 and not run.known
     compilation._PROGRAMS.remove(run)

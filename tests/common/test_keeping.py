@@ -265,7 +265,7 @@ def test_forgotten_programs_are_compiled_again():
 
 # --- on what a program depends
 
-WORDS = "jaxcable.analysis.solver", "_analyse"
+WORDS = "jaxcable.analysis.phase_loop", "analyse"
 
 
 def key(structure, phases, method=None):
@@ -359,8 +359,12 @@ def test_as_many_programs_as_are_allowed(monkeypatch):
 
 def test_where_an_argument_lives_and_its_type_matter():
     run = compilation.jit_program(lambda x, y: x + y)
-    given = [np.float64(2.0), jnp.float64(2.0), 2.0, 2, np.float32(2.0), jnp.float32(2.0)]
+    there = jax.device_put(np.float64(2.0), jax.devices()[0])
+    given = [np.float64(2.0), 2.0, 2, np.float32(2.0), there, jnp.asarray(2.0)]
     for x in given:
+        assert float(run(x, np.float64(1.0), size=9)) == 3.0
+    assert len(run.known) == len(given)
+    for x in (jnp.float64(2.0), jnp.float32(2.0)):  # bound to no device: as those of NumPy
         assert float(run(x, np.float64(1.0), size=9)) == 3.0
     assert len(run.known) == len(given)
     assert run(jnp.float32(2.0), np.float32(1.0), size=9).dtype == np.float32

@@ -377,7 +377,7 @@ def test_without_the_settings_of_jax(tmp_path, monkeypatch):
     with pytest.warns(RuntimeWarning, match="lacks jax.config.values: programs are not kept"):
         jc.keep_programs(tmp_path)
     with pytest.raises(python_objects.ForeignError):
-        program_store._program_key(("jaxcable.analysis.solver", "_analyse"), np.ones(2), {})
+        program_store._program_key(("jaxcable.analysis.phase_loop", "analyse"), np.ones(2), {})
 
 
 def test_a_program_that_jax_cannot_describe_is_said_and_not_kept(tmp_path, monkeypatch):

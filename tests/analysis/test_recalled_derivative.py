@@ -1,0 +1,141 @@
+"""Outside of `jit`, a derivative is a program that starts from the known solution."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.analysis import one_phase, phase_loop, recalled_derivative
+
+POINTS = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 3.0, 2.0]]
+DOWN = jnp.array([0.0, 0.0, -1.0])
+
+
+def cables():
+    return jc.Cables([[0, 1], [1, 2], [1, 3]], axial_stiffness=1e5)
+
+
+def yielding():
+    curve = [-0.1, -0.001, 0.001, 0.1], [-300e6, -200e6, 200e6, 300e6]
+    law = jc.Polygonal(*curve, unloading="elastic")
+    return jc.Bars([[0, 1], [1, 2], [1, 3]], area=1e-5, law=law)
+
+
+def measured(elements, stages=None):
+    """A function of a load and of the nodes: one number of each kind of result."""
+
+    def measure(load, nodes):
+        structure = jc.Structure(nodes, elements, supports=jc.pinned([0, 2, 3]))
+        loads = jc.NodalLoads([1], load * DOWN)
+        phases = [
+            jc.Phase(loads=loads, increments=3),
+            jc.Phase(loads=jc.combine([loads], [-0.5])[0]),
+        ]
+        solution = jc.solve(structure, phases if stages is None else stages(loads))
+        found = jnp.sum(solution.displacement[1] ** 3) * 1e3 + solution.phases[0].tension[0] / 1e3
+        return found + jnp.sum(solution.reactions * jnp.arange(12.0).reshape(4, 3)) / 1e4
+
+    return measure
+
+
+def added(loads):
+    """The third element comes in the second phase, prestressed."""
+    return [
+        jc.Phase(pretension=jc.only([0, 1], 500.0), loads=loads),
+        jc.Phase(adds=jc.only([2]), pretension=jc.only([2], 200.0)),
+    ]
+
+
+KINDS = {
+    "net": (measured(cables()), 600.0),
+    "history": (measured(yielding()), 3000.0),
+    "stages": (measured(cables(), added), 600.0),
+    "catenaries": (
+        measured(
+            jc.Catenaries([[0, 1], [1, 2], [1, 3]], axial_stiffness=1e5, weight=10.0),
+            lambda loads: jc.Phase(pretension=400.0, loads=[loads, jc.SelfWeight()]),
+        ),
+        600.0,
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_derivatives_are_those_within_jit(kind):
+    """Of any mode and order: the iteration has the same derivative, by another program."""
+    measure, load = KINDS[kind]
+    nodes = jnp.asarray(POINTS)
+    assert np.isfinite(measure(load, nodes))
+    both = jax.value_and_grad(measure, (0, 1))
+    close = {"rtol": 1e-9, "atol": 1e-12}  # a solve of a tangent, in another order of sums
+    jax.tree.map(
+        lambda a, b: np.testing.assert_allclose(a, b, **close),
+        both(load, nodes),
+        jax.jit(both)(load, nodes),
+    )
+    for order in (jax.jacfwd, jax.jacrev, lambda f: jax.grad(jax.grad(f)), jax.hessian):
+        derivative = order(lambda load: measure(load, nodes))
+        inside = jax.jit(derivative)(load)
+        assert abs(inside) > 0
+        np.testing.assert_allclose(derivative(load), inside, rtol=1e-8)
+    ways = jnp.array([load, 1.1 * load])
+    batch = jax.vmap(jax.grad(measure), (0, None))
+    np.testing.assert_allclose(batch(ways, nodes), jax.jit(batch)(ways, nodes), **close)
+
+
+def test_nothing_is_solved_again(monkeypatch):
+    """The value is the program of `solve`; its derivative traces no iteration."""
+    measure, load = KINDS["net"]
+    nodes = np.array(POINTS) * 1.001
+    measure(load, nodes)
+    before = set(phase_loop.analyse.known)
+
+    def refuse(*_):
+        raise AssertionError("the increments are solved again")
+
+    monkeypatch.setattr(one_phase.newton, "solve_increments", refuse)
+    recalled_derivative.adjoint_of_solution.known.clear()
+    rate = jax.grad(measure)(load, nodes)
+    assert set(phase_loop.analyse.known) == before
+    assert len(recalled_derivative.adjoint_of_solution.known) == 1
+    jax.grad(measure)(1.1 * load, 1.001 * nodes)
+    assert len(recalled_derivative.adjoint_of_solution.known) == 1
+    h = 1e-3 * load  # error of fourth order: 1e-12 of the fifth derivative
+    f = [measure(load + k * h, nodes) for k in (-2, -1, 1, 2)]
+    np.testing.assert_allclose(rate, (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h), rtol=1e-7)
+    jax.clear_caches()  # of what was traced before
+    with pytest.raises(AssertionError, match="solved again"):  # within `jit` it is one program
+        jax.jit(jax.grad(measure))(load, nodes)
+
+
+def test_a_failed_analysis_has_no_derivative():
+    nodes = np.array(POINTS)
+    structure = jc.Structure(nodes, cables(), supports=jc.pinned([0, 2, 3]))
+
+    def tension(load):
+        loads = jc.NodalLoads([1], load * DOWN)
+        solution = jc.solve(structure, jc.Phase(loads=loads), jc.Newton(max_steps=1))
+        return solution.tension[0], solution.status
+
+    (value, code), rate = jax.value_and_grad(tension, has_aux=True)(600.0)
+    assert int(code) == jc.status.NOT_CONVERGED and np.isnan(value) and np.isnan(rate)
+
+
+def test_derivatives_of_the_path_are_nan_or_given():
+    structure = jc.Structure(POINTS, cables(), supports=jc.pinned([0, 2, 3]))
+
+    def lowest(load, **options):
+        loads = jc.NodalLoads([1], load * DOWN)
+        solution = jc.solve(structure, jc.Phase(loads=loads, increments=2), **options)
+        return solution.phases[0].path.displacement[0, 1, 2], solution.status
+
+    rate, code = jax.grad(lowest, has_aux=True)(600.0)
+    assert int(code) == 0 and np.isnan(rate)
+    known = jax.grad(lowest, has_aux=True)(600.0, differentiate_path=True)[0]
+    half = jax.grad(
+        lambda load: jc.solve(
+            structure, jc.Phase(loads=jc.NodalLoads([1], load * DOWN))
+        ).displacement[1, 2]
+    )
+    np.testing.assert_allclose(known, 0.5 * half(300.0), rtol=1e-9)
