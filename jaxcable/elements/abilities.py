@@ -111,9 +111,9 @@ def interpolate(start: Array, end: Array, factor: Float[ArrayLike, ""]) -> Array
 class Uniaxial(Element):
     """Elements with one strain along their axis, from which their axial force follows.
 
-    `forms.equivalent_prestress` and `design.slack_distance` need it, and form finding needs it
-    together with `straight.Straight`. Along equilibrium paths such an element remains slack, or
-    taut, as long as its strain is smaller than the rounding error of this strain.
+    `forms.equivalent_prestress` and `design.slack_distance` need elements of this class. Along
+    equilibrium paths such an element remains slack, or taut, as long as its strain is smaller than
+    the rounding error of this strain.
     """
 
     @abc.abstractmethod
@@ -126,16 +126,12 @@ class Uniaxial(Element):
 
     @abc.abstractmethod
     def strain_at(self, force: Scalar, memory: PyTree[Array] | None = None) -> Scalar:
-        """Return the strain at an axial force, N; NaN if the law does not reach this force.
-
-        `memory` has the history variables, or is None.
-        """
+        """Return the strain at a force, N, with history variables or None; NaN if out of reach."""
 
     def section_strain(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the axial strain of the material of one element; by default `strain`.
+        """Return the axial strain of the material: `strain`, unless a jack prescribes the force.
 
-        Both differ where a jack prescribes the force: the material then has the strain of this
-        force, whatever the distance of the ends.
+        The material then has the strain that belongs to this force.
         """
         return self.strain(state, ends, motion)
 
@@ -177,10 +173,11 @@ class Sagging(Prestressable):
     ) -> Float[Array, " n_elem"]:
         """Return the strains of the initial chords at which elements have given sags, [n_elem].
 
+        A strain is chord over unstressed length, minus 1.
+
         Args:
             ends: initial positions of the ends, m.
-            sag: vertical distances of the elements from their chords at midspan under their weight,
-                m.
+            sag: vertical distances from the chords at midspan, under the weight, m.
             thermal_stretch: unstressed length over that at the reference temperature; the weight
                 per length is divided by it.
         """
@@ -267,17 +264,11 @@ class TensionElement(Element):
     """
 
     def has_tension_unknown(self, state: OwnState) -> bool:
-        """Return whether the tension of the elements can be an unknown of the equations.
-
-        It depends on the fields of the state, such as a load along the elements.
-        """
+        """Return whether the tension can be an unknown of the equations, with this state."""
         return True
 
     def suits_cone_solver(self, state: OwnState) -> bool:
-        """Return whether elements are straight with a linear law; default False.
-
-        `equilibrium.conic_interior_point` solves for such elements only.
-        """
+        """Return whether `conic_interior_point` applies: straight elements with a linear law."""
         return False
 
     @abc.abstractmethod
@@ -286,14 +277,14 @@ class TensionElement(Element):
 
     @abc.abstractmethod
     def rebased_element(
-        self, state: OwnState, ends: Ends, motion: Motion, wanted: Bool[Array, ""]
+        self, state: OwnState, ends: Ends, motion: Motion, precise: Bool[Array, ""]
     ) -> tuple[ElementState, Ends, Motion]:
         """Return one element as if it began at its present positions: its state, ends and motion.
 
         Args:
             motion: displacements, [n_end, 6], m, as the sum of columns 0 to 2 and of a much smaller
                 part in columns 3 to 5, which together have nearly twice the working precision.
-            wanted: whether the elongation is wanted with the precision of this sum.
+            precise: whether the elongation is needed with the precision of this sum.
 
         Returns:
             The state, with the elongation after the motion; the present positions of the ends
@@ -302,7 +293,7 @@ class TensionElement(Element):
 
     @abc.abstractmethod
     def length_slack(self, state: OwnState, tension: Scalar, shape: PyTree[Array]) -> LengthSlack:
-        """Return the `LengthSlack` of one cable under a tension, N, not yet in equilibrium.
+        """Return by how much one cable under a tension, N, would exceed its present length.
 
         `shape` is that of the `TensionResponse` at the present positions of its ends.
         """
@@ -325,10 +316,7 @@ class Rounding(Element):
 
     @abc.abstractmethod
     def rounding_error(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
-        """Return the error of the end forces of one element from the rounding of displacements.
-
-        It has the shape and units of `end_forces`.
-        """
+        """Return the error of `end_forces` from the rounding of displacements, in their shape."""
 
 
 class Bending(Element):

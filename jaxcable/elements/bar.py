@@ -20,10 +20,7 @@ class TwoNodeStraight(Straight, Jacked, Secant, Rounding):
     """
 
     def lock_off(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """Return the state of one element after lock-off: its jack is gone, and its force remains.
-
-        The new unstressed length is the one that gives the jack force at this motion of the ends.
-        """
+        """Return the state after lock-off: its new unstressed length gives the jack force here."""
         _, length, change, _ = measure_chord(ends, motion)
         return self.locked_off_state(state, length, change)
 

@@ -242,7 +242,10 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         return copy_with(state, rest_length=jnp.where(unknown, jnp.nan, state.rest_length))
 
     def with_activation(self, state: AxialState, present: Bool[Array, " n_elem"]) -> AxialState:
-        """Return the state with the mask of active elements, and kinks of 0 (see `AxialState`)."""
+        """Return the state with the mask `present` of active elements, and with zero kinks.
+
+        Kinks are the unstressed rotations of beams that are activated between rotated nodes.
+        """
         kinks = state.kinks
         if kinks is None:
             kinks = jnp.zeros((len(state.rest_length), 2, 3), state.rest_length.dtype)
@@ -257,7 +260,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
     def split_among_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
-        """Return half of each `amount` at both ends, zero at inner rows, [n_elem, n_end]."""
+        """Return half of each `amount` at both ends, [n_elem, n_end]; zeros for inner unknowns."""
         halves = jnp.repeat((0.5 * amount)[:, None], 2, axis=1)
         return jnp.pad(halves, ((0, 0), (0, self.n_inner_row)))
 
@@ -371,7 +374,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
     def end_slopes_and_axes(
         self, state: AxialState, ends: Ends, motion: Motion
     ) -> tuple[Float[Array, "2 3"], Float[Array, "3 3"]]:
-        """Return end slopes of the axis against the chord, [2, 3], and rotated axes in rows."""
+        """Return end slopes of the axis against the chord, [2, 3], and rotated axes, [3, 3]."""
         _, pose = self._axes_and_pose(state, ends, motion)
         _, about_y, about_z = pose.rotations.T
         slopes = jnp.stack([jnp.zeros_like(about_y), about_z, -about_y], axis=1)

@@ -214,7 +214,7 @@ class BeamElement(InnerUnknowns):
         return self.forces_and_tangent(state, ends, motion)[1]
 
     def evaluates_both_at_once(self, state: AxialState) -> bool:
-        """Return True: forces and tangent share pose and strains, which take long to compile."""
+        """Return True: forces and tangent are evaluated together, which compiles in less time."""
         return True
 
     def mass_matrix(

@@ -189,10 +189,9 @@ def generalized_forces(
 def linear_section_integrals(
     stiffness: Float[Array, "3 3"], strain: Float[Array, "3 3"]
 ) -> Float[Array, "3 3"]:
-    """Return the integrals that `generalized_forces` takes, for a linear section, [3, 3].
+    """Return the integrals of N, My, Mz times Legendre polynomials, [3, 3], for linear laws.
 
-    `strain` is `StrainField.strain`, `stiffness` that of the section. Legendre polynomials of
-    different order are uncoupled here.
+    `strain` is `StrainField.strain`, `stiffness` that of the section, by e0, ky, kz.
     """
     return strain @ stiffness * jnp.array([1, 1 / 3, 1 / 5], strain.dtype)[:, None]
 

@@ -71,20 +71,20 @@ class TensionOnly(Straight, TensionElement):
         return TensionResponse(tension, slope, along, tension * along, shape)
 
     def rebased_element(
-        self, state: AxialState, ends: Ends, motion: Motion, wanted: Bool[Array, ""]
+        self, state: AxialState, ends: Ends, motion: Motion, precise: Bool[Array, ""]
     ) -> tuple[AxialState, Ends, Motion]:
         """Return one cable as if it began at its present positions: its state, ends and motion.
 
         Its `motion` is the sum of columns 0 to 2 and of small numbers in columns 3 to 5, [n_end,
-        6], m; the elongation has the precision of this sum if that is `wanted`.
+        6], m; the elongation has the precision of this sum if that is to be `precise`.
         """
-        elongation, places = rebasing.rebase(state.elongation, ends, motion, wanted)
+        elongation, places = rebasing.rebase(state.elongation, ends, motion, precise)
         return copy_with(state, elongation=elongation), places, jnp.zeros_like(places)
 
     def length_slack(self, state: AxialState, tension: Scalar, shape: Scalar) -> LengthSlack:
-        """Return how much longer one cable is under a tension, N, than at the strain `shape`.
+        """Return by how much one cable under a tension, N, would exceed its present length.
 
-        The result is a `LengthSlack`, m, with its derivative by the tension.
+        `shape` is its present strain.
         """
         one = jnp.ones_like(tension)
         under, slope = jax.jvp(lambda n: self.strain_at(n, state.memory), (tension,), (one,))
@@ -93,10 +93,7 @@ class TensionOnly(Straight, TensionElement):
     def geometric_stiffness(
         self, state: AxialState, ends: Ends, motion: Motion, tension: Scalar
     ) -> Float[Array, "n_end 3 n_end 3"]:
-        """Return the geometric stiffness of one cable under a tension, N, in N/m.
-
-        It is the tension times the second derivative of the length by the positions of the ends.
-        """
+        """Return the tension, N, times the second derivative of the length of one cable, N/m."""
         return tension * self.tangent(_with_unit_jack_force(state), ends, motion)
 
     def at_kink(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
@@ -124,7 +121,7 @@ class TensionOnly(Straight, TensionElement):
         return self._axial_section()[1].is_slack(strain, memory)
 
     def _axial_section(self):
-        """Return axial stiffness, law and area as `Straight` does, the law without compression."""
+        """Return axial stiffness, law (without compression) and area, as `Straight` does."""
         stiffness, law, area = super()._axial_section()
         return stiffness, None if law is None else law.tension_only(), area
 

@@ -80,7 +80,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         super().__post_init__()
 
     def _solve_shape(self, state, ends, motion):
-        """Return tension vector at mid-length, mean tension, theta (see `hanging`), and chord."""
+        """Return tension vector at mid-length, mean tension, shape parameter theta, and chord."""
         chord = (ends[1] - ends[0]) + (motion[1] - motion[0])
         force, tau, theta = hanging.solve_catenary(
             chord,
@@ -111,7 +111,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
     def _axial_force_vector(
         self, state: AxialState, ends: Ends, motion: Motion
     ) -> Float[Array, " 3"]:
-        """Return the tension vector of one cable, [3], N: under a load that at its mid-length."""
+        """Return the tension vector of one cable, [3], N; under a load the one at mid-length."""
         if state.line_load is None:
             return super()._axial_force_vector(state, ends, motion)
         return self._solve_shape(state, ends, motion)[0]
@@ -144,7 +144,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         return TensionResponse(tension, slope, along, forces, shape)
 
     def length_slack(self, state: AxialState, tension: Scalar, shape: PyTree[Array]) -> LengthSlack:
-        """Return the `LengthSlack` of one cable under a tension, N, not yet in equilibrium.
+        """Return by how much one cable under a tension, N, would exceed its present length.
 
         `shape` is that of the `TensionResponse` at the present positions of its ends.
         """
@@ -164,10 +164,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
     def geometric_stiffness(
         self, state: AxialState, ends: Ends, motion: Motion, tension: Scalar
     ) -> Float[Array, "2 3 2 3"]:
-        """Return the geometric stiffness of one cable under a tension, N, in N/m.
-
-        It is the derivative of the end forces by the positions of the ends at constant tension.
-        """
+        """Return the derivative of the end forces of one cable at constant tension, N/m."""
         if state.line_load is None:
             return super().geometric_stiffness(state, ends, motion, tension)
         block = hanging_springs.stiffness_under_tension(
@@ -266,11 +263,9 @@ class Catenaries(TensionOnly, Sagging, Rounding):
     ) -> Float[Array, " n_elem"]:
         """Return the strains of the initial chords at which elements have given sags, [n_elem].
 
-        Args:
-            ends: initial positions of the ends, m.
-            sag: vertical distances from the chords at midspan, under the whole weight along -z, m.
-            thermal_stretch: unstressed length over that at the reference temperature: an element
-                that heat has lengthened weighs less per length.
+        Sags are vertical distances from the chords at midspan, [n_elem], m, under the whole weight
+        along -z; `ends` are initial positions. `thermal_stretch` is as in `AxialState`: an element
+        that heat has lengthened weighs less per length.
         """
 
         def one(ends, weight, stiffness, sag):
@@ -283,7 +278,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
 
 
 def _end_tensions(force, state):
-    """Return the tensions at both ends, [2], N, from the tension vector in the middle, [3]."""
+    """Return the tensions at both ends, [2], N, from the tension vector at mid-length, [3]."""
     half = 0.5 * state.rest_length * state.line_load
     return jnp.sqrt(jnp.stack([jnp.sum((force + half) ** 2), jnp.sum((force - half) ** 2)]))
 

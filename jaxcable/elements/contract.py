@@ -28,6 +28,8 @@ REQUIRED_METHODS = {
 def require(group: Element, name: str) -> None:
     """Raise ValueError if a group lacks methods or results that its attributes require.
 
+    The attribute ``has_memory = True``, for example, requires a method `initial_memory`.
+
     Args:
         group: element group.
         name: name of the group in messages.
@@ -84,7 +86,7 @@ def _missing_abilities(group):
 
 
 def _inherits_default(kind, method):
-    """Return whether a class inherits a method of `Element`, by its name, without its own."""
+    """Return whether a class has a method, by its name, from `Element` without overriding it."""
     return getattr(kind, method) is getattr(Element, method)
 
 

@@ -155,7 +155,7 @@ class Element(abc.ABC):
 
     @property
     def n_motion(self) -> int:
-        """Number of columns of a motion: 3 displacements, and 4 of a quaternion with rotations."""
+        """Number of columns of a motion: 3 displacements, and a quaternion's 4 with rotations."""
         return 7 if self.rotates else 3
 
     # --- the group
@@ -217,7 +217,7 @@ class Element(abc.ABC):
         return np.zeros((len(self.links), self.n_inner_row, 3), bool)
 
     def initial_memory(self) -> PyTree[Float[Array, "n_elem ..."]] | None:
-        """Return the history variables of unstrained elements, each [n_elem, ...]; None without."""
+        """Return the history variables of unstrained elements, [n_elem, ...]; None: it has none."""
         return None
 
     def extrapolated(self) -> Self:
@@ -272,7 +272,7 @@ class Element(abc.ABC):
     def end_forces_after_step(
         self, state: OwnState, ends: Ends, motion: Motion, step: Forces
     ) -> Forces:
-        """Return end forces after a step from a motion, conjugate to it, both [n_end, n_freedom].
+        """Return end forces after a `step` from a motion, work-conjugate to this step.
 
         Elements with rotations override it, because spins cannot be added to quaternions.
         """
@@ -362,7 +362,7 @@ class Element(abc.ABC):
     def committed_memory(
         self, state: OwnState, ends: Ends, motion: Motion, duration: float = 0.0
     ) -> PyTree[Array]:
-        """Return the history variables after an increment of a `duration`, s, to a motion.
+        """Return the history variables after an increment of a `duration`, s, ended at a motion.
 
         The default commits those of a law, which depend on the section strain only. Elements whose
         history depends on more (how far a cable has slid, where a damper was) override it. It is
@@ -379,7 +379,7 @@ class Element(abc.ABC):
         return jnp.zeros((), bool)
 
     def fibre_stress(self, strain: Array, memory: PyTree[Array] | None = None) -> Array | None:
-        """Return the stress of the fibres of one element, Pa, at a section strain; None without."""
+        """Return the stress of the fibres of one element at a strain, Pa; None if it has none."""
         return None
 
     def sliding_load_forces(

@@ -38,7 +38,7 @@ class ElementLoad:
     pressures: Pressures | None = None
 
     def total_loads(self, rest_length: Float[Array, " n_elem"]) -> TotalLoads:
-        """Return what of these loads remains when the unstressed length [n_elem], m, changes.
+        """Return the loads that stay the same where the unstressed length [n_elem], m, changes.
 
         These are the dead loads on whole elements, N, and the pressures, N/m (`TotalLoads`).
         """
@@ -52,7 +52,7 @@ class ElementLoad:
     def with_total_loads(
         self, amounts: TotalLoads, rest_length: Float[Array, " n_elem"]
     ) -> ElementLoad:
-        """Return these loads with other `amounts`, from `total_loads`, at a length [n_elem], m."""
+        """Return these loads with `amounts` as from `total_loads`, for an unstressed length, m."""
         line, pressures = amounts
         if line is not None:
             line = line / rest_length[:, None]
@@ -97,12 +97,12 @@ class ElementState:
 
     @property
     def line_load(self) -> Float[Array, "n_elem 3"] | None:
-        """Dead load along the elements per unstressed length, [n_elem, 3], N/m; None without."""
+        """Dead load along the elements per unstressed length, [n_elem, 3], N/m; None if none."""
         return None if self.element_load is None else self.element_load.line
 
     @property
     def pressures(self) -> Pressures | None:
-        """Pressures that follow the elements, by the length that they are per; None without."""
+        """Pressures that follow the elements, by the length that they are per; None if none."""
         return None if self.element_load is None else self.element_load.pressures
 
     def zero_where_absent(self, values: PyTree[Array]) -> PyTree[Array]:

@@ -47,7 +47,7 @@ def solve_catenary(
     rest_length: Scalar,
     stiffness: Scalar,
 ) -> tuple[Float[Array, " 3"], Scalar, Scalar]:
-    """Solve for the tension vector in the middle of a hanging cable and its shape.
+    """Solve for the tensions and the shape of a cable that hangs between given ends.
 
     Args:
         chord: from the first end to the second, [3], m.
@@ -96,9 +96,10 @@ def tension_unknown(
 
 
 def _solve_tension_unknown(omega, across2, excess):
-    """Solve for ``(tau - |q| L0/2) / EA``, the tension unknown as a strain, in numbers only.
+    """Solve for ``(tau - |q| L0/2) / EA``, the tension unknown as a strain.
 
-    Arguments are the load ``|q| L0/EA``, ``(d_across/L0)^2`` and ``(d/L0)^2 - 1`` of the chord d.
+    `omega` is the load ``|q| L0 / EA``; of the chord d, `across2` is ``(d_across / L0)^2`` with the
+    part across the load, and `excess` is ``(d / L0)^2 - 1``.
 
     The unknown is a logarithm, because the horizontal force falls exponentially where a cable hangs
     nearly vertically in a loop. For a taut cable it is the logarithm of the strain that the load

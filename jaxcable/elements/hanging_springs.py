@@ -59,7 +59,7 @@ def hanging_under_tension(
     rest_length: Scalar,
     stiffness: Scalar,
 ) -> HangingUnderTension:
-    """Return the `HangingUnderTension` at a tension unknown ``tau - |q| L0/2``, N.
+    """Return forces and spare length of a hanging cable at a tension ``tau - |q| L0/2``, N.
 
     Other arguments are as of `hanging.solve_catenary`.
     """
@@ -93,7 +93,10 @@ def hanging_under_tension(
 def stiffness_under_tension(
     tension: Scalar, load: Float[Array, " 3"], rest_length: Scalar, stiffness: Scalar
 ) -> Float[Array, "3 3"]:
-    """Return the derivative of the tension vector by the chord at constant tension, N/m."""
+    """Return the derivative of a cable's tension vector by its chord at constant tension, N/m.
+
+    The `tension`, N, is ``tau - |q| L0/2``; other arguments are as of `hanging.solve_catenary`.
+    """
     weight, unit = magnitude_and_direction(load)
     strain, theta = mean_strain_and_theta(tension / stiffness, weight * rest_length / stiffness)
     spring, further = spring_stiffnesses(strain, theta)

@@ -17,20 +17,22 @@ def magnitude_and_direction(load: Float[Array, " 3"]) -> tuple[Scalar, Float[Arr
     return weight, load / jnp.where(heavy, weight, 1.0)
 
 
-def mean_strain_and_theta(least: Scalar, omega: Scalar) -> tuple[Scalar, Scalar]:
-    """Return mean strain ``tau / EA`` and theta (see `hanging`) of a cable under its load.
+def mean_strain_and_theta(tension_strain: Scalar, omega: Scalar) -> tuple[Scalar, Scalar]:
+    """Return mean strain ``tau / EA`` and shape parameter theta (see `hanging`) of a cable.
 
-    Arguments are ``(tau - |q| L0/2) / EA``, the tension unknown as a strain, and ``|q| L0 / EA``.
+    Arguments are the tension unknown as a strain, ``(tau - |q| L0/2) / EA``, and ``|q| L0 / EA``.
     """
-    positive = least > 0  # it is zero only in a slack cable without load, where theta is zero
-    theta = 0.5 * jnp.log1p(omega / jnp.where(positive, least, 1.0))
-    return least + 0.5 * omega, theta
+    positive = (
+        tension_strain > 0
+    )  # it is zero only in a slack cable without load, where theta is zero
+    theta = 0.5 * jnp.log1p(omega / jnp.where(positive, tension_strain, 1.0))
+    return tension_strain + 0.5 * omega, theta
 
 
 def spring_stiffnesses(strain: Scalar, theta: Scalar) -> tuple[Scalar, Scalar]:
-    """Return the stiffness across the load, and what that along the load has more.
+    """Return the stiffness across the load, and how much larger the one along the load is.
 
-    Both are numbers without unit, to be multiplied by ``EA / L0``.
+    Both are numbers without unit, to be multiplied by ``EA / L0``; `strain` is the mean one.
     """
     bend = theta_coth_minus_1(theta)
     spring = strain / (strain + 1 + bend)

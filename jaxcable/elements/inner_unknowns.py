@@ -52,10 +52,7 @@ class InnerUnknowns(Bending):
 
     @property
     def _n_strain_rows(self) -> int:
-        """Number of rows for strains along the axis: 0 for linear sections, or else 1 or 2.
-
-        Three integration points cannot resolve P2, the second row.
-        """
+        """Number of rows for strains along the axis: 0 if linear, 1 with three points, else 2."""
         if template_of(self.section).is_elastic:
             return 0
         return 1 if self.points < 4 else 2
@@ -70,10 +67,7 @@ class InnerUnknowns(Bending):
         return tuple(np.array(self.inner_unknowns).T)
 
     def _expand_reduced_forces(self, force: Float[Array, " 9+k"]) -> Forces:
-        """Return end forces, [n_end, 6], from those of a step of relative translation, [9 + k].
-
-        They are force on the second end, moments on both ends, and inner forces.
-        """
+        """Return end forces, [n_end, 6], from force on the second end, moments, inner: [9 + k]."""
         pull, first, second, inner = jnp.split(force, [3, 6, 9])
         at = jnp.stack([jnp.concatenate([-pull, first]), jnp.concatenate([pull, second])])
         if not self.inner_unknowns:
@@ -84,5 +78,5 @@ class InnerUnknowns(Bending):
     def _join_end_forces(
         self, pull: Float[Array, " 3"], moments: Float[Array, "2 3"], inner: Float[Array, " k"]
     ) -> Forces:
-        """Return end forces, [n_end, 6], from the force `pull` on the second end and others."""
+        """Return end forces, [n_end, 6], from force on the second end, moments, inner forces."""
         return self._expand_reduced_forces(jnp.concatenate([pull, moments.ravel(), inner]))

@@ -65,10 +65,7 @@ class AxialState(ElementState):
 
     @property
     def load_bearing_length(self) -> Float[Array, " n_elem"]:
-        """Length on which weight and loads act, [n_elem], m: `loaded_length` if given.
-
-        Otherwise it is `rest_length`.
-        """
+        """Length that weight and loads act on, [n_elem], m: `loaded_length`, or `rest_length`."""
         return self.rest_length if self.loaded_length is None else self.loaded_length
 
 
@@ -91,17 +88,10 @@ class Prestressed(Prestressable):
     def strain_at(
         self, force: Scalar, memory: PyTree[Float[Array, " ..."]] | None = None
     ) -> Scalar:
-        """Return the strain at an axial force, N; NaN if the law does not reach this force.
-
-        `memory` has the history variables, or is None.
-        """
+        """Return the strain at a force, N, with history variables or None; NaN if out of reach."""
 
     def interpolate_states(self, start: AxialState, end: AxialState, factor: Scalar) -> AxialState:
-        """Return the state at a load factor, linear between two states of a phase.
-
-        `start` and `end` are those at the load factors 0 and 1. The unstressed length is NaN where
-        a shortening exceeds it.
-        """
+        """Return the state at a load factor; lengths are NaN where a shortening exceeds them."""
         mixed = super().interpolate_states(start, end, factor)
         length = jnp.where(mixed.rest_length > 0, mixed.rest_length, jnp.nan)
         return copy_with(mixed, rest_length=length)
@@ -134,10 +124,7 @@ class Prestressed(Prestressable):
         return copy_with(self.start(ends), rest_length=chord + longer, elongation=-longer)
 
     def state_at_activation(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """Return the state of one element activated at this motion of its ends.
-
-        It is unstressed there, unless the group has a `rest_length`, which then is its length.
-        """
+        """Return the state of one element activated here: unstressed, or with its `rest_length`."""
         _, length, change, start = measure_chord(ends[:2], motion[:2, :3])
         return self._state_activated_at_length(state, length, change, start)
 

@@ -21,15 +21,15 @@ def rebase(
     elongation: Float[Array, ""],
     ends: Float[Array, "n_end 3"],
     motion: Float[Array, "n_end 6"],
-    wanted: Bool[Array, ""],
+    precise: Bool[Array, ""],
 ) -> tuple[Float[Array, ""], Float[Array, "n_end 3"]]:
     """Return the elongation of a cable after a motion, m, and its ends relative to the first.
 
     Args:
-        elongation: length over all `ends` before the motion less unstressed length, m.
+        elongation: length over all `ends` before the motion minus unstressed length, m.
         ends: positions before the motion, m.
         motion: displacements, the sum of columns 0 to 2 and of small parts in columns 3 to 5, m.
-        wanted: whether the elongation is needed beyond the working precision.
+        precise: whether the elongation is needed beyond the working precision.
 
     Derivatives, of any order, are those of the same formulas in working precision.
     """
@@ -45,15 +45,15 @@ def rebase(
     change = lax.optimization_barrier(square / jnp.where(both > 0, both, 1.0))
     longer = lax.optimization_barrier(elongation + jnp.sum(change))
     given = lax.stop_gradient((elongation, ends, motion, change, longer))
-    left = lax.cond(wanted, _elongation_remainder, lambda *_: jnp.zeros_like(longer), *given)
+    left = lax.cond(precise, _elongation_remainder, lambda *_: jnp.zeros_like(longer), *given)
     places = vector if len(vector) == 1 else jnp.cumsum(vector, axis=0)
     return longer + left, jnp.concatenate([jnp.zeros_like(vector[:1]), places])
 
 
 def _elongation_remainder(elongation, ends, motion, change, longer):
-    """Return what the elongation `longer` lacks to nearly twice the working precision, m.
+    """Return the elongation in nearly twice the working precision minus `longer`, m.
 
-    `change` are the length changes of pieces in working precision, [n, 1], m.
+    `longer` is this elongation in working precision, `change` its part of each piece, [n, 1], m.
     """
     chord, (step, lost) = (compensated.two_sum(at[1:], -at[:-1]) for at in (ends, motion[:, :3]))
     moved = compensated.two_sum(step, lost + _successive_differences(motion[:, 3:]))

@@ -95,10 +95,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
     def split_among_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
-        """Split an `amount` of each cable among its nodes: half of each piece's share to each end.
-
-        The share of a piece is in proportion to its initial length.
-        """
+        """Split each `amount` among the nodes of a cable, by half the lengths of its pieces."""
         length = _pieces_with_lengths(ends)[1]
         share = 0.5 * (jnp.pad(length, ((0, 0), (0, 1))) + jnp.pad(length, ((0, 0), (1, 0))))
         return amount[:, None] * share / jnp.sum(length, axis=-1, keepdims=True)
@@ -108,10 +105,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         return (state.elongation + _total_length_change(ends, motion)) / state.rest_length
 
     def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Return the internal force of one cable at every node, [n_end, 3], N.
-
-        It is the tension along the pieces, plus the forces of the load that slides along.
-        """
+        """Return the internal force of one cable at every node, sliding load included, N."""
         piece, length = _moved_pieces_with_lengths(ends, motion)
         unit = piece / jnp.where(length > 0, length, 1.0)[:, None]
         pull = self.tension(state, ends, motion) * unit
@@ -143,7 +137,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         return state.line_load is None
 
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return stored energy (or work of a jack) plus potential of the sliding load, J."""
+        """Return stored energy, with a jack its work, plus potential of the sliding load, J."""
 
         def stored():
             strain = self.strain(state, ends, motion)
@@ -171,10 +165,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         return jnp.pad(pull, ((1, 0), (0, 0))) + jnp.pad(pull, ((0, 1), (0, 0)))
 
     def state_at_activation(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """Return the state of one cable activated at this motion of its nodes.
-
-        It is unstressed there, unless the group has a `rest_length`, which then is its length.
-        """
+        """Return the state of one cable activated here: unstressed, or with its `rest_length`."""
         start, length = (
             jnp.sum(of[1])
             for of in (_pieces_with_lengths(ends), _moved_pieces_with_lengths(ends, motion))
@@ -184,10 +175,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         )
 
     def lock_off(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """Return the state of one cable after lock-off: its jack is gone, and its force remains.
-
-        The new unstressed length is the one that gives the jack force at this motion of the nodes.
-        """
+        """Return the state after lock-off: its new unstressed length gives the jack force here."""
         return self.locked_off_state(
             state,
             jnp.sum(_moved_pieces_with_lengths(ends, motion)[1]),

@@ -24,7 +24,7 @@ def statement_faults(group: Element, state: OwnState, ends: Any) -> Iterator[str
     """
     stateable: Any = group  # a `Prestressable`, if it accepts any statement
     for name in statements_of(group):
-        if not _can_be_stated(name, group):
+        if not _can_test_statement(name, group):
             continue
         shape = (len(group.links), *filter(None, [len(components_of(group, name))]))
         nothing = {name: StatedValues(jnp.zeros(shape), jnp.zeros(len(group.links), bool))}
@@ -61,7 +61,7 @@ def activation_faults(group: Element, state: OwnState, ends: Any, motion: Any) -
         yield f"state_at_activation: expected {words}, got {wrong}"
 
 
-def _can_be_stated(name, group):
+def _can_test_statement(name, group):
     """Return whether a statement, by name, can be tested: the group has what it depends on."""
     needs = {
         "sag": isinstance(group, Sagging) and group.weight is not None,
@@ -85,7 +85,7 @@ def _describe_state_difference(before, after):
 
 
 def describe_error(name: str, words: str, error: Exception) -> str:
-    """Return the sentence that a method raised an `error` where `words` were expected."""
+    """Return the sentence that the method `name`, expected to give `words`, raised an `error`."""
     text = next(iter(str(error).strip().splitlines()), "")
     return f"{name}: expected {words}, got {type(error).__name__}: {text}"
 

@@ -34,10 +34,7 @@ _SHARES = {"lumped": (1 / 2, 0.0), "consistent": (1 / 3, 1 / 6), "mean": (5 / 12
 
 @pytree(indices=("links",))
 class Straight(Axial, Prestressed, Uniaxial):
-    """Straight two-node elements whose axial force is a function of strain and history.
-
-    Its fields are those of `Bars`.
-    """
+    """Straight two-node elements whose force follows from strain and history; fields as `Bars`."""
 
     links: Int[ArrayLike, "n_elem 2"]
     axial_stiffness: Float[ArrayLike, " n_elem"] | None = None
@@ -235,10 +232,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         return jnp.kron(shares, jnp.eye(3, dtype=mass.dtype))
 
     def has_result(self, name: str, state: AxialState) -> bool:
-        """Return whether elements have the result `name`; section strains need fibres or `memory`.
-
-        A rupture strain is enough, too.
-        """
+        """Return whether elements have a result; section strain needs fibres, rupture, history."""
         if name == "section_strain":
             return self.section is not None or self.has_rupture or self.has_memory
         return super().has_result(name, state)

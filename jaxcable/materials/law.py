@@ -93,7 +93,7 @@ class Law(abc.ABC):
         return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1)
 
     def stress_scale_at(self, strain: Numbers, memory: Memory) -> Values:
-        """Return the sum of absolute stresses of the law's parts, Pa: the scale of rounding."""
+        """Return the sum of absolute stresses of all parts, Pa: the scale of rounding errors."""
         return jnp.abs(self.stress_at(strain, memory))
 
     def commit_memory(

@@ -73,7 +73,9 @@ class Parallel(Law):
 
     @property
     def strain_limits(self) -> Pair:
-        """Total strains at which the first law ruptures; -inf for the lower one of a cable.
+        """Smallest and largest total strain, spring included, before the first law ruptures.
+
+        The smallest one of a cable is -inf.
 
         Computed for first loading. They hold after any other loading too: at these strains every
         part that can yield has yielded.
@@ -239,10 +241,7 @@ class Parallel(Law):
         return energy
 
     def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
-        """Return the total strain at a stress over the whole area, Pa.
-
-        It is that of the rising branch, NaN above its peak, and for compression in a cable.
-        """
+        """Return the total strain at a stress, Pa; NaN above its peak or for a compressed cable."""
         stress = jnp.asarray(stress)
         strain = invert_curve(self._extrapolated_without_spring(), stress, memory)
         if self.spring is not None:
@@ -307,10 +306,7 @@ class Parallel(Law):
         return copy_with(self, one_sided=True)
 
     def in_series_with_spring(self, compliance: Numbers) -> Parallel:
-        """Return all laws together in series with one spring of `compliance`, 1/Pa.
-
-        The laws must not soften.
-        """
+        """Return all laws in series with one spring of `compliance`, 1/Pa; none may soften."""
         return copy_with(
             self, spring=compliance if self.spring is None else self.spring + compliance
         )

@@ -189,10 +189,7 @@ class Polygonal(Law):
         return energy
 
     def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
-        """Return the strain at `stress`, Pa, on the rising branch; NaN above its peak.
-
-        A curve that is `monotone` and `endless` also has strains beyond its ends.
-        """
+        """Return the strain at `stress`, Pa, on the rising branch; NaN beyond unless `endless`."""
         strain = invert_curve(self, stress, memory)
         if not (self.endless and self.monotone):
             return strain
@@ -317,11 +314,7 @@ class Polygonal(Law):
         return stiffness, take(corners, pulled, jnp.inf), push
 
     def _part_strains_after_yielding(self, strain, memory):
-        """Return, for the `_parallel_parts`, the strains before and after yielding, [..., n_part].
-
-        The four results are stiffness of the parts, last slope of the curve (of the rest, which
-        never yields), and these elastic strains before and after.
-        """
+        """Return part stiffness, last slope, and strains of parts before and after yielding."""
         stiffness, pull, push = (broadcast_on_last_axis(v, memory) for v in self._parallel_parts())
         elastic = strain[..., None] - memory
         # at a corner the plastic branch counts, that of loading

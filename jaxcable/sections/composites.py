@@ -125,10 +125,10 @@ def _checked_torsion(torsion, n_law):
 
 
 def _sum_torsion_constants(sections, parts, kinds):
-    """Return the sum of the torsion constants of the parts of each law, [n_law], or None.
+    """Return the sum of torsion constants for each law in `kinds`, [n_law]; None if invalid.
 
-    The sum is valid for a single section, and for discs and rings about one centre. Otherwise the
-    result is None, or NaN where numbers are traced.
+    It is valid for a single section, and for discs and rings about one centre; NaN if this is not
+    known. `parts` has (section, law, slice of fibres, torsion constant) of each part.
     """
     if any(constant is None for *_, constant in parts):
         return None

@@ -271,7 +271,7 @@ class Fibres:
         ]
 
     def _integrate_over_area(self, of_law, strain, memory):
-        """Integrate ``of_law(law, strain, memory)``, a value for each fibre, over the area."""
+        """Return the sum over fibres of their area times ``of_law(law, strain, memory)``."""
         return sum(
             of_law(law, e, remembered) @ self.area[part]
             for part, (law, e, remembered) in zip(

@@ -83,7 +83,7 @@ def _is_collinear(ring):
 
 
 def _first_crossing(outline, other):
-    """Return the indices of an edge of each of two outlines that cross, the first pair, or None."""
+    """Return the index of an edge in each outline, of the first two that cross, or None."""
     a, b = outline[:, None], np.roll(outline, -1, axis=0)[:, None]
     c, d = other[None], np.roll(other, -1, axis=0)[None]
     divided = _side_of_line(a, b, c) * _side_of_line(a, b, d) < 0
@@ -97,12 +97,12 @@ def _side_of_line(a, b, c):
     return np.sign(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])
 
 
-def _describe_crossing(name, ring, other, around, pair):
-    """Return the words that say which two edges cross; names and corners of both outlines."""
-    (i, j), n, m = pair, len(ring), len(around)
+def _describe_crossing(name, ring, other_name, other_ring, pair):
+    """Return the words on two edges that cross, whose indices are the `pair`, in two outlines."""
+    (i, j), n, m = pair, len(ring), len(other_ring)
     return (
-        f"the edge from {name}[{i}] to {name}[{(i + 1) % n}] crosses that from {other}[{j}] to "
-        f"{other}[{(j + 1) % m}]"
+        f"the edge from {name}[{i}] to {name}[{(i + 1) % n}] crosses that from "
+        f"{other_name}[{j}] to {other_name}[{(j + 1) % m}]"
     )
 
 
