@@ -344,7 +344,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
     def strain_at(
         self, force: Scalar, memory: PyTree[Float[Array, " ..."]] | None = None
     ) -> Scalar:
-        """Return the axial strain at a force, N, without bending; ValueError if it has `memory`."""
+        """Return the strain at an axial force, N, without bending; ValueError with `memory`."""
         if memory is not None:
             raise ValueError("pretension: state that of an elastic-plastic beam as prestrain")
         area, law = self.section.axial()

@@ -204,7 +204,7 @@ def positions_along(
     rest_length: Scalar,
     stiffness: Scalar,
 ) -> Float[Array, "n 3"]:
-    """Return positions relative to the first end, [n, 3], m, at parts of the length, 0 to 1.
+    """Return points relative to the first end, [n, 3], m, at `part` (0 to 1) of the cable's length.
 
     Every piece of a catenary is a catenary: the same equations hold between 0 and s. `force` is the
     tension vector at mid-length, N; other arguments are as of `solve_catenary`.

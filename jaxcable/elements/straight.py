@@ -232,7 +232,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         return jnp.kron(shares, jnp.eye(3, dtype=mass.dtype))
 
     def has_result(self, name: str, state: AxialState) -> bool:
-        """Return whether elements have a result; section strain needs fibres, rupture, history."""
+        """Return whether elements have a result; section strain: with fibres, rupture or memory."""
         if name == "section_strain":
             return self.section is not None or self.has_rupture or self.has_memory
         return super().has_result(name, state)
