@@ -86,7 +86,7 @@ FAULTS = (
         "bent = bent - bow * (second - first) / 2",
         "a beam's stretch by the square of its sag under a load is lost"),
     Fault("elements/beam_element.py",
-        "return force + jnp.where(force < 0, -half, half)", "return force + half",
+        "return mean + jnp.where(mean < 0, -half, half)", "return mean + half",
         "the peak force of a compressed beam is its smallest compression"),
     Fault("elements/corotation.py",
         "rotations = rotations - kinks", "rotations = rotations + kinks",

@@ -41,13 +41,13 @@ STATEMENTS = {
 
 
 class Prestressable(Element):
-    """Elements whose state is changed by statements of a `Phase`, such as a pretension.
+    """Elements that accept statements: quantities that a `Phase` prescribes, such as a pretension.
 
     Attributes:
-        statements: the statements that the group accepts: names of `STATEMENTS`, and a `Statement`
-            for each of its own, which users give by ``Phase(own={name: values})``.
-        components: names of the components of statements that have several numbers for an element,
-            by statement, such as ``{"pretension": ("warp", "weft")}``; values then are
+        statements: the accepted ones: names of `STATEMENTS`, which are arguments of `Phase`, and a
+            `Statement` for each further one, which users give by ``Phase(own={name: values})``.
+        components: where a statement has several numbers for an element, their names by that of the
+            statement, such as ``{"pretension": ("warp", "weft")}``; values then are
             [n_elem, n_component], and one number is for all components.
     """
 
@@ -61,17 +61,24 @@ class Prestressable(Element):
         ends: Float[Array, "n_elem n_end 3"],
         statements: Mapping[str, StatedValues],
     ) -> ElementState:
-        """Return the state of the group after statements, by name; ends [n_elem, n_end, 3].
+        """Return the state of the group after the statements of a phase have changed it.
 
-        Statements that hold from the beginning of a phase (not `Statement.ramped`) come first, in a
-        call of their own. `statements` has only those that the phase states.
+        Args:
+            state: state of the group at the beginning of the phase.
+            ends: initial positions of the ends of all elements, [n_elem, n_end, 3], m.
+            statements: stated values by the name of the statement; only those that the phase
+                states.
+
+        Where some of them hold from the beginning of a phase (not `Statement.ramped`), there are
+        two calls: the first with these, the second with all others.
         """
 
     def interpolate_states(self, start: OwnState, end: OwnState, factor: Scalar) -> OwnState:
-        """Interpolate the state of the group at a load `factor` of a phase from `start` to `end`.
+        """Return the state of the group at a load factor, linear between two states of a phase.
 
-        Numbers that do not change keep every digit, and factor 1 gives `end` exactly. Arrays of
-        other than floating-point numbers are those of `end` at any factor.
+        `start` and `end` are its states at the load factors 0 and 1. Numbers that do not change
+        keep every digit, and factor 1 gives `end` exactly. Arrays that are not of floating-point
+        numbers, such as masks, are those of `end` at any factor.
         """
 
         def one(a, b):
@@ -81,72 +88,81 @@ class Prestressable(Element):
 
 
 def statements_of(group: Element) -> dict[str, Statement]:
-    """Return the statements that a group accepts, by name; none if it is not `Prestressable`."""
+    """Return the statements that a group accepts, by name; empty if it is not `Prestressable`."""
     accepted = group.statements if isinstance(group, Prestressable) else ()
     found = [STATEMENTS[s] if isinstance(s, str) else s for s in accepted]
     return {statement.name: statement for statement in found}
 
 
 def components_of(group: Element, name: str) -> tuple[str, ...]:
-    """Return the names of the components of a statement of a group; none if it is one number."""
+    """Return the names of the components of the statement `name`; empty if it is one number."""
     return group.components.get(name, ()) if isinstance(group, Prestressable) else ()
 
 
 @jax.jit  # traced once, although a program calls it for every number of a state
 def interpolate(start: Array, end: Array, factor: Float[ArrayLike, ""]) -> Array:
-    """Interpolate at a load factor; equal numbers keep every digit, and factor 1 gives `end`."""
+    """Return an array linear between `start` and `end` at a load factor from 0 to 1.
+
+    Equal numbers keep every digit, and factor 1 gives `end` exactly.
+    """
     return end - (1 - factor) * (end - start)
 
 
 class Uniaxial(Element):
-    """Elements with one strain along their axis, from which their force follows.
+    """Elements with one strain along their axis, from which their axial force follows.
 
-    `forms.equivalent_prestress` and `design.slack_distance` ask for them, and form finding for
-    those that are `straight.Straight`. On paths they stay slack, or taut, where rounding hides
-    their strain.
+    `forms.equivalent_prestress` and `design.slack_distance` need elements of this class. Along
+    equilibrium paths such an element remains slack, or taut, as long as its strain is smaller than
+    the rounding error of this strain.
     """
 
     @abc.abstractmethod
     def strain(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the strain on the unstressed length."""
+        """Return the axial strain of one element: its elongation over its unstressed length."""
 
     @abc.abstractmethod
     def force(self, strain: Scalar, memory: PyTree[Array] | None = None) -> Scalar:
-        """Return the axial force at a strain, N."""
+        """Return the axial force at a strain, N; `memory` has the history variables, or is None."""
 
     @abc.abstractmethod
     def strain_at(self, force: Scalar, memory: PyTree[Array] | None = None) -> Scalar:
-        """Return the strain at an axial force, N; NaN if the law does not reach this force."""
+        """Return the strain at a force, N, with history variables or None; NaN if out of reach."""
 
     def section_strain(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the strain of the material; not `strain` where a jack prescribes the force."""
+        """Return the axial strain of the material: `strain`, unless a jack prescribes the force.
+
+        The material then has the strain that belongs to this force.
+        """
         return self.strain(state, ends, motion)
 
 
 class Jacked(Prestressable):
-    """Elements whose force a jack can prescribe, by the statement "jacking".
+    """Elements whose axial force a jack can prescribe in a phase, by the statement "jacking".
 
-    Their state has `jack_force` and `jacked`.
+    Their state has the fields `jack_force`, N, and `jacked`, bool, as in `prestress.AxialState`.
     """
 
     @abc.abstractmethod
     def tension(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the axial force, N; the jack force where the state has one."""
+        """Return the axial force of one element, N; the jack force if a jack prescribes it."""
 
     @abc.abstractmethod
     def lock_off(self, state: OwnState, ends: Ends, motion: Motion) -> ElementState:
-        """Return the state of one element after lock-off of its jack: it keeps the jack force."""
+        """Return the state of one element after lock-off: its jack is gone, and its force remains.
+
+        The new unstressed length is the one that gives the jack force at this motion of the ends.
+        """
 
 
 class Sagging(Prestressable):
-    """Elements that hang under their weight, with the statement "sag".
+    """Elements that hang between their ends under their weight; a phase can state their sag.
 
-    Their state has `rest_length`.
+    Their state has the field `rest_length`, m.
     """
 
     @abc.abstractmethod
     def tension(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the axial force, N: its mean along the element."""
+        """Return the axial force of one element, its mean along the element, N."""
 
     @abc.abstractmethod
     def strain_at_sag(
@@ -155,48 +171,58 @@ class Sagging(Prestressable):
         sag: Float[Array, " n_elem"],
         thermal_stretch: float | Float[Array, " n_elem"] = 1.0,
     ) -> Float[Array, " n_elem"]:
-        """Return the strains of the initial chords at which elements have given sags [n_elem], m.
+        """Return the strains of the initial chords at which elements have given sags, [n_elem].
 
-        A sag is the vertical distance of an element from its chord at midspan, under its weight.
+        A strain is chord over unstressed length, minus 1.
+
+        Args:
+            ends: initial positions of the ends, m.
+            sag: vertical distances from the chords at midspan, under the weight, m.
+            thermal_stretch: unstressed length over that at the reference temperature; the weight
+                per length is divided by it.
         """
 
     @abc.abstractmethod
     def sag(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the distance of the element from its chord at midspan, along the load, m."""
+        """Return the distance of one element from its chord at midspan, along its load, m."""
 
     @abc.abstractmethod
     def end_tensions(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " 2"]:
-        """Return the tensions at the first and the second end, [2], N."""
+        """Return the tensions of one element at its first and its second end, [2], N."""
 
     @abc.abstractmethod
     def curve(
         self, state: OwnState, ends: Ends, motion: Motion, parts: Float[Array, " n"]
     ) -> Float[Array, "n 3"]:
-        """Return positions along the element, [n, 3], m, at parts [n] of its unstressed length."""
+        """Return points on one element, [n, 3], m, at `parts` (0 to 1) of its unstressed length."""
 
 
 class Secant(Element):
-    """Elements with a secant stiffness between two motions, for the secant method."""
+    """Elements with a secant stiffness between two motions, which the secant method needs."""
 
     @abc.abstractmethod
     def secant(
         self, state: OwnState, ends: Ends, before: Motion, motion: Motion
     ) -> Float[Array, "n_end 3 n_end 3"]:
-        """Return the symmetric K, in the shape of `tangent`, with ``K (u - u0) = f(u) - f(u0)``."""
+        """Return the symmetric secant stiffness K of one element between two motions, N/m.
+
+        ``K (u - u0) = f(u) - f(u0)`` with the displacements u0 of `before` and u of `motion`, and
+        the end forces f; K has the shape of `tangent`.
+        """
 
 
 @pytree
 class TensionResponse:
-    """Tension and end forces of a cable at a point of the iteration.
+    """Tension, its stiffness and the end forces of one cable at given positions of its ends.
 
     Attributes:
-        tension: unknown of the cable, not negative, N: its axial force, or of a hanging cable the
-            mean of the tensions at its ends less half of the load on it.
-        slope: derivative of the tension by the length, N/m.
+        tension: the tension that is an unknown of the equations, not negative, N: the axial force,
+            or of a hanging cable the mean of its end tensions minus half of the load on it.
+        slope: derivative of the tension by the length of the cable, N/m.
         unit_forces: derivative of the end forces by the tension, [n_end, 3]; for a straight cable
             also the derivative of its length by the displacements of the ends.
         forces: end forces, [n_end, 3], N.
-        shape: data of the point for `TensionElement.length_slack`.
+        shape: what `TensionElement.length_slack` needs of the positions, such as the strain.
     """
 
     tension: Scalar
@@ -208,12 +234,15 @@ class TensionResponse:
 
 @pytree
 class LengthSlack:
-    """Length that a given tension leaves a cable at a point; in equilibrium it equals the sag.
+    """Length that one straight cable under a given tension would have beyond its present length.
+
+    The tension is in equilibrium with the positions of the ends where this length equals the one
+    that the sag of the cable takes.
 
     Attributes:
-        spare_length: length of a straight cable under the tension less the present length, m.
+        spare_length: length of the straight cable under the tension minus the present length, m.
         compliance: derivative of `spare_length` by the tension, m/N.
-        sag: length that the sag takes, m; None for a cable that cannot sag.
+        sag: length that the sag of the cable takes, m; None for a cable that cannot sag.
         sag_compliance: minus the derivative of `sag` by the tension, m/N, or None.
         unit_forces, forces: as of `TensionResponse`, but under the given tension; None where
             `unit_forces` does not depend on it, so that `forces` is ``tension * unit_forces``.
@@ -228,55 +257,70 @@ class LengthSlack:
 
 
 class TensionElement(Element):
-    """Cables whose end forces at a point follow from one number, their tension.
+    """Cables whose end forces follow from the positions of the ends and one number, the tension.
 
-    A net of them is solved with these tensions as unknowns, see `equilibrium.tension_unknowns`.
+    For a net of such cables these tensions can be unknowns of the equations beside the
+    displacements (`equilibrium.tension_unknowns`).
     """
 
     def has_tension_unknown(self, state: OwnState) -> bool:
-        """Return whether the tension is such an unknown in this state."""
+        """Return whether the tension can be an unknown of the equations, with this state."""
         return True
 
     def suits_cone_solver(self, state: OwnState) -> bool:
-        """Return whether `conic_interior_point` applies: straight pieces, with a linear law."""
+        """Return whether `conic_interior_point` applies: straight elements with a linear law."""
         return False
 
     @abc.abstractmethod
     def tension_response(self, state: OwnState, ends: Ends, motion: Motion) -> TensionResponse:
-        """Return the `TensionResponse` at a point."""
+        """Return tension, its stiffness and the end forces of one cable at a motion of its ends."""
 
     @abc.abstractmethod
     def rebased_element(
-        self, state: OwnState, ends: Ends, motion: Motion, wanted: Bool[Array, ""]
+        self, state: OwnState, ends: Ends, motion: Motion, precise: Bool[Array, ""]
     ) -> tuple[ElementState, Ends, Motion]:
-        """Rebase the element after a motion with a low-order part, [n_end, 6] (`rebasing`).
+        """Return one element as if it began at its present positions: its state, ends and motion.
 
-        Return state, ends [n_end, 3] and motion [n_end, 3] of an element that begins at the present
-        positions and has not moved. Its elongation has full precision if this is `wanted`; its ends
-        are relative to the first.
+        Args:
+            motion: displacements, [n_end, 6], m, as the sum of columns 0 to 2 and of a much smaller
+                part in columns 3 to 5, which together have nearly twice the working precision.
+            precise: whether the elongation is needed with the precision of this sum.
+
+        Returns:
+            The state, with the elongation after the motion; the present positions of the ends
+            relative to the first end, [n_end, 3], m; and a motion of zeros, [n_end, 3].
         """
 
     @abc.abstractmethod
     def length_slack(self, state: OwnState, tension: Scalar, shape: PyTree[Array]) -> LengthSlack:
-        """Return the `LengthSlack` under a tension, N, for the `shape` of a `TensionResponse`."""
+        """Return by how much one cable under a tension, N, would exceed its present length.
+
+        `shape` is that of the `TensionResponse` at the present positions of its ends.
+        """
 
     @abc.abstractmethod
     def geometric_stiffness(
         self, state: OwnState, ends: Ends, motion: Motion, tension: Scalar
     ) -> Float[Array, "n_end 3 n_end 3"]:
-        """Return the geometric stiffness of a tension, N/m."""
+        """Return the geometric stiffness of one element under a tension, N, in N/m.
+
+        It is the derivative of the end forces by the positions of the ends at constant tension.
+        """
 
 
 class Rounding(Element):
-    """Elements that estimate the rounding error of a force, which may be all that is left of it."""
+    """Elements that estimate the rounding error of their end forces.
+
+    At small strains this error may be larger than the force itself.
+    """
 
     @abc.abstractmethod
     def rounding_error(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
-        """Return the error of the end forces by rounding of displacements, in their shape."""
+        """Return the error of `end_forces` from the rounding of displacements, in their shape."""
 
 
 class Bending(Element):
-    """Elements that give their nodes rotations and have section forces."""
+    """Elements that bend: their nodes have rotations, and they have section forces."""
 
     rotates = True
 
@@ -288,12 +332,17 @@ class Bending(Element):
         motion: Motion,
         places: Float[ArrayLike, " n"] | None = None,
     ) -> Float[Array, "n 6"]:
-        """Return ``N, Vy, Vz, T, My, Mz`` at `places` on the axis, from 0 to 1, [n, 6], N, N m."""
+        """Return the section forces ``N, Vy, Vz, T, My, Mz`` of one element, [n, 6], N and N m.
+
+        `places` are positions on its axis, from 0 to 1; None for those at which results are given.
+        """
 
     def end_slopes_and_axes(
         self, state: OwnState, ends: Ends, motion: Motion
     ) -> tuple[Float[Array, "2 3"], Float[Array, "3 3"]] | None:
-        """Return the slopes of the deflected axis at its ends, for pictures; None draws the chord.
+        """Return, for pictures, the slopes of the deflected axis at both ends and the rotated axes.
+
+        None, the default, lets pictures draw the chord.
 
         Returns:
             Slopes of the axis against its chord at both ends, in space, [2, 3]; and the axes of the

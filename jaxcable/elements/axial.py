@@ -14,34 +14,36 @@ from .prestress import AxialState, measure_chord
 
 
 class Axial(Element):
-    """Elements of two nodes with a force along the line through them."""
+    """Elements of two nodes whose only force acts along the line through these nodes."""
 
     results: ClassVar[tuple[Result, ...]] = (TENSION,)
     paired = True
 
     @abc.abstractmethod
     def tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the axial force, N."""
+        """Return the axial force of one element, N."""
 
     def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Return the internal force at both ends, [2, 3], N."""
-        pull = self._pull(state, ends, motion)
+        """Return the internal forces at both ends of one element, [2, 3], N."""
+        pull = self._axial_force_vector(state, ends, motion)
         return jnp.stack([-pull, pull])
 
-    def _pull(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, " 3"]:
+    def _axial_force_vector(
+        self, state: AxialState, ends: Ends, motion: Motion
+    ) -> Float[Array, " 3"]:
         """Return the axial force as a vector from the first end to the second, [3], N."""
         vector, length, _, _ = measure_chord(ends, motion)
         return self.tension(state, ends, motion) * vector / length
 
     def tangent(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, "2 3 2 3"]:
-        """Return the tangent stiffness, [2, 3, 2, 3], N/m, by autodiff of the end forces.
+        """Return the tangent stiffness of one element, [2, 3, 2, 3], N/m, by autodiff of forces.
 
         The end forces depend only on the relative displacement of the ends. Hence the derivatives
         by the displacement of the second end give all of them.
         """
 
         def pull(second):
-            return self._pull(state, ends, jnp.stack([motion[0], second]))
+            return self._axial_force_vector(state, ends, jnp.stack([motion[0], second]))
 
         # the barrier keeps XLA from computing the block again for each of its four uses
         block = jax.lax.optimization_barrier(jax.jacfwd(pull)(motion[1]))

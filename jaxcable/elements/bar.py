@@ -14,15 +14,18 @@ from .straight import Straight
 
 
 class TwoNodeStraight(Straight, Jacked, Secant, Rounding):
-    """Straight elements whose force depends only on their own strain."""
+    """Straight elements of two nodes; the force of each depends on its own strain only.
+
+    The class adds jacks, the secant stiffness and the estimate of rounding errors to `Straight`.
+    """
 
     def lock_off(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """Return the state after lock-off: its unstressed length gives the jack force here."""
+        """Return the state after lock-off: its new unstressed length gives the jack force here."""
         _, length, change, _ = measure_chord(ends, motion)
         return self.locked_off_state(state, length, change)
 
     def rounding_error(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Return the error of the end forces by rounding of displacements, [2, 3], N."""
+        """Return the error of the end forces from the rounding of displacements, [2, 3], N."""
         vector, length, _, _ = measure_chord(ends, motion)
         _, stiffness = self.tension_and_stiffness(state, ends, motion)
         moved = jnp.max(jnp.abs(motion)) / length
@@ -32,7 +35,10 @@ class TwoNodeStraight(Straight, Jacked, Secant, Rounding):
     def secant(
         self, state: AxialState, ends: Ends, before: Motion, motion: Motion
     ) -> Float[Array, "2 3 2 3"]:
-        """Return the symmetric secant stiffness, [2, 3, 2, 3]: K (u - u0) = f(u) - f(u0) exactly.
+        """Return the symmetric secant stiffness K of one element, [2, 3, 2, 3], N/m.
+
+        ``K (u - u0) = f(u) - f(u0)`` holds exactly for the displacements u0 of `before` and u of
+        `motion`, and the end forces f.
 
         Between the chord ``d`` at u0 (length l_0, force density q_0) and ``d + w`` at u (l, q),
         with m = 2 d + w and m.w = l^2 - l_0^2, the difference q (d + w) - q_0 d equals
@@ -90,8 +96,8 @@ class Bars(TwoNodeStraight):
 
     Raises:
         ValueError: wrong shapes, equal ends, repeated links, non-positive stiffness or length,
-            both or neither of `axial_stiffness` and `area`; `compliance` beside one law of points
-            in a group of several elements, or beside several laws of which one falls.
+            both or neither of `axial_stiffness` and `area`; `compliance` with a `Polygonal` law in
+            a group of several elements, or with a section of several laws, one of which softens.
 
     Example:
         600 N on two struts that stand in a 3-4-5 triangle, held in their plane:

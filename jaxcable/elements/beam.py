@@ -48,8 +48,8 @@ _MAX_POINTS = 1000  # integration points: all fibres are evaluated at each, so t
 class Beams(BeamElement, Prestressed, Bending, Rounding):
     """A group of beam elements; their nodes have rotations.
 
-    They are straight at first: a curved member takes several of them between its loads, or the
-    moment of the axial force at the rise of its arc is missing. `section_forces` has the signs.
+    Elements are initially straight. A curved member takes several of them even between its loads:
+    the moment of the axial force times the rise of the arc within an element is missing.
 
     Args:
         links: node indices, [n_elem, 2].
@@ -149,13 +149,13 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers of the group must keep, see `common.rules`."""
+        """Return the conditions on the numbers of the group, such as positive lengths: `Rule`s."""
         above = ("torsional_stiffness", "rest_length", "strength")
         rules = [positive(name, getattr(self, name)) for name in above]
         return rules + [not_negative(name, getattr(self, name)) for name in ("weight", "springs")]
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
-        """Return the rule that `up` is not along an element, for positions [n_node, 3]."""
+        """Return the condition that `up` is not along an element; `nodes`: initial positions, m."""
         if self.up is None:
             return []
         links = index_array(self.links)
@@ -173,7 +173,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         return [Rule("up", (self.up, chord), along, text)]
 
     def _check_hinges(self):
-        """Check `hinges` and `springs`, and broadcast both to [n_elem, 2, 3].
+        """Check `hinges` and `springs`, and broadcast both to [n_elem, 2, 3]; ValueError if wrong.
 
         Without springs, and with all hinges in all directions, `springs` becomes None.
         """
@@ -209,7 +209,11 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
             refuse_if_broken([_torsion_rule(springs, hinges)])
 
     def check(self, nodes: Float[np.ndarray, "n_node 3"]) -> None:
-        """Raise ValueError if positions [n_node, 3] leave default axes of an element unclear."""
+        """Raise ValueError if `up` is missing where an element is nearly vertical, but not quite.
+
+        The default axes jump there, which only a section of equal bending stiffness in all
+        directions allows. `nodes` are initial positions, [n_node, 3], m.
+        """
         chord = nodes[self.links.array[:, 1]] - nodes[self.links.array[:, 0]]
         length = np.linalg.norm(chord, axis=1)
         if self.up is None:
@@ -224,7 +228,10 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
                 )
 
     def start(self, ends: Float[Array, "n_elem n_end 3"]) -> AxialState:
-        """Return the state before the first phase; lengths are NaN if default axes are unclear."""
+        """Return the state of the group before the first phase, for initial ends, m.
+
+        Unstressed lengths are NaN where `check`, for known numbers, would raise ValueError.
+        """
         state = super().start(ends)
         if self.up is not None:
             return state
@@ -235,14 +242,17 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         return copy_with(state, rest_length=jnp.where(unknown, jnp.nan, state.rest_length))
 
     def with_activation(self, state: AxialState, present: Bool[Array, " n_elem"]) -> AxialState:
-        """Return the state of a group with activation: activated beams may be joined with kinks."""
+        """Return the state with the mask `present` of active elements, and with zero kinks.
+
+        Kinks are the unstressed rotations of beams that are activated between rotated nodes.
+        """
         kinks = state.kinks
         if kinks is None:
             kinks = jnp.zeros((len(state.rest_length), 2, 3), state.rest_length.dtype)
         return copy_with(state, present=present, kinks=kinks)
 
     def state_at_activation(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """Return the state of a beam activated here: straight, joined to its ends as they are."""
+        """Return the state of one beam activated here: unstressed between its rotated nodes."""
         state = super().state_at_activation(state, ends, motion)
         _, pose = self._axes_and_pose(copy_with(state, kinks=None), ends, motion)
         return copy_with(state, kinks=pose.rotations)
@@ -250,27 +260,27 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
     def split_among_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
-        """Return halves of `amount` [n_elem] at the ends, zero at inner rows, [n_elem, n_end]."""
+        """Return half of each `amount` at both ends, [n_elem, n_end]; zeros for inner unknowns."""
         halves = jnp.repeat((0.5 * amount)[:, None], 2, axis=1)
         return jnp.pad(halves, ((0, 0), (0, self.n_inner_row)))
 
     # --- the group
 
     def hinged_ends(self) -> Bool[np.ndarray, "n_elem 2"] | None:
-        """Return which ends rotate freely and have a further row, [n_elem, 2], or None.
+        """Return which ends have a hinge that releases all rotations, [n_elem, 2] bool, or None.
 
-        Ends with springs, or with hinges in some directions only, are joints with inner unknowns
-        instead.
+        The rotation of such an end is a row of motion of its own. Ends with springs, or with hinges
+        in some directions only, have inner unknowns instead and are not among them.
         """
         if self.hinges is None or self.springs is not None:
             return None
         return self.hinges.array.all(axis=2)
 
     def unused_columns(self) -> Bool[np.ndarray, "n_elem n_inner_row 3"]:
-        """Return which entries of the inner rows hold no unknown, [n_elem, n_inner_row, 3] bool."""
+        """Return which entries hold no unknown in the rows of motion that an element adds, bool."""
         count = len(self.links)
         idle = np.ones((count, self.n_inner_row, 3), bool)
-        for row, column in self.field_indices:
+        for row, column in self.strain_field_indices:
             idle[:, row, column] = False
             if row == 1:  # fibres on one line do not resist bending along this line
                 places = checks.array_if_known((self.section.z, self.section.y)[column])
@@ -280,7 +290,9 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         return idle
 
     def axes_of(self, nodes: Float[ArrayLike, "n_node 3"]) -> Float[Array, "n_elem 3 3"]:
-        """Return the axes at initial positions [n_node, 3]: along, y and z, [n_elem, 3, 3].
+        """Return the axes of all elements at initial positions [n_node, 3], m: [n_elem, 3, 3].
+
+        Rows are the unit vectors along the element, and of the section's y and z.
 
         Example:
             >>> section = jc.Section.rectangle(0.04, 0.1, jc.Elastic(20e9))
@@ -298,33 +310,33 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         return jax.vmap(one)(self.up, ends)
 
     def with_fixed_axes(self, nodes: Float[ArrayLike, "n_node 3"]) -> Self:
-        """Return the group with its axes fixed as they are at initial positions [n_node, 3]."""
+        """Return the group with `up` given, so that its axes stay those at initial positions, m."""
         return self if self.up is not None else replace(self, up=self.axes_of(nodes)[:, 2])
 
     @property
     def has_memory(self) -> bool:  # type: ignore[override]  # read only
-        """Whether a law of the fibres has history variables."""
+        """Whether a law of the section has history variables, such as plastic strains."""
         return template_of(self.section).has_memory
 
     @property
     def has_rupture(self) -> bool:  # type: ignore[override]  # read only
-        """Whether a law of the fibres has a rupture strain."""
+        """Whether a law of the section has a rupture strain."""
         return template_of(self.section).has_rupture
 
     def initial_memory(self) -> PyTree[Float[Array, "n_elem n_point n_fibre n_memory"]] | None:
-        """Return the history variables of elements not strained yet, per law, or None."""
+        """Return the history variables of unstrained beams, an array for each law; None without."""
         if not self.has_memory:
             return None
         return template_of(self.section).initial_memory((len(self.links), self.points))
 
     def extrapolated(self) -> Self:
-        """Return the group with laws continued beyond their rupture strains."""
+        """Return the group with stress-strain curves extended beyond rupture, for an iteration."""
         return copy_with(
             self, section=apply_to_each(lambda section: section.for_analysis(), self.section)
         )
 
     def capacity(self) -> tuple[float | Scalar, float | Scalar]:
-        """Return the smallest and the largest axial force without bending, N."""
+        """Return the smallest and the largest axial force of the section without bending, N."""
         area, law = self.section.axial()
         low, high = law.capacity
         return low * area, high * area
@@ -332,7 +344,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
     def strain_at(
         self, force: Scalar, memory: PyTree[Float[Array, " ..."]] | None = None
     ) -> Scalar:
-        """Return the strain at an axial force without bending, N."""
+        """Return the strain at an axial force, N, without bending; ValueError with `memory`."""
         if memory is not None:
             raise ValueError("pretension: state that of an elastic-plastic beam as prestrain")
         area, law = self.section.axial()
@@ -341,11 +353,11 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
     # --- one element
 
     def bends_isotropically(self) -> Bool[Array, ""]:
-        """Return whether its bending stiffness is the same in all directions."""
+        """Return whether the bending stiffness of one element is the same in all directions."""
         return is_isotropic(self.section)
 
     def axes(self, ends: Ends) -> Float[Array, "3 3"]:
-        """Return the initial axes [3, 3]: ``axes[0]`` along it, then the section's y and z."""
+        """Return the initial axes of one element in rows: along it, the section's y and z."""
         chord = ends[1] - ends[0]
         along = chord / jnp.sqrt(scalar_product(chord, chord))
         if self.up is None:
@@ -362,7 +374,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
     def end_slopes_and_axes(
         self, state: AxialState, ends: Ends, motion: Motion
     ) -> tuple[Float[Array, "2 3"], Float[Array, "3 3"]]:
-        """Return slopes against the chord, [2, 3], and rotated axes, [3, 3], see `Bending`."""
+        """Return end slopes of the axis against the chord, [2, 3], and rotated axes, [3, 3]."""
         _, pose = self._axes_and_pose(state, ends, motion)
         _, about_y, about_z = pose.rotations.T
         slopes = jnp.stack([jnp.zeros_like(about_y), about_z, -about_y], axis=1)
@@ -370,9 +382,9 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
 
 
 def _torsion_rule(springs, hinges):
-    """Return the rule that torsion is restrained at one end of each element.
+    """Return the `Rule` that torsion is restrained at one end of each element at least.
 
-    Only the constructor can check it: in the compiled core hinges are rows of motion instead.
+    Only the constructor can check it: in the compiled program hinges are rows of motion instead.
     """
 
     def broken(springs, hinges):

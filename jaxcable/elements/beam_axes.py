@@ -18,7 +18,10 @@ LEANING_SINE = 0.1
 
 
 def is_known_anisotropic(section: Section) -> bool:
-    """Return whether the bending stiffness of a section is known to depend on the direction."""
+    """Return whether the bending stiffness of a section is known to depend on the direction.
+
+    False where numbers of the section are traced, hence not known.
+    """
     if any(checks.array_if_known(leaf) is None for leaf in jax.tree.leaves(section)):
         return False  # traced numbers are judged by `start`
     with jax.ensure_compile_time_eval():

@@ -39,7 +39,7 @@ _FIRST_ORDER_STEP = partial(move_node_by_series, order=1), partial(conjugate_mom
 
 
 class BeamElement(InnerUnknowns):
-    """Methods of `beam.Beams` that concern one element.
+    """Forces, tangent, energy, mass and results of one element of `beam.Beams`.
 
     The group has `section`, `springs`, `torsional_stiffness`, `points` and `axes(ends)`.
     """
@@ -48,10 +48,10 @@ class BeamElement(InnerUnknowns):
 
     @abc.abstractmethod
     def axes(self, ends: Ends) -> Float[Array, "3 3"]:
-        """Return the initial axes [3, 3]: ``axes[0]`` along it, then the section's y and z."""
+        """Return the initial axes of one element in rows: along it, the section's y and z."""
 
     def _axes_and_pose(self, state, ends, motion):
-        """Return the initial axes and the `corotation.Pose` of the element."""
+        """Return the initial axes, [3, 3], and the `corotation.Pose` (frame and end rotations)."""
         axes = self.axes(ends)
         turns = [motion[k, 3:] for k in (0, 1)]
         if self.springs is not None:  # the ends turn against their nodes
@@ -61,8 +61,8 @@ class BeamElement(InnerUnknowns):
             ]
         return axes, corotation.pose(axes, ends, motion[:2, :3], jnp.stack(turns), state.kinks)
 
-    def _field_and_load(self, state, axes, pose, motion):
-        """Return the `bending.StrainField`, and the line load along the rotated axes, or None."""
+    def _strain_field_and_load(self, state, axes, pose, motion):
+        """Return the `bending.StrainField`, and the line load on rotated axes [3], N/m, or None."""
         load = None
         if state.line_load is not None:
             load = pose.axes @ state.line_load
@@ -72,7 +72,7 @@ class BeamElement(InnerUnknowns):
         length, inner = state.rest_length, None
         if not self.section.is_elastic:
             inner = jnp.zeros((2, 2), length.dtype)
-            if self._n_field_rows == 1:
+            if self._n_strain_rows == 1:
                 inner = inner.at[0, 0].set(motion[2, 0] / length)
             else:
                 size = jnp.stack([length, length**2 / 32])
@@ -83,54 +83,57 @@ class BeamElement(InnerUnknowns):
 
     @jax.jit  # traced once, although a program calls it many times
     def _deformation(self, state, ends, motion):
-        """Return initial axes, `corotation.Pose`, `bending.StrainField` and line load."""
+        """Return initial axes, `corotation.Pose`, `bending.StrainField`, line load (None: none)."""
         axes, pose = self._axes_and_pose(state, ends, motion)
-        return axes, pose, *self._field_and_load(state, axes, pose, motion)
+        return axes, pose, *self._strain_field_and_load(state, axes, pose, motion)
 
     def _section_strains(self, field):
-        """Return the section strains at the integration points, [n_point, 3]."""
+        """Return e0, ky, kz of a `bending.StrainField` at the integration points, [n_point, 3]."""
         places = bending.gauss_lobatto(self.points)[0]
         return bending.legendre_basis(jnp.asarray(places, field.strain.dtype)) @ field.strain
 
     def _torsional_stiffness(self):
-        """Return the torsional stiffness, N m2."""
+        """Return the torsional stiffness GJ, N m2: the given one, or else that of the section."""
         given = self.torsional_stiffness
         return self.section.torsional_stiffness() if given is None else given
 
-    def _section_force_integrals(self, state, field, forces=None):
-        """Return integrals of section forces (columns) times Legendre polynomials (rows)."""
+    def _section_force_integrals(self, state, field, force_law=None):
+        """Return integrals of N, My, Mz (columns) times Legendre polynomials (rows), [3, 3].
+
+        `force_law` gives N, My, Mz from section strains in place of the fibres.
+        """
         if self.section.is_elastic:
             return bending.linear_section_integrals(self.section.stiffness(), field.strain)
         strain = self._section_strains(field)
-        if forces is None:
+        if force_law is None:
             forces_of_fibres = self.section.forces(*split_strains(strain), state.memory)
             force = jnp.stack(forces_of_fibres, axis=-1)
         else:
-            force = forces(strain)
+            force = force_law(strain)
         places, weight = (jnp.asarray(v, force.dtype) for v in bending.gauss_lobatto(self.points))
         return (weight[:, None] * bending.legendre_basis(places)).T @ force
 
     @jax.jit  # traced once
     def _internal_forces(self, state, ends, motion):
-        """Return pull on the second end [3], moments on both ends [2, 3], inner forces [k]."""
-        return self._forces_of_deformation(state, motion, self._deformation(state, ends, motion))
+        """Return the force on the second end [3], moments on both ends [2, 3], inner forces [k]."""
+        return self._forces_from_deformation(state, motion, self._deformation(state, ends, motion))
 
-    def _forces_of_deformation(self, state, motion, bent, forces=None):
-        """Return the `_internal_forces` of a `_deformation`; `forces`: function of strains."""
-        axes, pose, field, load = bent
+    def _forces_from_deformation(self, state, motion, deformation, force_law=None):
+        """Return `_internal_forces` of a `_deformation`; `force_law`: N, My, Mz from strains."""
+        axes, pose, field, load = deformation
         length, rotations = state.rest_length, pose.rotations
         following = None
         if state.pressures is not None:
             following = corotation.pressure_load(pose, state.pressures, length)[1:]
-        sums = self._section_force_integrals(state, field, forces)
+        sums = self._section_force_integrals(state, field, force_law)
         force, moments, torque, unbalanced = bending.generalized_forces(
             field, rotations, length, sums, self._torsional_stiffness(), load, following
         )
         pull, moments = corotation.end_forces(pose, force, moments, torque)
         inner = []
-        if self._n_field_rows:
-            inner = [unbalanced[0, : self._n_field_rows] / length]
-        if self._n_field_rows == 2:
+        if self._n_strain_rows:
+            inner = [unbalanced[0, : self._n_strain_rows] / length]
+        if self._n_strain_rows == 2:
             inner.append(unbalanced[1] * 32 / length**2)
         if self.springs is not None:
             for k, joint in enumerate(self._joint_rotations(state, motion)):
@@ -140,65 +143,63 @@ class BeamElement(InnerUnknowns):
                 inner.append((moment + pull_back(self.springs[k] * angle)[0]) / (4 * length))
         return pull, moments, jnp.concatenate(inner) if inner else jnp.zeros(0, pull.dtype)
 
-    def _forces_after_step(self, state, ends, motion, step, forces=None, near=False):
+    def _reduced_forces_after_step(self, state, ends, motion, step, force_law=None, linear=False):
         """Return forces conjugate to a step: relative translation, spins, inner unknowns, [9 + k].
 
-        With `near` they are correct to first order in the step, which is enough for a tangent.
+        With `linear` they are correct to first order in the step, which is enough for a tangent.
         """
-        turning, conjugate = _FIRST_ORDER_STEP if near else _FINITE_STEP
+        turning, conjugate = _FIRST_ORDER_STEP if linear else _FINITE_STEP
         zero, spins = jnp.zeros_like(step[:3]), step[3:9].reshape(2, 3)
         moved = jnp.concatenate([jnp.stack([zero, step[:3]]), spins], axis=1)
         new = jax.vmap(turning)(motion[:2], moved)
         if self.inner_unknowns:
             new = jnp.concatenate([new, motion[2:].at[self._inner_indices].add(step[9:])])
-        pull, moments, inner = (
-            self._internal_forces(state, ends, new)
-            if forces is None
-            else self._forces_of_deformation(
-                state, new, self._deformation(state, ends, new), forces
-            )
-        )
+        if force_law is None:
+            forces = self._internal_forces(state, ends, new)
+        else:
+            deformation = self._deformation(state, ends, new)
+            forces = self._forces_from_deformation(state, new, deformation, force_law)
+        pull, moments, inner = forces
         moments = jax.vmap(conjugate)(spins, moments)
         return jnp.concatenate([pull, moments.ravel(), inner])
 
     def end_forces_after_step(
         self, state: AxialState, ends: Ends, motion: Motion, step: Forces
     ) -> Forces:
-        """Return forces and moments conjugate to `step` (translation, spin), both [n_end, 6]."""
+        """Return end forces after a `step`, conjugate to its translations and spins, [n_end, 6]."""
         inner = step[2:][self._inner_indices] if self.inner_unknowns else jnp.zeros(0, step.dtype)
         reduced = jnp.concatenate([step[1, :3] - step[0, :3], step[:2, 3:].ravel(), inner])
-        return self._forces_at_ends(self._forces_after_step(state, ends, motion, reduced))
+        force = self._reduced_forces_after_step(state, ends, motion, reduced)
+        return self._expand_reduced_forces(force)
 
     def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """Return internal forces and spatial moments at both ends, N and N m, [n_end, 6].
 
         The rows after the two ends contain the forces conjugate to inner unknowns.
         """
-        return self._forces_of_parts(*self._internal_forces(state, ends, motion))
+        return self._join_end_forces(*self._internal_forces(state, ends, motion))
 
     @jax.jit  # traced once
     def forces_and_tangent(
         self, state: AxialState, ends: Ends, motion: Motion
     ) -> tuple[Forces, Float[Array, "12+k 12+k"]]:
-        """Return `end_forces`, and the tangent stiffness, [12 + k, 12 + k].
+        """Return `end_forces`, and their derivative, the tangent stiffness, [12 + k, 12 + k].
 
-        The tangent is a Hessian in the steps, hence symmetric. The order of its unknowns is
-        translation and spin of the first end, of the second end, inner unknowns.
-
-        By autodiff. The section is linearized first, so that its fibres are evaluated once and not
-        for every column. Forces depend on the relative translation of the ends only, so that
+        Unknowns are translation and spin of the first end, of the second end, and inner ones. By
+        autodiff; the section is linearized first, so that its fibres are evaluated once and not for
+        every column. Forces depend on the relative translation of the ends only, so that
         derivatives by nine unknowns give those by all twelve.
         """
-        forces = None
+        force_law = None
         if not self.section.is_elastic:
             at = self.section_strain(state, ends, motion)
             force, stiffness = self.section.forces_and_tangent(*split_strains(at), state.memory)
 
-            def forces(strain):
+            def force_law(strain):
                 return force + jnp.einsum("pij,pj->pi", stiffness, strain - at)
 
         def stepped(step):
-            force = self._forces_after_step(state, ends, motion, step, forces, True)
+            force = self._reduced_forces_after_step(state, ends, motion, step, force_law, True)
             return force, force
 
         step = jnp.zeros(9 + len(self.inner_unknowns), ends.dtype)
@@ -206,14 +207,14 @@ class BeamElement(InnerUnknowns):
         for axis in (0, 1):
             pull, first, second, inner = jnp.split(slope, [3, 6, 9], axis)
             slope = jnp.concatenate([-pull, first, pull, second, inner], axis)
-        return self._forces_at_ends(force), slope
+        return self._expand_reduced_forces(force), slope
 
     def tangent(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, "12+k 12+k"]:
-        """Return the tangent stiffness, see `forces_and_tangent`."""
+        """Return the tangent stiffness of one element, in the order of `forces_and_tangent`."""
         return self.forces_and_tangent(state, ends, motion)[1]
 
     def evaluates_both_at_once(self, state: AxialState) -> bool:
-        """Return True: pose and strains, which both need, take most of the time to compile."""
+        """Return True: forces and tangent are evaluated together, which compiles in less time."""
         return True
 
     def mass_matrix(
@@ -226,10 +227,9 @@ class BeamElement(InnerUnknowns):
     ) -> Float[Array, "12+k 12+k"]:
         """Return the matrix of a `mass`, kg, spread evenly along the axis, [12 + k, 12 + k], kg.
 
-        Sections have no rotary inertia. The matrix is consistent with the deflections of `bending`
-        (without loads cubic), hence of order 4 in the length. Displacements along the chord are
-        linear: by default their part is the mean of the consistent matrix and of halves at the
-        ends, which is of order 4, too.
+        The mass matrix "consistent" takes the deflections of `bending` (cubic without load),
+        "lumped" has halves at the ends, "mean" is the mean of both. None is "consistent" across the
+        chord, "mean" along it, both of order 4 in the length. Sections have no rotary inertia.
         """
         halves = np.zeros(12 + len(self.inner_unknowns))
         halves[[0, 1, 2, 6, 7, 8]] = 0.5
@@ -274,7 +274,7 @@ class BeamElement(InnerUnknowns):
         return total
 
     def has_result(self, name: str, state: AxialState) -> bool:
-        """Return whether it has a result; a peak tension only under a load."""
+        """Return whether elements have the result `name`; a peak tension only under a load."""
         if name == "peak_tension":
             return state.line_load is not None
         return super().has_result(name, state)
@@ -282,18 +282,18 @@ class BeamElement(InnerUnknowns):
     def results_by_name(
         self, state: AxialState, ends: Ends, motion: Motion, names: Sequence[str]
     ) -> dict[str, Array]:
-        """Return results by name; pose and strains are computed once for all of them."""
+        """Return results of one element by name; shared pose and strains are computed once."""
         if len(names) < 2:
             return super().results_by_name(state, ends, motion, names)
-        bent = self._deformation(state, ends, motion)
-        resistance = cache(lambda: self._forces_of_deformation(state, motion, bent))
-        tension = cache(lambda: self._mean_tension(state, bent[2]))
+        deformation = self._deformation(state, ends, motion)
+        forces = cache(lambda: self._forces_from_deformation(state, motion, deformation))
+        tension = cache(lambda: self._mean_tension(state, deformation[2]))
         known: dict[str, Any] = {
             "tension": tension,
-            "peak_tension": lambda: self._peak_of_tension(state, ends, motion, tension()),
-            "section_strain": lambda: self._section_strains(bent[2]),
-            "section_forces": lambda: self._section_forces(state, bent, resistance()),
-            "end_forces": lambda: self._forces_of_parts(*resistance()),
+            "peak_tension": lambda: self._peak_from_mean_tension(state, ends, motion, tension()),
+            "section_strain": lambda: self._section_strains(deformation[2]),
+            "section_forces": lambda: self._deformed_section_forces(state, deformation, forces()),
+            "end_forces": lambda: self._join_end_forces(*forces()),
         }
         others = super().results_by_name(
             state, ends, motion, [name for name in names if name not in known]
@@ -301,22 +301,22 @@ class BeamElement(InnerUnknowns):
         return others | {name: known[name]() for name in names if name in known}
 
     def tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the axial force, its mean over the element, N."""
+        """Return the axial force of one element, its mean along the element, N."""
         return self._mean_tension(state, self._deformation(state, ends, motion)[2])
 
     def _mean_tension(self, state, field):
-        """Return the mean axial force of a `bending.StrainField`, N."""
+        """Return the axial force, its mean along the element, N, from a `bending.StrainField`."""
         return self._section_force_integrals(state, field)[0, 0]
 
     def peak_tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the axial force of largest absolute value, N; it is at an end."""
-        return self._peak_of_tension(state, ends, motion, self.tension(state, ends, motion))
+        """Return the axial force of largest absolute value in one element, N; it is at an end."""
+        return self._peak_from_mean_tension(state, ends, motion, self.tension(state, ends, motion))
 
-    def _peak_of_tension(self, state, ends, motion, force):
-        """Return the peak of an axial force of which `force` is the mean, N."""
+    def _peak_from_mean_tension(self, state, ends, motion, mean):
+        """Return the axial force of largest absolute value, N, from the `mean` in the element."""
         vector, length, _, _ = measure_chord(ends, motion[:2, :3])
         half = 0.5 * state.rest_length * jnp.abs(state.line_load @ vector / length)
-        return force + jnp.where(force < 0, -half, half)
+        return mean + jnp.where(mean < 0, -half, half)
 
     def section_strain(
         self, state: AxialState, ends: Ends, motion: Motion
@@ -331,21 +331,21 @@ class BeamElement(InnerUnknowns):
         motion: Motion,
         places: Float[ArrayLike, " n"] | None = None,
     ) -> Float[Array, "n 6"]:
-        """Return ``N, Vy, Vz, T, My, Mz`` at places (default: integration points), [n, 6].
+        """Return ``N, Vy, Vz, T, My, Mz`` of one element at `places`, [n, 6], N and N m.
 
-        N and N m, by equilibrium of the part before the section, hence exact for the end forces
-        and the load, whatever the laws of the fibres. Their axes are those of the section there,
-        which follows the deflected axis.
+        Places are from 0 to 1; None: integration points. By equilibrium of the part before the
+        section, hence exact for the end forces and the load, whatever the laws of the fibres.
+        Components are along the axes of the section there, which follows the deflected axis.
         """
         at = state, ends, motion
-        bent, resistance = self._deformation(*at), self._internal_forces(*at)
-        return self._section_forces(state, bent, resistance, places)
+        deformation, forces = self._deformation(*at), self._internal_forces(*at)
+        return self._deformed_section_forces(state, deformation, forces, places)
 
-    def _section_forces(self, state, bent, resistance, places=None):
-        """Return `section_forces` from a `_deformation` and its `_internal_forces`."""
+    def _deformed_section_forces(self, state, deformation, forces, places=None):
+        """Return `section_forces` from what `_deformation` and `_internal_forces` have returned."""
         places = bending.gauss_lobatto(self.points)[0] if places is None else places
-        _, pose, field, load = bent
-        pull, moments, _ = resistance
+        _, pose, field, load = deformation
+        pull, moments, _ = forces
         length, s = state.rest_length, jnp.asarray(places, pull.dtype)
         load = jnp.zeros(3, pull.dtype) if load is None else load * length
         start = -(pose.axes @ pull) - load / 2  # force of the node on the element
@@ -360,13 +360,13 @@ class BeamElement(InnerUnknowns):
         return (both - change + 0.5 * cross_products(spin, change)).reshape(-1, 6)
 
     def absolute_force(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the sum of the absolute forces of all fibres, mean over the element, N."""
+        """Return the sum of the absolute forces of all fibres, mean along one element, N."""
         strains = split_strains(self.section_strain(state, ends, motion))
         size = self.section.absolute_force(*strains, state.memory)
         return jnp.asarray(bending.gauss_lobatto(self.points)[1], size.dtype) @ size
 
     def rounding_error(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Return the error of `end_forces` by rounding of displacements, in their shape."""
+        """Return the error of `end_forces` from the rounding of displacements, in their shape."""
         vector, length, _, _ = measure_chord(ends, motion[:2, :3])
         stiffness = jnp.diagonal(self.section.stiffness())
         across = 12 * jnp.maximum(stiffness[1], stiffness[2]) / length**2
@@ -384,7 +384,7 @@ class BeamElement(InnerUnknowns):
         memory: PyTree[Float[Array, "n_point n_fibre n_memory"]],
         duration: float = 0.0,
     ) -> PyTree[Float[Array, "n_point n_fibre n_memory"]]:
-        """Return the history variables after an increment to section strains [n_point, 3]."""
+        """Return the history variables after an increment that ended at these section strains."""
         return self.section.commit_memory(*split_strains(strain), memory, duration)
 
     def fibre_stress(
@@ -392,9 +392,9 @@ class BeamElement(InnerUnknowns):
         strain: Float[Array, "n_point 3"],
         memory: PyTree[Float[Array, "n_point n_fibre n_memory"]] | None = None,
     ) -> Float[Array, "n_point n_fibre"]:
-        """Return the stress of every fibre, [n_point, n_fibre], Pa, at section strains."""
+        """Return the stress of every fibre, Pa, at section strains e0, ky, kz."""
         return self.section.fibre_stress(*split_strains(strain), memory)
 
     def is_ruptured(self, strain: Float[Array, "n_point 3"]) -> Bool[Array, ""]:
-        """Return whether section strains [n_point, 3] take a fibre beyond its rupture strain."""
+        """Return whether section strains e0, ky, kz take a fibre beyond its rupture strain."""
         return jnp.any(self.section.is_ruptured(*split_strains(strain)))

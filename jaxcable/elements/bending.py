@@ -35,12 +35,13 @@ from .element import Scalar
 
 @pytree
 class StrainField:
-    """Strains along an element, and their derivatives by its end rotations.
+    """Strains along an element as Legendre polynomials, and their derivatives by end rotations.
 
     Attributes:
-        strain: coefficients of e0, ky, kz for 1, P1, P2, [3, 3].
-        shortening: derivatives of h by ``t_1``, ``t_2`` and b, each about y and z, [3, 2].
-        sag: b about y and z, [2], 1/m.
+        strain: coefficients of e0, ky, kz (columns) for the polynomials 1, P1, P2 (rows), [3, 3].
+        shortening: derivatives of the shortening of the deflected axis by the rotations of the
+            first and the second end and by `sag` (rows), each about y and z, [3, 2].
+        sag: coefficient of P2 in the curvatures about y and z, [2], 1/m.
         twist: rotation of the second end about the axis relative to the first, rad.
         bending_compliance: curvature per moment about the neutral axis of a linear section, [2, 2];
             None for other sections and without load.
@@ -61,15 +62,16 @@ def strain_field(
     stiffness: Float[Array, "3 3"] | None = None,
     inner: Float[Array, "2 2"] | None = None,
 ) -> StrainField:
-    """Return the `StrainField` of an element.
+    """Return the `StrainField` of an element from its end rotations, its stretch and its load.
 
     Args:
-        rotations: of the ends, [2, 3], rad.
-        stretch: e.
-        length: unstressed length L, m.
+        rotations: of the ends relative to the chord, along the rotated axes, [2, 3], rad.
+        stretch: strain of the chord.
+        length: unstressed length, m.
         load: dead load per unstressed length along the rotated axes, [3], N/m, or None.
         stiffness: stiffness of a linear section, [3, 3]; None for other sections.
-        inner: ``(a_1, a_2), (b_y, b_z)`` of a section that is not linear, [2, 2], -, 1/m, or None.
+        inner: unknowns of a section that is not linear, [2, 2], or None: coefficients of P1, P2 in
+            the axial strain, and of P2 in the curvatures ky, kz, 1/m.
     """
     first, second = rotations[0, 1:], rotations[1, 1:]
     even, odd = (second - first) / length, 3 * (first + second) / length
@@ -83,7 +85,7 @@ def strain_field(
         coupling = stiffness[0, 1:] / stiffness[0, 0]
         a_1, a_2, sag = -coupling @ odd, jnp.zeros_like(stretch), None
         if load is not None:
-            yielding = _inverse_or_diagonal(
+            yielding = _bending_compliance(
                 stiffness[1:, 1:] - jnp.outer(coupling, stiffness[0, 1:])
             )
             a_1 = a_1 - 0.5 * load[0] * length / stiffness[0, 0]
@@ -102,8 +104,8 @@ def strain_field(
     return StrainField(strain, slopes, sag, rotations[1, 0] - rotations[0, 0], yielding)
 
 
-def _inverse_or_diagonal(matrix):
-    """Invert a matrix [2, 2]; zero about an axis without bending stiffness.
+def _bending_compliance(matrix):
+    """Return the inverse of a bending stiffness [2, 2]; zero about an axis without stiffness.
 
     Fibres on one line have no stiffness for bending along this line.
     """
@@ -116,12 +118,12 @@ def _inverse_or_diagonal(matrix):
 
 
 def bending_components(load: Float[Array, " 3"]) -> Float[Array, " 2"]:
-    """Return the components of a load [3] that bend about y and z, [2]."""
+    """Return the components ``(-q_z, q_y)`` of a load [3] that bend about y and z, [2]."""
     return jnp.stack([-load[2], load[1]])
 
 
 def legendre_basis(places: Float[ArrayLike, " n"]) -> Float[Array, "n 3"]:
-    """Return 1, P1 and P2 at positions s [n], [n, 3]."""
+    """Return Legendre polynomials 1, P1, P2 at positions from 0 to 1, [n]: columns of [n, 3]."""
     place = jnp.asarray(places)
     return jnp.stack([jnp.ones_like(place), 2 * place - 1, 6 * place * (place - 1) + 1], axis=1)
 
@@ -143,18 +145,19 @@ def generalized_forces(
     load: Float[Array, " 3"] | None,
     following: tuple[Float[Array, " 3"], Float[Array, "3 3"]] | None = None,
 ) -> tuple[Scalar, Float[Array, "2 3"], Float[Array, " 3"], Float[Array, "2 2"]]:
-    """Return the forces of an element from integrals of its section forces over the axis.
+    """Return forces and moments of an element from integrals of its section forces.
 
     Args:
         field, rotations, length, load: as of `strain_field`.
-        sums: integrals over s of N, My, Mz times 1, P1, P2, [3, 3], N and N m.
+        sums: integrals of N, My, Mz (columns) times the polynomials 1, P1, P2 (rows) over the axis
+            from 0 to 1, [3, 3], N and N m.
         torsion: torsional stiffness, N m2.
         following: derivatives of a following load, the last two results of
             `corotation.pressure_load`, or None.
 
     Returns:
-        Axial force, N; moments on the ends [2, 3], N m; torque on the frame [3], N m; and residuals
-        of ``a_1, a_2`` and b, [2, 2], J and N m2.
+        Axial force, N; moments on the ends, [2, 3], N m; moment of the load on the frame that
+        follows the element, [3], N m; and residuals of the unknowns `inner`, [2, 2], J and N m2.
     """
     force, even, odd = sums[0, 0], sums[0, 1:], 3 * sums[1, 1:]
     if load is not None:
@@ -186,7 +189,10 @@ def generalized_forces(
 def linear_section_integrals(
     stiffness: Float[Array, "3 3"], strain: Float[Array, "3 3"]
 ) -> Float[Array, "3 3"]:
-    """Sums for `generalized_forces` in a linear section, where the orders are uncoupled, [3, 3]."""
+    """Return the integrals of N, My, Mz times Legendre polynomials, [3, 3], for linear laws.
+
+    `strain` is `StrainField.strain`, `stiffness` that of the section, by e0, ky, kz.
+    """
     return strain @ stiffness * jnp.array([1, 1 / 3, 1 / 5], strain.dtype)[:, None]
 
 
@@ -197,15 +203,16 @@ def deflected_axis(
     chord: Scalar,
     places: Float[ArrayLike, " n"],
 ) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"], Float[Array, "n 3"]]:
-    """Return the deflected axis, in components along the rotated axes of the element.
+    """Return points, their integrals and rotations of the deflected axis, along rotated axes.
 
     Args:
         field, rotations, length: as of `strain_field`.
         chord: length of the chord, m.
-        places: positions s, [n].
+        places: positions along the axis, from 0 to 1, [n].
 
     Returns:
-        Positions [n, 3], m; their integrals from 0 to s, [n, 3], m; rotation vectors [n, 3], rad.
+        Points relative to the first end, [n, 3], m; their integrals from 0 to each place, [n, 3],
+        m; and rotation vectors of the axis, [n, 3], rad.
     """
     s = jnp.asarray(places)[:, None]
     first, second, sag = rotations[:1, 1:], rotations[1:, 1:], length * field.sag[None]
@@ -234,7 +241,7 @@ def gauss_lobatto(n: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " 
 
 
 def split_strains(strain: Float[Array, "n_point 3"]) -> tuple[Array, Array, Array]:
-    """Split section strains [n_point, 3] into strain and both curvatures."""
+    """Split section strains e0, ky, kz, [n_point, 3], into three arrays [n_point]."""
     strain, about_y, about_z = strain.T
     return strain, about_y, about_z
 

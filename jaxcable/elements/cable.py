@@ -22,20 +22,21 @@ from .straight import Straight
 
 
 class TensionOnly(Straight, TensionElement):
-    """Straight elements that go slack: their force is zero where it would be a compression."""
+    """Straight elements that go slack: the force is zero where it would be a compression."""
 
     tension_only = True
 
     def force(self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
-        """Return the axial force, N; zero in a slack cable."""
+        """Return the axial force at a strain, N; zero in a slack cable."""
         return self._zero_if_slack(super().force(strain, memory), strain, memory)
 
     def energy_per_length(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
     ) -> Scalar:
-        """Return the energy per unstressed length, J/m; zero in a slack cable without memory.
+        """Return the stored energy per unstressed length, J/m; zero if slack and without `memory`.
 
-        Parts of a law that have yielded still pull and push each other in a slack cable.
+        With history variables, parts of a law that have yielded still pull and push each other in a
+        slack cable, and this energy remains.
         """
         energy = super().energy_per_length(strain, memory)
         return energy if memory is not None else self._zero_if_slack(energy, strain, memory)
@@ -51,7 +52,7 @@ class TensionOnly(Straight, TensionElement):
         return self._zero_if_slack(super().fibre_stress(strain, memory), strain, memory)
 
     def is_slack(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Return whether the cable is shorter than its unstressed length: without force."""
+        """Return whether one cable carries no force because it is too short; False with a jack."""
         return jack_value_or(
             state,
             jnp.zeros((), bool),
@@ -59,25 +60,32 @@ class TensionOnly(Straight, TensionElement):
         )
 
     def suits_cone_solver(self, state: AxialState) -> bool:
-        """Return whether `conic_interior_point` applies: to cables with a linear law."""
+        """Return whether the law is linear, as `equilibrium.conic_interior_point` needs it."""
         return self.linear_axial_stiffness() is not None
 
     def tension_response(self, state: AxialState, ends: Ends, motion: Motion) -> TensionResponse:
-        """Return tension, stiffness and end forces at a motion, see `TensionElement`."""
+        """Return tension, its stiffness and the end forces of one cable at a motion of its ends."""
         tension, slope = self.tension_and_stiffness(state, ends, motion)
-        along = self.end_forces(_with_unit_force(state), ends, motion)
+        along = self.end_forces(_with_unit_jack_force(state), ends, motion)
         shape = self.strain(state, ends, motion)
         return TensionResponse(tension, slope, along, tension * along, shape)
 
     def rebased_element(
-        self, state: AxialState, ends: Ends, motion: Motion, wanted: Bool[Array, ""]
+        self, state: AxialState, ends: Ends, motion: Motion, precise: Bool[Array, ""]
     ) -> tuple[AxialState, Ends, Motion]:
-        """Rebase the cable after a motion with a low-order part, see `TensionElement`."""
-        elongation, places = rebasing.rebase(state.elongation, ends, motion, wanted)
+        """Return one cable as if it began at its present positions: its state, ends and motion.
+
+        Its `motion` is the sum of columns 0 to 2 and of small numbers in columns 3 to 5, [n_end,
+        6], m; the elongation has the precision of this sum if that is to be `precise`.
+        """
+        elongation, places = rebasing.rebase(state.elongation, ends, motion, precise)
         return copy_with(state, elongation=elongation), places, jnp.zeros_like(places)
 
     def length_slack(self, state: AxialState, tension: Scalar, shape: Scalar) -> LengthSlack:
-        """Return how much longer the cable is under a tension than at a strain `shape`."""
+        """Return by how much one cable under a tension, N, would exceed its present length.
+
+        `shape` is its present strain.
+        """
         one = jnp.ones_like(tension)
         under, slope = jax.jvp(lambda n: self.strain_at(n, state.memory), (tension,), (one,))
         return LengthSlack(state.rest_length * (under - shape), state.rest_length * slope)
@@ -85,11 +93,11 @@ class TensionOnly(Straight, TensionElement):
     def geometric_stiffness(
         self, state: AxialState, ends: Ends, motion: Motion, tension: Scalar
     ) -> Float[Array, "n_end 3 n_end 3"]:
-        """Return the geometric stiffness: tension times second derivative of the length, N/m."""
-        return tension * self.tangent(_with_unit_force(state), ends, motion)
+        """Return the tension, N, times the second derivative of the length of one cable, N/m."""
+        return tension * self.tangent(_with_unit_jack_force(state), ends, motion)
 
     def at_kink(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Return whether the cable is unstressed up to rounding: between taut and slack."""
+        """Return whether the strain of one cable is zero up to rounding: between taut and slack."""
 
         def unstressed():
             strain = self.strain(state, ends, motion)
@@ -99,13 +107,13 @@ class TensionOnly(Straight, TensionElement):
         return jack_value_or(state, jnp.zeros((), bool), unstressed)
 
     def _zero_if_slack(self, value, strain, memory):
-        """Return `value`, or zero in a slack cable; a `Parallel` law does so itself."""
+        """Return `value`, or zero in a slack cable; a `Parallel` law has zeros there already."""
         if isinstance(self._axial_section()[1], Parallel):
             return value
         return jnp.where(self._is_slack_at(strain, memory), 0.0, value)
 
     def _is_slack_at(self, strain, memory):
-        """Return whether the law gives no tension at a strain."""
+        """Return whether a cable with history variables `memory` (or None) is slack at a strain."""
         if memory is None:
             return strain < 0
         # plastic strain has lengthened the cable: the law (or several of them, by the sum of their
@@ -113,13 +121,13 @@ class TensionOnly(Straight, TensionElement):
         return self._axial_section()[1].is_slack(strain, memory)
 
     def _axial_section(self):
-        """Return the triple of `Straight._axial_section`, with a law that carries tension only."""
+        """Return axial stiffness, law (without compression) and area, as `Straight` does."""
         stiffness, law, area = super()._axial_section()
         return stiffness, None if law is None else law.tension_only(), area
 
 
-def _with_unit_force(state):
-    """Return the state of an element whose jack force is 1 N."""
+def _with_unit_jack_force(state):
+    """Return the state of an element in which a jack prescribes a force of 1 N."""
     return copy_with(state, jack_force=jnp.ones_like(state.rest_length), jacked=None)
 
 

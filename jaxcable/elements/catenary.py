@@ -25,18 +25,21 @@ from .prestress import AxialState, measure_chord
 
 @pytree(indices=("links",))
 class Catenaries(TensionOnly, Sagging, Rounding):
-    """A group of elastic catenaries, tension only; results per element are means over its ends.
+    """A group of elastic catenaries, tension only: each hangs between its ends under its load.
 
-    It carries the weight of `SelfWeight` and the loads of `LineLoads`, at the present load factor;
-    a slack catenary without load has no force. The result `tension` is the mean of the tensions at
-    the two ends, which is at least half of the load on the element; `peak_tension` is the larger of
-    the two, which strength is compared with; `forms.end_tensions` gives both. Prestress is stated
-    as for cables: a tension is that of the straight element without load; a `sag` is the vertical
-    distance from the chord at midspan under the whole weight along -z: a conductor over the span l
-    with the chord d, strung with the horizontal force H, has the sag ``w d l / (8 H)``, but for the
-    flatness of a parabola. A taut catenary without load takes its
-    first load stiffly, not in proportion: `Incremental` needs small first increments or corrections
-    there.
+    An element hangs under the weight of `SelfWeight` and the loads of `LineLoads` at the present
+    load factor. Without load it is a straight cable, or slack and without force.
+
+    The result `tension` is the mean of the tensions at both ends, which is at least half of the
+    load on the element; `peak_tension` is the larger of the two, which strength is compared with;
+    `forms.end_tensions` gives both.
+
+    Prestress is stated as for `Cables`: a tension is that of the straight element without load. A
+    `sag` is the vertical distance from the chord at midspan, under the whole weight along -z: for a
+    span l, a chord d and the horizontal force H nearly ``w d l / (8 H)``, that of a parabola.
+
+    A taut catenary without load takes its first load stiffly, not in proportion: `Incremental`
+    needs small first increments or corrections there.
 
     Args:
         links: node numbers, [n_elem, 2].
@@ -77,51 +80,58 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         super().__post_init__()
 
     def _solve_shape(self, state, ends, motion):
-        """Return the tension vector F in the middle, tau, theta (see `hanging`), and the chord."""
+        """Return tension vector at mid-length, mean tension, shape parameter theta, and chord."""
         chord = (ends[1] - ends[0]) + (motion[1] - motion[0])
         force, tau, theta = hanging.solve_catenary(
             chord,
             squared_length_excess(state, ends, motion),
             state.line_load,
             state.rest_length,
-            self._stiffness,
+            self._effective_axial_stiffness,
         )
         return force, tau, theta, chord
 
     @property
-    def _stiffness(self):
+    def _effective_axial_stiffness(self):
+        """Axial stiffness EA in series with the spring of `compliance`, N."""
         return self._axial_section()[0]
 
     def has_result(self, name: str, state: AxialState) -> bool:
-        """Return whether it has a result; a peak tension only under a load."""
+        """Return whether elements have the result `name`; a peak tension only under a load."""
         if name == "peak_tension":
             return state.line_load is not None
         return super().has_result(name, state)
 
     def tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the mean of the tensions at both ends, N."""
+        """Return the mean of the tensions at both ends of one cable, N."""
         if state.line_load is None:
             return super().tension(state, ends, motion)
         return self._solve_shape(state, ends, motion)[1]
 
-    def _pull(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, " 3"]:
+    def _axial_force_vector(
+        self, state: AxialState, ends: Ends, motion: Motion
+    ) -> Float[Array, " 3"]:
+        """Return the tension vector of one cable, [3], N; under a load the one at mid-length."""
         if state.line_load is None:
-            return super()._pull(state, ends, motion)
+            return super()._axial_force_vector(state, ends, motion)
         return self._solve_shape(state, ends, motion)[0]
 
     def suits_cone_solver(self, state: AxialState) -> bool:
-        """Return whether `conic_interior_point` applies: without loads along them in any phase."""
+        """Return whether no phase has loads along the cables, as `conic_interior_point` needs."""
         return state.line_load is None and super().suits_cone_solver(state)
 
     def tension_response(self, state: AxialState, ends: Ends, motion: Motion) -> TensionResponse:
-        """Return the `TensionResponse`; under a load its tension is ``tau - |q| L0/2``."""
+        """Return tension, its stiffness and the end forces of one cable at a motion of its ends.
+
+        Under a load the tension is the mean of both end tensions minus half of the load.
+        """
         if state.line_load is None:
             return super().tension_response(state, ends, motion)
         shape = (
             (ends[1] - ends[0]) + (motion[1] - motion[0]),
             squared_length_excess(state, ends, motion),
         )
-        span = (*shape, state.line_load, state.rest_length, self._stiffness)
+        span = (*shape, state.line_load, state.rest_length, self._effective_axial_stiffness)
         tension = hanging.tension_unknown(*span)
         at = hanging_springs.hanging_under_tension(tension, *span)
         give = at.compliance + at.sag_compliance
@@ -134,13 +144,16 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         return TensionResponse(tension, slope, along, forces, shape)
 
     def length_slack(self, state: AxialState, tension: Scalar, shape: PyTree[Array]) -> LengthSlack:
-        """Return the `LengthSlack` under a tension; of a hanging cable by `hanging_springs`."""
+        """Return by how much one cable under a tension, N, would exceed its present length.
+
+        `shape` is that of the `TensionResponse` at the present positions of its ends.
+        """
         if state.line_load is None:
             return super().length_slack(state, tension, shape)
         chord, above = shape
         load, rest_length = state.line_load, state.rest_length
         at = hanging_springs.hanging_under_tension(
-            tension, chord, above, load, rest_length, self._stiffness
+            tension, chord, above, load, rest_length, self._effective_axial_stiffness
         )
         along, forces = (
             jnp.stack([-at.force_per_tension, at.force_per_tension]),
@@ -151,55 +164,65 @@ class Catenaries(TensionOnly, Sagging, Rounding):
     def geometric_stiffness(
         self, state: AxialState, ends: Ends, motion: Motion, tension: Scalar
     ) -> Float[Array, "2 3 2 3"]:
-        """Return the geometric stiffness; under a load by the two springs of `hanging_springs`."""
+        """Return the derivative of the end forces of one cable at constant tension, N/m."""
         if state.line_load is None:
             return super().geometric_stiffness(state, ends, motion, tension)
-        block = hanging_springs.tension_stiffness(
-            tension, state.line_load, state.rest_length, self._stiffness
+        block = hanging_springs.stiffness_under_tension(
+            tension, state.line_load, state.rest_length, self._effective_axial_stiffness
         )
         return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])
 
     def rounding_error(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Return the error of the end forces by rounding of displacements, [2, 3], N."""
+        """Return the error of the end forces from the rounding of displacements, [2, 3], N."""
         at = self.tension_response(state, ends, motion)
         moved = 8 * jnp.finfo(motion.dtype).eps * jnp.max(jnp.abs(motion))
         return moved * at.slope * jnp.abs(at.unit_forces)
 
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return stored energy plus potential of the load along it, less its end shares, J."""
+        """Return the energy of one cable whose gradient its end forces are, J.
+
+        It is the stored energy plus the potential of the load along the cable, minus the potential
+        of the same load with a half at each end.
+        """
         if state.line_load is None:
             return super().energy(state, ends, motion)
         force, tau, theta, chord = self._solve_shape(state, ends, motion)
         return hanging.stored_energy(
-            force, tau, theta, chord, state.line_load, state.rest_length, self._stiffness
+            force,
+            tau,
+            theta,
+            chord,
+            state.line_load,
+            state.rest_length,
+            self._effective_axial_stiffness,
         )
 
     def is_slack(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Return whether its unstressed length exceeds its chord and no load acts on it."""
+        """Return whether one cable is longer than its chord, unstressed, and without load."""
         slack = self.strain(state, ends, motion) < 0
         if state.line_load is None:
             return slack
         return slack & jnp.all(state.line_load == 0)
 
     def at_kink(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Return whether it is unstressed and without load; a load makes its force smooth."""
+        """Return whether strain and load of one cable are zero; a load makes its force smooth."""
         kink = super().at_kink(state, ends, motion)
         return kink if state.line_load is None else kink & jnp.all(state.line_load == 0)
 
     def end_tensions(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, " 2"]:
-        """Tensions at the first and the second end, [2], N."""
+        """Return the tensions of one cable at its first and its second end, [2], N."""
         if state.line_load is None:
             return jnp.repeat(super().tension(state, ends, motion), 2)
         return _end_tensions(self._solve_shape(state, ends, motion)[0], state)
 
     def peak_tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the larger of the tensions at both ends, N; it is smaller between them."""
+        """Return the larger of the tensions at both ends of one cable, N, the largest along it."""
         return jnp.max(self.end_tensions(state, ends, motion))
 
     def results_by_name(
         self, state: AxialState, ends: Ends, motion: Motion, names: Sequence[str]
     ) -> dict[str, Array]:
-        """Return results by name; the shape, which takes an iteration, is computed once."""
+        """Return results of one cable by name; its shape, found by iteration, is solved once."""
         if state.line_load is None:
             return super().results_by_name(state, ends, motion, names)
         force, tau, *_ = self._solve_shape(state, ends, motion)
@@ -214,22 +237,22 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         return others | {name: known[name] for name in names if name in known}
 
     def sag(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the distance of the cable from its chord at midspan, along the load, m."""
+        """Return the distance of one cable from its chord at midspan, along its load, m."""
         force, _, theta, _ = self._solve_shape(state, ends, motion)
         load: Float[Array, " 3"] = state.line_load  # type: ignore[assignment]  # under a load
-        return hanging_sag.midspan_sag(force, theta, load, self._stiffness)
+        return hanging_sag.midspan_sag(force, theta, load, self._effective_axial_stiffness)
 
     def curve(
         self, state: AxialState, ends: Ends, motion: Motion, parts: Float[Array, " n"]
     ) -> Float[Array, "n 3"]:
-        """Return positions along the element, [n, 3], m, at parts [n] of its unstressed length."""
+        """Return points on one cable, [n, 3], m, at `parts` (0 to 1) of its unstressed length."""
         first = ends[0] + motion[0]
         if state.line_load is None:
             return first[None] + jnp.outer(parts, ends[1] + motion[1] - first)
         force, tau, _, _ = self._solve_shape(state, ends, motion)
         load, rest_length = state.line_load, state.rest_length
         return first[None] + hanging.positions_along(
-            parts, force, tau, load, rest_length, self._stiffness
+            parts, force, tau, load, rest_length, self._effective_axial_stiffness
         )
 
     def strain_at_sag(
@@ -238,11 +261,11 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         sag: Float[Array, " n_elem"],
         thermal_stretch: float | Float[Array, " n_elem"] = 1.0,
     ) -> Float[Array, " n_elem"]:
-        """Return the strains of the chords at which elements have given sags [n_elem], m.
+        """Return the strains of the initial chords at which elements have given sags, [n_elem].
 
-        Sags are vertical distances from the chords between the initial ends [n_elem, 2, 3] at
-        midspan, under the whole weight of the group along -z. `thermal_stretch` as in `AxialState`:
-        an element that heat has lengthened weighs less per length.
+        Sags are vertical distances from the chords at midspan, [n_elem], m, under the whole weight
+        along -z; `ends` are initial positions. `thermal_stretch` is as in `AxialState`: an element
+        that heat has lengthened weighs less per length.
         """
 
         def one(ends, weight, stiffness, sag):
@@ -250,18 +273,18 @@ class Catenaries(TensionOnly, Sagging, Rounding):
             return hanging_sag.strain_at_sag(ends[1] - ends[0], load, stiffness, sag)
 
         weight = jnp.asarray(self.weight, ends.dtype) / thermal_stretch
-        stiffness = jnp.asarray(self._stiffness, ends.dtype)
+        stiffness = jnp.asarray(self._effective_axial_stiffness, ends.dtype)
         return jax.vmap(one)(ends, weight, stiffness, sag)
 
 
 def _end_tensions(force, state):
-    """Return the tensions at both ends, [2], N, from the tension vector in the middle, [3]."""
+    """Return the tensions at both ends, [2], N, from the tension vector at mid-length, [3]."""
     half = 0.5 * state.rest_length * state.line_load
     return jnp.sqrt(jnp.stack([jnp.sum((force + half) ** 2), jnp.sum((force - half) ** 2)]))
 
 
 def squared_length_excess(state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-    """Return ``|chord|^2 - L0^2``, computed without this subtraction, m2."""
+    """Return ``|chord|^2 - L0^2`` of one element, m2, computed without this subtraction."""
     start, w = ends[1] - ends[0], motion[1] - motion[0]
     length = measure_chord(ends, jnp.zeros_like(ends))[3]
     return state.elongation * (length + state.rest_length) + scalar_product(2 * start + w, w)

@@ -28,6 +28,8 @@ REQUIRED_METHODS = {
 def require(group: Element, name: str) -> None:
     """Raise ValueError if a group lacks methods or results that its attributes require.
 
+    The attribute ``has_memory = True``, for example, requires a method `initial_memory`.
+
     Args:
         group: element group.
         name: name of the group in messages.
@@ -37,11 +39,11 @@ def require(group: Element, name: str) -> None:
 
 
 def _missing_abilities(group):
-    """Yield a sentence for everything that a group lacks according to its attributes."""
+    """Yield a sentence for each method or result that a group lacks, or declares wrongly."""
     kind = type(group)
     for attribute, methods in REQUIRED_METHODS.items():
         for method in methods:
-            if getattr(group, attribute) and _has_default(kind, method):
+            if getattr(group, attribute) and _inherits_default(kind, method):
                 yield f"{attribute} = True needs a method `{method}`"
     wrong = [result for result in group.results if not isinstance(result, Result)]
     if wrong:
@@ -52,10 +54,10 @@ def _missing_abilities(group):
     if face is not None and not known:
         yield f"face: expected a tuple of 3 or 4 ends of 0 to {len(ends) - 1}, got {face!r}"
     names = [result.name for result in group.results]
-    if not group.has_memory and not _has_default(kind, "committed_memory"):
+    if not group.has_memory and not _inherits_default(kind, "committed_memory"):
         yield "committed_memory: it is only asked where has_memory = True"
-    by_strain = group.has_memory and _has_default(kind, "committed_memory")
-    if by_strain and _has_default(kind, "commit_memory"):
+    by_strain = group.has_memory and _inherits_default(kind, "committed_memory")
+    if by_strain and _inherits_default(kind, "commit_memory"):
         yield "has_memory = True needs a method `commit_memory`, or `committed_memory`"
     for attribute, needs in (("has_memory", by_strain), ("has_rupture", group.has_rupture)):
         if needs and SECTION_STRAIN.name not in names:
@@ -83,8 +85,8 @@ def _missing_abilities(group):
                 yield f"statements: {name!r} needs the ability `{ability.__name__}`"
 
 
-def _has_default(kind, method):
-    """Return whether a class inherits the default of `Element` for a method."""
+def _inherits_default(kind, method):
+    """Return whether a class has a method, by its name, from `Element` without overriding it."""
     return getattr(kind, method) is getattr(Element, method)
 
 

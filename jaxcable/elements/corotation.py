@@ -47,7 +47,7 @@ from .prestress import measure_chord
 
 @pytree
 class Pose:
-    """Position of an element, and its deformation in its frame.
+    """Position of an element, and its deformation in the frame that follows it.
 
     Attributes:
         length: of the chord, m.
@@ -56,10 +56,10 @@ class Pose:
         chord: direction b of the chord, [3].
         axes: axes of the element after its rotation, [3, 3], one in each row of the matrix.
         half_rotation: half of the rotation between the ends, quaternion [4].
-        end_rotations: rotations of the ends relative to the frame, `to_stereographic`, along its
-            axes, [2, 3].
-        rotations: `end_rotations` as rotation vectors, less those of the unstressed element, [2,
-            3], rad.
+        end_rotations: rotations of the ends relative to the frame, along its axes, as vectors
+            ``tan(angle / 4) axis`` (`to_stereographic`), [2, 3].
+        rotations: `end_rotations` as rotation vectors, minus those of the unstressed element,
+            [2, 3], rad.
     """
 
     length: Scalar
@@ -79,9 +79,14 @@ def pose(
     quaternions: Float[Array, "2 4"],
     kinks: Float[Array, "2 3"] | None = None,
 ) -> Pose:
-    """Return the `Pose` for initial axes [3, 3], initial ends [2, 3] and their motion.
+    """Return the `Pose` of an element from the motion of its ends.
 
-    `kinks` are the rotations [2, 3] at which the element is unstressed; None where they are zero.
+    Args:
+        axes: initial axes, one in each row.
+        ends: initial positions, m.
+        displacements: of the ends, m.
+        quaternions: rotations of the ends, unit quaternions.
+        kinks: rotation vectors of the ends at which the element is unstressed; None: zero.
     """
     vector, length, change, _ = measure_chord(ends, displacements)
     halfway = halfway_rotation(*quaternions)
@@ -105,7 +110,7 @@ def pose(
 def pressure_load(
     pose: Pose, pressures: Pressures, rest_length: Scalar
 ) -> tuple[Float[Array, " 3"], Float[Array, " 3"], Float[Array, "3 3"]]:
-    """Return the load of pressures per unstressed length, along rotated axes, and derivatives.
+    """Return the load of pressures per unstressed length, on rotated axes, and two derivatives.
 
     Args:
         pose: of the element.
@@ -114,7 +119,7 @@ def pressure_load(
 
     Returns:
         The load, [3], N/m. Its derivative by the length of the chord, [3], N/m2. A matrix [3, 3]
-        that gives, times the derivative of the potential by the load, the torque on the frame
+        that gives, times the derivative of the potential by the load, the moment on the frame
         beyond that of a dead load; zero where a pressure has no potential.
     """
     load, longer = jnp.zeros_like(pose.chord), jnp.zeros_like(pose.chord)
@@ -137,14 +142,14 @@ def pressure_load(
 def end_forces(
     pose: Pose, force: Scalar, moments: Float[Array, "2 3"], torque: Float[Array, " 3"]
 ) -> tuple[Float[Array, " 3"], Float[Array, "2 3"]]:
-    """Return pull on the second end [3], N, and moments on both ends [2, 3], N m, in space.
+    """Return the force on the second end [3], N, and moments on both ends [2, 3], N m, in space.
 
     Args:
         pose: of the element.
-        force: work per change of length, N.
-        moments: work per change of the rotation vectors of the ends, [2, 3], N m.
-        torque: moment T of loads that do not turn with the frame, see the module, [3], N m. Its
-            components, and those of the moments, are along the turned axes.
+        force: axial force, conjugate to the length of the chord, N.
+        moments: conjugate to the rotation vectors ``pose.rotations``, [2, 3], N m.
+        torque: moment of loads that do not rotate with the frame, [3], N m. Its components, and
+            those of `moments`, are along the rotated axes.
     """
     by_spin = jax.vmap(moment_conjugate_to_spin)(pose.end_rotations, moments)
     first, second = by_spin @ pose.axes

@@ -40,7 +40,7 @@ Forces: TypeAlias = 'Float[Array, "n_end n_freedom"]'
 
 @dataclasses.dataclass(frozen=True)
 class Result:
-    """Declaration of a result: the method `name` computes it from a state, ends and motion.
+    """Declaration of a result of elements; the method `name` computes it for one element.
 
     Attributes:
         name: name of the method; solutions, files, pictures and reports use it, too.
@@ -106,7 +106,7 @@ class Element(abc.ABC):
         tension_only: whether an element carries tension only.
         monotone: whether its force is known not to fall with strain (no softening). The energy of
             groups that are `tension_only` and `monotone` is convex.
-        remembers: whether its state has history variables (`memory`), because its laws depend on
+        has_memory: whether its state has history variables (`memory`), because its laws depend on
             earlier increments; then it has `absolute_force`, `initial_memory`, and either
             `commit_memory` and `SECTION_STRAIN` among its results, or `committed_memory`.
         has_rupture: whether its law has a rupture strain; then it has `is_ruptured`, and
@@ -150,30 +150,30 @@ class Element(abc.ABC):
 
     @property
     def n_freedom(self) -> int:
-        """Number of columns of the end forces: 3 forces, and 3 moments if its nodes rotate."""
+        """Number of columns of end forces: 3 forces, and 3 moments if the nodes have rotations."""
         return 6 if self.rotates else 3
 
     @property
     def n_motion(self) -> int:
-        """Number of columns of the motion: 3 displacements, and a quaternion if nodes rotate."""
+        """Number of columns of a motion: 3 displacements, and a quaternion's 4 with rotations."""
         return 7 if self.rotates else 3
 
     # --- the group
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers of the group must keep, see `common.rules`."""
+        """Return the conditions on the numbers of the group, such as positive lengths: `Rule`s."""
         return []
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
-        """Return the rules that its numbers and the initial positions [n_node, 3] must keep."""
+        """Return the conditions on the numbers of the group at initial positions `nodes`, m."""
         return []
 
     def check(self, nodes: Float[np.ndarray, "n_node 3"]) -> None:
-        """Raise ValueError if known initial positions [n_node, 3] do not define the elements."""
+        """Raise ValueError if initial positions `nodes` (known, m) do not define the elements."""
         return None
 
     def properties(self) -> dict[str, PyTree[Float[ArrayLike, "n_elem ..."]]]:
-        """Return all values that differ from element to element, by name, each [n_elem, ...]."""
+        """Return all fields that have a value for every element, by name, each [n_elem, ...]."""
         values = {name: getattr(self, name) for name in self.per_element}
         values = {name: value for name, value in values.items() if value is not None}
         fields = dataclasses.fields(self)  # type: ignore[arg-type]  # a group is a `pytree`
@@ -182,10 +182,10 @@ class Element(abc.ABC):
 
     @abc.abstractmethod
     def start(self, ends: Float[Array, "n_elem n_end 3"]) -> ElementState:
-        """Return the `ElementState` before the first phase; initial ends [n_elem, n_end, 3]."""
+        """Return the state of the group before the first phase, for initial positions `ends`, m."""
 
     def chord(self, ends: Float[Array, "n_elem n_end 3"]) -> Float[Array, " n_elem"]:
-        """Return the distance of the first two ends [n_elem, n_end, 3], [n_elem], m.
+        """Return the distance of the first two ends of every element, [n_elem], m.
 
         Solvers measure steps by this length. It is empty, [0], for elements with one end.
         """
@@ -196,40 +196,40 @@ class Element(abc.ABC):
     def split_among_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
-        """Split an `amount` [n_elem] among the ends [n_elem, n_end, 3]: shares [n_elem, n_end]."""
+        """Split an `amount` of each element among its ends; `ends` are their initial positions."""
         n_end = ends.shape[1]
         return jnp.repeat((amount / n_end)[:, None], n_end, axis=1)
 
     def weights(self, state: OwnState) -> Float[Array, " n_elem"] | None:
-        """Return the weight of every element, [n_elem], N; None if the group has none."""
+        """Return the weight of every element, [n_elem], N; None if the group has no weight."""
         return None
 
     def with_fixed_axes(self, nodes: Float[ArrayLike, "n_node 3"]) -> Self:
-        """Return the group with its axes fixed as they are at initial positions [n_node, 3]."""
+        """Return the group with its axes fixed as they are at initial positions `nodes`, m."""
         return self
 
     def hinged_ends(self) -> Bool[np.ndarray, "n_elem 2"] | None:
-        """Return which ends do not rotate with their node, [n_elem, 2] bool, or None."""
+        """Return which ends do not rotate with their node, [n_elem, 2] bool; None: all rotate."""
         return None
 
     def unused_columns(self) -> Bool[np.ndarray, "n_elem n_inner_row 3"]:
-        """Return which entries of the inner rows hold no unknown, [n_elem, n_inner_row, 3] bool."""
+        """Return which entries hold no unknown in the rows of motion that an element adds, bool."""
         return np.zeros((len(self.links), self.n_inner_row, 3), bool)
 
     def initial_memory(self) -> PyTree[Float[Array, "n_elem ..."]] | None:
-        """Return the history variables of elements that have not been strained yet, or None."""
+        """Return the history variables of unstrained elements, [n_elem, ...]; None: it has none."""
         return None
 
     def extrapolated(self) -> Self:
-        """Return the group with laws continued beyond their rupture strains, for an iteration."""
+        """Return the group with stress-strain curves extended beyond rupture, for an iteration."""
         return self
 
     def without_softening(self) -> Self:
-        """Return the group without softening, with which an iteration begins."""
+        """Return the group with laws that do not soften, with which an iteration begins."""
         return self
 
     def with_activation(self, state: OwnState, present: Bool[Array, " n_elem"]) -> ElementState:
-        """Return the state of a group with activation; elements that are `present` are active."""
+        """Return the state with the mask of active elements, [n_elem], in its field `present`."""
         return with_fields(state, present=present)
 
     def unstressed_state(
@@ -243,11 +243,11 @@ class Element(abc.ABC):
         return self.start(ends)
 
     def capacity(self) -> tuple[float | Float[Array, " n_elem"], float | Float[Array, " n_elem"]]:
-        """Return the smallest and the largest axial force, N."""
+        """Return the smallest and the largest axial force that elements can carry, N."""
         return -jnp.inf, jnp.inf
 
     def linear_axial_stiffness(self) -> Float[ArrayLike, " n_elem"] | None:
-        """Return the axial stiffness EA if the law is linear, [n_elem], N; None otherwise."""
+        """Return the axial stiffness EA, [n_elem], N; None if the law is not linear."""
         return None
 
     # --- one element
@@ -272,7 +272,7 @@ class Element(abc.ABC):
     def end_forces_after_step(
         self, state: OwnState, ends: Ends, motion: Motion, step: Forces
     ) -> Forces:
-        """Return end forces after a step from a motion, conjugate to it, both [n_end, n_freedom].
+        """Return end forces after a `step` from a motion, work-conjugate to this step.
 
         Elements with rotations override it, because spins cannot be added to quaternions.
         """
@@ -280,7 +280,7 @@ class Element(abc.ABC):
 
     @abc.abstractmethod
     def energy(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the stored energy, J. `end_forces` must be its gradient."""
+        """Return the stored energy of one element, J, whose gradient `end_forces` must be."""
 
     def tangent(
         self, state: OwnState, ends: Ends, motion: Motion
@@ -306,7 +306,7 @@ class Element(abc.ABC):
         return matrix.reshape(len(motion) * self.n_freedom, -1)[np.ix_(at, at)]
 
     def evaluates_both_at_once(self, state: OwnState) -> bool:
-        """Return whether an iteration evaluates both at once, by `forces_and_tangent`.
+        """Return whether iterations call `forces_and_tangent`, for both in one evaluation.
 
         This compiles faster, but computes tangents also at points that may be rejected.
         """
@@ -315,7 +315,7 @@ class Element(abc.ABC):
     def forces_and_tangent(
         self, state: OwnState, ends: Ends, motion: Motion
     ) -> tuple[Forces, Float[Array, "n_end 3 n_end 3"] | Float[Array, "n n"]]:
-        """Return end forces and tangent of one element."""
+        """Return `end_forces` and `tangent` of one element, a pair."""
         return self.end_forces(state, ends, motion), self.tangent(state, ends, motion)
 
     def mass_matrix(
@@ -340,29 +340,29 @@ class Element(abc.ABC):
         return jnp.diag(jnp.repeat(shares, 3))
 
     def is_slack(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Return whether the element is slack: without force."""
+        """Return whether one element is slack: without force, because it is too short."""
         return jnp.zeros((), bool)
 
     def at_kink(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Return whether the element is between taut and slack: its force has no derivative."""
+        """Return whether one element is between taut and slack, where forces have no derivative."""
         return jnp.zeros((), bool)
 
     # --- rupture, history variables, and loads that slide: see the table in `abilities`
 
     def absolute_force(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the sum of the absolute forces of an element's parts, N; if it `has_memory`."""
+        """Return the sum of absolute forces of an element's parts, N: the scale of rounding."""
         return jnp.zeros((), motion.dtype)
 
     def commit_memory(
         self, strain: Array, memory: PyTree[Array], duration: float = 0.0
     ) -> PyTree[Array]:
-        """Return the history variables after an increment of a `duration`, s, to a `strain`."""
+        """Return the history variables after an increment of a `duration`, s, ended at a strain."""
         return memory
 
     def committed_memory(
         self, state: OwnState, ends: Ends, motion: Motion, duration: float = 0.0
     ) -> PyTree[Array]:
-        """Return the history variables after an increment of a `duration`, s, to a motion.
+        """Return the history variables after an increment of a `duration`, s, ended at a motion.
 
         The default commits those of a law, which depend on the section strain only. Elements whose
         history depends on more (how far a cable has slid, where a damper was) override it. It is
@@ -375,23 +375,23 @@ class Element(abc.ABC):
         return self.commit_memory(strain, state.memory, duration)
 
     def is_ruptured(self, strain: Array) -> Bool[Array, ""]:
-        """Return whether a strain is beyond the rupture strain of the law."""
+        """Return whether the section strain of an element is beyond the rupture of its law."""
         return jnp.zeros((), bool)
 
     def fibre_stress(self, strain: Array, memory: PyTree[Array] | None = None) -> Array | None:
-        """Return the stress of the fibres, Pa, at a strain; None if the element has none."""
+        """Return the stress of the fibres of one element at a strain, Pa; None if it has none."""
         return None
 
     def sliding_load_forces(
         self, state: OwnState, ends: Ends, motion: Motion
     ) -> Float[Array, "n_end 3"]:
-        """Return the change of end forces by a load that slides along, [n_end, 3], N."""
+        """Return the change of end forces because the load slides along the element, N."""
         return jnp.zeros((len(motion), 3), motion.dtype)
 
     def results_by_name(
         self, state: OwnState, ends: Ends, motion: Motion, names: Sequence[str]
     ) -> dict[str, Array]:
-        """Return results by the names of methods; overriding methods compute shared parts once."""
+        """Return results of one element by name; overriding methods compute shared parts once."""
         return {name: getattr(self, name)(state, ends, motion) for name in names}
 
     def has_result(self, name: str, state: OwnState) -> bool:

@@ -29,15 +29,19 @@ class ElementLoad:
 
     Attributes:
         line: dead load per unstressed length, [n_elem, 3], N/m, or None.
-        pressures: pressures that follow beams, N/m: for "current" or "unstressed" length, a list of
-            pairs (pressure [n_elem], unit axis [n_elem, 3]); or None.
+        pressures: pressures that follow beams, or None: under the key "current" or "unstressed", by
+            the length that they are per, a list of pairs (pressure [n_elem], N/m; unit axis
+            [n_elem, 3]). A pressure acts along the cross product of its axis and the chord.
     """
 
     line: Float[Array, "n_elem 3"] | None = None
     pressures: Pressures | None = None
 
     def total_loads(self, rest_length: Float[Array, " n_elem"]) -> TotalLoads:
-        """Return the loads on whole elements of an unstressed length [n_elem], m."""
+        """Return the loads that stay the same where the unstressed length [n_elem], m, changes.
+
+        These are the dead loads on whole elements, N, and the pressures, N/m (`TotalLoads`).
+        """
         line, pressures = self.line, self.pressures
         if line is not None:
             line = line * rest_length[:, None]
@@ -48,7 +52,7 @@ class ElementLoad:
     def with_total_loads(
         self, amounts: TotalLoads, rest_length: Float[Array, " n_elem"]
     ) -> ElementLoad:
-        """Return these loads with other `amounts`, for an unstressed length [n_elem], m."""
+        """Return these loads with `amounts` as from `total_loads`, for an unstressed length, m."""
         line, pressures = amounts
         if line is not None:
             line = line / rest_length[:, None]
@@ -62,9 +66,9 @@ class ElementLoad:
 class ElementState:
     """State of a group, which phases change: a pytree whose arrays have a leading axis [n_elem].
 
-    A field is None if the class of elements does not use it. `prestress.AxialState` describes them.
-    A class of states has the fields that its elements use; an analysis that has to set another one
-    raises ValueError (`with_fields`). Elements that phases activate need `present`, and the method
+    A class of states has those of the fields below that its elements use (`prestress.AxialState`
+    describes them); others are None, and an analysis that has to set one raises ValueError
+    (`with_fields`). Elements that phases activate need `present`, and the method
     `state_at_activation` of their group.
     """
 
@@ -93,16 +97,16 @@ class ElementState:
 
     @property
     def line_load(self) -> Float[Array, "n_elem 3"] | None:
-        """Dead load of `element_load` per unstressed length, [n_elem, 3], N/m, or None."""
+        """Dead load along the elements per unstressed length, [n_elem, 3], N/m; None if none."""
         return None if self.element_load is None else self.element_load.line
 
     @property
     def pressures(self) -> Pressures | None:
-        """Follower pressures of loads, by the length that they are per, or None."""
+        """Pressures that follow the elements, by the length that they are per; None if none."""
         return None if self.element_load is None else self.element_load.pressures
 
     def zero_where_absent(self, values: PyTree[Array]) -> PyTree[Array]:
-        """Return a tree of arrays [n_elem, ...], zero or False for inactive elements."""
+        """Return a tree of arrays [n_elem, ...] with zero, or False, for inactive elements."""
         present = self.present
         if present is None:
             return values
@@ -114,7 +118,7 @@ class ElementState:
 
 
 def with_fields(state: OwnState, **changes: Any) -> Any:
-    """Return a state with changed fields; ValueError if its class does not have them."""
+    """Return a state with some fields changed; ValueError if its class lacks one of them."""
     for name in changes:
         if name not in getattr(type(state), "_all_fields", ()):
             raise ValueError(

@@ -33,9 +33,9 @@ from .element import Scalar
 from .hanging_terms import (
     magnitude_and_direction,
     mean_strain_and_theta,
-    ratio_less_1,
+    sag_ratio_minus_1,
     spring_stiffnesses,
-    theta_coth_less_1,
+    theta_coth_minus_1,
 )
 
 
@@ -47,7 +47,7 @@ def solve_catenary(
     rest_length: Scalar,
     stiffness: Scalar,
 ) -> tuple[Float[Array, " 3"], Scalar, Scalar]:
-    """Solve for the tension vector in the middle of a hanging cable and its shape.
+    """Solve for the tensions and the shape of a cable that hangs between given ends.
 
     Args:
         chord: from the first end to the second, [3], m.
@@ -57,7 +57,8 @@ def solve_catenary(
         stiffness: EA, N.
 
     Returns:
-        F [3], N; tau, the mean of the tensions at the ends, N; theta. All zero where a cable
+        The tension vector at mid-length, [3], N; the mean tau of the tensions at the ends, N; and
+        theta, with ``tanh(theta) = |q| L0 / (2 tau)`` for the load q. All zero where a cable
         without load is slack.
     """
     weight, unit = magnitude_and_direction(load)
@@ -83,7 +84,10 @@ def tension_unknown(
     rest_length: Scalar,
     stiffness: Scalar,
 ) -> Scalar:
-    """Return ``tau - |q| L0/2``, N, the unknown of `hanging_springs`; arguments as of `hang`."""
+    """Return the mean of the end tensions minus half of the load, ``tau - |q| L0/2``, N.
+
+    This is the unknown of `hanging_springs`; arguments are those of `solve_catenary`.
+    """
     _, tau, theta = solve_catenary(chord, excess, load, rest_length, stiffness)
     weight, _ = magnitude_and_direction(load)
     heavy = weight > 0
@@ -92,7 +96,10 @@ def tension_unknown(
 
 
 def _solve_tension_unknown(omega, across2, excess):
-    """Solve for ``(tau - |q| L0/2) / EA``; arguments ``|q| L0/EA, (d_across/L0)^2, (d/L0)^2 - 1``.
+    """Solve for ``(tau - |q| L0/2) / EA``, the tension unknown as a strain.
+
+    `omega` is the load ``|q| L0 / EA``; of the chord d, `across2` is ``(d_across / L0)^2`` with the
+    part across the load, and `excess` is ``(d / L0)^2 - 1``.
 
     The unknown is a logarithm, because the horizontal force falls exponentially where a cable hangs
     nearly vertically in a loop. For a taut cable it is the logarithm of the strain that the load
@@ -108,13 +115,13 @@ def _solve_tension_unknown(omega, across2, excess):
     def balance(u):
         added = jnp.exp(u)
         strain, theta = mean_strain_and_theta(base + added, omega)
-        more = ratio_less_1(strain, theta)
+        more = sag_ratio_minus_1(strain, theta)
         left = jnp.where(
             excess > 0, (added + gap) * (2 + strain + straight), strain * (2 + strain) - excess
         )
         return jnp.log(left) - jnp.log(across2) - jnp.log(more * (2 + more) + floor)
 
-    theta, strain, added = _first_guess(omega, across2, excess)
+    theta, strain, added = _guess_theta_and_strain(omega, across2, excess)
     added = jnp.where(taut, added, jnp.where(omega > 0, omega / jnp.expm1(2 * theta), strain))
     tiny = jnp.finfo(omega.dtype).tiny
     low = jnp.log(jnp.full_like(omega, 1e3 * tiny))  # above underflow after rounding
@@ -124,10 +131,11 @@ def _solve_tension_unknown(omega, across2, excess):
     )
 
 
-def _first_guess(omega, across2, excess):
-    """Guess theta, the strain, and the part of the strain that the load adds.
+def _guess_theta_and_strain(omega, across2, excess):
+    """Return guesses of theta, of the mean strain, and of the part of it that the load adds.
 
-    From the closed form of a shallow cable; theta is corrected if the cable is deep.
+    Arguments are those of `_solve_tension_unknown`. The guess is the closed form of a shallow
+    cable; theta is corrected if the cable is deep.
     """
     tiny = jnp.finfo(omega.dtype).tiny
     straight = excess / (1 + jnp.sqrt(jnp.maximum(1 + excess, 0.0)))
@@ -170,11 +178,12 @@ def stored_energy(
     rest_length: Scalar,
     stiffness: Scalar,
 ) -> Scalar:
-    """Return the energy as a function of the chord, J: ``F.d`` minus complementary energy.
+    """Return the energy of a cable as a function of its chord, J; its gradient is ``force``.
 
-    Its gradient by the chord is ``F``. It is the stored energy plus the potential of the load along
-    the cable, without the shares of this load at the ends. The complementary energy is the integral
-    of ``|T|^2/(2 EA) + |T|`` over the unstressed length.
+    It is ``F.d`` minus the complementary energy, the integral of ``|T|^2/(2 EA) + |T|`` over the
+    unstressed length: the stored energy plus the potential of the load along the cable, without the
+    shares of this load at the ends. `force`, `tau`, `theta` are results of `solve_catenary`, others
+    its arguments.
     """
     weight2 = scalar_product(load, load)
     heavy = weight2 > 0
@@ -182,7 +191,7 @@ def stored_energy(
     along2 = along**2 / jnp.where(heavy, weight2, 1.0)
     across2 = jnp.maximum(scalar_product(force, force) - along2, 0.0)
     some = jnp.where(tau > 0, tau, 1.0)
-    integral = 0.5 * (tau + along2 / some + across2 * (1 + theta_coth_less_1(theta)) / some)
+    integral = 0.5 * (tau + along2 / some + across2 * (1 + theta_coth_minus_1(theta)) / some)
     square = scalar_product(force, force) + weight2 * rest_length**2 / 12
     return force @ chord - rest_length * (0.5 * square / stiffness + integral)
 
@@ -195,9 +204,10 @@ def positions_along(
     rest_length: Scalar,
     stiffness: Scalar,
 ) -> Float[Array, "n 3"]:
-    """Return positions from the first end, [n, 3], m, at parts [n] of the length, 0 to 1.
+    """Return points relative to the first end, [n, 3], m, at `part` (0 to 1) of the cable's length.
 
-    Every piece of a catenary is a catenary: the same equations hold between 0 and s.
+    Every piece of a catenary is a catenary: the same equations hold between 0 and s. `force` is the
+    tension vector at mid-length, N; other arguments are as of `solve_catenary`.
     """
     arc = (part * rest_length)[:, None]
     first = force + 0.5 * rest_length * load
@@ -212,9 +222,9 @@ def positions_along(
     theta = jnp.arctanh(jnp.minimum(c, 1 - jnp.finfo(c.dtype).eps))
     stretched = mean / stiffness
     straight = 2 / jnp.where(both > 0, both, 1.0)
-    return arc * (stretched + straight * (along + (1 + theta_coth_less_1(theta)) * (mean - along)))
+    return arc * (stretched + straight * (along + (1 + theta_coth_minus_1(theta)) * (mean - along)))
 
 
 def _row_norms(vectors):
-    """Return the lengths of vectors [..., 3], [..., 1]."""
+    """Return the lengths of vectors [..., 3], as an array [..., 1]."""
     return jnp.sqrt(jnp.sum(vectors**2, axis=-1, keepdims=True))

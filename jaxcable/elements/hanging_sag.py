@@ -23,7 +23,7 @@ from ..numerics.roots import bracketed_root
 from ..numerics.vectors import scalar_product
 from .element import Scalar
 from .hanging import solve_catenary
-from .hanging_terms import cosh_less_1, magnitude_and_direction, sinhc_less_1
+from .hanging_terms import cosh_minus_1, magnitude_and_direction, sinhc_minus_1
 
 
 def midspan_sag(
@@ -35,8 +35,8 @@ def midspan_sag(
     """Return the distance of the cable from its chord at midspan, along the load, m.
 
     Args:
-        force, theta: tension vector in the middle, N, and parameter of the shape, from
-            `solve_catenary`.
+        force, theta: tension vector at mid-length, [3], N, and parameter of the shape, the first
+            and the last result of `solve_catenary`.
         load: per unstressed length, [3], N/m, not along the chord; not zero.
         stiffness: EA, N.
     """
@@ -58,9 +58,9 @@ def midspan_sag(
     guess = soft * apart / (1 + soft * jnp.cosh(mean))
     bracket = jnp.full_like(guess, -0.5), jnp.full_like(guess, 1.5)
     shift = middle * bracketed_root(balance, guess, *bracket)
-    shape = jnp.cosh(mean) * cosh_less_1(theta)
+    shape = jnp.cosh(mean) * cosh_minus_1(theta)
     shape = shape - 2 * jnp.sinh(mean + 0.5 * shift) * jnp.sinh(0.5 * shift)
-    stretch = jnp.cosh(2 * mean) * cosh_less_1(2 * theta)
+    stretch = jnp.cosh(2 * mean) * cosh_minus_1(2 * theta)
     stretch = stretch - 2 * jnp.sinh(2 * mean + shift) * jnp.sinh(shift)
     return size * (shape + 0.25 * soft * stretch)
 
@@ -101,5 +101,5 @@ def strain_at_sag(
 
 
 def _sinhc(t):
-    """Return ``sinh(t) / t`` for a number of either sign."""
-    return 1 + sinhc_less_1(jnp.where(t < 0, -t, t))
+    """Return ``sinh(t) / t`` for a number t of either sign; 1 at zero."""
+    return 1 + sinhc_minus_1(jnp.where(t < 0, -t, t))

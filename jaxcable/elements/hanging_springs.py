@@ -23,7 +23,7 @@ from .element import Scalar
 from .hanging_terms import (
     magnitude_and_direction,
     mean_strain_and_theta,
-    ratio_less_1,
+    sag_ratio_minus_1,
     spring_stiffnesses,
 )
 
@@ -33,12 +33,12 @@ class HangingUnderTension:
     """A hanging cable between given ends under a given tension, not necessarily in equilibrium.
 
     Attributes:
-        force: tension vector in the middle, [3], N.
+        force: tension vector at mid-length, [3], N.
         force_per_tension: derivative of `force` by the tension, [3].
-        spare_length: ``(L0/2) (1 - d^2 / (L0 (1 + e))^2)``, m: how much longer a straight cable
-            could be.
+        spare_length: how much longer a straight cable could be, m, in the form
+            ``(L0/2) (1 - d^2 / (L0 (1 + e))^2)`` with the chord d and the mean strain e.
         compliance: derivative of `spare_length` by the tension, m/N.
-        sag: the part of this that the sag takes, m.
+        sag: length that the sag takes, m, in the same form; in equilibrium equal to `spare_length`.
         sag_compliance: minus the derivative of `sag` by the tension, m/N.
     """
 
@@ -59,7 +59,10 @@ def hanging_under_tension(
     rest_length: Scalar,
     stiffness: Scalar,
 ) -> HangingUnderTension:
-    """`HangingUnderTension` at ``tau - |q| L0/2``; other arguments as of `hang`."""
+    """Return forces and spare length of a hanging cable at a tension ``tau - |q| L0/2``, N.
+
+    Other arguments are as of `hanging.solve_catenary`.
+    """
     weight, unit = magnitude_and_direction(load)
     across = chord - scalar_product(chord, unit) * unit
     omega, excess = weight * rest_length / stiffness, excess / rest_length**2
@@ -71,7 +74,7 @@ def hanging_under_tension(
         # by the logarithm, because the tension of a loop may be so small that its square vanishes
         theta = 0.5 * jnp.log1p(omega * jnp.exp(-u))
         strain = jnp.exp(u) + 0.5 * omega
-        more = ratio_less_1(strain, theta)
+        more = sag_ratio_minus_1(strain, theta)
         return more * (2 + more) / (1 + strain) ** 2
 
     u = jnp.log(jnp.where(tension > 0, least, 1.0))
@@ -87,10 +90,13 @@ def hanging_under_tension(
     )
 
 
-def tension_stiffness(
+def stiffness_under_tension(
     tension: Scalar, load: Float[Array, " 3"], rest_length: Scalar, stiffness: Scalar
 ) -> Float[Array, "3 3"]:
-    """Return the derivative of ``force`` of `HangingUnderTension` by the chord, [3, 3], N/m."""
+    """Return the derivative of a cable's tension vector by its chord at constant tension, N/m.
+
+    The `tension`, N, is ``tau - |q| L0/2``; other arguments are as of `hanging.solve_catenary`.
+    """
     weight, unit = magnitude_and_direction(load)
     strain, theta = mean_strain_and_theta(tension / stiffness, weight * rest_length / stiffness)
     spring, further = spring_stiffnesses(strain, theta)

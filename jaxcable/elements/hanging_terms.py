@@ -10,35 +10,46 @@ from .element import Scalar
 
 
 def magnitude_and_direction(load: Float[Array, " 3"]) -> tuple[Scalar, Float[Array, " 3"]]:
-    """Return the magnitude of a load [3], N/m, and its direction [3], zero without load."""
+    """Return the magnitude of a load, N/m, and its unit direction [3]; both zero without load."""
     weight2 = scalar_product(load, load)
     heavy = weight2 > 0
     weight = jnp.where(heavy, jnp.sqrt(jnp.where(heavy, weight2, 1.0)), 0.0)
     return weight, load / jnp.where(heavy, weight, 1.0)
 
 
-def mean_strain_and_theta(least: Scalar, omega: Scalar) -> tuple[Scalar, Scalar]:
-    """Return mean strain and theta from ``(tau - |q| L0/2) / EA`` and ``|q| L0 / EA``."""
-    positive = least > 0  # it is zero only in a slack cable without load, where theta is zero
-    theta = 0.5 * jnp.log1p(omega / jnp.where(positive, least, 1.0))
-    return least + 0.5 * omega, theta
+def mean_strain_and_theta(tension_strain: Scalar, omega: Scalar) -> tuple[Scalar, Scalar]:
+    """Return mean strain ``tau / EA`` and shape parameter theta (see `hanging`) of a cable.
+
+    Arguments are the tension unknown as a strain, ``(tau - |q| L0/2) / EA``, and ``|q| L0 / EA``.
+    """
+    positive = (
+        tension_strain > 0
+    )  # it is zero only in a slack cable without load, where theta is zero
+    theta = 0.5 * jnp.log1p(omega / jnp.where(positive, tension_strain, 1.0))
+    return tension_strain + 0.5 * omega, theta
 
 
 def spring_stiffnesses(strain: Scalar, theta: Scalar) -> tuple[Scalar, Scalar]:
-    """Return the stiffness across the load and the excess of that along it, times L0/EA."""
-    bend = theta_coth_less_1(theta)
+    """Return the stiffness across the load, and how much larger the one along the load is.
+
+    Both are numbers without unit, to be multiplied by ``EA / L0``; `strain` is the mean one.
+    """
+    bend = theta_coth_minus_1(theta)
     spring = strain / (strain + 1 + bend)
     return spring, spring * bend / (strain + 1)
 
 
-def ratio_less_1(strain: Scalar, theta: Scalar) -> Scalar:
-    """Return ``r - 1`` of the equation of `hanging`, computed without this subtraction."""
-    s, c = sinhc_less_1(theta), cosh_less_1(theta)
+def sag_ratio_minus_1(strain: Scalar, theta: Scalar) -> Scalar:
+    """Return ``r - 1``, computed without this subtraction.
+
+    ``r = (1 + strain) / (theta / sinh(theta) + strain / cosh(theta))`` is 1 for a straight cable.
+    """
+    s, c = sinhc_minus_1(theta), cosh_minus_1(theta)
     return (s / (1 + s) + strain * c / (1 + c)) / (1 / (1 + s) + strain / (1 + c))
 
 
-def sinhc_less_1(t: Scalar) -> Scalar:
-    """Return ``sinh(t)/t - 1``."""
+def sinhc_minus_1(t: Scalar) -> Scalar:
+    """Return ``sinh(t)/t - 1`` without cancellation at small t."""
     t2 = t * t
     series = 1 + t2 / 342
     for k in (272, 210, 156, 110, 72, 42, 20):
@@ -47,13 +58,13 @@ def sinhc_less_1(t: Scalar) -> Scalar:
     return jnp.where(t < 1, t2 / 6 * series, jnp.sinh(big) / big - 1)
 
 
-def cosh_less_1(t: Scalar) -> Scalar:
-    """Return ``cosh(t) - 1``."""
+def cosh_minus_1(t: Scalar) -> Scalar:
+    """Return ``cosh(t) - 1`` without cancellation at small t."""
     return 2 * jnp.sinh(0.5 * t) ** 2
 
 
-def theta_coth_less_1(t: Scalar) -> Scalar:
-    """Return ``t coth(t) - 1``."""
-    s = sinhc_less_1(t)
-    small = (cosh_less_1(t) - s) / (1 + s)
+def theta_coth_minus_1(t: Scalar) -> Scalar:
+    """Return ``t coth(t) - 1`` without cancellation at small t."""
+    s = sinhc_minus_1(t)
+    small = (cosh_minus_1(t) - s) / (1 + s)
     return jnp.where(t < 1, small, t / jnp.tanh(jnp.where(t < 1, 1.0, t)) - 1)

@@ -22,7 +22,7 @@ from .statement import StatedValues
 
 @pytree
 class AxialState(ElementState):
-    """State of a group of bars, cables or beams, which phases change.
+    """State of a group of bars, cables or beams: lengths, jacks, temperature, history, loads.
 
     Attributes:
         rest_length: unstressed length L0, [n_elem], m.
@@ -32,16 +32,16 @@ class AxialState(ElementState):
         jacked: which elements have a jack, [n_elem] bool; None: all of them, or no `jack_force`.
         loaded_length: unstressed length on which weight and loads per unstressed length act,
             [n_elem], m: at the reference temperature, because heat adds no mass, and including
-            what a jack has taken in. None: `rest_length`.
-        warmth: unstressed length over that at the reference temperature, [n_elem], ``1 + expansion
-            sum(dt)`` over the changes of temperature since then; None in a group without thermal
-            expansion. The reference temperature is that before the first phase, or that at which
-            an element was added.
+            what a jack has pulled in. None: `rest_length`.
+        thermal_stretch: unstressed length over that at the reference temperature, [n_elem], ``1 +
+            expansion sum(dt)`` over the changes of temperature since then; None in a group without
+            thermal expansion. The reference temperature is that before the first phase, or that at
+            which an element was added.
         memory: history variables of the law, such as plastic strains, axis [n_elem], or None.
         element_load: loads along elements that shape them (bending, sag, sliding), or None.
         present: which elements are active, [n_elem] bool; None if all are, in all phases.
-        kinks: rotations of the ends against the chord at which beams are unstressed that were
-            activated between rotated nodes, [n_elem, 2, 3], rad; else None.
+        kinks: for beams that are activated between rotated nodes, the rotations of the ends against
+            the chord at which they are unstressed, [n_elem, 2, 3], rad; else None.
 
     Example:
         A cable of 4.98 m between ends that are 5 m apart, before its first phase:
@@ -65,21 +65,21 @@ class AxialState(ElementState):
 
     @property
     def load_bearing_length(self) -> Float[Array, " n_elem"]:
-        """Length on which weight and loads act: `loaded_length`, or `rest_length` if it is None."""
+        """Length that weight and loads act on, [n_elem], m: `loaded_length`, or `rest_length`."""
         return self.rest_length if self.loaded_length is None else self.loaded_length
 
 
 class Prestressed(Prestressable):
-    """Groups whose state is an `AxialState`; statements change the unstressed length in it.
+    """Groups with an unstressed length, which the statements of phases change in their state.
 
-    They have a field `rest_length`.
+    Their state is an `AxialState`, and they have a field `rest_length`.
     """
 
     has_length = True
     statements = tuple(STATEMENTS)
 
     def weights(self, state: AxialState) -> Float[Array, " n_elem"] | None:
-        """Return the weight of every element, [n_elem], N; None if the group has none."""
+        """Return the weight of every element, [n_elem], N; None if the group has no weight."""
         if self.weight is None:
             return None
         return state.zero_where_absent(self.weight * state.load_bearing_length)
@@ -88,16 +88,16 @@ class Prestressed(Prestressable):
     def strain_at(
         self, force: Scalar, memory: PyTree[Float[Array, " ..."]] | None = None
     ) -> Scalar:
-        """Return the strain at an axial force, N; NaN if the law does not reach this force."""
+        """Return the strain at a force, N, with history variables or None; NaN if out of reach."""
 
     def interpolate_states(self, start: AxialState, end: AxialState, factor: Scalar) -> AxialState:
-        """Interpolate the state at a load factor; NaN where a shortening exceeds the length."""
+        """Return the state at a load factor; lengths are NaN where a shortening exceeds them."""
         mixed = super().interpolate_states(start, end, factor)
         length = jnp.where(mixed.rest_length > 0, mixed.rest_length, jnp.nan)
         return copy_with(mixed, rest_length=length)
 
     def start(self, ends: Float[Array, "n_elem n_end 3"]) -> AxialState:
-        """Return the state before the first phase; default: initial chords are unstressed."""
+        """Return the state before the first phase; without `rest_length` it is unstressed."""
         chord = self.chord(ends)
         if self.rest_length is None:
             rest_length, elongation = chord, jnp.zeros_like(chord)
@@ -115,18 +115,24 @@ class Prestressed(Prestressable):
     def unstressed_state(
         self, ends: Float[Array, "n_elem n_end 3"], slack: Bool[Array, " n_elem"]
     ) -> AxialState:
-        """Return a state with unstressed lengths of one chord, or of two where `slack`."""
+        """Return a state without stress: unstressed lengths are those of the initial chords.
+
+        Elements that are `slack`, [n_elem] bool, have twice this length.
+        """
         chord = self.chord(ends)
         longer = jnp.where(slack, chord, 0.0)
         return copy_with(self.start(ends), rest_length=chord + longer, elongation=-longer)
 
     def state_at_activation(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """Return the state of an element activated here: unstressed, or with its `rest_length`."""
+        """Return the state of one element activated here: unstressed, or with its `rest_length`."""
         _, length, change, start = measure_chord(ends[:2], motion[:2, :3])
-        return self._state_when_added(state, length, change, start)
+        return self._state_activated_at_length(state, length, change, start)
 
-    def _state_when_added(self, state, length, change, start):
-        """Return the state of an element activated at a `length`, initial length plus `change`."""
+    def _state_activated_at_length(self, state, length, change, start):
+        """Return the state of one element activated at a present `length`, m.
+
+        `change` is by how much this exceeds the initial length `start`, m.
+        """
         rest_length, elongation = length, -change
         if self.rest_length is not None:
             rest_length, elongation = self.rest_length, start - self.rest_length
@@ -147,14 +153,15 @@ class Prestressed(Prestressable):
         ends: Float[Array, "n_elem n_end 3"],
         statements: Mapping[str, StatedValues],
     ) -> AxialState:
-        """Return the state of a group after the prestress statements of a phase.
+        """Return the state of the group after the prestress statements of a phase have changed it.
 
         `ends` are the initial ends [n_elem, n_end, 3]; `statements` are `StatedValues` by name.
-        Absolute statements come first, then shortening, then temperature. An absolute statement
-        describes the element at its present temperature: it replaces earlier statements and
-        shortenings, and keeps the temperature. A shortening is measured at the present temperature,
-        too. Changes of temperature add up: the unstressed length is ``L (1 + expansion sum(dt))``,
-        with L at the reference temperature (`AxialState.thermal_stretch`).
+        Statements of a tension, strain, length or sag come first, then shortening, then
+        temperature. The first ones describe the element at its present temperature: they replace
+        what was stated before, shortenings included, and keep the temperature. A shortening is
+        measured at the present temperature, too. Changes of temperature add up: the unstressed
+        length is ``L (1 + expansion sum(dt))``, with L at the reference temperature
+        (`AxialState.thermal_stretch`).
         """
         chord = self.chord(ends)
         rest_length, elongation, loaded = (
@@ -201,7 +208,11 @@ class Prestressed(Prestressable):
         ends: Float[Array, "n_elem n_end 3"],
         chord: Float[Array, " n_elem"],
     ) -> Float[Array, " n_elem"]:
-        """Return the strain of the initial chord that an absolute statement requires, [n_elem]."""
+        """Return the strain of the initial chords that a statement of prestress requires, [n_elem].
+
+        It is for all statements by `name` but those of lengths, temperature and jacking; `stated`
+        has the values, `ends` the initial positions, m, and `chord` their distances, m.
+        """
         if name == "pretension":
             return call_each_element("strain_at", self, stated.values, state.memory)
         if name == "force_density":
@@ -218,7 +229,10 @@ class Prestressed(Prestressable):
 
 @jax.jit  # traced once, although a program calls it many times
 def measure_chord(ends: Ends, motion: Motion) -> tuple[Float[Array, " 3"], Scalar, Scalar, Scalar]:
-    """Return the present chord vector and length, its change (no subtraction), initial length."""
+    """Return chord vector [3], its length, the change of length, and the initial length, all m.
+
+    The change is computed without subtracting lengths, so that it keeps its digits.
+    """
     chord, w = ends[1] - ends[0], motion[1] - motion[0]
     vector = chord + w
     start, length = jnp.sqrt(scalar_product(chord, chord)), jnp.sqrt(scalar_product(vector, vector))
@@ -228,21 +242,24 @@ def measure_chord(ends: Ends, motion: Motion) -> tuple[Float[Array, " 3"], Scala
 def jack_value_or(
     state: AxialState, force: Float[ArrayLike, " ..."], otherwise: Callable[[], Array]
 ) -> Array:
-    """Return `force` where a jack prescribes the force of the element, else ``otherwise()``."""
+    """Return `force` if a jack prescribes the force of the element, or else ``otherwise()``."""
     if state.jack_force is None:
         return otherwise()
     return force if state.jacked is None else jnp.where(state.jacked, force, otherwise())
 
 
 def single_element(group: Any, properties: Mapping[str, PyTree[Array]]) -> Any:
-    """Return the group as one element, inside vmap over `properties`."""
+    """Return the group with the `properties` of one element, which it then stands for in vmap."""
     return copy_with(group, links=None, **properties)
 
 
 def call_each_element(
     method: str, group: Any, *arguments: PyTree[Array], **shared: Any
 ) -> PyTree[Array]:
-    """Call a method of every element of a group with arguments [n_elem, ...], by vmap."""
+    """Call a method, by name, of every element of a group by vmap; return results [n_elem, ...].
+
+    `arguments` have a leading axis [n_elem]; `shared` ones are the same for all elements.
+    """
 
     def one(properties, *values):
         return getattr(single_element(group, properties), method)(*values, **shared)
@@ -251,7 +268,7 @@ def call_each_element(
 
 
 def checked_links(links: Int[ArrayLike, "n_elem 2"]) -> Indices:
-    """Return links [n_elem, 2] as `Indices`; ValueError for equal ends and repeated links."""
+    """Return links as `Indices`; ValueError for equal ends, or links that occur twice."""
     if isinstance(links, Indices):
         return links
     links = checks.as_indices(links, "links", width=2)

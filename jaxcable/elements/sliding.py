@@ -26,13 +26,15 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
     """A group of cables that slide without friction over their nodes; tension only.
 
     Every value per element is one value per cable: one tension, one unstressed length, one weight.
-    Its weight, and line loads per unstressed length, slide along with it: each piece carries a
-    share in proportion to its length, half of it at each of its ends. These loads have the
-    potential ``-W sum (l_i / l) z_i`` with z of the middles of the pieces, which also pulls rope
-    over to where it hangs lower, and is not convex. Line loads per initial or projected length stay
-    with the pieces for which they are stated. Two free nodes that the cable pulls onto each other
-    leave a piece without length and an equilibrium without a tangent: the status then is
-    COLLAPSED (join the nodes).
+
+    The weight, and line loads per unstressed length, slide along with the cable: each piece between
+    two nodes carries a share in proportion to its length, half of it at each of its ends. These
+    loads have the potential ``-W sum (l_i / l) z_i`` with z of the middles of the pieces, which
+    also pulls rope over to where it hangs lower, and is not convex. Line loads per initial or
+    projected length stay with the pieces for which they are stated.
+
+    Two free nodes that the cable pulls onto each other leave a piece without length, and an
+    equilibrium without a tangent: the status then is COLLAPSED (join the nodes).
 
     Args:
         links: the nodes of each cable in order, a list of lists, or [n_elem, n_end]. A closed loop
@@ -69,11 +71,11 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
-            object.__setattr__(self, "links", _chains_as_indices(self.links))
+            object.__setattr__(self, "links", _checked_chains(self.links))
         super().__post_init__()
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
-        """Return the rule that no two successive nodes of a cable coincide; nodes [n_node, 3]."""
+        """Return the condition that no two successive nodes of a cable coincide, at `nodes`, m."""
         links = index_array(self.links)
 
         def same(ends, links):
@@ -87,24 +89,24 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         return [Rule("nodes", (nodes[links], links), same, text)]
 
     def chord(self, ends: Float[Array, "n_elem n_end 3"]) -> Float[Array, " n_elem"]:
-        """Return the initial length over all nodes [n_elem, n_end, 3], [n_elem], m."""
-        return jnp.sum(_piece_vectors(ends)[1], axis=-1)
+        """Return the initial length of every cable over all of its nodes, [n_elem], m."""
+        return jnp.sum(_pieces_with_lengths(ends)[1], axis=-1)
 
     def split_among_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
-        """Split an `amount` [n_elem] among the nodes by half the lengths of their pieces."""
-        length = _piece_vectors(ends)[1]
+        """Split each `amount` among the nodes of a cable, by half the lengths of its pieces."""
+        length = _pieces_with_lengths(ends)[1]
         share = 0.5 * (jnp.pad(length, ((0, 0), (0, 1))) + jnp.pad(length, ((0, 0), (1, 0))))
         return amount[:, None] * share / jnp.sum(length, axis=-1, keepdims=True)
 
     def strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the engineering strain on the unstressed length of the whole cable."""
-        return (state.elongation + _length_change(ends, motion)) / state.rest_length
+        """Return the strain of one cable: its elongation over its unstressed length."""
+        return (state.elongation + _total_length_change(ends, motion)) / state.rest_length
 
     def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Return the internal force at every node, [n_end, 3], N: the tension along its pieces."""
-        piece, length = _moved_pieces(ends, motion)
+        """Return the internal force of one cable at every node, sliding load included, N."""
+        piece, length = _moved_pieces_with_lengths(ends, motion)
         unit = piece / jnp.where(length > 0, length, 1.0)[:, None]
         pull = self.tension(state, ends, motion) * unit
         force = jnp.pad(pull, ((1, 0), (0, 0))) - jnp.pad(pull, ((0, 1), (0, 0)))
@@ -115,32 +117,37 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         )
 
     def sliding_load_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Return nodal forces of the load along it, less its initial shares, [n_end, 3], N."""
+        """Return nodal forces of the sliding load of one cable minus its initial shares, N."""
         return -jax.grad(self._sliding_potential, argnums=2)(state, ends, motion)
 
     def _sliding_potential(self, state, ends, motion):
-        """Return the potential of the load that slides along, less that of its initial shares, J.
+        """Return the potential of the sliding load of one cable minus that of its shares, J.
 
-        Up to a constant, and relative to the first node, because the shares add up to one.
+        The shares are those of the nodes in the initial position. A constant is left out; because
+        the shares add up to one, positions can be relative to the first node.
         """
-        piece, length = _moved_pieces(ends, motion)
+        piece, length = _moved_pieces_with_lengths(ends, motion)
         middle = jnp.cumsum(piece, axis=0) - 0.5 * piece
         now = motion[0] + length @ middle / jnp.sum(length)
         share = self.split_among_ends(jnp.ones((1,), length.dtype), ends[None])[0]
         return state.rest_length * state.line_load @ (share @ motion - now)
 
     def has_tension_unknown(self, state: AxialState) -> bool:
-        """Return whether the tension is its only unknown: no load slides along."""
+        """Return whether the tension can be an unknown of the equations: no load slides along."""
         return state.line_load is None
 
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return stored energy and potential of the sliding load, J; work under a jack."""
+        """Return stored energy, with a jack its work, plus potential of the sliding load, J."""
 
         def stored():
             strain = self.strain(state, ends, motion)
             return state.rest_length * self.energy_per_length(strain, state.memory)
 
-        work = None if state.jack_force is None else state.jack_force * _length_change(ends, motion)
+        work = (
+            None
+            if state.jack_force is None
+            else state.jack_force * _total_length_change(ends, motion)
+        )
         energy = jack_value_or(state, work, stored)
         return (
             energy
@@ -149,8 +156,8 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         )
 
     def rounding_error(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Return the error of the end forces by rounding of displacements, [n_end, 3], N."""
-        piece, length = _moved_pieces(ends, motion)
+        """Return the error of the end forces from the rounding of displacements, [n_end, 3], N."""
+        piece, length = _moved_pieces_with_lengths(ends, motion)
         unit = jnp.abs(piece) / jnp.where(length > 0, length, 1.0)[:, None]
         _, stiffness = self.tension_and_stiffness(state, ends, motion)
         moved = jnp.max(jnp.abs(motion)) * len(piece)
@@ -158,57 +165,62 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         return jnp.pad(pull, ((1, 0), (0, 0))) + jnp.pad(pull, ((0, 1), (0, 0)))
 
     def state_at_activation(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """Return the state of a cable activated here: unstressed, or with its `rest_length`."""
+        """Return the state of one cable activated here: unstressed, or with its `rest_length`."""
         start, length = (
-            jnp.sum(of[1]) for of in (_piece_vectors(ends), _moved_pieces(ends, motion))
+            jnp.sum(of[1])
+            for of in (_pieces_with_lengths(ends), _moved_pieces_with_lengths(ends, motion))
         )
-        return self._state_when_added(state, length, _length_change(ends, motion), start)
+        return self._state_activated_at_length(
+            state, length, _total_length_change(ends, motion), start
+        )
 
     def lock_off(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """Return the state after lock-off: an unstressed length that gives the jack force here."""
+        """Return the state after lock-off: its new unstressed length gives the jack force here."""
         return self.locked_off_state(
-            state, jnp.sum(_moved_pieces(ends, motion)[1]), _length_change(ends, motion)
+            state,
+            jnp.sum(_moved_pieces_with_lengths(ends, motion)[1]),
+            _total_length_change(ends, motion),
         )
 
 
-def _piece_vectors(places):
-    """Return vectors and lengths of the pieces between successive positions [..., n, 3]."""
-    return _with_lengths(_differences(places))
+def _pieces_with_lengths(places):
+    """Return the pieces between successive positions [..., n, 3]: vectors and lengths."""
+    return _vectors_with_lengths(_successive_differences(places))
 
 
-def _moved_pieces(ends, motion):
-    """Return vectors and lengths of the pieces after a motion.
+def _moved_pieces_with_lengths(ends, motion):
+    """Return the pieces between successive nodes after a motion: vectors and lengths, m.
 
     Positions and displacements are subtracted separately, so that positions far from the origin
     cost no digits.
     """
-    return _with_lengths(_differences(ends) + _differences(motion))
+    return _vectors_with_lengths(_successive_differences(ends) + _successive_differences(motion))
 
 
-def _differences(places):
+def _successive_differences(places):
     """Return the differences of successive positions [..., n, 3]."""
     return places[..., 1:, :] - places[..., :-1, :]
 
 
-def _with_lengths(piece):
-    """Return vectors of pieces, and their lengths."""
+def _vectors_with_lengths(piece):
+    """Return vectors [..., 3], m, and their lengths [...], m."""
     square = jnp.sum(piece**2, axis=-1)
     # padding with the last node makes pieces of length zero, whose derivative must be finite
     length = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
     return piece, length
 
 
-def _length_change(ends, motion):
+def _total_length_change(ends, motion):
     """Return the change of the length over all nodes, m, without subtracting lengths."""
-    start, before = _piece_vectors(ends)
-    w = _differences(motion)
-    after = _moved_pieces(ends, motion)[1]
+    start, before = _pieces_with_lengths(ends)
+    w = _successive_differences(motion)
+    after = _moved_pieces_with_lengths(ends, motion)[1]
     both = before + after
     return jnp.sum(jnp.sum((2 * start + w) * w, axis=-1) / jnp.where(both > 0, both, 1.0))
 
 
-def _chains_as_indices(chains):
-    """Return checked chains of nodes as `Indices`, padded with their last nodes."""
+def _checked_chains(chains):
+    """Return chains of nodes as `Indices`, padded with their last nodes; ValueError if wrong."""
     if not isinstance(chains, list | tuple | np.ndarray):
         raise ValueError(f"links: expected a list of chains, got {type(chains).__name__}")
     chains = [

@@ -18,20 +18,20 @@ from .statement import StatedValues
 
 
 def statement_faults(group: Element, state: OwnState, ends: Any) -> Iterator[str]:
-    """Yield faults of the state after a statement that concerns no element.
+    """Yield faults of the state after a statement that selects no element: nothing may change.
 
     A phase without a statement gets one for no element if another phase has the statement.
     """
     stateable: Any = group  # a `Prestressable`, if it accepts any statement
     for name in statements_of(group):
-        if not _can_be_stated(name, group):
+        if not _can_test_statement(name, group):
             continue
         shape = (len(group.links), *filter(None, [len(components_of(group, name))]))
         nothing = {name: StatedValues(jnp.zeros(shape), jnp.zeros(len(group.links), bool))}
         words = "the same state where the statement concerns no element"
         try:
             after: Any = stateable.apply_statements(state, ends, nothing)
-            wrong = _describe_difference(state, after)
+            wrong = _describe_state_difference(state, after)
         except Exception as error:  # of the author's code
             yield describe_error(f"apply_statements: {name}", words, error)
             continue
@@ -43,7 +43,7 @@ def statement_faults(group: Element, state: OwnState, ends: Any) -> Iterator[str
 
 
 def activation_faults(group: Element, state: OwnState, ends: Any, motion: Any) -> Iterator[str]:
-    """Yield faults of the state of elements that are activated after a motion."""
+    """Yield faults of the states that a group gives elements activated after a motion."""
     if type(group).state_at_activation is Element.state_at_activation:
         return
     words = "a state like that of `start`"
@@ -51,7 +51,7 @@ def activation_faults(group: Element, state: OwnState, ends: Any, motion: Any) -
     if group.has_memory:
         begins = copy_with(begins, memory=group.initial_memory())
     try:
-        wrong = _describe_difference(
+        wrong = _describe_state_difference(
             begins, call_each_element("state_at_activation", group, begins, ends, motion)
         )
     except Exception as error:  # of the author's code
@@ -61,8 +61,8 @@ def activation_faults(group: Element, state: OwnState, ends: Any, motion: Any) -
         yield f"state_at_activation: expected {words}, got {wrong}"
 
 
-def _can_be_stated(name, group):
-    """Return whether a statement can be tested: the group has the quantities that it needs."""
+def _can_test_statement(name, group):
+    """Return whether a statement, by name, can be tested: the group has what it depends on."""
     needs = {
         "sag": isinstance(group, Sagging) and group.weight is not None,
         "temperature": group.expansion is not None,
@@ -70,10 +70,10 @@ def _can_be_stated(name, group):
     return name != "jacking" and needs.get(name, True)
 
 
-def _describe_difference(before, after):
-    """Describe how fields or shapes of a state differ from those before; empty if not at all."""
+def _describe_state_difference(before, after):
+    """Return in words how fields or shapes of a state differ from those before; empty if not."""
     if type(after) is not type(before):
-        return describe_kind(after)
+        return describe_type(after)
     if jax.tree.structure(after) != jax.tree.structure(before):
         return "other fields that are None"
     for name in type(before)._all_fields:
@@ -85,11 +85,11 @@ def _describe_difference(before, after):
 
 
 def describe_error(name: str, words: str, error: Exception) -> str:
-    """Return the sentence about a method that raises an error."""
+    """Return the sentence that the method `name`, expected to give `words`, raised an `error`."""
     text = next(iter(str(error).strip().splitlines()), "")
     return f"{name}: expected {words}, got {type(error).__name__}: {text}"
 
 
-def describe_kind(value: Any) -> str:
-    """Describe the type of a value that is no array."""
+def describe_type(value: Any) -> str:
+    """Return in words the type of a value that should be an array."""
     return "None" if value is None else f"a {type(value).__name__}"

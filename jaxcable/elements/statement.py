@@ -33,7 +33,7 @@ class Statement:
 
 @pytree
 class StatedValues:
-    """Values that a phase states for the elements of a group.
+    """Values of one statement, such as a pretension, that a phase has for a group of elements.
 
     Attributes:
         values: stated values, [n_elem], or [n_elem, n_component] (`Prestressable.components`); zero
@@ -47,7 +47,7 @@ class StatedValues:
     def select(
         self, new: Float[ArrayLike, "n_elem ..."], old: Float[ArrayLike, "n_elem ..."]
     ) -> Float[Array, "n_elem ..."]:
-        """Return `new` for the elements that the statement concerns, `old` for all others."""
+        """Return `new` for the elements that the statement concerns, and `old` for all others."""
         if self.chosen is None:
             return new
         chosen = jnp.reshape(self.chosen, (-1, *(1,) * (jnp.ndim(new) - 1)))

@@ -34,7 +34,7 @@ _SHARES = {"lumped": (1 / 2, 0.0), "consistent": (1 / 3, 1 / 6), "mean": (5 / 12
 
 @pytree(indices=("links",))
 class Straight(Axial, Prestressed, Uniaxial):
-    """Straight two-node elements with any relation of strain and force; fields as of `Bars`."""
+    """Straight two-node elements whose force follows from strain and history; fields as `Bars`."""
 
     links: Int[ArrayLike, "n_elem 2"]
     axial_stiffness: Float[ArrayLike, " n_elem"] | None = None
@@ -83,7 +83,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the rules that the numbers of the group must keep, see `common.rules`."""
+        """Return the conditions on the numbers of the group, such as positive areas: `Rule`s."""
         above = ("axial_stiffness", "area", "rest_length", "strength")
         rules = [positive(name, getattr(self, name)) for name in above]
         rules += [not_negative(name, getattr(self, name)) for name in ("weight", "compliance")]
@@ -95,11 +95,11 @@ class Straight(Axial, Prestressed, Uniaxial):
                     f"section.laws[{k}] softens; with a spring in series (compliance) it would "
                     "snap back: a strain would have more than one force"
                 )
-                rules.append(Rule("compliance", stress, _decreases, text))
+                rules.append(Rule("compliance", stress, _decreases_anywhere, text))
         return rules
 
     def _check_compliance(self):
-        """Raise ValueError for a compliance beside a law of points in several elements."""
+        """Raise ValueError for `compliance` and a law with rupture in a group of many elements."""
         if len(self._laws) == 1 and len(self.links) > 1 and self.has_rupture:
             raise ValueError(
                 "compliance: beside a law of points only in groups of one element; change the law "
@@ -109,24 +109,24 @@ class Straight(Axial, Prestressed, Uniaxial):
     # --- the cross-section: force from strain, energy from strain, strain from force
 
     def force(self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
-        """Return the axial force, N, at `strain`."""
+        """Return the axial force, N, at a strain, given history variables or None."""
         stiffness, law, area = self._axial_section()
         return stiffness * strain if law is None else area * law.stress_at(strain, memory)
 
     def energy_per_length(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
     ) -> Scalar:
-        """Return the stored energy per unstressed length, J/m."""
+        """Return the stored energy per unstressed length, J/m, at a strain."""
         stiffness, law, area = self._axial_section()
         return 0.5 * stiffness * strain**2 if law is None else area * law.energy_at(strain, memory)
 
     def strain_at(self, force: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
-        """Return the strain at an axial force, N; NaN above the peak of the law."""
+        """Return the strain at an axial force, N, on the rising branch; NaN above its peak."""
         stiffness, law, area = self._axial_section()
         return force / stiffness if law is None else law.strain_at(force / area, memory)
 
     def _axial_section(self):
-        """Return the triple (axial stiffness, law, area), with the compliance in series.
+        """Return axial stiffness, law and area, with the spring of `compliance` in series.
 
         Either the stiffness is None, or law and area are.
         """
@@ -146,30 +146,30 @@ class Straight(Axial, Prestressed, Uniaxial):
 
     @property
     def _laws(self):
-        """Laws of the material; only static fields are defined if elements have a law each."""
+        """Laws of the section or the group; only static fields hold if elements have a law each."""
         if self.section is not None:
             return template_of(self.section).laws
         return () if self.law is None else (template_of(self.law),)
 
     @property
     def has_memory(self) -> bool:  # type: ignore[override]  # read only
-        """Whether its law has history variables."""
+        """Whether a law of the group has history variables, such as plastic strains."""
         return any(law.n_memory for law in self._laws)
 
     @property
     def has_rupture(self) -> bool:  # type: ignore[override]  # read only
-        """Whether its law has a rupture strain."""
+        """Whether a law of the group has a rupture strain."""
         return any(law.has_rupture for law in self._laws)
 
     @property
     def monotone(self) -> bool:  # type: ignore[override]  # read only
-        """Whether its force is known not to fall with strain (no softening)."""
+        """Whether the force is known never to fall as strain grows (no softening)."""
         return all(law.monotone for law in self._laws)
 
     # --- the group
 
     def initial_memory(self) -> Float[Array, "n_elem n_memory"] | None:
-        """Return history variables of elements not strained yet, [n_elem, n_memory], or None."""
+        """Return the history variables of unstrained elements, zeros; None without."""
         if not self.has_memory:
             return None
         area = self.area if self.section is None else template_of(self.section).area
@@ -177,7 +177,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         return jnp.zeros((len(self.links), count), jnp.asarray(area).dtype)
 
     def extrapolated(self) -> Self:
-        """Return the group with its law continued beyond the rupture strain, for an iteration."""
+        """Return the group with stress-strain curves extended beyond rupture, for an iteration."""
         if self.section is not None:
             return copy_with(
                 self, section=apply_to_each(lambda part: part.for_analysis(), self.section)
@@ -187,13 +187,13 @@ class Straight(Axial, Prestressed, Uniaxial):
         return copy_with(self, law=apply_to_each(lambda part: part.extrapolated(), self.law))
 
     def without_softening(self) -> Self:
-        """Return the group with a law without softening, see `Law.without_softening`."""
+        """Return the group with a law that does not soften, with which an iteration begins."""
         if self.monotone or self.law is None:
             return self
         return copy_with(self, law=apply_to_each(lambda part: part.without_softening(), self.law))
 
     def linear_axial_stiffness(self) -> Float[ArrayLike, " n_elem"] | None:
-        """Return the axial stiffness EA if the law is linear, [n_elem], N; None otherwise."""
+        """Return the axial stiffness EA, [n_elem], N; None if the law is not linear."""
         stiffness = self.axial_stiffness
         if stiffness is None:
             if self.law is None or not isinstance(self.law, Elastic):
@@ -204,7 +204,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         )
 
     def capacity(self) -> tuple[float | Float[Array, " n_elem"], float | Float[Array, " n_elem"]]:
-        """Return the smallest and the largest axial force, N, scalars or [n_elem]."""
+        """Return the smallest and the largest axial force, N; infinite without a rupture strain."""
         if not self.has_rupture:
             return -jnp.inf, jnp.inf
         area, law = (self.area, self.law) if self.section is None else self.section.axial()
@@ -221,7 +221,10 @@ class Straight(Axial, Prestressed, Uniaxial):
         mass: Scalar,
         distribution: str | None = None,
     ) -> Float[Array, "6 6"]:
-        """Return the mass matrix of an element, equal in every direction, kg; see `Element`."""
+        """Return the mass matrix of one element of a `mass`, kg, the same in all directions, kg.
+
+        `distribution` is "lumped" at the ends, "consistent", or "mean" of both, as is None.
+        """
         if len(ends) != 2:
             return super().mass_matrix(state, ends, motion, mass, distribution)
         same, other = _SHARES[distribution or "mean"]
@@ -229,18 +232,18 @@ class Straight(Axial, Prestressed, Uniaxial):
         return jnp.kron(shares, jnp.eye(3, dtype=mass.dtype))
 
     def has_result(self, name: str, state: AxialState) -> bool:
-        """Return whether it has a result; strains only with fibres, rupture or history."""
+        """Return whether elements have a result; section strain: with fibres, rupture or memory."""
         if name == "section_strain":
             return self.section is not None or self.has_rupture or self.has_memory
         return super().has_result(name, state)
 
     def strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the engineering strain on the unstressed length."""
+        """Return the axial strain of one element: its elongation over its unstressed length."""
         _, _, change, _ = measure_chord(ends, motion)
         return (state.elongation + change) / state.rest_length
 
     def tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the axial force, N, tension positive."""
+        """Return the axial force of one element, N; the jack force if a jack prescribes it."""
         return jack_value_or(
             state,
             state.jack_force,
@@ -250,7 +253,7 @@ class Straight(Axial, Prestressed, Uniaxial):
     def tension_and_stiffness(
         self, state: AxialState, ends: Ends, motion: Motion
     ) -> tuple[Scalar, Scalar]:
-        """Return the axial force, N, and its derivative by the length, N/m: zero under a jack."""
+        """Return the axial force, N, and its derivative by length, N/m; this is 0 with a jack."""
 
         def following():
             strain = self.strain(state, ends, motion)
@@ -265,7 +268,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         return force, stiffness
 
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the stored energy, J; under a jack its force times the change of length."""
+        """Return the stored energy of one element, J; with a jack its force times length change."""
 
         def stored():
             strain = self.strain(state, ends, motion)
@@ -277,27 +280,27 @@ class Straight(Axial, Prestressed, Uniaxial):
         return jack_value_or(state, work, stored)
 
     def section_strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the strain of the fibres, one for all; under a jack the strain of its force."""
+        """Return the strain of the material of one element; with a jack that at the jack force."""
         jacked = (
             None if state.jack_force is None else self.strain_at(state.jack_force, state.memory)
         )
         return jack_value_or(state, jacked, lambda: self.strain(state, ends, motion))
 
     def absolute_force(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the sum of the absolute forces of the law's parts, N: the scale of rounding."""
+        """Return the sum of absolute forces of the law's parts, N: the scale of rounding."""
         _, law, area = self._axial_section()
         return area * law.stress_scale_at(self.section_strain(state, ends, motion), state.memory)
 
     def commit_memory(
         self, strain: Scalar, memory: Float[Array, " n_memory"], duration: float = 0.0
     ) -> Float[Array, " n_memory"]:
-        """Return the history variables after an increment of a `duration`, s, to a `strain`."""
+        """Return the history variables after an increment of a `duration`, s, ended at a strain."""
         return self._axial_section()[1].commit_memory(strain, memory, duration)
 
     def fibre_stress(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
     ) -> Float[Array, " n_fibre"] | Scalar:
-        """Return the stress of every fibre, [n_fibre], Pa, equal within a law; scalar otherwise."""
+        """Return the stress of every fibre, Pa, at a strain; a scalar if there is no section."""
         law = self._axial_section()[1]
         if self.section is None:
             return law.stress_at(strain, memory)
@@ -309,13 +312,16 @@ class Straight(Axial, Prestressed, Uniaxial):
         return jnp.concatenate([jnp.full(n, s) for n, s in zip(counts, stress, strict=True)])
 
     def is_ruptured(self, strain: Scalar) -> Bool[Array, ""]:
-        """Return whether `strain` is beyond the rupture strain of the law."""
+        """Return whether a strain is beyond the rupture strain of the law."""
         return self._axial_section()[1].is_ruptured(strain)
 
     # --- prestress
 
     def locked_off_state(self, state: AxialState, length: Scalar, change: Scalar) -> AxialState:
-        """Return the state after lock-off at a `length`, m, `change` above the initial one."""
+        """Return the state after lock-off at a `length`, m: its law gives the jack force there.
+
+        `change` is by how much this exceeds the initial length, m.
+        """
         strain = self.strain_at(state.jack_force, state.memory)  # type: ignore[arg-type]  # not None
         rest_length = length / (1 + strain)
         pair = jnp.stack([rest_length, rest_length * strain - change])
@@ -325,6 +331,6 @@ class Straight(Axial, Prestressed, Uniaxial):
         )
 
 
-def _decreases(stress):
+def _decreases_anywhere(stress):
     """Return whether stresses along a curve, on the last axis, decrease anywhere."""
     return (stress[..., 1:] < stress[..., :-1]).any()

@@ -18,7 +18,7 @@ from .abilities import Jacked, Sagging
 from .element import Element, Result
 from .element_state import ElementState
 from .prestress import single_element
-from .state_trial import activation_faults, describe_error, describe_kind, statement_faults
+from .state_trial import activation_faults, describe_error, describe_type, statement_faults
 
 # Displacement at which a group is tested, over the mean distance of its ends: large enough that
 # nonlinear terms show, small enough that laws stay within their curves.
@@ -27,7 +27,7 @@ _FIELD_SYNTAX = "fields of the class, `name: object` in its body"
 
 
 def declaration_faults(group: Element, n_row: int) -> Iterator[str]:
-    """Yield faults of a group as a pytree, and of its links.
+    """Yield faults in the declaration of a class of elements: fields, results, node numbers.
 
     Args:
         group: object of a class that derives from `Element`.
@@ -63,7 +63,7 @@ def declaration_faults(group: Element, n_row: int) -> Iterator[str]:
 
 
 def _undeclared_arrays(obj, name):
-    """Yield faults of arrays of a pytree that are not declared as its fields, or are static."""
+    """Yield faults of arrays that an object has outside its pytree fields, or in static ones."""
     kind, known = type(obj), type(obj)._all_fields
     for attribute, value in vars(obj).items():
         arrays = [x for x in jax.tree.leaves(value) if isinstance(x, np.ndarray | jax.Array)]
@@ -83,7 +83,10 @@ def _undeclared_arrays(obj, name):
 def method_faults(
     group: Element, nodes: Any, state: Any, motion: Any, tol: float, conservative: bool
 ) -> Iterator[str]:
-    """Yield faults of the methods of a group, found by calling them; see `contract.check`."""
+    """Yield faults of the methods of a group, found by calling them, one sentence each.
+
+    Arguments are those of `contract.check`.
+    """
     nodes, links = jnp.asarray(nodes, float), np.asarray(group.links)
     ends = nodes[links]
     if state is None:
@@ -119,7 +122,7 @@ class _MethodTrial:
         self.n_elem, self.n_end = ends.shape[:2]
 
     def for_every_element(self, method: Callable[..., Any], motion: Any = None) -> Any:
-        """Call ``method(one, state, ends, motion)`` for every element, by vmap."""
+        """Return ``method(one, state, ends, motion)`` for every element, called by vmap."""
 
         def one(properties, *at):
             return method(single_element(self.group, properties), *at)
@@ -128,7 +131,7 @@ class _MethodTrial:
         return jax.vmap(one)(self.group.properties(), *at)
 
     def faults(self, tol: float, conservative: bool) -> Iterator[str]:
-        """Yield the faults of all methods."""
+        """Yield the faults of all methods; `tol` and `conservative` are as for `contract.check`."""
         sizes = (self.n_end, self.group.n_freedom)
         square = 2 * (sizes[0] * sizes[1],)
         shapes = {
@@ -139,7 +142,7 @@ class _MethodTrial:
         still, bad = self._zero_motion(), []
         for name, allowed in shapes.items():
             for where, motion in (("", None), (" before any motion", still)):
-                bad = [*self._result_faults(name, allowed, where, motion)]
+                bad = [*self._returned_array_faults(name, allowed, where, motion)]
                 yield from bad
                 if bad:
                     break
@@ -154,12 +157,16 @@ class _MethodTrial:
             yield from self._derivative_faults(tol, conservative)
 
     def _zero_motion(self):
-        """Return the motion of nodes that have not moved."""
+        """Return a motion of no displacement, and of identity quaternions with rotations."""
         still = jnp.zeros_like(self.motion)
         return still.at[..., 3:].set(jnp.asarray(IDENTITY)) if self.group.rotates else still
 
-    def _result_faults(self, name, shapes, where, motion, *step):
-        """Yield faults of the type, shape and numbers that a method returns."""
+    def _returned_array_faults(self, name, shapes, where, motion, *step):
+        """Yield faults of type, shape and numbers of the array that a method, by name, returns.
+
+        `shapes` are the allowed ones for an element, `where` is added in messages, and `step` is
+        passed on to the method.
+        """
         words = "a scalar" if shapes == ((),) else f"an array of shape {shapes[0]}"
         words += " of floats for an element"
         try:
@@ -168,7 +175,7 @@ class _MethodTrial:
             yield describe_error(name + where, words, error)
             return
         if not isinstance(values, jax.Array):
-            yield f"{name}: expected {words}, got {describe_kind(values)}"
+            yield f"{name}: expected {words}, got {describe_type(values)}"
             return
         # of the columns of inner rows the tangent has those that contain a number
         inner = name == "tangent" and self.group.inner_unknowns and values.ndim == 3
@@ -185,7 +192,7 @@ class _MethodTrial:
             yield f"{name}{where}: expected finite numbers, got {wrong} of element {k}"
 
     def _named_result_faults(self):
-        """Yield faults of results, of flags for slackness, and of weights."""
+        """Yield faults of the declared `results`, of `is_slack` and `at_kink`, and of `weights`."""
         group, state = self.group, self.state
         for result in group.results:
             name = result.name
@@ -199,7 +206,7 @@ class _MethodTrial:
                 yield describe_error(f"results: {name}", words, error)
                 continue
             if not isinstance(values, jax.Array):
-                got = describe_kind(values)
+                got = describe_type(values)
                 yield f"results: {name}: expected {words} for an element, got {got}"
             elif count and values.shape[-1:] != (count,):
                 yield (
@@ -220,7 +227,7 @@ class _MethodTrial:
                 yield describe_error(name, "a bool of an element", error)
                 continue
             if not isinstance(flags, jax.Array):
-                yield f"{name}: expected a bool of an element, got {describe_kind(flags)}"
+                yield f"{name}: expected a bool of an element, got {describe_type(flags)}"
             elif flags.shape != (self.n_elem,) or flags.dtype != bool:
                 yield f"{name}: expected a bool of an element, got {flags.dtype} {flags.shape[1:]}"
         weights = group.weights(state)
@@ -228,7 +235,7 @@ class _MethodTrial:
             yield "weights: returns something where `weight` is None, or the other way about"
 
     def _memory_faults(self):
-        """Yield faults of history variables after an increment, and of the size of parts."""
+        """Yield faults of `committed_memory` and of `absolute_force`."""
         expected = jax.tree.map(lambda x: (x.shape, x.dtype), self.state.memory)
         words = "a memory like that of the state"
         try:
@@ -240,10 +247,10 @@ class _MethodTrial:
             if jax.tree.structure(found) != jax.tree.structure(expected) or found != expected:
                 text = f"{words}, {expected} for all elements, got {found}"
                 yield f"committed_memory: expected {text}"
-        yield from self._result_faults("absolute_force", ((),), "", None)
+        yield from self._returned_array_faults("absolute_force", ((),), "", None)
 
     def _derivative_faults(self, tol, conservative):
-        """Yield faults of the forces after a step, the tangent, and the energy."""
+        """Yield faults where end forces, tangent and energy are not each other's derivatives."""
         group, every = self.group, self.for_every_element
         shape = (*self.ends.shape[1:2], group.n_freedom)
         still = jnp.zeros(shape)
@@ -259,7 +266,7 @@ class _MethodTrial:
         def slope(one, state, ends, motion):
             return jax.grad(lambda step: one.energy(state, ends, moved(motion, step)))(still)
 
-        bad = [*self._result_faults("end_forces_after_step", (shape,), "", None, still)]
+        bad = [*self._returned_array_faults("end_forces_after_step", (shape,), "", None, still)]
         if bad:
             yield from bad
             return
@@ -308,7 +315,10 @@ class _MethodTrial:
 
 
 def _field_faults(group, state, n_elem):
-    """Yield faults of the fields of the state, and of the arrays per element of a group."""
+    """Yield faults of fields of a state and arrays of a group whose axis is not [n_elem].
+
+    A field of the state that an ability needs, and that is missing, is a fault, too.
+    """
     for name, leaf in ((n, x) for n, x in vars(state).items() if n in type(state)._all_fields):
         shapes = {np.shape(x)[:1] for x in jax.tree.leaves(leaf)}
         if shapes - {(n_elem,)}:
@@ -343,19 +353,19 @@ def _field_faults(group, state, n_elem):
 
 
 def _describe_shape(array):
-    """Return the shape of an array in words."""
+    """Return the words "an array of shape ..." for an array."""
     return f"an array of shape {np.shape(array)}"
 
 
 def _relative_difference(one, other, size):
-    """Return the largest difference over a `size`; NaN if it is not finite."""
+    """Return the largest difference of two arrays over a `size`; NaN if shapes differ."""
     if np.shape(one) != np.shape(other):
         return float("nan")
     return float(jnp.max(jnp.abs(one - other)) / jnp.where(size > 0, size, 1.0))
 
 
 def _random_motion(group, nodes, ends):
-    """Return a random motion of all rows, [n_row, 3 or 7]."""
+    """Return a small random motion of all rows, [n_row, 3], or [n_row, 7] with rotations."""
     chord = group.chord(ends)
     size = _TRIAL_MOTION * (float(jnp.mean(chord)) if chord.size else 1.0)
     step = size * np.random.default_rng(0).uniform(-1, 1, (len(nodes), group.n_freedom))

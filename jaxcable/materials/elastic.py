@@ -39,7 +39,7 @@ class Elastic(Law):
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the rule of its number, see `common.rules`."""
+        """Return the condition that E is positive, a list of one `Rule`."""
         return [positive("E", self.E, "Young's modulus must be positive")]
 
     @property
@@ -48,7 +48,7 @@ class Elastic(Law):
         return self.E
 
     def stress_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Return the stress at `strain`, Pa."""
+        """Return the stress at `strain`, Pa, in the same shape."""
         return self.E * strain
 
     def energy_at(self, strain: Numbers, memory: Memory = None) -> Values:
@@ -56,9 +56,9 @@ class Elastic(Law):
         return 0.5 * self.E * strain**2
 
     def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
-        """Return the strain at `stress`, Pa."""
+        """Return the strain at `stress`, Pa, in the same shape."""
         return stress / self.E
 
     def in_series_with_spring(self, compliance: Numbers) -> Elastic:
-        """Return the law in series with a spring of `compliance`, 1/Pa."""
+        """Return the law in series with a spring of `compliance`, strain per stress, 1/Pa."""
         return copy_with(self, E=self.E / (1 + compliance * self.E))

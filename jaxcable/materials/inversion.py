@@ -60,5 +60,5 @@ def invert_curve(law: Law, stress: Numbers, memory: Memory = None) -> Values:
 
 
 def value_at_index(values: Float[Array, "*shape n"], index: Int[Array, "*shape 1"]) -> Values:
-    """Return the values at an index on the last axis."""
+    """Return the entries of `values` at `index` on the last axis, which is dropped."""
     return jnp.take_along_axis(values, index, axis=-1)[..., 0]

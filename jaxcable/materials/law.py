@@ -46,15 +46,15 @@ class Law(abc.ABC):
     @property
     @abc.abstractmethod
     def modulus(self) -> Float[Array, ""]:
-        """Slope at the origin, on the tension side, Pa."""
+        """Slope of the stress-strain curve at the origin, on the tension side, Pa."""
 
     @abc.abstractmethod
     def stress_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Return the stress, Pa; derivatives at corners are those of loading."""
+        """Return the stress at `strain`, Pa; its derivative at a corner is that of loading."""
 
     @abc.abstractmethod
     def energy_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Return the integral of the stress, J/m3, by a formula that does not use `stress_at`."""
+        """Return the energy per volume, J/m3: the integral of the stress, without `stress_at`."""
 
     @abc.abstractmethod
     def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
@@ -62,12 +62,12 @@ class Law(abc.ABC):
 
     @property
     def capacity(self) -> Pair:
-        """Smallest and largest stress, Pa."""
+        """Smallest and largest stress that the law reaches, Pa; infinite by default."""
         return -jnp.inf, jnp.inf
 
     @property
     def strain_limits(self) -> Pair:
-        """Strains at which the curve ends (rupture), smallest and largest."""
+        """Smallest and largest strain of the curve, beyond which the material is ruptured."""
         return -jnp.inf, jnp.inf
 
     def is_ruptured(self, strain: Numbers) -> Bool[Array, "*shape"]:
@@ -76,15 +76,15 @@ class Law(abc.ABC):
         return (strain > high) | (strain < low)
 
     def is_slack(self, strain: Numbers, memory: Memory = None) -> Bool[Array, "*shape"]:
-        """Return whether the law carries no stress because it has become too short."""
+        """Return whether the material would be compressed at `strain`, but carries tension only."""
         return jnp.zeros(jnp.shape(strain), bool)
 
     def corner_strains(self, memory: Memory = None) -> Float[ArrayLike, "... n_corner"]:
-        """Return the strains at which the slope jumps, on the last axis."""
+        """Return the strains at which the slope of the curve jumps, on the last axis."""
         return np.zeros(0)
 
     def corner_distance(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Return the distance in strain to the nearest corner."""
+        """Return the distance from `strain` to the nearest corner strain; infinite without one."""
         strain, corners = jnp.asarray(strain), self.corner_strains(memory)
         if corners.shape[-1] == 0:
             return jnp.full_like(strain, jnp.inf)
@@ -93,22 +93,22 @@ class Law(abc.ABC):
         return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1)
 
     def stress_scale_at(self, strain: Numbers, memory: Memory) -> Values:
-        """Return the sum of absolute stresses of its parts, Pa: rounding is relative to it."""
+        """Return the sum of absolute stresses of all parts, Pa: the scale of rounding errors."""
         return jnp.abs(self.stress_at(strain, memory))
 
     def commit_memory(
         self, strain: Numbers, memory: HistoryVariables, duration: Float[ArrayLike, ""] = 0.0
     ) -> HistoryVariables:
-        """Commit the history variables: return them after an increment that ended at `strain`.
+        """Return the history variables after an increment that ended at `strain` (commit).
 
-        `duration` is that of the increment, s.
+        `memory` are those before the increment, `duration` is its duration, s.
         """
         return memory
 
     def extrapolated(self) -> Law:
-        """Return the law for an iteration, which goes on elastically beyond its ends.
+        """Return the law continued elastically beyond rupture, with which iterations work.
 
-        An iteration may pass through strains beyond the ends; an equilibrium there is refused
+        An iteration may pass through strains beyond rupture; an equilibrium there is refused
         (`status.MATERIAL_FAILURE`).
         """
         return self
@@ -117,12 +117,12 @@ class Law(abc.ABC):
         """Return the law without softening: this one up to its first peak, then never falling.
 
         An iteration begins with it: equilibria below the peaks of all elements are those of both
-        laws. It is the law itself where that is not known to soften.
+        laws. The default, for laws that do not soften, is the law itself.
         """
         return self
 
     def tension_only(self) -> Law:
-        """Return the law without its compression branch.
+        """Return the law without its compression branch, for a cable.
 
         The law itself, unless a subclass says otherwise: the cable sets its stress to zero at
         negative strain.
@@ -134,7 +134,7 @@ class Law(abc.ABC):
         raise NotImplementedError(f"{type(self).__name__} is not known in series with a spring")
 
     def softening_stresses(self) -> Float[ArrayLike, " n"] | None:
-        """Return the stresses [n] of a curve that may fall (soften); None if it cannot fall."""
+        """Return stresses along a curve that may fall (soften), [n]; None if it cannot fall."""
         return None
 
 
@@ -144,7 +144,7 @@ def broadcast_on_last_axis(values: Float[Array, " n"], like: Values) -> Float[Ar
 
 
 def require_law(law: object, name: str) -> None:
-    """Raise ValueError unless `law` is a uniaxial law."""
+    """Raise ValueError, with the argument's `name`, unless `law` is a uniaxial law."""
     if isinstance(law, type):
         raise ValueError(f"{name}: the class {law.__name__} is not a law; call it with its numbers")
     if not isinstance(law, Law):

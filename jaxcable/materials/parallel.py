@@ -57,32 +57,34 @@ class Parallel(Law):
 
     @property
     def has_rupture(self) -> bool:  # type: ignore[override]  # from its laws
-        """Whether any of the curves can end (rupture)."""
+        """Whether any of the laws has a rupture strain."""
         return any(law.has_rupture for law in self.laws)
 
     @property
     def monotone(self) -> bool:  # type: ignore[override]  # from its laws
-        """Whether none of the curves falls (softens)."""
+        """Whether none of the laws softens."""
         return all(law.monotone for law in self.laws)
 
     @property
     def modulus(self) -> Float[Array, ""]:
-        """Slope at the origin, Pa."""
+        """Slope of stress over total strain (with that of the spring) at the origin, Pa."""
         modulus = sum(a * law.modulus for a, law in zip(self.shares, self.laws, strict=True))
         return modulus if self.spring is None else modulus / (1 + self.spring * modulus)
 
     @property
     def strain_limits(self) -> Pair:
-        """Strains at which the first of the curves ends; -inf for the lower one of a cable.
+        """Smallest and largest total strain, spring included, before the first law ruptures.
+
+        The smallest one of a cable is -inf.
 
         Computed for first loading. They hold after any other loading too: at these strains every
         part that can yield has yielded.
         """
-        low, high = (self._add_spring_strain(jnp.asarray(v)) for v in self._law_limits())
+        low, high = (self._add_spring_strain(jnp.asarray(v)) for v in self._strain_limits_of_laws())
         return jnp.full_like(low, -jnp.inf) if self.one_sided else low, high
 
-    def _law_limits(self):
-        """Return the strains of the laws, without spring, at which the first of the curves ends."""
+    def _strain_limits_of_laws(self):
+        """Return the smallest and largest strain before the first law ruptures, without spring."""
         low, high = zip(*(law.strain_limits for law in self.laws), strict=True)
         return (
             jnp.max(jnp.stack([jnp.asarray(v) for v in low])),
@@ -91,13 +93,15 @@ class Parallel(Law):
 
     @property
     def capacity(self) -> Pair:
-        """Smallest and largest stress within the limits, Pa."""
-        low, high = self._law_limits()
-        corners = self._law_corners(None if self.n_memory == 0 else jnp.zeros(self.n_memory))
+        """Smallest and largest stress before the first law ruptures, Pa."""
+        low, high = self._strain_limits_of_laws()
+        corners = self._corner_strains_of_laws(
+            None if self.n_memory == 0 else jnp.zeros(self.n_memory)
+        )
         strains = jnp.clip(jnp.append(corners, jnp.stack([low, high])), low, high)
         strains = jnp.where(jnp.isfinite(strains), strains, 0.0)
         memory = jnp.zeros((len(strains), self.n_memory)) if self.n_memory else None
-        stress = self._without_spring().stress_at(strains, memory)
+        stress = self._extrapolated_without_spring().stress_at(strains, memory)
         least, most = jnp.min(stress), jnp.max(stress)
         least = jnp.where(jnp.isfinite(low), least, -jnp.inf)
         most = jnp.where(jnp.isfinite(high), most, jnp.inf)
@@ -106,7 +110,7 @@ class Parallel(Law):
     def laws_with_memory(
         self, memory: Float[Array, "... n_memory"] | None
     ) -> Iterator[tuple[Float[ArrayLike, ""], Law, Float[Array, "... n_memory_of_law"] | None]]:
-        """Iterate over (share, law, the history variables of this law, or None)."""
+        """Yield for each law: its share of the area, the law, its history variables or None."""
         start = 0
         for share, law in zip(self.shares, self.laws, strict=True):
             remembered = None
@@ -117,41 +121,41 @@ class Parallel(Law):
 
     # --- the laws at their own strain: that of the whole less that of the spring
 
-    def _weighted_sum(self, name, strain, memory):
-        """Sum a method of the laws, by its name, at their own strain, weighted by shares."""
+    def _sum_over_laws(self, name, strain, memory):
+        """Return the sum of a method (by name) of the laws at one strain, weighted by shares."""
         return sum(
             share * getattr(law, name)(strain, remembered)
             for share, law, remembered in self.laws_with_memory(memory)
         )
 
-    def _all_slack(self, law_strain, memory):
-        """Return whether every law is slack at its own strain."""
+    def _are_all_laws_slack(self, law_strain, memory):
+        """Return whether every law is slack at the strain of the laws."""
         slack = [
             law.is_slack(law_strain, remembered)
             for _, law, remembered in self.laws_with_memory(memory)
         ]
         return jnp.all(jnp.stack(jnp.broadcast_arrays(*slack)), axis=0)
 
-    def _without_spring(self):
-        """Return the laws for an iteration, without spring, in compression too."""
+    def _extrapolated_without_spring(self):
+        """Return these laws continued beyond rupture, without spring, and with compression."""
         return copy_with(self.extrapolated(), spring=None, one_sided=False)
 
     def _add_spring_strain(self, strain, memory=None):
-        """Return the strain of the whole, spring included, at a strain of the laws."""
+        """Return the total strain: that of the laws plus that of the spring at the same stress."""
         if self.spring is None:
             return strain
         finite = jnp.where(jnp.isfinite(strain), strain, 0.0)
-        extra = self.spring * self._without_spring().stress_at(finite, memory)
+        extra = self.spring * self._extrapolated_without_spring().stress_at(finite, memory)
         return jnp.where(jnp.isfinite(strain), finite + extra, strain)
 
     def _strain_of_laws(self, strain, memory):
-        """Return the strain of the laws at a strain of the whole, exact, in compression too."""
+        """Return the strain of the laws at a total strain: it is less by that of the spring."""
         if self.spring is None:
             return strain
         if all(isinstance(law, Elastic) for law in self.laws):
             return strain / (1 + self.spring * copy_with(self, spring=None).modulus)
         strain = jnp.asarray(strain)
-        corners = self._law_corners(memory)
+        corners = self._corner_strains_of_laws(memory)
         corners = jnp.broadcast_to(corners, (*strain.shape, corners.shape[-1]))
         first, last = jnp.min(corners, -1, initial=0.0), jnp.max(corners, -1, initial=0.0)
         more = jnp.stack(
@@ -175,17 +179,17 @@ class Parallel(Law):
         """Return whether a cable of these laws is slack at `law_strain`, the strain of the laws."""
         if memory is None:
             return law_strain < 0
-        slack = self._all_slack(law_strain, memory)
-        return (self._without_spring().stress_at(law_strain, memory) < 0) | slack
+        slack = self._are_all_laws_slack(law_strain, memory)
+        return (self._extrapolated_without_spring().stress_at(law_strain, memory) < 0) | slack
 
     def _slackening_strain(self, like, memory):
         """Return the strain of the laws at which a cable goes slack, in the shape of `like`."""
         if memory is None:
             return jnp.zeros_like(like)
-        return invert_curve(self._without_spring(), jnp.zeros_like(like), memory)
+        return invert_curve(self._extrapolated_without_spring(), jnp.zeros_like(like), memory)
 
-    def _strain_until_slack(self, strain, memory):
-        """Return the strain of the laws; in a slack cable that at which it went slack."""
+    def _law_strain_until_slack(self, strain, memory):
+        """Return the strain of the laws; in a slack cable the one at which it went slack."""
         law_strain = jnp.asarray(self._strain_of_laws(strain, memory))
         if not self.one_sided:
             return law_strain
@@ -198,16 +202,16 @@ class Parallel(Law):
     # --- the law
 
     def stress_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Return the stress over the whole area, Pa."""
+        """Return the stress over the whole area at a total strain, Pa."""
         law_strain = self._strain_of_laws(strain, memory)
-        stress = self._weighted_sum("stress_at", law_strain, memory)
+        stress = self._sum_over_laws("stress_at", law_strain, memory)
         if not self.one_sided:
             return stress
         return jnp.where(law_strain < 0 if memory is None else stress < 0, 0.0, stress)
 
     def stress_of_each_law(self, strain: Numbers, memory: Memory = None) -> list[Values]:
-        """Return the stress of every law, a list, Pa; `stress_at` is their sum by `shares`."""
-        law_strain = self._strain_until_slack(strain, memory)
+        """Return the stress of every law at a total strain, Pa, a list in the order of `laws`."""
+        law_strain = self._law_strain_until_slack(strain, memory)
         return [
             law.stress_at(law_strain, remembered)
             for _, law, remembered in self.laws_with_memory(memory)
@@ -216,11 +220,11 @@ class Parallel(Law):
     def stress_scale_at(self, strain: Numbers, memory: Memory) -> Values:
         """Return the sum of absolute stresses of all laws, Pa; exactly zero in a slack cable."""
         law_strain = self._strain_of_laws(strain, memory)
-        size = self._weighted_sum("stress_scale_at", law_strain, memory)
+        size = self._sum_over_laws("stress_scale_at", law_strain, memory)
         if not self.one_sided:
             return size
         pushed = (
-            law_strain if memory is None else self._weighted_sum("stress_at", law_strain, memory)
+            law_strain if memory is None else self._sum_over_laws("stress_at", law_strain, memory)
         )
         return jnp.where(pushed < 0, 0.0, size)
 
@@ -230,16 +234,16 @@ class Parallel(Law):
         In a taut cable it is the integral of its stress, if none of the curves falls. In a slack
         cable it is the energy that yielded laws store against each other.
         """
-        law_strain = self._strain_until_slack(strain, memory)
-        energy = self._weighted_sum("energy_at", law_strain, memory)
+        law_strain = self._law_strain_until_slack(strain, memory)
+        energy = self._sum_over_laws("energy_at", law_strain, memory)
         if self.spring is not None:
             energy = energy + 0.5 * self.spring * self.stress_at(strain, memory) ** 2
         return energy
 
     def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
-        """Return the strain at a stress over the whole area, Pa; NaN for compression in a cable."""
+        """Return the total strain at a stress, Pa; NaN above its peak or for a compressed cable."""
         stress = jnp.asarray(stress)
-        strain = invert_curve(self._without_spring(), stress, memory)
+        strain = invert_curve(self._extrapolated_without_spring(), stress, memory)
         if self.spring is not None:
             strain = strain + self.spring * stress
         return jnp.where(stress < 0, jnp.nan, strain) if self.one_sided else strain
@@ -247,8 +251,11 @@ class Parallel(Law):
     def commit_memory(
         self, strain: Numbers, memory: HistoryVariables, duration: Float[ArrayLike, ""] = 0.0
     ) -> HistoryVariables:
-        """Commit the history variables of all laws; those of a slack cable yield no further."""
-        law_strain = self._strain_until_slack(strain, memory)
+        """Return the history variables of all laws after an increment that ended at `strain`.
+
+        In a slack cable the laws stay at the strain at which it went slack.
+        """
+        law_strain = self._law_strain_until_slack(strain, memory)
         return jnp.concatenate(
             [
                 law.commit_memory(law_strain, remembered, duration)
@@ -258,8 +265,8 @@ class Parallel(Law):
             axis=-1,
         )
 
-    def _law_corners(self, memory):
-        """Return the kinks of all laws, each as a strain of its own law, on the last axis."""
+    def _corner_strains_of_laws(self, memory):
+        """Return the strains of the laws, without spring, at which the slope of one jumps."""
         parts = [
             law.corner_strains(remembered) for _, law, remembered in self.laws_with_memory(memory)
         ]
@@ -269,8 +276,11 @@ class Parallel(Law):
         )
 
     def corner_strains(self, memory: Memory = None) -> Float[Array, "... n_corner"]:
-        """Return the corners of all laws, on the last axis; for a cable, those where it is taut."""
-        corners = self._law_corners(memory)
+        """Return the total strains at which the slope jumps, on the last axis.
+
+        Those at which a cable is slack are replaced by that at which it goes slack.
+        """
+        corners = self._corner_strains_of_laws(memory)
         if self.one_sided:
             slack = self._slackening_strain(corners[..., :1].sum(-1), memory)[..., None]
             slack = jnp.broadcast_to(slack, (*corners.shape[:-1], 1))
@@ -279,16 +289,16 @@ class Parallel(Law):
         return self._add_spring_strain(corners, None if memory is None else memory[..., None, :])
 
     def is_slack(self, strain: Numbers, memory: Memory = None) -> Bool[Array, "*shape"]:
-        """Return whether it carries no stress: a cable as a whole, others if all laws are slack."""
+        """Return whether the laws carry no stress: as a cable together, or else each of them."""
         law_strain = self._strain_of_laws(strain, memory)
         if self.one_sided:
             return self._is_cable_slack(law_strain, memory)
-        return self._all_slack(law_strain, memory)
+        return self._are_all_laws_slack(law_strain, memory)
 
     # --- the same, changed
 
     def extrapolated(self) -> Parallel:
-        """Return the law for an iteration: all laws go on elastically beyond their ends."""
+        """Return the laws continued elastically beyond rupture, with which iterations work."""
         return copy_with(self, laws=tuple(law.extrapolated() for law in self.laws))
 
     def tension_only(self) -> Parallel:
@@ -296,7 +306,7 @@ class Parallel(Law):
         return copy_with(self, one_sided=True)
 
     def in_series_with_spring(self, compliance: Numbers) -> Parallel:
-        """Return the laws in series with one spring of `compliance`, 1/Pa; needs laws that rise."""
+        """Return all laws in series with one spring of `compliance`, 1/Pa; none may soften."""
         return copy_with(
             self, spring=compliance if self.spring is None else self.spring + compliance
         )

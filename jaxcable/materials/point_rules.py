@@ -12,15 +12,18 @@ from ..common.types import ArrayLike, Float
 def point_rules(
     strain: Float[ArrayLike, " n"], stress: Float[ArrayLike, " n"], unloading: str
 ) -> list[Rule]:
-    """Return the rules of strains and stresses, [n] each; the first broken one names the error."""
+    """Return the conditions on the points of a `Polygonal` law, in the order of checking.
+
+    Of several that are broken, the first is reported. `unloading` is "reversible" or "elastic".
+    """
     values = strain, stress
     found = [
         Rule("strain", strain, lambda e: abs(e) == np.inf, "must be finite"),
-        Rule("strain", strain, lambda e: e[1:] <= e[:-1], _order_message),
-        Rule("strain", strain, lambda e: (e[0] > 0) | (e[-1] <= 0), _range_message),
-        Rule("stress", values, _misses_origin, _origin_message),
-        Rule("stress", values, _is_flat_at_origin, _origin_slope_message),
-        Rule("stress", values, lambda e, s: s * e < 0, _sign_message),
+        Rule("strain", strain, lambda e: e[1:] <= e[:-1], _strain_order_message),
+        Rule("strain", strain, lambda e: (e[0] > 0) | (e[-1] <= 0), _origin_outside_message),
+        Rule("stress", values, _misses_origin, _missed_origin_message),
+        Rule("stress", values, _flat_segments_at_origin, _origin_slope_message),
+        Rule("stress", values, lambda e, s: s * e < 0, _stress_sign_message),
     ]
     if unloading == "elastic":
         found += [
@@ -31,13 +34,13 @@ def point_rules(
                 lambda index, *_: _concavity_message([index[0] + 1]),
             ),
             Rule("stress", values, _falling_segments, _concavity_message),
-            Rule("stress", values, _unequal_slopes, _unequal_slopes_message),
+            Rule("stress", values, _segments_of_unequal_slopes, _unequal_slopes_message),
         ]
     return found
 
 
 def warn_if_percent(strain: Float[np.ndarray, " n"]) -> None:
-    """Warn if strains, [n], look like percentages."""
+    """Warn if a strain is larger than 1, which looks like a percentage."""
     if np.abs(strain).max() > 1:
         k = int(np.abs(strain).argmax())
         text = f"strain[{k}] = {strain[k]:.6g}: more than 1; it is a ratio, not a percentage"
@@ -47,7 +50,7 @@ def warn_if_percent(strain: Float[np.ndarray, " n"]) -> None:
 def insert_origin(
     e: Float[np.ndarray, " n"], s: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """Return the points in NumPy, with the origin inserted if it lies within a segment."""
+    """Return strains `e` and stresses `s` of points, with the origin added if it is missing."""
     if np.isnan(e).any() or (e == 0).any():
         return e, s
     k = int(np.searchsorted(e, 0.0))
@@ -55,33 +58,33 @@ def insert_origin(
 
 
 def _relative_tolerance(dtype):
-    """Return the relative difference up to which two stated numbers count as one.
+    """Return the relative difference up to which two given numbers count as equal.
 
-    Numbers are stated with some digits only; float32 keeps seven of them.
+    Users give numbers with some digits only; float32 keeps seven of them.
     """
     return 1e-9 if np.finfo(dtype).eps < 1e-12 else 1e-4
 
 
 def _segment_slopes(e, s):
-    """Return the slopes between neighboring points, Pa."""
+    """Return the slopes between neighboring points of strains e and stresses s, Pa, [n - 1]."""
     return (s[1:] - s[:-1]) / (e[1:] - e[:-1])
 
 
 def _stress_at_origin(e, s):
-    """Return the stress of the curve at zero strain."""
+    """Return the stress of the curve at zero strain, Pa."""
     segment = (e[:-1] <= 0) & (e[1:] > 0)
     return (segment * (s[:-1] - e[:-1] * _segment_slopes(e, s))).sum()
 
 
 def _misses_origin(e, s):
     # a point at zero strain must have exactly zero stress; between two points there is rounding
-    """Tell whether the curve misses the origin."""
+    """Return whether the curve through strains e and stresses s misses the origin."""
     stated = (e == 0).any()
     return abs(_stress_at_origin(e, s)) > _relative_tolerance(s.dtype) * abs(s).max() * ~stated
 
 
-def _origin_message(_, e, s):
-    """Say by how much the curve misses the origin."""
+def _missed_origin_message(_, e, s):
+    """Return the message that the curve misses the origin, and by how much."""
     if (e == 0).any():
         k = int((e == 0).argmax())
         return f"stress[{k}] = {s[k]}: at zero strain the stress must be zero"
@@ -89,56 +92,59 @@ def _origin_message(_, e, s):
     return f"stress: the curve has {value:.6g} Pa at zero strain; it must pass the origin"
 
 
-def _is_flat_at_origin(e, s):
-    """Return the segments, [n - 1], that touch the origin and do not rise."""
+def _flat_segments_at_origin(e, s):
+    """Return which segments begin or end at the origin and do not rise, [n - 1] bool."""
     return (e[:-1] <= 0) & (e[1:] >= 0) & (_segment_slopes(e, s) <= 0)
 
 
 def _origin_slope_message(index, e, s):
-    """Say that the slope at the origin must be positive."""
+    """Return the message that the slope at the origin must be positive."""
     slope = _segment_slopes(e, s)[index]
     return f"stress: the slope at the origin, {slope:.6g} Pa, must be positive"
 
 
-def _order_message(index, e):
-    """Say that a strain must be above the one before it."""
+def _strain_order_message(index, e):
+    """Return the message that strains must increase from point to point."""
     k = index[0] + 1
     return f"strain[{k}] = {e[k]}: must be above strain[{k - 1}] = {e[k - 1]}"
 
 
-def _range_message(_, e):
-    """Say that the strains must contain the origin."""
+def _origin_outside_message(_, e):
+    """Return the message that the range of strains must contain zero."""
     return f"strain: goes from {e[0]} to {e[-1]}; the points must pass the origin"
 
 
-def _sign_message(index, e, s):
-    """Say that a stress has another sign than its strain."""
+def _stress_sign_message(index, e, s):
+    """Return the message that a stress has another sign than its strain."""
     return f"stress[{index[0]}] = {s[index]}: of the other sign than its strain, {e[index]}"
 
 
 def _convex_corners(e, s):
-    """Return the corners, [n - 2], at which slopes rise going away from the origin."""
+    """Return at which inner points slopes rise away from the origin, [n - 2] bool."""
     slopes, corners = _segment_slopes(e, s), e[1:-1]
     drops = (slopes[1:] - slopes[:-1]) * (1 - 2 * (corners > 0))
     return (drops < -_relative_tolerance(s.dtype) * slopes.max()) & (corners != 0)
 
 
 def _falling_segments(e, s):
-    """Return the segments, [n - 1], whose stress falls."""
+    """Return which segments have a stress that falls as strain grows, [n - 1] bool."""
     slopes = _segment_slopes(e, s)
     return slopes < -_relative_tolerance(s.dtype) * slopes.max()
 
 
 def _concavity_message(index, *_):
-    """Say that elastic unloading needs a concave curve."""
+    """Return the message that elastic unloading needs a concave curve."""
     return (
         f"stress[{index[0]}]: elastic unloading needs a concave curve: slopes that fall away from "
         'the origin and not below zero; use unloading="reversible"'
     )
 
 
-def _unequal_slopes(e, s):
-    """Return the segments, counted from the origin, whose slopes in the two branches differ."""
+def _segments_of_unequal_slopes(e, s):
+    """Return which segments have another slope in tension than in compression, [n - 1] bool.
+
+    Segments are counted from the origin in both directions.
+    """
     slopes = _segment_slopes(e, s)
     count = len(slopes)
     number = np.arange(count)
@@ -150,7 +156,7 @@ def _unequal_slopes(e, s):
 
 
 def _unequal_slopes_message(index, e, s):
-    """Say that elastic unloading needs equal slopes in tension and compression."""
+    """Return the message that elastic unloading needs equal slopes in both directions."""
     slopes, k = _segment_slopes(e, s), index[0]
     pull, push = slopes[(e[1:] <= 0).sum() + k], slopes[(e < 0).sum() - 1 - k]
     return (

@@ -50,7 +50,7 @@ class Polygonal(Law):
             away from the origin, not below zero); if it has two branches, their slopes must be the
             same, their corners may differ.
         one_sided: whether points of compression are left out: the law is slack in compression.
-        endless: whether the law goes on elastically beyond its ends; set by an iteration.
+        endless: whether the law is continued elastically beyond its ends; set by an iteration.
         monotone, n_memory: as in `Law`; computed from the points where these are not traced.
 
     Raises:
@@ -115,7 +115,7 @@ class Polygonal(Law):
             set_fields(self, n_memory=int(n_corner))
 
     def rules(self) -> list[Rule]:
-        """Return the rules of its points, see `common.rules`."""
+        """Return the conditions on its points, such as increasing strains: a list of `Rule`s."""
         return point_rules.point_rules(self.strain, self.stress, self.unloading)
 
     # --- the numbers of the curve
@@ -132,23 +132,23 @@ class Polygonal(Law):
 
     @property
     def modulus(self) -> Float[Array, ""]:
-        """Slope at the origin, on the tension side, Pa."""
+        """Slope of the curve at the origin, on the tension side, Pa."""
         return self._segment_slopes[jnp.sum(self.strain[1:-1] <= 0)]
 
     @property
     def capacity(self) -> Pair:
-        """Smallest and largest stress, Pa."""
+        """Smallest and largest stress of the curve, Pa."""
         return jnp.where(self._has_compression, jnp.min(self.stress), 0.0), jnp.max(self.stress)
 
     @property
     def strain_limits(self) -> Pair:
-        """Strains at which the curve ends; -inf on the compression side of a slack material."""
+        """Smallest and largest strain of the curve; -inf where compression makes it slack."""
         return jnp.where(self._has_compression, self.strain[0], -jnp.inf), self.strain[-1]
 
     # --- the law
 
     def stress_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Return the stress, Pa; zero beyond the ends unless the law is endless."""
+        """Return the stress, Pa; beyond the ends of the curve zero, unless it is `endless`."""
         strain = jnp.asarray(strain)
         inside, over = self._split_at_ends(strain)
         stress = self._stress_on_curve(inside, memory)
@@ -161,22 +161,22 @@ class Polygonal(Law):
         return jnp.where(~self._has_compression & (stress < 0), 0.0, stress)
 
     def stress_scale_at(self, strain: Numbers, memory: Memory) -> Values:
-        """Return the sum of absolute stresses of the parallel parts, Pa, which rounding follows."""
+        """Return the sum of absolute stresses of the parallel parts, Pa: the scale of rounding."""
         if memory is None:
             return jnp.abs(self._stress_on_curve(strain, None))
-        stiffness, end, _, kept = self._yield_parts(strain, memory)
+        stiffness, end, _, kept = self._part_strains_after_yielding(strain, memory)
         return jnp.abs(end * strain) + jnp.sum(stiffness * jnp.abs(kept), axis=-1)
 
     def energy_at(self, strain: Numbers, memory: Memory = None) -> Values:
-        """Return the energy per volume, J/m3: under the curve, or with memory of the parts."""
+        """Return the energy per volume, J/m3: under the curve; with `memory` that of all parts."""
         strain = jnp.asarray(strain)
         inside, over = self._split_at_ends(strain)
         if memory is None:
-            initial, changes, forward, backward = self._slope_changes(inside)
+            initial, changes, forward, backward = self._slope_changes_and_excess_strains(inside)
             energy = 0.5 * initial * inside**2
             energy = energy + 0.5 * jnp.sum(changes * (forward**2 - backward**2), axis=-1)
         else:
-            stiffness, end, elastic, kept = self._yield_parts(inside, memory)
+            stiffness, end, elastic, kept = self._part_strains_after_yielding(inside, memory)
             energy = 0.5 * end * inside**2
             energy = energy + jnp.sum(stiffness * kept * (elastic - 0.5 * kept), axis=-1)
             below = self._stress_on_curve(inside, memory)
@@ -189,7 +189,7 @@ class Polygonal(Law):
         return energy
 
     def strain_at(self, stress: Numbers, memory: Memory = None) -> Values:
-        """Return the strain at `stress`, Pa; also beyond its ends if it rises and is endless."""
+        """Return the strain at `stress`, Pa, on the rising branch; NaN beyond unless `endless`."""
         strain = invert_curve(self, stress, memory)
         if not (self.endless and self.monotone):
             return strain
@@ -203,9 +203,9 @@ class Polygonal(Law):
     def commit_memory(
         self, strain: Numbers, memory: HistoryVariables, duration: Float[ArrayLike, ""] = 0.0
     ) -> HistoryVariables:
-        """Commit the plastic strains after an increment that ended at `strain`, of any duration."""
+        """Return the plastic strains after an increment that ended at `strain`, of any duration."""
         inside, _ = self._split_at_ends(jnp.asarray(strain))
-        _, _, elastic, kept = self._yield_parts(inside, memory)
+        _, _, elastic, kept = self._part_strains_after_yielding(inside, memory)
         moved = jnp.isfinite(kept) & (kept != elastic)
         return jnp.where(moved, inside[..., None] - jnp.where(moved, kept, 0.0), memory)
 
@@ -216,7 +216,7 @@ class Polygonal(Law):
         return ~self._has_compression & (self._stress_on_curve(strain, memory) < 0)
 
     def corner_strains(self, memory: Memory = None) -> Float[Array, "... n_corner"]:
-        """Return the strains at which the slope jumps, with both ends, on the last axis."""
+        """Return the strains at which the slope jumps, and those of both ends, on the last axis."""
         if memory is None:
             return jnp.where(self._has_compression, self.strain, jnp.maximum(self.strain, 0.0))
         low, high = self.strain_limits
@@ -232,11 +232,11 @@ class Polygonal(Law):
     # --- the same material, changed
 
     def extrapolated(self) -> Polygonal:
-        """Return the law for an iteration: it goes on with its initial slope beyond its ends."""
+        """Return the law continued with its initial slope beyond its ends, for an iteration."""
         return copy_with(self, endless=True)
 
     def without_softening(self) -> Polygonal:
-        """Return the law without softening: with its initial slope from where it first falls."""
+        """Return the law with its initial slope from where its stress first falls."""
         if self.monotone:
             return self
         slopes, outward = self._segment_slopes, self.strain[1:] > 0
@@ -254,33 +254,33 @@ class Polygonal(Law):
         return copy_with(self, one_sided=True)
 
     def softening_stresses(self) -> Float[ArrayLike, " n"] | None:
-        """Return the stresses of the points; None if they are known to rise."""
+        """Return the stresses of the points, [n]; None if they are known not to fall."""
         return None if self.monotone else self.stress
 
     def in_series_with_spring(self, compliance: Numbers) -> Polygonal:
-        """Return the law in series with a spring of `compliance`, 1/Pa; needs a law that rises."""
+        """Return the law in series with a spring of `compliance`, 1/Pa; it must not soften."""
         return copy_with(self, strain=self.strain + compliance * self.stress)
 
     # --- its parts
 
     def _split_at_ends(self, strain):
-        """Split strains into the part within the ends of the curve, and the part beyond them."""
+        """Split strains into that within the ends of the curve, and the excess beyond them."""
         low, high = self.strain_limits
         inside = jnp.where(strain > high, high, jnp.where(strain < low, low, strain))
         return inside, jnp.where(self.is_ruptured(strain), strain - inside, 0.0)
 
     def _stress_on_curve(self, strain, memory):
-        """Return the stress on the curve, or of the parallel parts, without a check of the ends."""
+        """Return the stress, Pa, without a check for rupture; with `memory` that of all parts."""
         if memory is not None:
-            stiffness, end, _, kept = self._yield_parts(strain, memory)
+            stiffness, end, _, kept = self._part_strains_after_yielding(strain, memory)
             return end * strain + jnp.sum(stiffness * kept, axis=-1)
-        initial, changes, forward, backward = self._slope_changes(strain)
+        initial, changes, forward, backward = self._slope_changes_and_excess_strains(strain)
         return initial * strain + jnp.sum(changes * (forward - backward), axis=-1)
 
-    def _slope_changes(self, strain):
-        """Return the initial slope, the change of slope at every corner, and strains beyond it.
+    def _slope_changes_and_excess_strains(self, strain):
+        """Return initial slope, changes of slope at the corners, and strains beyond the corners.
 
-        Strains beyond corners in tension and beyond corners in compression are separate arrays.
+        The latter are two arrays, for corners in tension and in compression; zero before a corner.
         """
         slopes, e = self._segment_slopes, strain[..., None]
         corners = broadcast_on_last_axis(self.strain[1:-1], e)
@@ -293,10 +293,10 @@ class Polygonal(Law):
         return initial, broadcast_on_last_axis(jnp.diff(slopes), e), forward, backward
 
     def _parallel_parts(self):
-        """Return stiffness and yield strains in tension and compression of the parallel parts.
+        """Return stiffness, yield strain in tension, and in compression of elastoplastic parts.
 
-        Parts are numbered from the origin outwards; on a side with fewer corners the last parts
-        never yield.
+        In parallel they make the curve (Besseling). Parts are numbered from the origin outwards; on
+        a side with fewer corners the last parts never yield.
         """
         corners, changes = self.strain[1:-1], jnp.diff(self._segment_slopes)
         n, rank = len(corners), jnp.arange(self.n_memory)
@@ -313,8 +313,8 @@ class Polygonal(Law):
         push = jnp.where(self._has_compression, -take(corners, pushed, -jnp.inf), jnp.inf)
         return stiffness, take(corners, pulled, jnp.inf), push
 
-    def _yield_parts(self, strain, memory):
-        """Return stiffness of the parts, last slope, and strains before and after yielding."""
+    def _part_strains_after_yielding(self, strain, memory):
+        """Return part stiffness, last slope, and strains of parts before and after yielding."""
         stiffness, pull, push = (broadcast_on_last_axis(v, memory) for v in self._parallel_parts())
         elastic = strain[..., None] - memory
         # at a corner the plastic branch counts, that of loading

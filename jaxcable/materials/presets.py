@@ -123,6 +123,6 @@ def tension_only(
 
 
 def _require_positive(**numbers):
-    """Raise ValueError unless all numbers, given by name, are positive."""
+    """Raise ValueError unless all numbers, which are given by name, are positive."""
     for name, value in numbers.items():
         refuse_if_broken([positive(name, checks.as_floats(value, name))])

@@ -85,7 +85,7 @@ def composite(
         *(join(name)[order] for name in ("y", "z", "area")),
         kinds,
         counts,
-        _sum_torsion(sections, parts, kinds)
+        _sum_torsion_constants(sections, parts, kinds)
         if torsion is None
         else _checked_torsion(torsion, len(kinds)),
         points,
@@ -114,7 +114,7 @@ def group_by_law(
 
 
 def _checked_torsion(torsion, n_law):
-    """Check a given torsion constant, and return it as [n_law]."""
+    """Return a given torsion constant as [n_law]; ValueError for a wrong shape or sign."""
     torsion = checks.as_floats(torsion, "torsion")
     if torsion.shape != (n_law,) and not (n_law == 1 and torsion.shape == ()):
         raise ValueError(
@@ -124,10 +124,11 @@ def _checked_torsion(torsion, n_law):
     return nan_if_broken(positive("torsion", torsion)).reshape(n_law)
 
 
-def _sum_torsion(sections, parts, kinds):
-    """Add up the torsion constants of the parts of each law, [n_law]; None if this is not valid.
+def _sum_torsion_constants(sections, parts, kinds):
+    """Return the sum of torsion constants for each law in `kinds`, [n_law]; None if invalid.
 
-    It is for a single section, and for discs and rings about one centre.
+    It is valid for a single section, and for discs and rings about one centre; NaN if this is not
+    known. `parts` has (section, law, slice of fibres, torsion constant) of each part.
     """
     if any(constant is None for *_, constant in parts):
         return None

@@ -51,7 +51,7 @@ class Fibres:
 
     @property
     def is_elastic(self) -> bool:
-        """Whether all laws of the section are linear; a 3 x 3 stiffness then describes it."""
+        """Whether all laws of the section are linear, so that a 3 x 3 stiffness describes it."""
         return all(isinstance(law, Elastic) for law in self.laws)
 
     @property
@@ -80,7 +80,7 @@ class Fibres:
         return _initial_stiffness(self)
 
     def initial_memory(self, shape: tuple[int, ...] = ()) -> FibreMemory:
-        """Return the history variables of an unused section.
+        """Return the history variables of a section that has not been strained yet.
 
         Args:
             shape: axes in front of those of the fibres, such as those of elements.
@@ -107,7 +107,7 @@ class Fibres:
 
         Args:
             e0, ky, kz: strain at the axis and curvatures, arrays of one shape, -, 1/m, 1/m.
-            memory: history variables, as from `initial_memory`; None for an unused section.
+            memory: history variables, as from `initial_memory`; None if not strained yet.
 
         Returns:
             [..., n_fibre], Pa; zero beyond the rupture strain of a fibre.
@@ -134,7 +134,7 @@ class Fibres:
 
         Args:
             e0, ky, kz: strain at the axis and curvatures, arrays of one shape, -, 1/m, 1/m.
-            memory: history variables, as from `initial_memory`; None for an unused section.
+            memory: history variables, as from `initial_memory`; None if not strained yet.
 
         Returns:
             ``N, My, Mz``, N, N m, N m. Fibres beyond their rupture strain carry nothing.
@@ -218,7 +218,7 @@ class Fibres:
         )
 
     def is_ruptured(self, e0: Numbers, ky: Numbers, kz: Numbers) -> Bool[Array, "*shape"]:
-        """Return whether any fibre is beyond its rupture strain, [...] bool."""
+        """Return whether any fibre is beyond its rupture strain, [...] bool, at given strains."""
         strain, pairs = (
             self.fibre_strain(e0, ky, kz),
             zip(self.laws, self._law_slices(), strict=True),
@@ -228,15 +228,15 @@ class Fibres:
         )
 
     def extrapolated(self) -> Self:
-        """Return the section with laws that go on elastically beyond rupture, for iterations."""
+        """Return the section with laws continued elastically beyond rupture, for an iteration."""
         return copy_with(self, laws=tuple(law.extrapolated() for law in self.laws))
 
     def corner_distance(
         self, e0: Numbers, ky: Numbers, kz: Numbers, memory: FibreMemory | None = None
     ) -> Values:
-        """Return the smallest distance, in strain, of any fibre from a corner of its law, [...].
+        """Return the smallest distance of a fibre's strain from a corner of its law, [...].
 
-        At a corner (a nonsmooth point) the tangent jumps.
+        At a corner the tangent jumps.
         """
         each = self._fibres_by_law(self.fibre_strain(e0, ky, kz), memory)
         distances = [law.corner_distance(e, remembered) for law, e, remembered in each]
@@ -245,22 +245,22 @@ class Fibres:
     # --- helpers
 
     def _lever_arms(self):
-        """Return what a unit force in each fibre contributes to N, My, Mz, [n_fibre, 3]."""
+        """Return lever arms ``1, z, -y`` of the fibres for N, My, Mz, [n_fibre, 3]."""
         return jnp.stack([jnp.ones_like(self.y), self.z, -self.y], axis=-1)
 
     def _law_slices(self):
-        """Return for each law the slice of its fibres."""
+        """Return a list with the slice of each law's fibres in arrays of all fibres."""
         ends = np.cumsum(self.counts)
         return [slice(int(e) - n, int(e)) for e, n in zip(ends, self.counts, strict=True)]
 
     def _repeat_per_fibre(self, values):
-        """Repeat a value for each law over the fibres of the law, [n_fibre]."""
+        """Return an array [n_fibre] from one value for each law, repeated for its fibres."""
         return jnp.concatenate(
             [jnp.full(n, v) for n, v in zip(self.counts, values, strict=True)]
         ).astype(jnp.asarray(self.y).dtype)
 
     def _fibres_by_law(self, strain, memory):
-        """List for each law: the law, the strain of its fibres, and their history variables.
+        """Return for each law: the law, the strains of its fibres, and their history variables.
 
         The latter are None for a law without any, and zero if `memory` is None.
         """
@@ -271,7 +271,7 @@ class Fibres:
         ]
 
     def _integrate_over_area(self, of_law, strain, memory):
-        """Integrate ``of_law(law, strain, memory)`` over the area, as a sum over the fibres."""
+        """Return the sum over fibres of their area times ``of_law(law, strain, memory)``."""
         return sum(
             of_law(law, e, remembered) @ self.area[part]
             for part, (law, e, remembered) in zip(
@@ -281,18 +281,18 @@ class Fibres:
 
 
 def _absolute_stress_of_law(law, strain, memory):
-    """Return the sum of absolute stresses of a law, Pa, see `Law.size_at`."""
+    """Return the sum of absolute stresses in parts of a law, Pa (`Law.stress_scale_at`)."""
     return law.stress_scale_at(strain, memory)
 
 
 def _energy_of_law(law, strain, memory):
-    """Return the stored energy of a law per volume, J/m3, see `Law.energy_at`."""
+    """Return the stored energy of a law per volume, J/m3 (`Law.energy_at`)."""
     return law.energy_at(strain, memory)
 
 
 @jax.jit
 def _initial_stiffness(section):
-    """Return the initial stiffness of a section, see `Fibres.stiffness`; compiled once."""
+    """Return the initial stiffness of a section, [3, 3]: `Fibres.stiffness`, compiled."""
     lever = section._lever_arms()
     modulus = section._repeat_per_fibre([law.modulus for law in section.laws])
     total = lever.T @ ((section.area * modulus)[:, None] * lever)

@@ -16,7 +16,7 @@ AnySection = TypeVar("AnySection", bound=Fibres)
 def shifted(
     section: AnySection, y: Float[ArrayLike, ""] = 0.0, z: Float[ArrayLike, ""] = 0.0
 ) -> AnySection:
-    """Move a section by `y`, `z`, m, relative to the axis of the element.
+    """Return the section moved by `y`, `z`, m, relative to the axis of the element.
 
     Beams then take its position as intended, and do not warn of an axis off the centroid.
 
@@ -48,7 +48,7 @@ def centroid(section: Fibres) -> tuple[Float[Array, ""], Float[Array, ""]]:
 
 
 def centred(section: AnySection) -> AnySection:
-    """Move a section so that its `centroid` is at the axis of the element.
+    """Return the section moved so that its `centroid` is at the axis of the element.
 
     Example:
         An L of 100 x 100 x 10 mm whose corner was the origin:

@@ -28,11 +28,11 @@ class LinearSection:
 
     @property
     def laws(self) -> tuple[Law]:
-        """The law of the axial force over an area of 1 m2, as a tuple with one entry."""
+        """The linear law that over an area of 1 m2 has the axial stiffness, a tuple of one."""
         return (Elastic(self.matrix[0, 0]),)
 
     def axial(self) -> tuple[Float[Array, ""], Law]:
-        """Return an area of 1 m2, and the law over it that gives the axial stiffness."""
+        """Return an area of 1 m2, and the linear law that over it has the axial stiffness."""
         return jnp.ones_like(self.matrix[0, 0]), *self.laws
 
     def stiffness(self) -> Float[Array, "3 3"]:

@@ -19,7 +19,7 @@ Mesh: TypeAlias = 'tuple[Float[np.ndarray, "n_point 2"], Int[np.ndarray, "n_cell
 
 
 def square_mesh(n_y: int, n_z: int) -> Mesh:
-    """Mesh the square from -1 to 1 with `n_y` by `n_z` cells."""
+    """Return points and cells of the square from -1 to 1, with `n_y` by `n_z` cells."""
     y, z = np.meshgrid(np.linspace(-1, 1, n_y + 1), np.linspace(-1, 1, n_z + 1), indexing="ij")
     number = np.arange(y.size).reshape(y.shape)
     corners = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
@@ -27,7 +27,7 @@ def square_mesh(n_y: int, n_z: int) -> Mesh:
 
 
 def disc_mesh(n_y: int, n_z: int) -> Mesh:
-    """Mesh a disc of diameter 1, with the exact area of the circle.
+    """Return points and cells of a disc of diameter 1, with the exact area of the circle.
 
     Squares about the centre become circles with equal angles between the points (Shirley and Chiu
     1997). The polygon is then scaled to the area pi/4 (by 0.41 % for 40 sides, 10 x 10 cells).
@@ -49,12 +49,12 @@ def disc_mesh(n_y: int, n_z: int) -> Mesh:
 def ring_mesh(
     n_radial: int, n_round: int
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 2"], Int[np.ndarray, "n_cell 4"]]:
-    """Mesh a ring whose radii are not known yet.
+    """Return points and cells of a ring whose radii are given later, because traced.
 
     Returns:
         Position of the points between the inner (0) and the outer edge (1), [n]; direction from
         the centre, [n, 2], a little longer than 1, so that the polygons have the exact area of
-        circles; cells.
+        circles; cells, four indices of points each.
     """
     fraction, angle = np.meshgrid(
         np.linspace(0, 1, n_radial + 1), 2 * np.pi * np.arange(n_round) / n_round, indexing="ij"
@@ -70,7 +70,7 @@ def ring_mesh(
 def polygon_mesh(
     outline: Float[np.ndarray, "n 2"], holes: Sequence[Float[np.ndarray, "_ 2"]], size: float
 ) -> Mesh:
-    """Mesh a polygon with holes, with its exact area and cells not larger than `size`, m.
+    """Return points and cells of a polygon with holes; cells are not larger than `size`, m.
 
     The polygon is cut into strips parallel to y at every corner. Within a strip the edges do not
     cross, and the trapezoids between every other pair of edges are inside (even-odd rule).
@@ -113,7 +113,7 @@ def split_into_triangles(cells: Int[np.ndarray, "n_cell 4"]) -> Int[np.ndarray, 
 def cell_areas(
     points: Float[ArrayLike, "n_point 2"], cells: Int[np.ndarray, "m 4"]
 ) -> Float[ArrayLike, " m"]:
-    """Return the area of every cell, [m]."""
+    """Return the area of every cell (indices of its four points), [m]."""
     return cell_moments(points, cells)[0]
 
 
@@ -142,14 +142,17 @@ def cell_moments(
 
 
 def _triangle_moments(a, b, c):
-    """Return signed area, centroid and mean `_coordinate_products` about it of triangles."""
+    """Return signed area, centroid, and mean `_coordinate_products` about it, of triangles.
+
+    `a`, `b`, `c` are the corners of all triangles, [m, 2] each.
+    """
     u, v, centre = b - a, c - a, (a + b + c) / 3
     squares = sum(_coordinate_products(corner - centre) for corner in (a, b, c)) / 12
     return 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]), centre, squares
 
 
 def _coordinate_products(points):
-    """Return ``z^2, y^2, y z``, [m, 3], of points (y, z), [m, 2]."""
+    """Return the products ``z^2, y^2, y z``, [m, 3], of coordinates (y, z), [m, 2]."""
     return points[:, [1, 0, 0]] * points[:, [1, 0, 1]]
 
 

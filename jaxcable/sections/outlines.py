@@ -29,7 +29,7 @@ def checked_corners(points: Float[ArrayLike, "n 2"], name: str) -> Float[np.ndar
 
 
 def signed_area(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, ""]:
-    """Return the area of a polygon, positive if it is anticlockwise."""
+    """Return the area of a polygon of corners (y, z), m2, positive if they are anticlockwise."""
     y, z = (points - points[0]).T
     return 0.5 * np.sum(y * np.roll(z, -1) - z * np.roll(y, -1))
 
@@ -83,7 +83,7 @@ def _is_collinear(ring):
 
 
 def _first_crossing(outline, other):
-    """Return the indices of the first two edges that cross within their lengths, or None."""
+    """Return the index of an edge in each outline, of the first two that cross, or None."""
     a, b = outline[:, None], np.roll(outline, -1, axis=0)[:, None]
     c, d = other[None], np.roll(other, -1, axis=0)[None]
     divided = _side_of_line(a, b, c) * _side_of_line(a, b, d) < 0
@@ -97,19 +97,19 @@ def _side_of_line(a, b, c):
     return np.sign(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])
 
 
-def _describe_crossing(name, ring, other, around, pair):
-    """Say which two edges cross, for a message."""
-    (i, j), n, m = pair, len(ring), len(around)
+def _describe_crossing(name, ring, other_name, other_ring, pair):
+    """Return the words on two edges that cross, whose indices are the `pair`, in two outlines."""
+    (i, j), n, m = pair, len(ring), len(other_ring)
     return (
-        f"the edge from {name}[{i}] to {name}[{(i + 1) % n}] crosses that from {other}[{j}] to "
-        f"{other}[{(j + 1) % m}]"
+        f"the edge from {name}[{i}] to {name}[{(i + 1) % n}] crosses that from "
+        f"{other_name}[{j}] to {other_name}[{(j + 1) % m}]"
     )
 
 
 def points_inside(
     points: Float[np.ndarray, "n 2"], ring: Float[np.ndarray, "m 2"]
 ) -> Bool[np.ndarray, " n"]:
-    """Return whether points are inside a polygon, [n] bool, by the crossings of a ray."""
+    """Return which points are inside a polygon of corners `ring`, by crossings of a ray."""
     a, b = ring[None], np.roll(ring, -1, axis=0)[None]
     y, z = points[:, None, 0], points[:, None, 1]
     spans = (a[..., 1] > z) != (b[..., 1] > z)

@@ -12,10 +12,7 @@ from .section import Section
 
 
 def padding_key(section: Section) -> Hashable:
-    """Return a hashable key.
-
-    Sections with equal keys can be padded to equal shapes by `pad_to_equal`.
-    """
+    """Return a key, equal for sections that `pad_to_equal` can give equal numbers of fibres."""
     laws = [jax.tree.flatten(law) for law in section.laws]
     # history variables are results of every fibre: the number of such fibres cannot be changed
     counts = section.counts if section.has_memory else len(section.counts)
@@ -24,16 +21,16 @@ def padding_key(section: Section) -> Hashable:
 
 
 def pad_to_equal(sections: Sequence[Section]) -> list[Section]:
-    """Pad sections with equal keys of `padding_key` to equal numbers of fibres of each law.
+    """Return sections with equal numbers of fibres of each law, and unchanged forces.
 
-    The meshes for pictures are left out.
+    They must have the same `padding_key`. Their meshes, which are for pictures, are left out.
     """
     counts = tuple(max(n) for n in zip(*(section.counts for section in sections), strict=True))
     return [_split_last_fibres(section, counts) for section in sections]
 
 
 def _split_last_fibres(section, counts):
-    """Return a section with `counts` fibres of each law, whose last fibre is split equally."""
+    """Return a section with `counts` fibres of each law, by splitting each law's last fibre."""
     section = copy_with(section, points=None, cells=None, placed=True)
     if section.counts == counts:
         return section

@@ -22,8 +22,8 @@ class Section(Fibres):
     The constructors below make its mesh. Fibres of one law follow each other. The axis of an
     element goes through the origin of the coordinates. `disc`, `ring`, `rectangle`, `i_shape` and
     `box` put the origin at the centre of their shape; `polygon`, `mesh` and `composite` leave it at
-    the origin of their points or parts, and `centred` moves it to the centroid; it and `shifted`
-    also say that the place is meant.
+    the origin of their points or parts. `centred` moves it to the centroid; it and `shifted` also
+    stop beams from warning that the axis is off the centroid.
 
     The axis also counts as the shear centre: an element twists about it, and loads through it cause
     no torsion. In an L or a channel the centroid and the shear centre are apart, which is not
@@ -104,7 +104,7 @@ class Section(Fibres):
             set_fields(self, cells=Indices(cells))
 
     def rules(self) -> list[Rule]:
-        """Return the rules that its numbers must satisfy, see `common.rules`; laws have others."""
+        """Return the condition that the areas of fibres are positive, a list of one `Rule`."""
         return [positive("area", self.area, "a fibre's area must be positive")]
 
     # --- shapes
@@ -125,7 +125,7 @@ class Section(Fibres):
 
     @property
     def total_area(self) -> Float[Array, ""]:
-        """Area, m2."""
+        """Area of the section, m2."""
         return jnp.sum(self.area)
 
     centroid = geometry.centroid
@@ -148,9 +148,9 @@ class Section(Fibres):
         return area, Parallel(self.laws, jnp.stack(areas) / area)
 
     def for_analysis(self) -> Section | LinearSection:
-        """Return the section as an analysis uses it.
+        """Return the section in the form that an analysis evaluates.
 
-        `LinearSection` if all laws are, else `extrapolated`.
+        It is a `LinearSection` if all laws are linear, or else this one with `extrapolated` laws.
         """
         if not self.is_elastic:
             return self.extrapolated()

@@ -51,10 +51,10 @@ def disc(
         19.635 cm2
     """
     diameter = _positive_length(diameter, "diameter")
-    points, quads = meshes.disc_mesh(*_mesh_shape(shape))
+    points, quads = meshes.disc_mesh(*_checked_mesh_shape(shape))
     inertia = np.pi / 64 * diameter**4
     quads = _quads_or_triangles(quads, cells)
-    return _from_mesh(cls, diameter * points, quads, law, 2 * inertia, round_inertia=inertia)
+    return _mesh_section(cls, diameter * points, quads, law, 2 * inertia, round_inertia=inertia)
 
 
 def ring(
@@ -87,14 +87,14 @@ def ring(
     """
     diameter = _positive_length(diameter, "diameter")
     thickness = _positive_length(thickness, "thickness")
-    thickness = _length_unless(
+    thickness = _length_if_allowed(
         thickness, 2 * thickness >= diameter, "thickness", "twice is too thick"
     )
-    fraction, direction, quads = meshes.ring_mesh(*_mesh_shape(shape, (1, 3)))
+    fraction, direction, quads = meshes.ring_mesh(*_checked_mesh_shape(shape, (1, 3)))
     inner = diameter / 2 - thickness
     points = (inner + fraction * thickness)[:, None] * direction
     inertia = np.pi / 64 * (diameter**4 - (2 * inner) ** 4)
-    return _from_mesh(
+    return _mesh_section(
         cls, points, _quads_or_triangles(quads, cells), law, 2 * inertia, round_inertia=inertia
     )
 
@@ -130,9 +130,9 @@ def rectangle(
         50 fibres, 200.0 cm2
     """
     width, height = _positive_length(width, "width"), _positive_length(height, "height")
-    points, quads = meshes.square_mesh(*_mesh_shape(shape))
+    points, quads = meshes.square_mesh(*_checked_mesh_shape(shape))
     points = points * stack_trees([width / 2, height / 2])[None, :]
-    return _from_mesh(
+    return _mesh_section(
         cls, points, _quads_or_triangles(quads, cells), law, rectangle_torsion(width, height)
     )
 
@@ -173,9 +173,9 @@ def i_shape(
     """
     numbers = {"height": height, "width": width, "web": web, "flange": flange}
     height, width, web, flange = (_positive_length(value, name) for name, value in numbers.items())
-    flange = _length_unless(flange, 2 * flange >= height, "flange", "twice is too thick")
-    web = _length_unless(web, web > width, "web", "wider than the flange")
-    along, through, tall = _mesh_shape(shape, (1, 1, 1))
+    flange = _length_if_allowed(flange, 2 * flange >= height, "flange", "twice is too thick")
+    web = _length_if_allowed(web, web > width, "web", "wider than the flange")
+    along, through, tall = _checked_mesh_shape(shape, (1, 1, 1))
     top = rectangle(cls, width, flange, law, (along, through))
     middle = rectangle(cls, web, height - 2 * flange, law, (max(1, through), tall))
     z = (height - flange) / 2
@@ -221,10 +221,10 @@ def box(
     numbers = {"width": width, "height": height, "thickness": thickness}
     numbers["flange"] = thickness if flange is None else flange
     width, height, web, plate = (_positive_length(value, name) for name, value in numbers.items())
-    web = _length_unless(web, 2 * web >= width, "thickness", "twice is too thick")
+    web = _length_if_allowed(web, 2 * web >= width, "thickness", "twice is too thick")
     name = "thickness" if flange is None else "flange"
-    plate = _length_unless(plate, 2 * plate >= height, name, "twice is too thick")
-    along, through, tall = _mesh_shape(shape, (1, 1, 1))
+    plate = _length_if_allowed(plate, 2 * plate >= height, name, "twice is too thick")
+    along, through, tall = _checked_mesh_shape(shape, (1, 1, 1))
     lying = rectangle(cls, width, plate, law, (along, through))
     standing = rectangle(cls, web, height - 2 * plate, law, (through, tall))
     y, z = (width - web) / 2, (height - plate) / 2
@@ -288,7 +288,7 @@ def polygon(
     quads = _quads_or_triangles(made[1], cells)
     # a strip that ends in a point has cells without area: leave them out
     quads = quads[meshes.cell_areas(made[0], quads) > 1e-14 * float(size) ** 2]
-    return _from_mesh(cls, made[0], quads, law, placed=False)
+    return _mesh_section(cls, made[0], quads, law, placed=False)
 
 
 def mesh(
@@ -336,14 +336,14 @@ def mesh(
         if len(laws) != len(cells):
             raise ValueError(f"laws: expected one, or {len(cells)}, one per cell, got {len(laws)}")
         laws, order, counts = group_by_law(laws)
-        return _from_mesh(cls, points, cells[order], laws, counts=counts, placed=False)
-    return _from_mesh(cls, points, cells, laws, placed=False)
+        return _mesh_section(cls, points, cells[order], laws, counts=counts, placed=False)
+    return _mesh_section(cls, points, cells, laws, placed=False)
 
 
-def _from_mesh(
+def _mesh_section(
     cls, points, cells, laws, torsion=None, counts=None, round_inertia=None, placed=True
 ):
-    """Make a section whose fibres are the cells of a mesh.
+    """Return a section whose fibres are the cells of a mesh.
 
     `round_inertia` is the exact second moment of a circular shape, m4, which corrects that of the
     mesh; other arguments as the fields of `Section`.
@@ -361,14 +361,14 @@ def _from_mesh(
 
 
 def _quads_or_triangles(quads, kind):
-    """Return quadrilaterals as they are, or split into triangles if `kind` asks for these."""
+    """Return quadrilaterals [m, 4] as they are, or split if `kind` is "triangles"."""
     if kind not in _CELL_KINDS:
         raise ValueError(f"cells = {kind!r}: expected one of {_CELL_KINDS}")
     return quads if kind == "quadrilaterals" else meshes.split_into_triangles(quads)
 
 
-def _mesh_shape(shape, least=(1, 1)):
-    """Return the shape of a mesh; refuse it unless its entries are integers, at least `least`."""
+def _checked_mesh_shape(shape, least=(1, 1)):
+    """Return the `shape` of a mesh; ValueError unless it has integers, at least `least`."""
     ok = isinstance(shape, list | tuple) and len(shape) == len(least)
     ok = ok and all(
         isinstance(n, int | np.integer) and n >= m for n, m in zip(shape, least, strict=False)
@@ -379,16 +379,16 @@ def _mesh_shape(shape, least=(1, 1)):
 
 
 def _positive_length(value, name):
-    """Return a dimension as a float; if it is not positive, refuse it, or return NaN if traced."""
-    return _as_float(nan_if_broken(positive(name, checks.as_floats(value, name))))
+    """Return a dimension as a float; one that is not positive: ValueError, or NaN if traced."""
+    return _float_if_known(nan_if_broken(positive(name, checks.as_floats(value, name))))
 
 
-def _length_unless(value, broken, name, text):
-    """Return a dimension; if `broken` is true, refuse it, or return NaN if it is traced."""
-    return _as_float(nan_if_broken(Rule(name, (value, broken), lambda _, broken: broken, text)))
+def _length_if_allowed(value, broken, name, text):
+    """Return a dimension as a float; where `broken` is true: ValueError, or NaN if traced."""
+    return _float_if_known(nan_if_broken(Rule(name, (value, broken), lambda _, bad: bad, text)))
 
 
-def _as_float(value):
+def _float_if_known(value):
     """Return a scalar dimension as a float, or unchanged if it is traced."""
     value = checks.as_scalar(value, "dimension")
     return value if checks.array_if_known(value) is None else float(value)

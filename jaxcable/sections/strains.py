@@ -67,7 +67,7 @@ def solve_strains(
         section: `Section`.
         N, My, Mz: arrays of one shape, N, N m, N m.
         memory: history variables, as from `Section.initial_memory`: the same for all forces, or
-            with the axes of the forces in front; None for an unused section.
+            with the axes of the forces in front; None for a section not strained yet.
         tol: largest residual, relative to the sum of absolute fibre forces plus the load (moments
             over the radius of gyration); default 64 eps, which costs one iteration more than 1e-4.
         max_steps: iterations allowed.
@@ -93,7 +93,7 @@ def solve_strains(
         return _solve_one_by_one(section, (N, My, Mz), memory, tol, max_steps)
     if memory is None and section.has_memory:
         memory = section.initial_memory()
-    target, radius = jnp.stack([N, My, Mz]), _strain_scale(section)
+    target, radius = jnp.stack([N, My, Mz]), _strain_scales(section)
     parameters = (section, target, memory)
     frozen = lax.stop_gradient(parameters)
     found, steps, residual, good = _iterate_strains(
@@ -120,7 +120,7 @@ def solve_strains(
 
 
 def _solve_one_by_one(section, forces, memory, tol, max_steps):
-    """Apply `solve_strains` to forces of any shape, one after the other."""
+    """Return the `SectionState` of forces of any shape, solved one after the other."""
     shape = forces[0].shape
     flat = [v.ravel() for v in forces]
     by_force = jax.tree.leaves(memory)[0].ndim > 2 if memory is not None else False
@@ -136,8 +136,8 @@ def _solve_one_by_one(section, forces, memory, tol, max_steps):
     return jax.tree.map(lambda v: v.reshape(shape), states)
 
 
-def _strain_scale(section):
-    """Return factors [3] from (e0, ky, kz) to strains: 1, and the radii of gyration (1 if zero)."""
+def _strain_scales(section):
+    """Return factors [3] that make strains of (e0, ky, kz): 1, and both radii of gyration."""
     inertia = jnp.stack(section.inertia()[:2]) / section.total_area
     flat = inertia <= 0
     radius = jnp.where(flat, 1.0, jnp.sqrt(jnp.where(flat, 1.0, inertia)))
@@ -145,7 +145,7 @@ def _strain_scale(section):
 
 
 def _scaled_forces(section, scaled, radius, memory):
-    """Return forces, moments divided by `radius`, [3], N; `scaled` is (e0, ky, kz) `radius`."""
+    """Return N and moments over radii of gyration, [3], N, at (e0, ky, kz) times `radius`."""
     return jnp.stack(section.forces(*(scaled / radius), memory)) / radius
 
 
@@ -156,7 +156,7 @@ def _scaled_tangent(section, scaled, radius, memory):
 
 
 def _iterate_strains(section, target, memory, radius, tol, max_steps):
-    """Iterate from zero by Newton's method with a line search.
+    """Iterate to the strains of given forces, by Newton's method with a line search from zero.
 
     Returns:
         Scaled strains [3], number of iterations, largest residual, N, and whether it converged.

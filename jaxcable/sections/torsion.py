@@ -102,7 +102,8 @@ def are_concentric_circles(parts: Sequence[tuple[Any, ...]]) -> Bool[ArrayLike, 
     which makes its torsion constant smaller, and about any other centre the polar moment is larger.
 
     Args:
-        parts: list of (y, z, area, own, torsion) of one law each, as in `Section`.
+        parts: list of (y, z, area, own, torsion), fields of a `Section` of one law; where one of
+            the last two is None the result is False.
     """
     if any(moments is None or torsion is None for *_, moments, torsion in parts):
         return False

@@ -306,7 +306,7 @@ def test_in_balance_it_is_the_hanging_cable():
         block = jnp.outer(at.force_per_tension, at.force_per_tension) / (
             at.compliance + at.sag_compliance
         )
-        block = block + hanging_springs.tension_stiffness(tension, *rest)
+        block = block + hanging_springs.stiffness_under_tension(tension, *rest)
         turned = hanging.solve_catenary(turn @ span[0], span[1], turn @ span[2], *span[3:])
         return tension, at, off, hanging.solve_catenary(*span)[0], exact, block, turn.T @ turned[0]
 

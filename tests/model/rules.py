@@ -292,7 +292,7 @@ drawn_steel, 1e8, -1.0  # _require_positive: yield_stress = -1.0
 fibres, [1.0, 1.0], [-1.0, 1.0]  # area: area[0] = -1.0
 ## sections/shapes.py
 lambda v: jc.Section.disc(v, LAW).area,  # _positive_length: diameter = -1
-lambda v: jc.Section.ring(1.0, v, LAW).area, 0.1, 0.6  # _length_unless: twice
+lambda v: jc.Section.ring(1.0, v, LAW).area, 0.1, 0.6  # _length_if_allowed: twice
 ## sections/torsion.py
 thickness,  # thickness: thickness = -1.0
 ## sections/composites.py
@@ -385,9 +385,9 @@ OTHERWISE = {
     "materials/polygonal.py:__post_init__": "no rule: puts the origin among known points",
     "sections/torsion.py:bredt_torsion": "a traced outline is not asked whether it crosses itself",
     "sections/torsion.py:are_concentric_circles": "no rule: which library computes",
-    "sections/shapes.py:_as_float": "no rule: which library computes",
+    "sections/shapes.py:_float_if_known": "no rule: which library computes",
     "sections/outlines.py:checked_corners": "traced outlines are refused",
-    "sections/composites.py:_sum_torsion": "NaN where it is traced",
+    "sections/composites.py:_sum_torsion_constants": "NaN where it is traced",
     "model/structure.py:__post_init__": "warnings; the rules of places are asked in any case",
     "design/bounds.py:check": "bounds that are traced end in the status OUTSIDE",
     "stiffness/vibration.py:_without_massless_modes": "no rule: how many modes have mass",

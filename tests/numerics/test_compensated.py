@@ -134,7 +134,7 @@ def test_elongations_are_exact_up_to_their_own_rounding(dtype, n_end):
     given = scenes(dtype, n_end)
     eps = float(np.finfo(dtype).eps)
     true = [longer(*at) for at in zip(*given, strict=True)]
-    exactly = functools.partial(rebase, wanted=jnp.ones((), bool))
+    exactly = functools.partial(rebase, precise=jnp.ones((), bool))
     for run in (jax.vmap(exactly), jax.jit(jax.vmap(exactly))):
         found, places = run(*given)
         assert found.dtype == dtype and places.dtype == dtype
