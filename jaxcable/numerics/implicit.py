@@ -202,20 +202,20 @@ def gradient_probe(parameters: PyTree[Any]) -> Float[Array, ""]:
     What is computed from this probe gets a derivative, such as NaN, by all of them.
     """
     leaves = [jnp.asarray(x) for x in jax.tree.leaves(parameters)]
-    return _probe_floats([x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating)])
+    return _probe_of_floats([x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating)])
 
 
 @jax.custom_jvp
-def _probe_floats(floats):
+def _probe_of_floats(floats):
     """Return zero, with derivative 1 with respect to every entry of these arrays."""
     # a select, so that the zero has the axes that the floats have in a batch
     return sum((jnp.where(x.ravel()[0] > 0, 0.0, 0.0) for x in floats if x.size), jnp.zeros(()))
 
 
-@_probe_floats.defjvp
-def _probe_floats_jvp(primals, tangents):
-    """Forward derivative of `_probe_floats`: the sum of all changes."""
-    return _probe_floats(*primals), sum((jnp.sum(x) for x in tangents[0]), jnp.zeros(()))
+@_probe_of_floats.defjvp
+def _probe_of_floats_jvp(primals, tangents):
+    """Forward derivative of `_probe_of_floats`: the sum of all changes."""
+    return _probe_of_floats(*primals), sum((jnp.sum(x) for x in tangents[0]), jnp.zeros(()))
 
 
 def _identity_or_nan(ok, x, probe):

@@ -48,7 +48,7 @@ def implicit_root(
     """
     if _ROOT is None or _ROOT_TANGENT is None:
         internals.warn_missing_feature("primitives")
-        return _root_by_custom_root(function, root, parameters, tangent_solve)
+        return _implicit_root_by_custom_root(function, root, parameters, tangent_solve)
     leaves, tree = jax.tree.flatten(parameters)
 
     def equation(x, *leaves):
@@ -81,7 +81,7 @@ def with_deferred_derivative(
     )
 
 
-def _root_by_custom_root(function, root, parameters, tangent_solve):
+def _implicit_root_by_custom_root(function, root, parameters, tangent_solve):
     """Return what `implicit_root` does by `lax.custom_root`, the documented interface of jax."""
 
     def solver(linear, rhs):

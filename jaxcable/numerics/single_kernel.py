@@ -80,7 +80,7 @@ def _result_shapes(*_, program, **__):
     return program.out_avals
 
 
-def _replace_at(values, places, some):
+def _replace_entries(values, places, some):
     """Return a list of `values` in which the entries `some` stand at `places`."""
     values = list(values)
     for k, x in zip(places, some, strict=True):
@@ -117,7 +117,7 @@ def _kernel_jvp(primals, tangents, *, program, **_):
 
     def forward(*leaves):
         def of_moving(*some):
-            values = compute(*_replace_at(leaves, moving, some))
+            values = compute(*_replace_entries(leaves, moving, some))
             return [x for x, own in zip(values, floating, strict=True) if own], values
 
         at = [leaves[k] for k in moving]
@@ -180,10 +180,10 @@ def _linear_kernel_transpose(back, *arguments, program, **_):
 
     def pulled(*values):
         known, back = _split_by_counts(values, len(given))
-        at = _replace_at(arguments, given, known)
+        at = _replace_entries(arguments, given, known)
 
         def asked_for(*some):
-            results = compute(*_replace_at(at, sought, some))
+            results = compute(*_replace_entries(at, sought, some))
             return [results[k] for k in asked]
 
         return jax.linear_transpose(asked_for, *like)(list(back))
@@ -191,7 +191,7 @@ def _linear_kernel_transpose(back, *arguments, program, **_):
     values = *(arguments[k] for k in given), *(back[k] for k in asked)
     program = jax.make_jaxpr(pulled)(*values)
     found = _LINEAR_KERNEL.bind(*values, program=program, known=len(given))
-    return _replace_at([None] * len(arguments), sought, found)
+    return _replace_entries([None] * len(arguments), sought, found)
 
 
 def _kernel_batch_rule(primitive, arguments, axes, *, program, **given):
@@ -202,11 +202,11 @@ def _kernel_batch_rule(primitive, arguments, axes, *, program, **given):
 
     def all_cases(*leaves):
         def one(own):
-            return compute(*_replace_at(leaves, of_case, own))
+            return compute(*_replace_entries(leaves, of_case, own))
 
         return lax.map(one, [leaves[k] for k in of_case])
 
-    leaves = _replace_at(arguments, of_case, moved)
+    leaves = _replace_entries(arguments, of_case, moved)
     found = primitive.bind(*leaves, program=jax.make_jaxpr(all_cases)(*leaves), **given)
     return found, [0] * len(found)
 
@@ -216,17 +216,21 @@ def _run_program(*leaves, program, **_):
     return function_of_jaxpr(program)(*leaves)
 
 
-def _make_primitive(name, derivative, transposed=None):
+def _make_kernel_primitive(name, derivative, transposed=None):
     """Define a primitive whose parameter is a program, with the rules of this module."""
 
     def mapped(*given, **options):
         return _kernel_batch_rule(made, *given, **options)
 
     rules = derivative, mapped, transposed, _run_in_loop
-    made = internals.define_primitive(name, _run_program, _result_shapes, *rules, several=True)
+    made = internals.define_primitive(
+        name, _run_program, _result_shapes, *rules, multiple_results=True
+    )
     return made
 
 
-_KERNEL = _make_primitive("whole", _kernel_jvp)
+_KERNEL = _make_kernel_primitive("whole", _kernel_jvp)
 # linear in all arguments but the first `known`
-_LINEAR_KERNEL = _make_primitive("whole_linear", _linear_kernel_jvp, _linear_kernel_transpose)
+_LINEAR_KERNEL = _make_kernel_primitive(
+    "whole_linear", _linear_kernel_jvp, _linear_kernel_transpose
+)

@@ -142,7 +142,7 @@ class RotatingNodes(Space):
     def impose_supports(self, x: Motion) -> Motion:
         """Return `x` with supports as prescribed, and carried nodes moved with their carriers."""
         clamped = jnp.all(self.dof_map.fixed[:, 3:], axis=1, keepdims=True)
-        rotation = jnp.where(clamped, self._known_prescribed[:, 3:], x[:, 3:])
+        rotation = jnp.where(clamped, self._prescribed_motion[:, 3:], x[:, 3:])
         moved = self._impose_displacements(x[:, :3])
         return self._move_carried_nodes(jnp.concatenate([moved, rotation], axis=1))
 
@@ -161,7 +161,7 @@ class RotatingNodes(Space):
     def _support_rotations(self) -> Float[Array, "n_row 4"]:
         """Return the rotations from which supports that fix some rotations only measure."""
         return (
-            self._known_prescribed[:, 3:]
+            self._prescribed_motion[:, 3:]
             if self.support_rotation is None
             else self.support_rotation
         )
@@ -187,7 +187,7 @@ class RotatingNodes(Space):
     def prolong(self, x: Motion, step: Step) -> Forces:
         """Return translation and spin of every row that belong to a step of the unknowns."""
         full = jnp.append(step, jnp.zeros(1, step.dtype))[self.dof_map.unknown_of_dof]
-        full = full * self._unknown_scale()
+        full = full * self._row_step_per_unknown()
         if self.dof_map.axes is not None:
             shift = to_global(self.dof_map.axes, full[:, :3])
             full = jnp.concatenate([shift, to_global(self._spin_axes(x), full[:, 3:])], axis=1)
@@ -214,7 +214,7 @@ class RotatingNodes(Space):
         )
         return jax.vmap(lambda q, rows: jax.vmap(lambda v: rotate(q, v))(rows))(half, axes)
 
-    def _unknown_scale(self):
+    def _row_step_per_unknown(self):
         """Return the step of a row by its unknowns along the axes, [1, 6]: 1, and 1/arm."""
         arm = self.rotation_length
         return jnp.concatenate([jnp.ones((1, 3), arm.dtype), jnp.full((1, 3), 1 / arm)], axis=1)
@@ -238,7 +238,7 @@ class RotatingNodes(Space):
                 ],
                 axis=1,
             )
-        scaled = force * self._unknown_scale()
+        scaled = force * self._row_step_per_unknown()
         sums = jnp.zeros(n, force.dtype).at[self.dof_map.unknown_of_dof].add(scaled, mode="drop")
         return self.dof_map.zero_temporarily_fixed(sums)
 
@@ -298,7 +298,7 @@ class RotatingNodes(Space):
         dof_map = self.dof_map
         if dof_map.axes is None and dof_map.rigid_links is None:
             return None
-        scale = self._unknown_scale()
+        scale = self._row_step_per_unknown()
         slopes = jnp.zeros((len(motion), 6, 6), motion.dtype)
         if dof_map.axes is None:
             slopes = slopes + jnp.eye(6, dtype=motion.dtype)[None]
@@ -329,7 +329,7 @@ class RotatingNodes(Space):
         n_end = links.shape[1] - (1 + max((row for row, _ in inner), default=-1))
         if slopes is None:
             if width > 3:
-                scale = self._unknown_scale()[0]
+                scale = self._row_step_per_unknown()[0]
                 factors = jnp.concatenate(
                     [jnp.tile(scale, n_end), jnp.ones(len(inner), scale.dtype)]
                 )

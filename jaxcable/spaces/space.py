@@ -140,7 +140,7 @@ class Space(abc.ABC):
     # --- points and steps
 
     @property
-    def _known_prescribed(self) -> Motion:
+    def _prescribed_motion(self) -> Motion:
         """`prescribed`, for methods that need supports: it is not None there."""
         return self.prescribed  # type: ignore[return-value]  # not None where it is asked for
 
@@ -153,7 +153,7 @@ class Space(abc.ABC):
     ) -> Float[Array, "n_row 3"]:
         """Return displacements with prescribed values along the directions that are fixed, m."""
         fixed, axes = self.dof_map.fixed[:, :3], self.dof_map.axes
-        prescribed = self._known_prescribed[:, :3]
+        prescribed = self._prescribed_motion[:, :3]
         if axes is None:
             return jnp.where(fixed, prescribed, displacement)
         components = jnp.where(fixed, to_local(axes, prescribed), to_local(axes, displacement))

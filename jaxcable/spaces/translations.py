@@ -89,7 +89,7 @@ class Translations(Space):
         """Return `x` with the displacements that supports fix at their prescribed values."""
         if not has_low_part(x):
             return super().impose_supports(x)
-        fixed, axes, prescribed = self.dof_map.fixed, self.dof_map.axes, self._known_prescribed
+        fixed, axes, prescribed = self.dof_map.fixed, self.dof_map.axes, self._prescribed_motion
         high, low = x[:, :3], x[:, 3:]
         if axes is None:
             placed = [jnp.where(fixed, prescribed, high), jnp.where(fixed, 0.0, low)]
