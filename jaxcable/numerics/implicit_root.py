@@ -34,10 +34,10 @@ def implicit_root(
     parameters: PyTree[Any],
     tangent_solve: Callable[..., Float[Array, "*n"]] | None,
 ) -> Float[Array, "*n"]:
-    """Return a known root with the implicit derivatives, of any order, of its equation.
+    """Return the known root x of ``f(x, p) = 0``, with its derivatives by p, of any order.
 
-    With ``f(x, p) = 0`` the change of x is ``dx = -f_x^-1 f_p dp``. Where jax has no primitives to
-    define, this is `lax.custom_root`, which traces the equation even if no derivative is taken.
+    The implicit function theorem gives ``dx = -f_x^-1 f_p dp``. f is traced only if a derivative is
+    taken (where jax has no primitives to define, always).
 
     Args:
         function: ``f(x, p)``, an array like `x`; it depends on no other traced values.
@@ -67,7 +67,7 @@ def implicit_root(
 def with_deferred_derivative(
     function: Callable[[PyTree[Any]], Tree], values: Tree, parameters: PyTree[Any]
 ) -> Tree:
-    """Return known `values` whose derivative is deferred: that of `function`, traced if needed.
+    """Return known values of a function, which is traced only if their derivative is taken.
 
     Args:
         function: function of the parameters, which returns a pytree of floats of one dtype; it
@@ -82,7 +82,7 @@ def with_deferred_derivative(
 
 
 def _implicit_root_by_custom_root(function, root, parameters, tangent_solve):
-    """Return what `implicit_root` does by `lax.custom_root`, the documented interface of jax."""
+    """Do what `implicit_root` does by `lax.custom_root`, for a jax without primitives to define."""
 
     def solver(linear, rhs):
         return rhs if tangent_solve is None else tangent_solve(parameters, linear, rhs)
@@ -92,12 +92,12 @@ def _implicit_root_by_custom_root(function, root, parameters, tangent_solve):
 
 
 def _return_root(root, *leaves, equation, solver):
-    """Return the root, which is known: the value (and the shape) of the primitive `_ROOT`."""
+    """Evaluate the primitive `_ROOT`: return the root, its first argument (or the shape of it)."""
     return root
 
 
 def _root_jvp(primals, tangents, *, equation, solver):
-    """Forward derivative of `_ROOT`: the root, and its change by the primitive `_ROOT_TANGENT`."""
+    """Forward derivative of `_ROOT`: return the root, and its tangent by `_ROOT_TANGENT`."""
     _, *leaves = primals
     found = _ROOT.bind(*primals, equation=equation, solver=solver)
     pairs = enumerate(zip(leaves, tangents[1:], strict=True))
@@ -113,9 +113,10 @@ def _root_jvp(primals, tangents, *, equation, solver):
 
 
 def _root_tangent(found, *leaves_and_changes, equation, solver, moving):
-    """Return ``-f_x^-1 f_p dp`` for changes dp of the parameters with the indices `moving`.
+    """Evaluate the primitive `_ROOT_TANGENT`: return the tangent of a root, ``-f_x^-1 f_p dp``.
 
-    `leaves_and_changes` are all parameters, then the changes.
+    `found` is the root; `leaves_and_changes` are all parameters, then the tangents dp of those with
+    the indices `moving`; `equation` is f, and `solver` solves with ``f_x``.
     """
     count = len(leaves_and_changes) - len(moving)
     leaves, changes = leaves_and_changes[:count], leaves_and_changes[count:]
@@ -136,7 +137,10 @@ def _root_tangent_shape(found, *_, **__):
 
 
 def _root_tangent_jvp(primals, tangents, *, moving, **given):
-    """Forward derivative of `_ROOT_TANGENT`: linear in the changes, traced in the parameters."""
+    """Forward derivative of `_ROOT_TANGENT`, which is linear in the tangents of parameters.
+
+    A derivative by the parameters themselves is traced.
+    """
     count = len(primals) - len(moving)
     evaluate = partial(_root_tangent, moving=moving, **given)
     out = _ROOT_TANGENT.bind(*primals, moving=moving, **given)
@@ -157,7 +161,7 @@ def _root_tangent_jvp(primals, tangents, *, moving, **given):
 
 @without_garbage_collection()
 def _root_tangent_transpose(back, *arguments, moving, **given):
-    """Transpose `_ROOT_TANGENT` in its changes, for reverse mode: the adjoint of the equation."""
+    """Transpose rule of `_ROOT_TANGENT`: return cotangents of parameters, by an adjoint solve."""
     count = len(arguments) - len(moving)
     if internals.is_zero_tangent(back):
         return [None] * len(arguments)
@@ -168,12 +172,12 @@ def _root_tangent_transpose(back, *arguments, moving, **given):
 
 
 def _root_tangent_batch_rule(arguments, axes, **given):
-    """Map `_ROOT_TANGENT` over a batch: its program under `jax.vmap`."""
+    """Rule for `jax.vmap` of `_ROOT_TANGENT`: trace `_root_tangent` for a batch."""
     return jax.vmap(partial(_root_tangent, **given), axes)(*arguments), 0
 
 
 def _root_batch_rule(arguments, axes, *, equation, solver):
-    """Map `_ROOT` over a batch: the same primitive, with the mapped equation and solver."""
+    """Rule for `jax.vmap` of `_ROOT`: the primitive again, with equation and solver mapped."""
     size = next(x.shape[a] for x, a in zip(arguments, axes, strict=True) if a is not None)
     arguments = [
         x if a is None else jnp.moveaxis(x, a, 0) for x, a in zip(arguments, axes, strict=True)
