@@ -256,17 +256,17 @@ def require_known_nodes(numbers: Int[np.ndarray, " ..."], n_node: int, name: str
 
 
 def describe_type(thing: object, example: str) -> str:
-    """Return the name of a type for a message, or that a class must be called, as in `example`."""
+    """Return how an error message names an object of a wrong type: by the name of its type.
+
+    For a class it says that the user must call it, as in `example`.
+    """
     if isinstance(thing, type):
         return f"the class {thing.__name__} itself; call it, as in {example}"
     return type(thing).__name__
 
 
 def suggest_names(name: object, names: Iterable[object]) -> str:
-    """Return the end of a message on an unknown name: the known names and the most similar one.
-
-    It reads, for example, ``"; there are 'a', 'b'; did you mean 'a'?"``.
-    """
+    """Return the end of a message on an unknown name: the known names and the most similar one."""
     known = list(names)
     near = difflib.get_close_matches(str(name), [str(one) for one in known], n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""

@@ -77,7 +77,7 @@ class Step(NamedTuple):
 
     Attributes:
         number, count: number of the step, 0 at the start, and number of steps allowed.
-        loss, gradient_norm: after the step, as in `History`.
+        loss, gradient_norm: the loss after the step, and the norm of its gradient.
         failures: number of trials of this step in which the analysis failed.
 
     Example:

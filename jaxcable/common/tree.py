@@ -226,7 +226,7 @@ def _has_index_fields(obj):
 
 
 def index_array(indices: Indices | Int[ArrayLike, " ..."]) -> Int[ArrayLike, " ..."]:
-    """Return an index array: the one in `Indices`, or, inside of a program, the array itself."""
+    """Return the NumPy array in `Indices`; an array, as programs have it, is returned as it is."""
     return indices.array if isinstance(indices, Indices) else indices
 
 

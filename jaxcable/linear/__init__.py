@@ -110,10 +110,7 @@ def identity_unless(matrix: Matrix, valid: Bool[ArrayLike, ""]) -> Matrix:
 
 
 def nan_unless(matrix: Matrix, defined: Bool[ArrayLike, ""]) -> Matrix:
-    """Return the matrix if the scalar `defined` is true, else a matrix of NaN.
-
-    Solvers take a matrix of NaN as singular.
-    """
+    """Return the matrix if `defined`, a scalar, else a matrix of NaN, which counts as singular."""
     factor = jnp.where(defined, 1.0, jnp.nan)
     if isinstance(matrix, SparseMatrix):
         return copy_with(matrix, values=matrix.values * factor.astype(matrix.values.dtype))
@@ -137,14 +134,14 @@ def factorize(
     Args:
         matrix: [n, n]; it is not differentiated.
         loose: unknowns with empty rows and columns, [n] bool, left out of the solve.
-        factored: matrix of an earlier factorisation, as for `solve_reusing_factor`; None for none.
+        factored: the `FactoredMatrix` of an earlier `solve_reusing_factor`; None for none.
         tol: residual that conjugate gradients may leave, relative to the right side.
         limit: conjugate gradient steps allowed before a factorisation; 0 unless the matrix is known
             to be positive semidefinite.
 
     Returns:
-        The factor, a `direct.MatrixFactor` with methods such as `solve` and `solve_adjoint`:
-        `OnDeviceFactor` in the compiled program, or `SparseFactor` on the host.
+        The factor, with methods such as `solve` and `solve_adjoint`: `OnDeviceFactor` in the
+        compiled program, or `SparseFactor` on the host.
     """
     if isinstance(matrix, SparseMatrix):
         return sparse.factorize(matrix, loose, factored, tol, limit)

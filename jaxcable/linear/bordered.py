@@ -69,7 +69,10 @@ def solve_bordered(
 
 
 def _solve_bordered_dense(matrix, column, row, corner, rhs, last, loose):
-    """Do what `solve_bordered` does, with a dense matrix: by LU factors of the scaled system."""
+    """Solve ``K x + c y = b, r.x + d y = e`` with a dense K, by LU factors of the whole.
+
+    Arguments in the order K, c, r, d, b, e, `loose`; returns x, y, and whether it is regular.
+    """
     n = len(rhs)
     matrix = jnp.where(loose[:, None] | loose[None, :], jnp.eye(n, dtype=matrix.dtype), matrix)
     size = diagonal_scale(jnp.diagonal(matrix))
@@ -95,7 +98,10 @@ def _largest_or_one(v):
 
 
 def _solve_bordered_on_host(matrix, column, row, corner, rhs, last, loose):
-    """Solve as `solve_bordered`, with a sparse matrix: by a call of NumPy on the host."""
+    """Solve ``K x + c y = b, r.x + d y = e`` with a sparse K, by a call of NumPy on the host.
+
+    Arguments in the order K, c, r, d, b, e, `loose`; returns x, y, and whether it is regular.
+    """
     p = matrix.pattern
     scalar = jax.ShapeDtypeStruct((), rhs.dtype)
     shapes = (jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), scalar, jax.ShapeDtypeStruct((), bool))
@@ -130,10 +136,10 @@ def make_bordered_solver(solver, stored):
 
 
 def _solve_bordered_case(analysed, values, loose, column, row, rhs, corner, last):
-    """Solve one bordered system in NumPy: return x, y, and whether its matrix is regular.
+    """Solve ``K x + c y = b, r.x + d y = e`` in NumPy, for one case of a batch.
 
-    `analysed` is the `host.AnalysedPattern` of K, `values` are its stored entries, [n_value]; the
-    other arguments are those of `solve_bordered`.
+    `analysed` is the `host.AnalysedPattern` of K, `values` are its stored entries, [n_value].
+    Returns x, y, and whether the matrix is regular; zeros if it is not.
     """
     n = len(rhs)
     nothing = np.zeros(n), 0.0, False
@@ -198,7 +204,10 @@ def _solve_by_whole_lu(whole, b):
 
 
 def _refine_solution(solve, whole, b):
-    """Improve ``solve(b)`` by its residual with the matrix `whole`; None if that stays large."""
+    """Solve by ``solve``, an approximate inverse of `whole`, with iterative refinement.
+
+    Returns the solution, or None if its residual does not fall to rounding.
+    """
     sizes, z, left = abs(whole), np.zeros_like(b), b
     for _ in range(1 + _MOST_REFINEMENTS):
         z = z + solve(left)

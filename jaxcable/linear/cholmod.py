@@ -52,7 +52,10 @@ class _CholmodAnalysis(solver.Analysis):
     def factorize(
         self, values: Float[np.ndarray, " n_value"], definite: bool
     ) -> solver.NumericFactor | None:
-        """Factorise entries [n_value], by CHOLMOD if `definite`, else SuperLU; None if singular."""
+        """Factorise the matrix with these entries, [n_value]; return None if it is singular.
+
+        CHOLMOD takes it if it must be `definite`, else SuperLU.
+        """
         if not definite:
             return self.indefinite_analysis.factorize(values, False)
         self.matrix.V = load_cvxopt().matrix(values[self.take])

@@ -32,7 +32,7 @@ class MatrixFactor(abc.ABC):
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
         """Solve A x = b, or ``A^T x = b`` if `transposed`: return x, [n], and whether A is regular.
 
-        x has some finite or other value where an unknown is loose or A is singular.
+        x is meaningless at loose unknowns, and everywhere if A is singular.
         """
 
     @abc.abstractmethod
@@ -125,7 +125,7 @@ class OnDeviceFactor(MatrixFactor):
     def solve_checked(
         self, b: Float[Array, " n"], transposed: bool
     ) -> tuple[Float[Array, " n"], Bool[Array, ""], Bool[Array, ""]]:
-        """Solve as `solve_with_status`, and check x by one step of iterative refinement.
+        """Solve with the matrix or its transpose, and check x by one iterative refinement.
 
         A matrix that is singular up to rounding may have large pivots; the correction is then as
         large as x. Returns x [n], whether the matrix is regular, and whether the correction is

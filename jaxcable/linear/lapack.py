@@ -35,7 +35,7 @@ class _LapackAnalysis(solver.Analysis):
     def factorize(
         self, values: Float[np.ndarray, " n_value"], definite: bool
     ) -> _LapackFactor | None:
-        """Factorise by banded Cholesky if `definite`, else by LU; None if it is singular."""
+        """Factorise a matrix (its entries): Cholesky if `definite`, else LU; None if singular."""
         if definite:
             band = np.zeros((self.n, self.b + 1))
             band.ravel()[self.lower_at] = values[self.lower]

@@ -43,7 +43,7 @@ def linear_map(
 
 
 def _evaluate_linear_map(x, *leaves, pair):
-    """Evaluate the function of a pair (function, transpose) at x and the `leaves` of `given`."""
+    """Return the value: the first function of the pair at x and `leaves`, the arrays in `given`."""
     return pair[0](x, *leaves)
 
 

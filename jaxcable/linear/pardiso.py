@@ -57,7 +57,7 @@ class _PardisoAnalysis(solver.Analysis):
     def factorize(
         self, values: Float[np.ndarray, " n_value"], definite: bool
     ) -> _PardisoFactor | None:
-        """Factorise entries [n_value] by Cholesky if `definite`, else by LU; None if singular."""
+        """Factorise a matrix (its entries): Cholesky if `definite`, else LU; None if singular."""
         kind = _DEFINITE if definite else _GENERAL
         if kind not in self.handles:
             self.handles[kind] = _PardisoHandle(kind, *self.arguments)

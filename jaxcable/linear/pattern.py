@@ -129,7 +129,7 @@ def make_pattern(
 def _list_matrix_entries(numbers, size, symmetric, paired):
     """List all entries of element matrices that are added to the matrix.
 
-    Arguments are those of `make_pattern`.
+    `numbers`, [n_elem, d] for each group, are the unknowns of the rows of element matrices.
 
     Returns:
         key: row times `size` plus column of the value that each entry is added to.

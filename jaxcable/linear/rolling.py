@@ -46,7 +46,10 @@ class RollingCholesky(solver.Solver):
         return x[matrix.pattern.place], jnp.all((pivots > 0) & jnp.isfinite(pivots))
 
     def factorize(self, matrix: SparseMatrix, loose: Bool[Array, " n"]) -> BandFactor:
-        """Factorise a banded matrix without `loose` unknowns; singular if it is not definite."""
+        """Return the banded Cholesky factor of a matrix, without the unknowns `loose`, [n] bool.
+
+        A matrix that is not positive definite counts as singular.
+        """
         matrix = matrix.hold_unknowns(loose, jnp.ones((), matrix.values.dtype))
         size = diagonal_scale(matrix.diagonal())
         scaled = matrix.divide_rows_and_columns(size)

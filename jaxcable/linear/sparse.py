@@ -125,9 +125,10 @@ def solve_reusing_factor(
 ) -> tuple[Float[Array, " n"], Bool[Array, ""], FactoredMatrix | None]:
     """Solve the next of a sequence of similar, definite systems; not differentiable.
 
-    Arguments are those of `linear.solve_reusing_factor`; `factored` is None if the solver is in the
-    compiled program. Returns the solution [n], whether the matrix is positive definite, and the
-    `FactoredMatrix` for the next solve.
+    `factored` is the matrix factorised last (None if the solver is in the compiled program), with
+    whose factor conjugate gradients try to solve: `tol` is the relative residual, `limit` the
+    number of steps allowed. `wanted` is False if the result does not matter. Returns the solution
+    [n], whether the matrix is positive definite, and the `FactoredMatrix` for the next solve.
     """
     p = matrix.pattern
     if p.solver.on_device:
@@ -219,7 +220,7 @@ class SparseFactor(MatrixFactor):
     def solve_checked(
         self, b: Float[Array, " n"], transposed: bool
     ) -> tuple[Float[Array, " n"], Bool[Array, ""], Bool[Array, ""]]:
-        """Solve as `solve_with_status`: return x [n], whether the matrix is regular, and True.
+        """Solve with the matrix or its transpose: return x [n], whether it is regular, and True.
 
         The True says that x is accurate: the host has judged the pivots.
         """

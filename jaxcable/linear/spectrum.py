@@ -96,12 +96,10 @@ def is_symmetric(matrix: Float[Array, "n n"]) -> Bool[Array, ""]:
 
 
 def _spectrum_of_symmetric(matrix, sure):
-    """Count negative eigenvalues of a dense symmetric matrix, and find its mode nearest to zero.
-
-    Returns as `inertia_and_nearest_mode`.
+    """Return (number of negative eigenvalues, the one nearest to zero, its vector twice).
 
     Args:
-        matrix: [n, n].
+        matrix: dense and symmetric, [n, n].
         sure: eigenvalues below this part of the largest count as zero.
     """
     values, vectors = unbatched.eigh(0.5 * (matrix + matrix.T))
@@ -112,9 +110,10 @@ def _spectrum_of_symmetric(matrix, sure):
 
 
 def _spectrum_of_unsymmetric(matrix, sure):
-    """Count negative eigenvalues and find the smallest singular value, dense and unsymmetric.
+    """Return (number of negative eigenvalues, smallest singular value, right and left vector).
 
-    Arguments as for `_spectrum_of_symmetric`; returns as `inertia_and_nearest_mode`.
+    `matrix` is dense; the value has the sign of the eigenvalue nearest to zero. Real parts below
+    `sure` of the largest eigenvalue count as zero.
     """
     left, values, right = unbatched.svd(matrix)
     if len(matrix) > _COUNTED_UNKNOWNS:
@@ -182,7 +181,7 @@ def _spectrum_of_case(symmetric, apart, indptr, indices, values, loose, strict):
     """Count negative eigenvalues of a matrix in compressed rows, and find its mode nearest to zero.
 
     With `symmetric` only the upper triangle is stored; `apart` is the tolerance for symmetry, None
-    if that is known. Returns as `inertia_and_nearest_mode`.
+    if that is known. Returns (number, eigenvalue or singular value, right and left vector).
     """
     n = len(indptr) - 1
     whole = host.full_scipy_matrix(values, indices, indptr, symmetric)

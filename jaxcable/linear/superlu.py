@@ -63,7 +63,7 @@ class _SuperLUAnalysis(solver.Analysis):
     def factorize(
         self, values: Float[np.ndarray, " n_value"], definite: bool
     ) -> _SuperLUFactor | None:
-        """Factorise entries [n_value], without row exchanges if `definite`; None if singular."""
+        """Factorise a matrix (its entries), unpivoted if `definite`; None if it is singular."""
         return (
             _factor_thread(os.getpid())
             .submit(self._factorize_in_factor_thread, values, definite)
@@ -71,7 +71,7 @@ class _SuperLUAnalysis(solver.Analysis):
         )
 
     def _factorize_in_factor_thread(self, values, definite):
-        """Do what `factorize` does; it runs in the thread of `_factor_thread`."""
+        """Factorise a matrix (its entries), unpivoted if `definite`; runs in `_factor_thread`."""
         self.matrix.data = values[self.take]
         lu = decompose_without_pivoting(self.matrix, "NATURAL", 0.0 if definite else 1e-3)
         return None if lu is None else _SuperLUFactor(self.order, lu)

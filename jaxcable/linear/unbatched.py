@@ -105,7 +105,7 @@ def eigh(matrix: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Float[Array, 
 
 @eigh.defjvp
 def _eigh_jvp(primals, tangents):
-    """Forward derivative of `eigh`: changes of eigenvalues w_i and eigenvectors v_i.
+    """Forward derivative of `eigh`: return eigenvalues w and vectors v, and their tangents.
 
     ``dw_i = v_i.dA v_i`` and ``dv_i = sum_j v_j (v_j.dA v_i) / (w_i - w_j)``, j not i.
     """
@@ -176,7 +176,7 @@ def lstsq(
 
 @jax.custom_jvp
 def _lstsq_by_svd(matrix, rhs, rcond):
-    """Return the pseudo-inverse of a matrix times `rhs`, [n]; `rcond` is as for `lstsq`."""
+    """Return pinv(A) `rhs`, [n]; singular values below `rcond` of the largest count as zero."""
     left, size, right = _thin_svd(matrix)
     counts = ~(size <= rcond * jnp.max(size, initial=0.0))
     inverse = jnp.where(counts, 1 / jnp.where(counts, size, 1.0), 0.0)

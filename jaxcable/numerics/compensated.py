@@ -27,20 +27,14 @@ Pair: TypeAlias = 'tuple[Float[Array, " ..."], Float[Array, " ..."]]'
 
 @jax.jit  # one function in a program, as below
 def two_sum(a: Float[Array, " ..."], b: Float[Array, " ..."]) -> Pair:
-    """Return (s, e): the rounded sum of two floats, and its rounding error: s + e = a + b.
-
-    By Knuth's two-sum.
-    """
+    """Return (s, e): rounded sum of two floats, and its error, s + e = a + b (Knuth's two-sum)."""
     total = a + b
     part = total - a
     return total, (a - (total - part)) + (b - part)
 
 
 def split_digits(a: Float[Array, " ..."]) -> Pair:
-    """Split a float exactly into (high, low), each with half of its digits (Dekker).
-
-    Products of two such halves have no rounding error.
-    """
+    """Split a float into (high, low) of half its digits; products of such parts are exact."""
     bits = jnp.finfo(a.dtype)
     high = lax.reduce_precision(a, bits.nexp, (bits.nmant - 1) // 2)
     return high, a - high
@@ -59,10 +53,7 @@ def subtract_product(
 
 
 def two_product(a: Float[Array, " ..."], b: Float[Array, " ..."]) -> Pair:
-    """Return (p, e): the rounded product of two floats, and its rounding error: p + e = a b.
-
-    By Dekker's two-product.
-    """
+    """Return (p, e): rounded product of two floats, and its error, p + e = a b (by Dekker)."""
     (p, q), (r, s) = split_digits(a), split_digits(b)
     whole = p * r + (p * s + q * r)  # ``a * b`` might be contracted with what it is added to
     return whole, (((p * r - whole) + p * s) + q * r) + q * s

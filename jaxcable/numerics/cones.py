@@ -62,10 +62,7 @@ def norm(v: Vectors) -> Scalars:
 
 @jax.jit
 def lorentz_products(u: Scalars, x: Vectors, n: Scalars, v: Vectors) -> Scalars:
-    """Return the Lorentz product ``u N - X.V`` of every pair of points (u, X) and (N, -V), [n].
-
-    It is zero where the points are complementary.
-    """
+    """Return the Lorentz product ``u N - X.V`` of every pair, [n]; zero if it is complementary."""
     return u * n - jnp.sum(x * v, axis=-1)
 
 
@@ -118,10 +115,7 @@ def inverse_step_to_boundary(
 def slack_after_step(
     x: Vectors, slack: Scalars, du: Scalars, dx: Vectors, part: Float[Array, ""]
 ) -> Scalars:
-    """Return the slacks ``u - |X|``, [n], after a `part` of a step, without cancellation.
-
-    `slack` are those before the step (du, dX).
-    """
+    """Return the slacks ``u - |X|`` after `part` times a step (du, dX), without cancellation."""
     change = part * dx
     after = x + change
     both = jnp.maximum(norm(x) + norm(after), jnp.finfo(slack.dtype).tiny)

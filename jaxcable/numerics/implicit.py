@@ -112,10 +112,7 @@ def _residual_with_marks(found, problem):
 
 
 def _solve_linearized(problem, linearized, rhs):
-    """Solve with `linearized`, the derivative of `_residual_with_marks`, for a right side [2 n].
-
-    Forward solves give NaN to marks of unknowns that are not defined.
-    """
+    """Solve with `linearized`, the derivative of `_residual_with_marks`, for a right side [2 n]."""
     problem = lax.stop_gradient(problem)
     pattern = merge_indices(*problem)[0].dof_map.pattern
     if pattern is None or (pattern.solver.on_device and not pattern.solver.fused):

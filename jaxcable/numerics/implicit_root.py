@@ -82,7 +82,7 @@ def with_deferred_derivative(
 
 
 def _implicit_root_by_custom_root(function, root, parameters, tangent_solve):
-    """Do what `implicit_root` does by `lax.custom_root`, for a jax without primitives to define."""
+    """Return a root with implicit derivatives by `lax.custom_root`, if jax has no primitives."""
 
     def solver(linear, rhs):
         return rhs if tangent_solve is None else tangent_solve(parameters, linear, rhs)
@@ -92,7 +92,7 @@ def _implicit_root_by_custom_root(function, root, parameters, tangent_solve):
 
 
 def _return_root(root, *leaves, equation, solver):
-    """Evaluate the primitive `_ROOT`: return the root, its first argument (or the shape of it)."""
+    """Return the root, the first argument: value, and shape rule, of the primitive `_ROOT`."""
     return root
 
 
@@ -113,7 +113,7 @@ def _root_jvp(primals, tangents, *, equation, solver):
 
 
 def _root_tangent(found, *leaves_and_changes, equation, solver, moving):
-    """Evaluate the primitive `_ROOT_TANGENT`: return the tangent of a root, ``-f_x^-1 f_p dp``.
+    """Return the tangent of a root, ``-f_x^-1 f_p dp``: the value of the primitive `_ROOT_TANGENT`.
 
     `found` is the root; `leaves_and_changes` are all parameters, then the tangents dp of those with
     the indices `moving`; `equation` is f, and `solver` solves with ``f_x``.

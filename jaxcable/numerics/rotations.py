@@ -150,10 +150,7 @@ def from_stereographic(r: Float[Array, " 3"]) -> Float[Array, " 4"]:
 def moment_conjugate_to_stereographic(
     r: Float[Array, " 3"], moment: Float[Array, " 3"]
 ) -> Float[Array, " 3"]:
-    """Transform a moment conjugate to spins to one conjugate to ``r = tan(angle / 4) axis``.
-
-    The work of both is equal for every change of the rotation `r`.
-    """
+    """Transform a moment conjugate to spins to one conjugate to ``r = tan(angle / 4) axis``."""
     t = r @ r
     return 4 / (1 + t) ** 2 * ((1 - t) * moment - 2 * cross(r, moment) + 2 * (r @ moment) * r)
 
@@ -198,10 +195,10 @@ def move_node(motion: Float[Array, " 7"], step: Float[Array, " 6"]) -> Float[Arr
 def move_node_by_series(
     motion: Float[Array, " 7"], step: Float[Array, " 6"], order: int = 5
 ) -> Float[Array, " 7"]:
-    """Do what `move_node` does, with a series in the spin of order 1 or 5.
+    """Return the motion of a node after a step, by a series in the spin of order 1 or 5.
 
-    It is for derivatives at a zero step, which are exact up to this order: a polynomial compiles
-    faster, and has no case for small angles.
+    It replaces `move_node` for derivatives at a zero step, which are exact up to this order: a
+    polynomial compiles faster, and has no case for small angles.
     """
     return jnp.concatenate(
         [motion[:3] + step[:3], compose(exp_map_by_series(step[3:], order), motion[3:])]

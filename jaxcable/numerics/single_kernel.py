@@ -226,7 +226,10 @@ def _run_program(*leaves, program, **_):
 
 
 def _make_kernel_primitive(name, derivative, transposed=None):
-    """Return a new primitive of jax that runs a program, its parameter, in one kernel."""
+    """Return a new primitive of jax that runs a program, its parameter, in one kernel.
+
+    `derivative` is its JVP rule, `transposed` its transpose rule if it is linear.
+    """
 
     def mapped(*given, **options):
         return _kernel_batch_rule(made, *given, **options)

@@ -169,7 +169,7 @@ def element_unknowns(
     """Return the indices of each element's unknowns, in the order of its matrix, [n_elem, d].
 
     Args:
-        number: unknown of every degree of freedom, as in `DofMap`, [n_row, 3 or 6].
+        number: index of the unknown of every degree of freedom, [n_row, 3 or 6].
         links: rows of motion of the elements, [n_elem, n_end]: ends, then rows of internal
             unknowns.
         width: degrees of freedom that an element has at each end, 3 or 6.
@@ -192,10 +192,7 @@ def element_unknowns(
 
 
 def reference_rows(n_row: int, carried: RigidLinks) -> Int[ArrayLike, " n_row"]:
-    """Return the row whose unknowns move each row: its carrier or, without one, itself, [n_row].
-
-    `carried` are (carried nodes, their carriers) of rigid links.
-    """
+    """Return the row whose unknowns move each row, [n_row]: its rigid-link carrier, or itself."""
     if isinstance(carried[0], np.ndarray):
         found = np.arange(n_row)
         found[carried[0]] = carried[1]

@@ -320,7 +320,7 @@ class RotatingNodes(Space):
         inner: Sequence[tuple[int, int]],
         x: Motion,
     ) -> MatrixPart:
-        """Transform element matrices to unknowns: return them, and the unknowns' indices."""
+        """Transform element matrices to unknowns: return [n_elem, d, d], and unknowns' indices."""
         dof_map, blocks, slopes = self.dof_map, as_square_matrices(blocks), self.motion_jacobian(x)
         number = element_unknowns(dof_map.unknown_of_dof, links, width, inner, dof_map.rigid_links)
         n_end = links.shape[1] - (1 + max((row for row, _ in inner), default=-1))

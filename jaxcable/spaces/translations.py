@@ -148,7 +148,7 @@ class Translations(Space):
         inner: Sequence[tuple[int, int]],
         x: Motion,
     ) -> MatrixPart:
-        """Transform element matrices to unknowns: return them, and the indices of the unknowns."""
+        """Transform element matrices to unknowns: return [n_elem, d, d], and unknowns' indices."""
         number = element_unknowns(self.dof_map.unknown_of_dof, links, width, inner)
         blocks, slopes = as_square_matrices(blocks), self.motion_jacobian(x)
         if slopes is not None:
