@@ -52,7 +52,7 @@ def _family_name(make):
     return f"{make.__module__}.{make.__qualname__}"
 
 
-def _call_name(words):
+def _make_call_name(words):
     """Return the name by which programs call the function that a family makes from words."""
     family, *words = words
     if not callable(family) or _family_name(family) not in _FAMILIES:
@@ -71,12 +71,12 @@ def call_without_results(words: Sequence[HostFunctionFamily | str], *arguments: 
         words: a `host_function_family`, and the words from which it makes the function.
         arguments: arrays for the function.
     """
-    name = _call_name(words)
+    name = _make_call_name(words)
     if jax.default_backend() == "cpu" and register_call(name):
         none = jax.ffi.ffi_call(name, (), has_side_effect=True, vmap_method="sequential")
         none(*arguments)
     else:
-        jax.debug.callback(_function_of_name(name), *arguments)
+        jax.debug.callback(_function_of_call_name(name), *arguments)
 
 
 def call_on_host(
@@ -95,10 +95,10 @@ def call_on_host(
         shapes: `jax.ShapeDtypeStruct` of every result.
         arguments: arrays for the function.
     """
-    name = _call_name(words)
+    name = _make_call_name(words)
     if jax.default_backend() == "cpu" and register_call(name):
         return tuple(jax.ffi.ffi_call(name, tuple(shapes), vmap_method="expand_dims")(*arguments))
-    function = _function_of_name(name)
+    function = _function_of_call_name(name)
 
     def converted(*arrays):
         results = function(*(np.asarray(array) for array in arrays))
@@ -108,8 +108,8 @@ def call_on_host(
     return jax.pure_callback(converted, tuple(shapes), *arguments, vmap_method="expand_dims")
 
 
-def _function_of_name(name):
-    """Return the NumPy function that programs call by this name, as composed by `_call_name`."""
+def _function_of_call_name(name):
+    """Return the NumPy function that programs call by a name of `_make_call_name`."""
     family, *words = name.removeprefix(PREFIX).split(", ")
     return _FAMILIES[family](*words)
 
@@ -120,4 +120,4 @@ def register_call(name: str) -> bool:
 
     Returns False if this version of jax has no such interface.
     """
-    return register_host_function(name, _function_of_name(name))
+    return register_host_function(name, _function_of_call_name(name))

@@ -94,7 +94,7 @@ class ProgramFolder:
         except OSError:  # a symbolic link, too
             return None
         digest, text = text[:_DIGEST], text[_DIGEST:]
-        if _checksum(key, text) != digest:
+        if _program_checksum(key, text) != digest:
             raise DamagedFileError(str(path))
         with contextlib.suppress(OSError):
             os.utime(path)  # used now
@@ -114,7 +114,7 @@ class ProgramFolder:
                 dir=self.programs_folder, prefix=f"{key}.", suffix=".new", delete=False
             ) as file:
                 name = file.name
-                file.write(_checksum(key, text) + text)
+                file.write(_program_checksum(key, text) + text)
             os.replace(name, self.program_path(key))
         except OSError:
             if name is not None:
@@ -220,14 +220,14 @@ def _folders_along_path(path) -> Iterator[tuple[Path, os.stat_result]]:
         names += reversed(target.parts[1:] if target.is_absolute() else target.parts)
 
 
-def _others_can_write(about):
+def _others_can_write(file_stat):
     """Tell from a folder's `os.stat_result` whether users other than this one can write to it.
 
     The user's private group does not count as others.
     """
-    if about.st_mode & stat.S_IWOTH:
+    if file_stat.st_mode & stat.S_IWOTH:
         return True
-    return bool(about.st_mode & stat.S_IWGRP) and not _is_private_group(about.st_gid)
+    return bool(file_stat.st_mode & stat.S_IWGRP) and not _is_private_group(file_stat.st_gid)
 
 
 def _is_private_group(group_id):
@@ -245,7 +245,7 @@ def _make_tagged_folder(path):
     if path.is_symlink():
         raise UnsafeFolderError(f"{path}: is a symbolic link; remove it, or name another folder")
     path.mkdir(mode=0o700, exist_ok=True)
-    said = _read_tag(path)
+    said = _read_folder_tag(path)
     if said == _MARK:
         return
     incomplete = said is not None and _MARK.startswith(said)  # or not there
@@ -257,7 +257,7 @@ def _make_tagged_folder(path):
     (path / _TAG).write_text(_MARK, encoding="utf-8")
 
 
-def _read_tag(path):
+def _read_folder_tag(path):
     """Return the text of a folder's tag file, "" without one; None if it is a link or no text."""
     try:
         with open(os.open(path / _TAG, os.O_RDONLY | _SAFE_FLAGS), encoding="utf-8") as file:
@@ -270,7 +270,7 @@ def _read_tag(path):
 
 def _has_own_tag(path):
     """Tell whether a folder has our tag file, so that it is ours; False for a symbolic link."""
-    return not path.is_symlink() and _read_tag(path) == _MARK
+    return not path.is_symlink() and _read_folder_tag(path) == _MARK
 
 
 def _list_own_files(path) -> Iterator[tuple[float, int, str]]:
@@ -280,29 +280,29 @@ def _list_own_files(path) -> Iterator[tuple[float, int, str]]:
     with os.scandir(path) as entries:
         for entry in entries:
             if _OWN_NAMES[path.name].fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
-                about = entry.stat(follow_symlinks=False)
-                yield about.st_mtime, about.st_size, entry.path
+                file_stat = entry.stat(follow_symlinks=False)
+                yield file_stat.st_mtime, file_stat.st_size, entry.path
 
 
-def _refuse_unsafe_owner(path, about):
+def _refuse_unsafe_owner(path, file_stat):
     """Raise UnsafeFolderError if another user owns a file or folder, or others may write to it.
 
-    `path` is named in the message, and `about` is the `os.stat_result` that is judged.
+    `path` is named in the message, and `file_stat` is the `os.stat_result` that is judged.
     """
     if not hasattr(os, "geteuid"):
         return
-    if about.st_uid != os.geteuid():
+    if file_stat.st_uid != os.geteuid():
         raise UnsafeFolderError(
             f"{path}: belongs to another user, and programs in it would be run; "
             "name a folder of your own"
         )
-    if about.st_mode & _OTHERS_WRITE:
+    if file_stat.st_mode & _OTHERS_WRITE:
         raise UnsafeFolderError(
             f"{path}: other users can write to it, and programs in it would be run; "
             f"run `chmod go-w {path}`, or name another folder"
         )
 
 
-def _checksum(key, text):
+def _program_checksum(key, text):
     """Return the checksum of a program's key and its bytes, 32 bytes."""
     return hashlib.blake2b(key.encode() + text, digest_size=_DIGEST).digest()

@@ -52,9 +52,9 @@ _jax_cache_hits: list[str] = []  # programs that jax has found in its own cache
 def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIMIT) -> Path:
     """Keep compiled programs on disk, so that the next process need not compile them.
 
-    Analyses that are called by themselves start without being traced or compiled; what is compiled
-    inside of `jax.jit` is traced, and not compiled again (jax's persistent compilation cache, which
-    is put beside them unless it has a folder). Processes can share a folder. A damaged, full or
+    Analyses that are called from Python start without being traced or compiled; those called inside
+    of `jax.jit` are traced, and not compiled again (jax's persistent compilation cache, which is
+    put beside them unless it has a folder). Processes can share a folder. A damaged, full or
     read-only folder costs no more than to compile. The command line keeps its programs by itself;
     importing the package changes nothing.
 

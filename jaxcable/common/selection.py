@@ -64,7 +64,9 @@ class _ElementSubset:
 
 @pytree(static=("count",), indices=("elements",))
 class Selection(_ElementSubset):
-    """Some elements of one group, such as those that a load acts on; made by ``only(elements)``.
+    """Some elements of one group, such as those that a load acts on.
+
+    The function `only` makes it from elements alone.
 
     Args:
         elements: numbers of the elements in their group, [n], or booleans [n_elem].
@@ -83,7 +85,9 @@ class Selection(_ElementSubset):
 
 @pytree(static=("count",), indices=("elements",))
 class Only(_ElementSubset):
-    """Values for some elements of one group, made by ``only(elements, values)``.
+    """Values for some elements of one group, such as the pretension of two cables.
+
+    The function `only` makes it from elements and values.
 
     Args:
         elements: numbers of the elements in their group, [n], or booleans [n_elem].
@@ -92,7 +96,8 @@ class Only(_ElementSubset):
         count: number of elements of the group, if known; set by `elements` that are booleans.
 
     Raises:
-        ValueError: those of `Selection`, or the number of values does not fit.
+        ValueError: `elements` are traced, neither integers nor booleans, or repeated, or the number
+            of values does not fit.
     """
 
     elements: Int[ArrayLike, " n"] | Bool[ArrayLike, " n_elem"]

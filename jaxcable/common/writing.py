@@ -64,7 +64,7 @@ def atomic_write_together() -> Iterator[Callable[..., IO[Any]]]:
         staged.append((name, target))
         text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
         streams.append(open(handle, mode, **text))
-        stack.callback(_close_quietly, streams[0])
+        stack.callback(_close_ignoring_errors, streams[0])
         return streams[0]
 
     with contextlib.ExitStack() as stack:
@@ -76,7 +76,7 @@ def atomic_write_together() -> Iterator[Callable[..., IO[Any]]]:
             os.replace(name, target)
 
 
-def _close_quietly(stream):
+def _close_ignoring_errors(stream):
     """Close a stream, and ignore errors: it may be closed already, or its disk may be full."""
     with contextlib.suppress(OSError):
         stream.close()

@@ -168,7 +168,8 @@ def make_spectrum_finder(stored, kind):
         apart = np.finfo(values.dtype).eps ** (2 / 3) if general else None
         matrix = host.take_first_case(indptr, indices)
         found = [
-            _spectrum_of_case(symmetric, apart, *matrix, *case) for case in zip(*rows, strict=True)
+            _spectrum_of_sparse_case(symmetric, apart, *matrix, *case)
+            for case in zip(*rows, strict=True)
         ]
         number, value, *vectors = (np.array(column) for column in zip(*found, strict=True))
         right, left = (vector.reshape(*batch, -1) for vector in vectors)
@@ -177,7 +178,7 @@ def make_spectrum_finder(stored, kind):
     return function
 
 
-def _spectrum_of_case(symmetric, apart, indptr, indices, values, loose, strict):
+def _spectrum_of_sparse_case(symmetric, apart, indptr, indices, values, loose, strict):
     """Count negative eigenvalues of a matrix in compressed rows, and find its mode nearest to zero.
 
     With `symmetric` only the upper triangle is stored; `apart` is the tolerance for symmetry, None

@@ -112,7 +112,10 @@ def _residual_with_marks(found, problem):
 
 
 def _solve_linearized(problem, linearized, rhs):
-    """Solve with `linearized`, the derivative of `_residual_with_marks`, for a right side [2 n]."""
+    """Return the solution [2 n] of the linear map `linearized` for a right side [2 n].
+
+    The map is the derivative of `_residual_with_marks`, and is solved by a factor of the tangent.
+    """
     problem = lax.stop_gradient(problem)
     pattern = merge_indices(*problem)[0].dof_map.pattern
     if pattern is None or (pattern.solver.on_device and not pattern.solver.fused):
@@ -227,13 +230,14 @@ def _probe_of_floats_jvp(primals, tangents):
 
 
 def _identity_or_nan(ok, x, probe):
-    """Return the array `x` if `ok`, else NaN; linear in `x` and in the result of `gradient_probe`.
+    """Return the array `x` if `ok`, else NaN with NaN derivatives by `x` and `probe`.
 
-    The transpose of this map gives NaN, to `x` and through `probe` to every parameter, only where
-    a cotangent is not zero. A product with NaN would give 0 NaN for cases of a batch whose
-    cotangent is zero, and pollute the parameters that the cases share. Tracing cannot yield such a
-    pair of maps; `lax.custom_linear_solve` of the identity takes both as given, and all
-    transformations work on it.
+    The map is linear in `x` and in `probe`, the result of `gradient_probe`. Its transpose gives
+    NaN, to `x` and through `probe` to every parameter, only where a cotangent is not zero. A
+    product with NaN would give 0 NaN for cases of a batch whose cotangent is zero, and pollute the
+    parameters that the cases share. Tracing cannot yield such a pair of maps;
+    `lax.custom_linear_solve` of the identity takes both as given, and all transformations work on
+    it.
     """
 
     def identity(v):

@@ -91,7 +91,7 @@ def _implicit_root_by_custom_root(function, root, parameters, tangent_solve):
     return lax.custom_root(lambda x: function(x, parameters), root, lambda _, x: x, solver)
 
 
-def _return_root(root, *leaves, equation, solver):
+def _evaluate_root(root, *leaves, equation, solver):
     """Return the root, the first argument: value, and shape rule, of the primitive `_ROOT`."""
     return root
 
@@ -132,7 +132,7 @@ def _root_tangent(found, *leaves_and_changes, equation, solver, moving):
 
 
 def _root_tangent_shape(found, *_, **__):
-    """Return the shape of the change of a root: that of the root."""
+    """Return shape and dtype of the tangent of a root: those of the root."""
     return found
 
 
@@ -196,7 +196,7 @@ def _root_batch_rule(arguments, axes, *, equation, solver):
 
 
 _ROOT = internals.define_primitive(
-    "rooted", _return_root, _return_root, _root_jvp, _root_batch_rule
+    "rooted", _evaluate_root, _evaluate_root, _root_jvp, _root_batch_rule
 )
 # derivative of a root, linear in the changes of parameters
 _ROOT_TANGENT = internals.define_primitive(

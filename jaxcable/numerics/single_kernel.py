@@ -103,7 +103,7 @@ def _pack_by_dtype(arrays):
 
 
 def _unpack_by_dtype(vectors, like):
-    """Split the vectors of `_pack_by_dtype` into arrays with the shapes and dtypes of `like`."""
+    """Split vectors, one for each dtype, into arrays with the shapes and dtypes of `like`."""
     kinds = dict.fromkeys(x.dtype for x in like)
     left, found = dict(zip(kinds, vectors, strict=True)), []
     for x in like:

@@ -342,8 +342,7 @@ class RotatingNodes(Space):
     ) -> list[MatrixPart]:
         """Return the tangent of nodal moments, and of forces on rigid links, as nodes rotate.
 
-        It has a matrix [3, 3] by the spins of each row, and the indices of these unknowns, in a
-        list.
+        The list has matrices by the spins of each row, [n_row, 3, 3], and these unknowns' indices.
         """
         zero = jnp.zeros_like(x[:, :3])
         moment, first = self._shift_to_carriers(load, x)[:, 3:], partial(conjugate_moment, order=1)

@@ -152,7 +152,7 @@ class Space(abc.ABC):
     def _impose_displacements(
         self, displacement: Float[Array, "n_row 3"]
     ) -> Float[Array, "n_row 3"]:
-        """Return displacements with prescribed values along the directions that are fixed, m."""
+        """Return displacements, m, with the prescribed values along directions that are fixed."""
         fixed, axes = self.dof_map.fixed[:, :3], self.dof_map.axes
         prescribed = self._prescribed_motion[:, :3]
         if axes is None:

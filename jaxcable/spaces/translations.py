@@ -92,7 +92,7 @@ class Translations(Space):
         return motion
 
     def impose_supports(self, x: Motion) -> Motion:
-        """Return `x` with the displacements that supports fix at their prescribed values."""
+        """Return the motion `x` with prescribed displacements along directions that are fixed."""
         if not has_low_part(x):
             return super().impose_supports(x)
         fixed, axes, prescribed = self.dof_map.fixed, self.dof_map.axes, self._prescribed_motion
