@@ -32,7 +32,7 @@ class MatrixFactor(abc.ABC):
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
         """Solve A x = b, or ``A^T x = b`` if `transposed`: return x, [n], and whether A is regular.
 
-        x is meaningless at loose unknowns, and everywhere if A is singular.
+        x is meaningless at unknowns with empty rows, and everywhere if A is singular.
         """
 
     @abc.abstractmethod
@@ -53,8 +53,8 @@ class MatrixFactor(abc.ABC):
     ) -> Float[Array, " n"]:
         """Return x with A x = `rhs`, [n], differentiable: its derivatives follow from `matvec`.
 
-        x is all NaN if A is singular, and NaN at loose unknowns. An adjoint solve whose right side
-        is not zero at a loose unknown is all NaN.
+        x is all NaN if A is singular, and NaN at unknowns with empty rows (`loose`). An adjoint
+        solve whose right side is not zero at one of them is all NaN.
 
         Args:
             rhs: right side, [n].
@@ -79,7 +79,7 @@ class MatrixFactor(abc.ABC):
         return jnp.where(unknown, 0.0, answer), unknown
 
     def solve_adjoint(self, b: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Solve ``A^T x = b`` for x, [n]; all NaN if b is not zero at a loose unknown."""
+        """Solve ``A^T x = b`` for x, [n]; all NaN if b is not zero at an empty row of A."""
         # Not linear, on purpose: a loose unknown or a singular matrix gives NaN only if the right
         # side concerns it, so that phases and unknowns without influence do not spoil a gradient.
         answer, regular, sound = self.solve_checked(b, True)

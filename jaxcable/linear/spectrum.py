@@ -159,7 +159,11 @@ def _spectrum_on_host(matrix, loose, general, strict):
 
 @host_calls.host_function_family
 def make_spectrum_finder(stored, kind):
-    """Return the NumPy function that counts negative eigenvalues and finds modes in a batch."""
+    """Return the NumPy function that counts negative eigenvalues and finds modes in a batch.
+
+    `stored` is "symmetric" (only the upper triangle) or "general", `kind` "is symmetric" or "may be
+    unsymmetric".
+    """
     symmetric, general = stored == "symmetric", kind == "may be unsymmetric"
 
     def function(indptr, indices, values, loose, strict):

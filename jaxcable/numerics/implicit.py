@@ -47,7 +47,7 @@ def attach_derivative(
 
     Args:
         system: the differentiable `System`, whose equilibrium it is.
-        x: motion of all rows; the derivative of this argument is ignored.
+        x: motion of all nodes; the derivative of this argument is ignored.
         valid: whether `x` is an equilibrium; if not, the derivative is zero.
     """
     return attach_derivative_with_marks(system, x, valid)[0]

@@ -192,7 +192,7 @@ def element_unknowns(
 
 
 def reference_rows(n_row: int, carried: RigidLinks) -> Int[ArrayLike, " n_row"]:
-    """Return the row whose unknowns move each row, [n_row]: its rigid-link carrier, or itself."""
+    """Return the node whose unknowns move each node (row): its rigid-link carrier, or itself."""
     if isinstance(carried[0], np.ndarray):
         found = np.arange(n_row)
         found[carried[0]] = carried[1]

@@ -95,7 +95,7 @@ class RotatingNodes(Space):
 
     @classmethod
     def at_rest(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
-        """Return the motion of rows that have not moved: zero displacements and rotations."""
+        """Return the motion of nodes that have not moved: zero displacements and rotations."""
         rotation = jnp.broadcast_to(jnp.asarray(IDENTITY, nodes.dtype), (len(nodes), 4))
         return jnp.concatenate([jnp.zeros_like(nodes), rotation], axis=1)
 
@@ -185,7 +185,7 @@ class RotatingNodes(Space):
         return jax.vmap(rotate)(x[by, 3:], self.nodes[nodes] - self.nodes[by])
 
     def prolong(self, x: Motion, step: Step) -> Forces:
-        """Return the translation and spin of every row after a step of the unknowns from `x`."""
+        """Return translation and spin of every node after a step of the unknowns from `x`."""
         full = jnp.append(step, jnp.zeros(1, step.dtype))[self.dof_map.unknown_of_dof]
         full = full * self._row_step_per_unknown()
         if self.dof_map.axes is not None:
@@ -287,11 +287,11 @@ class RotatingNodes(Space):
     def coupled_unknowns(
         cls, number: Int[np.ndarray, "n_row 6"]
     ) -> list[Int[np.ndarray, "n_row 3"]]:
-        """Return the indices of each row's spin unknowns, which nodal moments couple, in a list."""
+        """Return the indices of every node's spin unknowns, which its moment couples, in a list."""
         return [number[:, 3:]]
 
     def motion_jacobian(self, motion: Motion) -> Float[Array, "n_row 6 6"] | None:
-        """Return the Jacobian of each row's step by its unknowns; None if it only scales spins."""
+        """Return the Jacobian of every node's (row's) step by its unknowns; None: scaled spins."""
         dof_map = self.dof_map
         if dof_map.axes is None and dof_map.rigid_links is None:
             return None

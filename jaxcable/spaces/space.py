@@ -93,12 +93,12 @@ class Space(abc.ABC):
     @classmethod
     @abc.abstractmethod
     def at_rest(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
-        """Return the motion, [n_row, n_motion], of rows that have not moved."""
+        """Return the motion, [n_row, n_motion], of nodes (rows of motion) that have not moved."""
 
     @classmethod
     @abc.abstractmethod
     def moved_by(cls, motion: Motion, step: Forces) -> Motion:
-        """Return the motion after a step of all rows (translations, and spins if they rotate)."""
+        """Return the motion after a step of all nodes (translations, and spins if they rotate)."""
 
     @classmethod
     @abc.abstractmethod
@@ -170,7 +170,7 @@ class Space(abc.ABC):
 
     @abc.abstractmethod
     def prolong(self, x: Motion, step: Step) -> Forces:
-        """Return the step of every row of motion that a step of the unknowns, [n_free], makes.
+        """Return the step of every node (row of motion) that a step of the unknowns makes.
 
         `x` is the motion before the step.
         """
@@ -215,7 +215,7 @@ class Space(abc.ABC):
         """
 
     def conjugate_loads(self, load: Forces, row_step: Forces) -> Forces:
-        """Return dead loads as forces that are work-conjugate to a step of all rows, `row_step`."""
+        """Return dead loads as forces work-conjugate to a step of all nodes, `row_step`."""
         return load
 
     @abc.abstractmethod
@@ -239,7 +239,7 @@ class Space(abc.ABC):
     def coupled_unknowns(
         cls, number: Int[np.ndarray, "n_row n_freedom"]
     ) -> list[Int[np.ndarray, "n_row d"]]:
-        """Return lists of unknowns that each row couples without an element, [n_row, d] each.
+        """Return lists of unknowns that each node couples without an element, [n_row, d] each.
 
         The sparsity pattern of the tangent needs places for them. `number` is the unknown of every
         dof.
@@ -248,7 +248,7 @@ class Space(abc.ABC):
 
     @abc.abstractmethod
     def motion_jacobian(self, x: Motion) -> Float[Array, "n_row n_freedom d"] | None:
-        """Return the Jacobian of each row's step by its unknowns; None if it is the identity."""
+        """Return the Jacobian of every node's (row's) step by its unknowns; None: the identity."""
 
     @abc.abstractmethod
     def transform_to_unknowns(

@@ -53,7 +53,7 @@ def append_low_part(motion: Float[Array, "n_row 3"]) -> Float[Array, "n_row 6"]:
 
 @pytree
 class Translations(Space):
-    """Space of nodes without rotations: the motion of a row of motion is its displacement, m."""
+    """Space of nodes without rotations: the motion of a node is its displacement, m."""
 
     @classmethod
     def of(
@@ -105,7 +105,7 @@ class Translations(Space):
         return _add_compensated(x, to_global(axes, jnp.where(fixed, away, 0.0)))
 
     def prolong(self, x: Motion, step: Step) -> Forces:
-        """Return the displacement of every row, m, that follows from a step of the unknowns."""
+        """Return the displacement of every node, m, that follows from a step of the unknowns."""
         numbering = self.dof_map.unknown_assembly
         if numbering is None:
             components = append_zero(step)[self.dof_map.unknown_of_dof]
@@ -136,7 +136,7 @@ class Translations(Space):
         return to_global(axes, jnp.where(fixed, to_local(axes, unbalanced), 0.0))
 
     def motion_jacobian(self, x: Motion) -> Float[Array, "n_row 3 3"] | None:
-        """Return the directions of each row's unknowns, in columns; None if they are x, y, z."""
+        """Return the directions of every node's unknowns, in columns; None if they are x, y, z."""
         axes = self.dof_map.axes
         return None if axes is None else jnp.swapaxes(jnp.asarray(axes), 1, 2)
 
