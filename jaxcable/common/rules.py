@@ -1,9 +1,9 @@
 """Rules for numbers, each stated once: known numbers are refused, traced ones fail an analysis.
 
 A constructor cannot look at a number that is being traced. An object with rules therefore lists
-them in ``rules()``: its constructor refuses known numbers that break a rule (`refuse`), and the
-compiled core of an analysis, in which all numbers are traced, ends in a status if one is broken
-(`are_rules_kept`). Functions that only compute numbers, outside of any analysis, return NaN
+them in ``rules()``: its constructor refuses known numbers that break a rule (`refuse_if_broken`),
+and the compiled core of an analysis, in which all numbers are traced, ends in a status if one is
+broken (`are_rules_kept`). Functions that only compute numbers, outside of any analysis, return NaN
 (`nan_if_broken`).
 """
 

@@ -50,8 +50,8 @@ class AssemblyMap:
         return linear_map(_copy_sums_to_rows, _sum_rows, sums, self)
 
     def _sum_by_tables(self, source):
-        # XLA would compute the rows anew for each of their uses, but not what it concatenates
         """Return the sums [n, ...] of rows of `source`, [m, ...], computed table by table."""
+        # XLA would compute the rows anew for each of their uses, but not what it concatenates
         rows = jnp.concatenate([source, jnp.zeros_like(source[:1])])
         sums, below = [], rows
         for k, table in enumerate(self.tables):

@@ -3,7 +3,7 @@
 A solver is an object registered by its name (`register`); `Newton(linear_solver=name)` takes that
 name. It analyses a pattern once, and makes a factor of every matrix on it:
 
-    analysis = solver.analyse(n, indptr, indices)     # compressed rows of the whole matrix
+    analysis = solver.analyze(n, indptr, indices)     # compressed rows of the whole matrix
     factor = analysis.factorize(values, definite)     # None if the matrix is singular
     x = factor.solve(b)                                # b [n] or [n, m]; transposed=True for A^T
     factor.pivots; factor.n_bytes; factor.release(); analysis.release()
