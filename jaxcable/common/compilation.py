@@ -36,7 +36,7 @@ def jit_program(function, static=()):
     The result takes one more argument, ``size``, the number of unknowns. Where it is called inside
     of another jax program, it becomes part of that program as with `jax.jit`, and ``size`` is
     ignored. A call from Python looks for the program among the last `MOST_PROGRAMS` of this
-    function, then on disk (`program_store`), and compiles it last.
+    function, then on disk (`program_store`), and compiles it only if it is in neither.
 
     Args:
         function: its arguments are pytrees of arrays.

@@ -146,7 +146,7 @@ def _stop_keeping_programs():
 
 
 def _set_jax_cache_folder(folder):
-    """Set jax's own compilation cache to a folder, with its shortest compilation; None for none."""
+    """Set the folder of jax's own compilation cache; None ends it and restores jax's settings."""
     if folder is None and _jax_settings_before:
         jax.config.update(_SHORTEST_SETTING, _jax_settings_before.pop())
     if folder is not None and not _jax_settings_before:
@@ -162,7 +162,7 @@ def _set_jax_cache_folder(folder):
 
 @contextlib.contextmanager
 def restore_kept_programs() -> Iterator[None]:
-    """Restore the folder of kept programs and jax's cache settings when a ``with`` block ends.
+    """Restore, when a ``with`` block ends, the folder of kept programs and jax's cache settings.
 
     For tests and commands that call `keep_programs` in the block.
     """
