@@ -39,7 +39,8 @@ class InputWarning(UserWarning):
 class UnstableWarning(UserWarning):
     """Warn that an analysis ended in an unstable equilibrium, whose results are returned.
 
-    It is silenced, or made an exception, in the same way as `InputWarning`.
+    ``warnings.simplefilter("ignore", jc.UnstableWarning)`` silences it, "error" makes it an
+    exception.
 
     Example:
         A strut that is pushed along its axis by more than the springs at its top can stabilise:
@@ -59,7 +60,7 @@ class UnstableWarning(UserWarning):
 
 
 def warn_user(text: str, kind: type[Warning] = InputWarning) -> None:
-    """Issue a warning that points at the user's line, the first one outside of this package."""
+    """Issue a warning that points at the user's line of code, the first outside of this package."""
     if not _SUSPECTS.get():
         return
     frame: FrameType | None = sys._getframe(1)
@@ -74,10 +75,11 @@ _SUSPECTS: ContextVar[bool] = ContextVar("suspects", default=True)
 
 @contextlib.contextmanager
 def without_warnings() -> Iterator[None]:
-    """Silence the warnings of this package in this thread, because they are issued elsewhere.
+    """Silence the warnings of `warn_user` in this thread while a ``with`` block runs.
 
-    Filters of `warnings` belong to all threads: two that change and restore them at once leave the
-    filters of one of them behind.
+    For work whose warnings are issued elsewhere. Python's own filters would not do: they belong to
+    all threads, and two threads that change and restore them at once leave one of the changes
+    behind.
     """
     token = _SUSPECTS.set(False)
     try:
@@ -87,15 +89,16 @@ def without_warnings() -> Iterator[None]:
 
 
 def array_if_known(x: ArrayLike | None) -> np.ndarray | None:
-    """Return `x` as a NumPy array, or None if it is None or a traced array."""
+    """Return `x` as a NumPy array if its values are known; None if it is None or traced by jax."""
     return None if x is None or isinstance(x, jax.core.Tracer) else np.asarray(x)
 
 
 def as_floats(value: Float[ArrayLike, " ..."], name: str) -> Float[ArrayLike, " ..."]:
     """Return `value` as an array of floats; integers become the default float type.
 
-    Lists and numbers become NumPy arrays, arrays of jax stay theirs. ValueError names the argument
-    `name` if the value is no rectangular array of real numbers.
+    Numbers and lists become NumPy arrays, or arrays of jax if the list contains one; arrays of jax
+    stay as they are. ValueError, which names the argument `name`, if `value` is not a rectangular
+    array of real numbers.
     """
     if isinstance(value, jax.Array):
         array: ArrayLike = value
@@ -118,14 +121,17 @@ def as_floats(value: Float[ArrayLike, " ..."], name: str) -> Float[ArrayLike, " 
 
 
 def _describe_content(array, value):
-    """Say for an error message what `array`, made of `value`, contains instead of numbers."""
+    """Return what an array, made of `value`, has instead of numbers: "text", a type or a dtype."""
     if array.dtype.kind in "US":
         return "text"
     return type(value).__name__ if array.dtype == object else array.dtype
 
 
 def as_scalar(value: Float[ArrayLike, ""], name: str) -> Float[ArrayLike, ""]:
-    """Return `value` as a float; raise ValueError if it is an array with axes."""
+    """Return `value` as an array of floats without axes.
+
+    Raises ValueError, which names the argument `name`, if it has axes or is not a real number.
+    """
     number = as_floats(value, name)
     if number.ndim:
         raise ValueError(f"{name}: expected a scalar, got shape {number.shape}")
@@ -135,7 +141,7 @@ def as_scalar(value: Float[ArrayLike, ""], name: str) -> Float[ArrayLike, ""]:
 def floats_of_shape(
     value: Float[ArrayLike, " ..."], name: str, *shapes: tuple[int, ...], hint: str = ""
 ) -> Float[ArrayLike, " ..."]:
-    """Return `value` as floats; raise ValueError unless its shape is one of `shapes`."""
+    """Return `value` as floats; raise ValueError, with `hint`, unless its shape is in `shapes`."""
     array = as_floats(value, name)
     if array.shape not in shapes:
         words = ["a scalar"] * (() in shapes)
@@ -145,7 +151,7 @@ def floats_of_shape(
 
 
 def require_one_of(value: str, name: str, known: Sequence[str]) -> None:
-    """Raise ValueError unless `value` is one of the words in `require_known_nodes`."""
+    """Raise ValueError, which names the argument, unless `value` is one of the words `known`."""
     if value not in known:
         raise ValueError(f"{name} = {value!r}: expected one of {', '.join(known)}")
 
@@ -153,7 +159,10 @@ def require_one_of(value: str, name: str, known: Sequence[str]) -> None:
 def floats_per_element(
     value: Float[ArrayLike, " n_elem"] | None, n_elem: int, name: str
 ) -> Float[ArrayLike, " n_elem"] | None:
-    """Return `value`, a scalar or [n_elem], as floats [n_elem]; None stays None."""
+    """Return one float per element, [n_elem]: a scalar is repeated, and None stays None.
+
+    Raises ValueError, which names the argument `name`, if `value` has another shape.
+    """
     if value is None:
         return None
     array = as_floats(value, name)
@@ -170,7 +179,7 @@ def floats_per_element(
 
 
 def as_boolean_mask(value: ArrayLike) -> Bool[np.ndarray, " ..."] | None:
-    """Return `value` as a NumPy array if it holds booleans only; None if it holds anything else."""
+    """Return `value` as a NumPy array if all its entries are booleans; None if they are not."""
     try:
         array = np.asarray(value)
     except ValueError:
@@ -181,7 +190,11 @@ def as_boolean_mask(value: ArrayLike) -> Bool[np.ndarray, " ..."] | None:
 def as_indices(
     value: Int[ArrayLike, " ..."], name: str, width: int | None = None, things: str = "node"
 ) -> Int[np.ndarray, " ..."]:
-    """Return indices of `things` as a NumPy array of int32, [n] or [n, width]; refuse all else."""
+    """Return indices as a NumPy array of int32, [n], or [n, width] if a `width` is given.
+
+    Raises ValueError, which names the argument `name`, for another shape, for traced values, and
+    for entries that are negative or are not integers; `things` is what the indices number.
+    """
     if isinstance(value, jax.core.Tracer):
         raise ValueError(f"{name}: indices are topology and cannot be traced; pass NumPy integers")
     try:
@@ -211,20 +224,20 @@ def as_indices(
 
 
 def require_whole_number(value: Any, name: str, least: int = 1) -> None:
-    """Raise ValueError unless `value` is a whole number of at least `least`."""
+    """Raise ValueError, which names the argument, unless `value` is an integer >= `least`."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise ValueError(f"{name} = {value!r}: expected a whole number of at least {least}")
 
 
 def holds_boolean(value: Any) -> bool:
-    """Tell whether a list, at any depth, has a boolean, which NumPy would take as 0 or 1."""
+    """Tell whether `value` is a boolean, or a list that contains one at any depth."""
     if isinstance(value, list | tuple):
         return any(holds_boolean(v) for v in value)
     return isinstance(value, bool | np.bool_)
 
 
 def require_known_nodes(numbers: Int[np.ndarray, " ..."], n_node: int, name: str) -> None:
-    """Raise ValueError for the first of `numbers` that is no node of the structure.
+    """Raise ValueError if any of these node numbers is not a node of the structure.
 
     Args:
         numbers: indices of nodes, [n] or [n, n_end].
@@ -243,7 +256,10 @@ def require_known_nodes(numbers: Int[np.ndarray, " ..."], n_node: int, name: str
 
 
 def describe_type(thing: object, example: str) -> str:
-    """Name the type of `thing` for an error message; of a class say that it should be called."""
+    """Return how an error message names an object of a wrong type: by the name of its type.
+
+    For a class it says that the user must call it, as in `example`.
+    """
     if isinstance(thing, type):
         return f"the class {thing.__name__} itself; call it, as in {example}"
     return type(thing).__name__

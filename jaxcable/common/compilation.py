@@ -31,17 +31,18 @@ _DEBUG_SETTINGS = "jax_disable_jit", "jax_debug_nans", "jax_debug_infs"
 
 
 def jit_program(function, static=()):
-    """Compile a function as `jax.jit` does; it takes one more argument, ``size``: its unknowns.
+    """Compile a function as `jax.jit` does, with a faster compiler for programs of few unknowns.
 
-    A program with few unknowns is compiled quickly. Called by itself, the function is compiled here
-    and not by `jax.jit`: the last `MOST_PROGRAMS` programs are known, and no more; they may come
-    from disk (`program_store`). Inside of another program the function is compiled as part of that
-    program, and `size` is ignored. A function with a static argument ``alone`` is told whether it
-    is called by itself.
+    The result takes one more argument, ``size``, the number of unknowns. Where it is called inside
+    of another jax program, it becomes part of that program as with `jax.jit`, and ``size`` is
+    ignored. A call from Python looks for the program among the last `MOST_PROGRAMS` of this
+    function, then on disk (`program_store`), and compiles it only if it is in neither.
 
     Args:
         function: its arguments are pytrees of arrays.
-        static: names of further arguments, hashable, to be given by keyword.
+        static: names of static arguments, which are hashable and given by keyword. One with the
+            name ``alone`` is set here: True if the function is called from Python, False inside of
+            another program.
     """
     plain = jax.jit(function, static_argnames=static)
     known, lock = OrderedDict(), threading.Lock()
@@ -79,9 +80,10 @@ def jit_program(function, static=()):
 
 
 def _compile_or_load(function, arguments, leaves, options, small):
-    """Load the program of a function for such arguments from disk, or compile it now.
+    """Return the compiled program of `function`, loaded from disk or compiled now.
 
-    The program takes the leaves of the arguments, so that a call does not flatten them once more.
+    It takes `leaves`, the arrays in the pytrees `arguments`; `options` are static arguments. With
+    `small`, compiler options for few unknowns are used.
     """
     words, tree = (function.__module__, function.__qualname__, small), jax.tree.structure(arguments)
 
@@ -98,12 +100,11 @@ def _compile_or_load(function, arguments, leaves, options, small):
 
 
 def forget_programs() -> None:
-    """Forget all compiled programs, analyses of patterns and factors, and give their memory back.
+    """Release all compiled programs, analyses of sparsity patterns and factors from memory.
 
-    A process that analyses structures of many different shapes grows with each of them. The
-    programs of the last 32 analyses by `jc.solve` and its like are known at most; those of
-    `jax.jit` are as many as there are functions. What is used again is compiled again, or comes
-    from disk (`keep_programs`).
+    A process that analyses structures of many different shapes grows with each of them: up to 32
+    programs of `jc.solve`, and as many of each similar function, stay in memory, and all programs
+    of `jax.jit`. What is needed again is compiled again, or loaded from disk (`keep_programs`).
 
     Example:
         >>> structure, phases = jc.scenes.flat_net()
@@ -127,21 +128,21 @@ _FORGET: list[Callable[[], object]] = []
 
 
 def on_forget_programs(function: Callable[[], object]) -> Callable[[], object]:
-    """Register a function that `forget_programs` calls; for use as a decorator."""
+    """Decorate a function without arguments: `forget_programs` will call it."""
     _FORGET.append(function)
     return function
 
 
 def program_settings() -> tuple[Any, ...]:
-    """Return the values of those settings of jax that a program depends on."""
+    """Return the values of the jax settings that change a compiled program, such as enable_x64."""
     return tuple(getattr(jax.config, name, None) for name in _SETTINGS)
 
 
 @contextlib.contextmanager
 def without_garbage_collection() -> Iterator[None]:
-    """Pause Python's garbage collector of cyclic references during a block.
+    """Pause Python's garbage collector of cyclic references while a ``with`` block runs.
 
-    To trace a program makes a million objects, hardly any of them garbage; the collector would take
+    Tracing a program makes a million objects, hardly any of them garbage; the collector would take
     up to a third of that time to find this out.
     """
     entered = False
@@ -163,7 +164,7 @@ _enabled: list[bool] = []  # whether the collector ran when each of the threads 
 
 
 def is_top_level_call(leaves: Sequence[Any]) -> bool:
-    """Tell whether a call with these arrays is a program of its own, not a part of another one."""
+    """Tell whether a call with these arrays comes from Python, not from a traced function."""
     if any(isinstance(x, jax.core.Tracer) for x in leaves):
         return False
     return not is_tracing()

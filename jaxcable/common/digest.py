@@ -34,8 +34,8 @@ _COLLECTIONS = {tuple, list, dict, set, frozenset, range, slice}
 def of_function(function: Callable[..., Any], *arguments: Any) -> str:
     """Return a digest of what a function computes for such arguments, a text of 32 characters.
 
-    It covers the function's jaxpr with all of its constants. Functions that the program calls on
-    the host count as in `of_host_function`.
+    It covers the function's jaxpr and the constants in it, so that a change of either changes the
+    digest. NumPy functions that the program calls on the host count as in `of_host_function`.
 
     Args:
         function: of pytrees of arrays, to a pytree of arrays.
@@ -50,8 +50,8 @@ def of_host_function(function: Callable[..., Any]) -> str:
     """Return a digest of a NumPy function, which jax cannot trace, a text of 32 characters.
 
     It covers the function's code and all values that the code can reach: globals, functions and
-    classes that it uses, defaults, captured variables. Those of libraries and of this package count
-    by their names and versions.
+    classes that it uses, defaults, captured variables. Of libraries and of this package only names
+    and versions count.
     """
     try:
         return _digest_of_words(_ObjectDescriber(_CodeOwner.USER).describe(function))
@@ -63,7 +63,7 @@ def of_host_function(function: Callable[..., Any]) -> str:
 
 
 def of_arrays(tree: Any) -> str:
-    """Return a digest of a pytree of arrays: names, shapes, dtypes and values."""
+    """Return a digest of a pytree of arrays: paths, shapes, dtypes and values; 32 characters."""
     leaves = jax.tree_util.tree_leaves_with_path(tree)
     return _digest_of_words(
         _ObjectDescriber().describe([(jax.tree_util.keystr(path), leaf) for path, leaf in leaves])
@@ -71,14 +71,15 @@ def of_arrays(tree: Any) -> str:
 
 
 def of_package() -> str:
-    """Return a digest of all functions, classes and constants in the loaded modules of the package.
+    """Return a digest of the code of this package as it is in memory, a text of 32 characters.
 
-    It describes the code in memory, for programs that are kept on disk. Contents of lists, and of
-    dictionaries that hold objects, are left out: they are registries and caches. What `import
-    jaxcable` does not import (the command line) cannot be part of a program.
+    It covers functions, classes and constants of all loaded modules, and is part of the keys of
+    programs that are kept on disk. Contents of lists, and of dictionaries that hold objects, are
+    left out: they are registries and caches. Modules that `import jaxcable` does not load (the
+    command line) cannot be part of a program.
 
     Raises:
-        ForeignError: a function or class in the package is replaced by one defined elsewhere.
+        ForeignCodeError: a function or class in the package is replaced by one defined elsewhere.
     """
     reader, words = _ObjectDescriber(_CodeOwner.PACKAGE), []
     for module in filter(is_program_module, sorted(sys.modules)):
@@ -90,77 +91,84 @@ def of_package() -> str:
 
 
 def _digest_of_words(words):
-    """Return the digest of words: nested lists and tuples of texts and numbers."""
+    """Return the digest, 32 characters, of nested lists and tuples of texts and numbers."""
     return digest_of_bytes(repr(words).encode())
 
 
 class _CodeOwner(enum.Enum):
-    """Whose functions are described by their code; all others count by name and version."""
+    """Whose functions a digest describes by their code: those of the user, or of this package.
+
+    All other functions count by name and version.
+    """
 
     USER = 1
     PACKAGE = 2
 
 
 class _ObjectDescriber:
-    """Describe values that stand in a jaxpr, or that code can reach, by words for a digest.
+    """Describe objects as nested lists of words, from which a digest is made.
 
-    Objects are described once. `read` says whose functions are described by their code; None: of
-    nobody.
+    The objects are values in a jaxpr, or values that Python code can reach. Each object is
+    described once. `code_owner` says whose functions are described by their code; None: nobody's.
     """
 
-    def __init__(self, read=None):
+    def __init__(self, code_owner=None):
         self.known = {}  # by the address of an object: the object, so that it stays, and its digest
-        self.read = read
+        self.code_owner = code_owner
 
     def describe(self, value: Any) -> Any:
-        """Return the words for any object; of an unknown one its text without addresses."""
+        """Return words (nested lists of texts and numbers) that describe any object.
+
+        An object of unknown type is described by its `repr`, without memory addresses.
+        """
         kind = type(value)
         if kind in PLAIN_TYPES:
             return repr(value)  # tells 1, 1.0 and True apart
         if isinstance(value, jax.Array | np.ndarray):
-            if self.read and isinstance(value, np.memmap):
-                return self._describe_once(value, self._describe_parts)
+            if self.code_owner and isinstance(value, np.memmap):
+                return self._memoized_digest(value, self._describe_definition)
             return (
                 self.describe(value.tolist())
                 if value.dtype == object
-                else self._describe_once(value, _digest_of_array)
+                else self._memoized_digest(value, _digest_of_array)
             )
         if isinstance(value, np.generic):
             return _digest_of_array(value)
         if is_jaxpr(value):
-            return self._describe_once(value, self._describe_jaxpr)
-        if self.read and kind not in _COLLECTIONS:
-            return self._describe_once(value, self._describe_parts)
+            return self._memoized_digest(value, self._describe_jaxpr)
+        if self.code_owner and kind not in _COLLECTIONS:
+            return self._memoized_digest(value, self._describe_definition)
         if isinstance(value, tuple):
             return kind.__name__, [self.describe(part) for part in value]
         if isinstance(value, list | dict | set | frozenset):
-            return self._describe_once(value, self._describe_collection)
+            return self._memoized_digest(value, self._describe_collection)
         if callable(value) and not isinstance(value, type):  # not called on the host: by its name
             names = getattr(value, "__module__", ""), getattr(value, "__qualname__", "")
             return kind.__name__, *names
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
-            return kind.__qualname__, self._describe_once(
+            return kind.__qualname__, self._memoized_digest(
                 value, lambda _: self._describe_collection(fields)
             )
         return kind.__name__, _ADDRESS.sub("", repr(value))
 
-    def _describe_once(self, value, read):
-        """Return the digest of ``read(value)``, computed once for every object."""
+    def _memoized_digest(self, value, describe):
+        """Return the digest of ``describe(value)``, computed once for every object `value`."""
         if id(value) not in self.known:
             self.known[id(value)] = value, "again"  # for one that is in itself
-            self.known[id(value)] = value, _digest_of_words(read(value))
+            self.known[id(value)] = value, _digest_of_words(describe(value))
         return self.known[id(value)][1]
 
-    def _describe_parts(self, value):
-        """Return the words for an object that `python_objects` takes apart."""
+    def _describe_definition(self, value):
+        """Return the words for a function, class or object, from its `definition_parts`."""
         return [
-            self.describe(part) for part in definition_parts(value, self.read is _CodeOwner.PACKAGE)
+            self.describe(part)
+            for part in definition_parts(value, self.code_owner is _CodeOwner.PACKAGE)
         ]
 
     def _describe_collection(self, value):
-        """Return the words for a list, a dictionary or a set."""
-        if self.read is _CodeOwner.PACKAGE:
+        """Return the words for a list, or those of a dictionary or set in sorted order."""
+        if self.code_owner is _CodeOwner.PACKAGE:
             return type(value).__name__, sorted_plain_values(value)
         if isinstance(value, list):
             return type(value).__name__, [self.describe(part) for part in value]
@@ -186,13 +194,13 @@ class _ObjectDescriber:
         words = [*map(self.describe, consts), *map(new, jaxpr.constvars), *map(new, jaxpr.invars)]
         for equation in jaxpr.eqns:
             words += equation.primitive.name, *map(atom, equation.invars)
-            read, self.read = self.read, None
+            owner_before, self.code_owner = self.code_owner, None
             if "callback" in equation.primitive.name:
-                self.read = _CodeOwner.USER
+                self.code_owner = _CodeOwner.USER
             for name, value in sorted(equation.params.items()):
                 if name != "name":  # of a function
                     words += name, self.describe(value)
-            self.read = read
+            self.code_owner = owner_before
             words += map(new, equation.outvars)
         return [*words, *map(atom, jaxpr.outvars)]
 

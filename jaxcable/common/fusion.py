@@ -27,14 +27,14 @@ _BYTES = 1_000_000_000  # more than a loop over any net touches: no limit in eff
 
 
 def fuse_loops() -> None:
-    """Have XLA compile each loop to a single function where it can, and call it at once, on CPUs.
+    """Have XLA compile each loop to a single function where it can, on CPUs (for fast small nets).
 
     Analyses of cable nets with up to some hundred unknowns are then two to five times faster, and
-    so are batches of them; others are as they were. It sets an option in the environment variable
-    XLA_FLAGS, and jax's `jax_cpu_enable_async_dispatch` to False, so that a program runs in the
-    thread that calls it: to hand it over to another takes as long as a small net. jax reads both
-    when it first computes: call this before. The command line does so by itself; importing the
-    package never does.
+    so are batches of them; others take as long as before. It adds an option to the environment
+    variable XLA_FLAGS, and sets jax's `jax_cpu_enable_async_dispatch` to False, so that a program
+    runs in the thread that calls it: a switch of threads takes as long as the analysis of a small
+    net. jax reads both settings when it first computes: call this function before. The command line
+    does so by itself; importing the package never does.
 
     Warns:
         RuntimeWarning: jax has computed already, without the option, or this version of jax may not
@@ -54,7 +54,7 @@ def fuse_loops() -> None:
 
 
 def request_fused_loops() -> bool:
-    """Set the flags by which XLA fuses loops; return False if that is impossible or too late."""
+    """Set the flags by which XLA fuses loops; return False if it is too late or not possible."""
     if _reason_against_fusion():
         return False
     if not has_xla_started():
@@ -67,13 +67,13 @@ def request_fused_loops() -> bool:
 
 
 def are_loops_fused() -> bool:
-    """Tell whether XLA's flags ask for fused loops of any size."""
+    """Tell whether XLA's flags in this process ask for loops fused to single functions."""
     flag = fusion_flag(_BYTES)
     return flag is not None and flag[1] in xla_flags_in_effect()
 
 
 def _reason_against_fusion():
-    """Say why loops could not be fused if that were requested now; None if they could."""
+    """Return why XLA cannot be told now to fuse loops, as a text; None if it can."""
     if fusion_flag(_BYTES) is None:
         first, end = (".".join(map(str, version)) for version in TESTED)
         return (
@@ -91,7 +91,7 @@ def _reason_against_fusion():
 
 
 def _add_flag_option(flags, flag, option):
-    """Add an option to XLA's flags: to the last occurrence of `flag`, which alone counts."""
+    """Return XLA's `flags` with an option added to the last `flag` in it, which alone counts."""
     flags = flags.split()
     own = [k for k, word in enumerate(flags) if word.startswith(flag + "=")]
     if own:

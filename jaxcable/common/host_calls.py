@@ -27,9 +27,10 @@ _FAMILIES: dict[str, Any] = {}  # by module and qualified name
 
 
 def host_function_family(make: HostFunctionFamily) -> HostFunctionFamily:
-    """Register a function that makes NumPy functions from words; it makes each of them once.
+    """Register a function `make` that returns a NumPy function for some words (a decorator).
 
-    A compiled program on disk knows only the words, and the family by its module and name.
+    Compiled programs refer to the NumPy function by the module and name of `make` and these words,
+    so that a program on disk finds it in another process. Each NumPy function is made once.
 
     Raises:
         ValueError: the module has another family of this name.
@@ -47,12 +48,12 @@ def host_function_family(make: HostFunctionFamily) -> HostFunctionFamily:
 
 
 def _family_name(make):
-    """Return the name by which a family is registered: its module and qualified name."""
+    """Return the name under which a function family is registered: module and qualified name."""
     return f"{make.__module__}.{make.__qualname__}"
 
 
-def _call_name(words):
-    """Join a family and its words to the name that programs call; `_function_of_name` splits it."""
+def _make_call_name(words):
+    """Return the name by which programs call the function that a family makes from words."""
     family, *words = words
     if not callable(family) or _family_name(family) not in _FAMILIES:
         raise ValueError(f"words[0] = {family!r}: expected a host function family")
@@ -62,17 +63,20 @@ def _call_name(words):
 
 
 def call_without_results(words: Sequence[HostFunctionFamily | str], *arguments: Array) -> None:
-    """Call a NumPy function for its side effects; under `jax.vmap`, once for every case.
+    """Call a NumPy function for its side effects from a compiled program.
+
+    Under `jax.vmap` it is called once for every case.
 
     Args:
-        words, arguments: as for `call_on_host`.
+        words: a `host_function_family`, and the words from which it makes the function.
+        arguments: arrays for the function.
     """
-    name = _call_name(words)
+    name = _make_call_name(words)
     if jax.default_backend() == "cpu" and register_call(name):
         none = jax.ffi.ffi_call(name, (), has_side_effect=True, vmap_method="sequential")
         none(*arguments)
     else:
-        jax.debug.callback(_function_of_name(name), *arguments)
+        jax.debug.callback(_function_of_call_name(name), *arguments)
 
 
 def call_on_host(
@@ -80,21 +84,21 @@ def call_on_host(
     shapes: Sequence[jax.ShapeDtypeStruct],
     *arguments: Array,
 ) -> tuple[Array, ...]:
-    """Call a NumPy function of arrays from a compiled program, and return its results.
+    """Call a NumPy function from a compiled program, and return its results, a tuple of arrays.
 
     Under `jax.vmap` arguments and results have further leading axes; those of an argument that does
     not change in the batch have length 1.
 
     Args:
-        words: a `host_function_family`, and what it makes the function from. The function returns a
-            sequence of arrays; it must not call jax.
+        words: a `host_function_family`, and the words from which it makes the function. The
+            function returns a sequence of arrays; it must not call jax.
         shapes: `jax.ShapeDtypeStruct` of every result.
-        arguments: arrays.
+        arguments: arrays for the function.
     """
-    name = _call_name(words)
+    name = _make_call_name(words)
     if jax.default_backend() == "cpu" and register_call(name):
         return tuple(jax.ffi.ffi_call(name, tuple(shapes), vmap_method="expand_dims")(*arguments))
-    function = _function_of_name(name)
+    function = _function_of_call_name(name)
 
     def converted(*arrays):
         results = function(*(np.asarray(array) for array in arrays))
@@ -104,13 +108,16 @@ def call_on_host(
     return jax.pure_callback(converted, tuple(shapes), *arguments, vmap_method="expand_dims")
 
 
-def _function_of_name(name):
-    """Return the NumPy function of a name that `_call_name` has made."""
+def _function_of_call_name(name):
+    """Return the NumPy function that programs call by a name of `_make_call_name`."""
     family, *words = name.removeprefix(PREFIX).split(", ")
     return _FAMILIES[family](*words)
 
 
 @functools.cache
 def register_call(name: str) -> bool:
-    """Register the NumPy function of a name with XLA; return False if XLA has no such interface."""
-    return register_host_function(name, _function_of_name(name))
+    """Register with XLA the NumPy function that programs call by this name.
+
+    Returns False if this version of jax has no such interface.
+    """
+    return register_host_function(name, _function_of_call_name(name))

@@ -20,7 +20,7 @@ UNFINISHED_FILES: list[str] = []
 
 
 def exit_interrupted(*_: Any) -> NoReturn:
-    """End the process with a one-line message, and remove files that are not written completely."""
+    """End the process after Ctrl-C: print one line, and remove files that are half written."""
     for name in UNFINISHED_FILES:
         with contextlib.suppress(OSError):
             os.unlink(name)

@@ -55,15 +55,15 @@ _warned_features: set[str] = set()
 
 
 def warn_missing_feature(feature: str) -> None:
-    """Warn, once in a process, what is lost because jax lacks a feature, a key of `_LOSSES`."""
+    """Warn, once in a process, that jax lacks a feature (a key of `_LOSSES`), and what is lost."""
     if feature not in _warned_features:
         _warned_features.add(feature)
         text = f"jax {jax.__version__} lacks {_LOSSES[feature]}"
         warnings.warn(text, RuntimeWarning, stacklevel=3)
 
 
-def _import_names(module: str, *names: str) -> Any:
-    """Import a module and return its named members; None if anything is missing."""
+def _import_members(module: str, *names: str) -> Any:
+    """Import a module and return a list of its members `names`; None if anything is missing."""
     try:
         found = importlib.import_module(module)
         return [getattr(found, name) for name in names]
@@ -73,45 +73,45 @@ def _import_names(module: str, *names: str) -> Any:
 
 # --- primitives
 
-_jaxpr_tools = _import_names("jax.extend.core", "Primitive", "ClosedJaxpr", "jaxpr_as_fun")
-_rule_modules = _import_names("jax.interpreters", "ad", "batching", "mlir")
+_jaxpr_tools = _import_members("jax.extend.core", "Primitive", "ClosedJaxpr", "jaxpr_as_fun")
+_rule_modules = _import_members("jax.interpreters", "ad", "batching", "mlir")
 
 
 def define_primitive(
     name: str,
-    evaluated: Callable[..., Any],
-    shape: Callable[..., Any],
-    derivative: Callable[..., Any],
-    mapped: Callable[..., Any],
-    transposed: Callable[..., Any] | None = None,
+    evaluate: Callable[..., Any],
+    shape_rule: Callable[..., Any],
+    jvp_rule: Callable[..., Any],
+    batch_rule: Callable[..., Any],
+    transpose_rule: Callable[..., Any] | None = None,
     lowered: Callable[..., Any] | None = None,
-    several: bool = False,
+    multiple_results: bool = False,
 ) -> Any:
     """Define a primitive of jax with its rules and return it; None if jax has no way to do so.
 
     Args:
-        name: of the primitive.
-        evaluated: computes its results.
-        shape: returns their shapes, from those of the arguments.
-        derivative: rule of the forward derivative (JVP).
-        mapped: rule for `jax.vmap`.
-        transposed: rule for the transpose, if the primitive is linear.
-        lowered: the function that is compiled; default `evaluated`.
-        several: whether it returns a list of results.
+        name: name of the primitive.
+        evaluate: computes the results from the arguments.
+        shape_rule: returns shapes and dtypes of the results from those of the arguments.
+        jvp_rule: rule of the forward derivative.
+        batch_rule: rule for `jax.vmap`.
+        transpose_rule: rule for the transpose, if the primitive is linear.
+        lowered: the function that is compiled; default `evaluate`.
+        multiple_results: whether the primitive returns a list of results.
     """
     if _jaxpr_tools is None or _rule_modules is None:
         return None
     ad, batching, mlir = _rule_modules
     made = _jaxpr_tools[0](name)
-    made.multiple_results = several
+    made.multiple_results = multiple_results
     try:
-        made.def_impl(evaluated)
-        made.def_abstract_eval(shape)
-        ad.primitive_jvps[made] = derivative
-        batching.primitive_batchers[made] = mapped
-        if transposed is not None:
-            ad.primitive_transposes[made] = transposed
-        lowering = mlir.lower_fun(lowered or evaluated, multiple_results=several)
+        made.def_impl(evaluate)
+        made.def_abstract_eval(shape_rule)
+        ad.primitive_jvps[made] = jvp_rule
+        batching.primitive_batchers[made] = batch_rule
+        if transpose_rule is not None:
+            ad.primitive_transposes[made] = transpose_rule
+        lowering = mlir.lower_fun(lowered or evaluate, multiple_results=multiple_results)
         mlir.register_lowering(made, lowering)
         used = ad.Zero, ad.instantiate_zeros, ad.is_undefined_primal, jax.core.ShapedArray
     except (AttributeError, TypeError):
@@ -120,34 +120,34 @@ def define_primitive(
 
 
 def is_zero_tangent(tangent: Any) -> bool:
-    """Tell, within a rule, whether a tangent or cotangent is jax's symbolic zero, no array."""
+    """Tell, in a rule of a primitive, whether a tangent is jax's symbolic zero, not an array."""
     return isinstance(tangent, _rule_modules[0].Zero)
 
 
 def zero_tangent(x: Any) -> Any:
-    """Return, within a rule, the symbolic zero tangent of an array."""
+    """Return jax's symbolic zero as the tangent of array `x`, for a rule of a primitive."""
     return _rule_modules[0].Zero(jax.typeof(x).to_tangent_aval())
 
 
 def instantiate_tangent(tangent: Any) -> Any:
-    """Return, within a rule, a tangent as an array, also if it is a symbolic zero."""
+    """Return a tangent as an array: a symbolic zero, in a rule of a primitive, becomes zeros."""
     return _rule_modules[0].instantiate_zeros(tangent)
 
 
 def is_undefined_primal(argument: Any) -> bool:
-    """Tell, within a rule of the transpose, whether the cotangent of this argument is asked for."""
+    """Tell, in a transpose rule, whether jax asks for the cotangent of this argument."""
     return _rule_modules[0].is_undefined_primal(argument)
 
 
 def abstract_array(x: Any) -> Any:
-    """Return shape and dtype of an array in the form that the rule of shapes returns."""
+    """Return shape and dtype of `x` as the `ShapedArray` that shape rules of primitives return."""
     return jax.core.ShapedArray(x.shape, x.dtype)
 
 
 def convert_closure(
     function: Callable[[Any], Any], x: Any
 ) -> tuple[Callable[[Any, Any], Any], Any]:
-    """Convert a closure: return a function of x and of the captured values, and these values."""
+    """Return ``g(x, values)`` that captures nothing, and the values that `function` captures."""
     if _jaxpr_tools is None:
         converted, values = jax.closure_convert(function, x)
         return lambda x, values: converted(x, *values), values
@@ -156,13 +156,13 @@ def convert_closure(
 
 
 def bind_constants(jaxpr: Any, constants: Sequence[Any]) -> Callable[..., Any]:
-    """Return the function that a jaxpr computes with the given constants."""
+    """Return the Python function that a jaxpr computes with the given constants."""
     _, make, function = _jaxpr_tools
     return function(make(jaxpr, constants))
 
 
 def function_of_jaxpr(program: Any) -> Callable[..., Any]:
-    """Return the function that a jaxpr of `jax.make_jaxpr` computes."""
+    """Return the Python function that computes a closed jaxpr, as `jax.make_jaxpr` returns it."""
     return _jaxpr_tools[2](program)
 
 
@@ -172,13 +172,13 @@ def is_jaxpr(value: Any) -> bool:
 
 
 def is_jaxpr_literal(value: Any) -> bool:
-    """Tell whether an operand in a jaxpr is a number that stands in it, not a variable."""
+    """Tell whether an operand of an equation in a jaxpr is a literal number, not a variable."""
     return hasattr(value, "val") and hasattr(value, "aval")
 
 
 # --- where the program is
 
-_traces = _import_names("jax._src.core", "trace_ctx")
+_traces = _import_members("jax._src.core", "trace_ctx")
 # traces of derivatives and batches compute with numbers if those around them do
 _EAGER_TRACES = "JVPTrace", "LinearizeTrace", "BatchTrace", "JaxprTrace"
 
@@ -195,7 +195,7 @@ def _traces_around():
 
 
 def is_tracing() -> bool:
-    """Tell whether jax is tracing a program now, of whatever arguments.
+    """Tell whether jax is tracing a function now, in this thread.
 
     Outside of a program, derivatives and batches compute with numbers: that is not tracing. Where
     jax lacks the name, a new array is made to find out, which takes a hundred times as long
@@ -214,7 +214,7 @@ def is_differentiating() -> bool:
 
 
 def has_xla_started() -> bool | None:
-    """Tell whether XLA has started and read its flags; None if that is not known."""
+    """Tell whether XLA has started, after which it reads no flags; None if that is not known."""
     bridge = getattr(getattr(jax, "_src", None), "xla_bridge", None)
     started = getattr(bridge, "backends_are_initialized", None)
     return None if started is None else bool(started())
@@ -225,10 +225,10 @@ def has_xla_started() -> bool | None:
 
 @functools.cache
 def quick_compile_options() -> dict[str, Any] | None:
-    """Return options with which XLA compiles small programs in half the time, or None.
+    """Return compiler options with which XLA compiles small programs in half the time, or None.
 
-    XLA's older emitters of CPU code are as fast for some hundred unknowns, and take up to half as
-    long again for thousands. jax 0.10 has them; 0.12 has none. An unknown option is an error here.
+    They choose XLA's older code generator for CPUs. Its programs are as fast for some hundred
+    unknowns, and take up to half as long again for thousands. jax 0.10 has it; 0.12 has none.
     """
     options = {"xla_cpu_use_fusion_emitters": False}
     if jax.default_backend() != "cpu":
@@ -241,11 +241,9 @@ def quick_compile_options() -> dict[str, Any] | None:
 
 
 def fusion_flag(size: int) -> tuple[str, str] | None:
-    """Return the flag of XLA, and its option, that fuse loops over up to `size` bytes.
+    """Return XLA's flag and the option of it that fuse loops over up to `size` bytes.
 
-    None for a version that is not tested: an unknown flag ends the process, and XLA has no way to
-    ask for it but to start. (The file of the library has the names of options that are gone, too,
-    and to try one in another process takes a second.)
+    None for jaxlib versions that are not tested: an unknown flag would end the process.
     """
     if not TESTED[0] <= jaxlib.version.__version_info__[:2] < TESTED[1]:
         return None
@@ -256,7 +254,7 @@ _flags: list[str] = []  # of XLA, once it has started
 
 
 def xla_flags_in_effect() -> str:
-    """Return the flags that XLA has read when it started, or will read, from XLA_FLAGS."""
+    """Return the text of XLA_FLAGS as XLA has read it when it started, or as it will read it."""
     if _flags:
         return _flags[0]
     flags = os.environ.get("XLA_FLAGS", "")
@@ -272,21 +270,21 @@ xla_flags_in_effect()  # it may have started before this package
 
 
 def jax_settings() -> dict[str, Any] | None:
-    """Return all settings of jax in this thread by name; None if they are not known."""
+    """Return the values of all jax settings in this thread, by name; None if they are unknown."""
     values = getattr(jax.config, "values", None)
     return dict(values) if values else None
 
 
 def program_serializer() -> tuple[Callable[..., Any], Callable[..., Any]] | None:
-    """Return two functions, to serialize a compiled program and to load it; None without them."""
+    """Return jax's functions (serialize, load) for compiled programs; None if jax has none."""
     module = "jax.experimental.serialize_executable"
-    found = _import_names(module, "serialize", "deserialize_and_load")
+    found = _import_members(module, "serialize", "deserialize_and_load")
     return None if found is None else (found[0], found[1])
 
 
 def reset_jax_cache() -> bool:
-    """Have jax read its cache folder's setting again; return False if it cannot."""
-    found = _import_names("jax.experimental.compilation_cache.compilation_cache", "reset_cache")
+    """Have jax read the setting of its cache folder again; return False if this jax cannot."""
+    found = _import_members("jax.experimental.compilation_cache.compilation_cache", "reset_cache")
     if found is None:
         return False
     found[0]()
@@ -295,11 +293,11 @@ def reset_jax_cache() -> bool:
 
 @contextlib.contextmanager
 def without_jax_cache() -> Iterator[None]:
-    """Keep what this thread compiles during a block out of jax's own cache.
+    """Keep programs that this thread compiles in a ``with`` block out of jax's own disk cache.
 
-    Where jax has no setting for a thread, the program is on disk twice: in its cache and in ours.
+    Where jax has no setting for a thread, such a program is on disk twice: in its cache and ours.
     """
-    found = _import_names("jax._src.config", "persistent_cache_min_compile_time_secs")
+    found = _import_members("jax._src.config", "persistent_cache_min_compile_time_secs")
     if found is None or not callable(found[0]):
         yield
         return
@@ -308,12 +306,12 @@ def without_jax_cache() -> Iterator[None]:
 
 
 @functools.cache
-def prepare_lapack() -> None:
-    """Have jaxlib load LAPACK, which it does otherwise only when a program with it is lowered.
+def preload_lapack() -> None:
+    """Have jaxlib load LAPACK, for programs from disk; jax loads it only when it lowers a program.
 
-    Where jax lacks the name, a small program is lowered, which takes 0.2 s.
+    Where jaxlib has no function for this, a small program is lowered, which takes 0.2 s.
     """
-    found = _import_names("jaxlib.lapack", "prepare_lapack_call")
+    found = _import_members("jaxlib.lapack", "prepare_lapack_call")
     if found is None:
         jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((2, 2), jnp.float32))
     else:
@@ -338,7 +336,7 @@ _to = ctypes.POINTER
 
 
 def _c_struct(name, **fields):
-    """Define a structure of C whose first field is its size."""
+    """Return a ctypes structure with these fields after a first field, its size."""
     fields = {"struct_size": ctypes.c_size_t, **fields}
     return type(name, (ctypes.Structure,), {"_fields_": list(fields.items())})
 
@@ -380,7 +378,10 @@ def register_host_function(name: str, function: Callable[..., Sequence[np.ndarra
 
 
 def _answer_xla_call(function, frame):
-    """Answer a call of XLA: compute the results in place; return an error of XLA, or None."""
+    """Call a NumPy function for XLA; return None, or an error of XLA if it raises an exception.
+
+    Arguments and results are the buffers that XLA's `frame` (a `_Frame`) points to.
+    """
     frame = frame.contents
     if frame.extension and frame.extension.contents.kind == _METADATA:
         version = frame.extension.contents.metadata.contents.version
@@ -392,19 +393,19 @@ def _answer_xla_call(function, frame):
             place[...] = result
     except KeyboardInterrupt:
         interrupt_main()
-        return _xla_error(frame, "interrupted")
+        return _make_xla_error(frame, "interrupted")
     except BaseException:  # nothing may be raised through C
-        return _xla_error(frame, traceback.format_exc())
+        return _make_xla_error(frame, traceback.format_exc())
     return None
 
 
 def _views_of_buffers(buffers):
-    """Return the buffers of a program as NumPy arrays on the same memory."""
+    """Return XLA's buffers as a list of NumPy arrays on the same memory."""
     return [_view_of_buffer(buffers.each[k].contents) for k in range(buffers.count)]
 
 
 def _view_of_buffer(buffer):
-    """Return a buffer as a NumPy array on the same memory."""
+    """Return one buffer of XLA as a NumPy array on the same memory."""
     shape, dtype = tuple(buffer.shape[: buffer.rank]), _DTYPES[buffer.dtype]
     size = dtype.itemsize * math.prod(shape)
     if size == 0:
@@ -412,7 +413,7 @@ def _view_of_buffer(buffer):
     return np.ndarray(shape, dtype, (ctypes.c_char * size).from_address(buffer.data))
 
 
-def _xla_error(frame, text):
-    """Return an error of XLA with a text; XLA frees it."""
+def _make_xla_error(frame, text):
+    """Return a new error of XLA with the message `text`; XLA frees it."""
     given = _Failure(ctypes.sizeof(_Failure), None, text.encode(), _FAILED)
     return frame.interface.contents.fail(given)

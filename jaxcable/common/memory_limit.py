@@ -13,13 +13,13 @@ _CONTROL_GROUP = Path("/sys/fs/cgroup")  # limits of a container (control groups
 def available_bytes() -> int | None:
     """Return the bytes of memory left for arrays on the default device; None if that is unknown.
 
-    On the host those of the machine and, in a container, those below its limit.
+    On the CPU it is what the machine has left or, if that is less, the container's limit leaves.
     """
     device = getattr(jax.config, "jax_default_device", None) or jax.local_devices()[0]
     stats = device.memory_stats() if isinstance(device, jax.Device) else None
     if stats and "bytes_limit" in stats:
         return stats["bytes_limit"] - stats.get("bytes_in_use", 0)
-    left = [_machine_bytes(), _container_bytes()]
+    left = [_available_machine_bytes(), _available_container_bytes()]
     return min((amount for amount in left if amount is not None), default=None)
 
 
@@ -30,9 +30,9 @@ def require_memory(n_bytes: float, what: str, way_out: str) -> None:
     """Raise ValueError if arrays do not fit into memory.
 
     Args:
-        n_bytes: what the arrays of a computation need together.
-        what: needs it, in words; begins the message.
-        way_out: what to do instead, in words.
+        n_bytes: bytes that the arrays take together.
+        what: what needs the memory, in words; begins the message.
+        way_out: what to do instead, in words; ends the message.
     """
     if n_bytes < _NEVER_REFUSED:
         return
@@ -44,7 +44,7 @@ def require_memory(n_bytes: float, what: str, way_out: str) -> None:
         )
 
 
-def _machine_bytes():
+def _available_machine_bytes():
     """Return the bytes that the machine can give without swapping; None if that is unknown."""
     try:
         for line in Path("/proc/meminfo").read_text().splitlines():
@@ -58,10 +58,10 @@ def _machine_bytes():
         return None
 
 
-def _container_bytes():
-    """Return the bytes left below the limit of the container; None if it has no limit.
+def _available_container_bytes():
+    """Return the bytes left below the memory limit of a container; None if there is no limit.
 
-    Files that the system caches count as used there, but are given back when memory is needed.
+    Cached files, which the system counts as used memory, are counted as free.
     """
     try:
         limit = int((_CONTROL_GROUP / "memory.max").read_text())
@@ -76,5 +76,5 @@ def _container_bytes():
 
 
 def _format_bytes(n_bytes):
-    """Write an amount of memory in MiB or GiB."""
+    """Return an amount of memory as a text in MiB or GiB."""
     return f"{n_bytes / 2**30:.3g} GiB" if n_bytes >= 2**30 else f"{n_bytes / 2**20:.3g} MiB"

@@ -81,11 +81,11 @@ LOAD = {
 
 
 def refuse_old_names(cls: type, renamed: Mapping[str, str]) -> None:
-    """Raise TypeError if a class outside of the package defines an old name of its contract.
+    """Raise TypeError if a user's class still defines a method under its former name.
 
     Args:
         cls: class that derives from a base class of the package.
-        renamed: new names by old ones. Fields of the class may have an old name; they are its own.
+        renamed: present names of methods by former ones. A field of the class may have such a name.
     """
     for base in cls.__mro__:
         if base.__module__.split(".")[0] == __package__.split(".")[0]:

@@ -16,13 +16,13 @@ _IMMUTABLE = (type(None), bool, int, float, complex, str, bytes, jax.Array, np.g
 
 
 def owned_copy(value: Any, is_owner: type | tuple[type, ...] = ()) -> Any:
-    """Copy the NumPy arrays, lists and dicts of a pytree; the copies of arrays are read-only.
+    """Copy the NumPy arrays, lists and dicts in a pytree; the copied arrays are read-only.
 
-    Arrays of jax, which nobody can change, are not copied, nor are arrays that are such copies.
+    Arrays of jax, and NumPy arrays that are read-only already, are returned without a copy.
 
     Args:
         value: array, number, or pytree.
-        is_owner: classes of objects that own what is in them, and are left as they are.
+        is_owner: classes whose objects have copied their contents before; they are not copied.
     """
     kind = type(value)
     if kind is np.ndarray:

@@ -32,8 +32,8 @@ import scipy
 from . import digest, host_calls
 from . import jax_internals as internals
 from .checks import require_whole_number
-from .program_folder import DamagedError, ProgramFolder, UnsafeError, open_folder
-from .python_objects import ForeignError, is_program_module
+from .program_folder import DamagedFileError, ProgramFolder, UnsafeFolderError, open_program_folder
+from .python_objects import ForeignCodeError, is_program_module
 
 _VARIABLE = "JAXCABLE_PROGRAMS"
 LIMIT = 1 << 30
@@ -52,9 +52,9 @@ _jax_cache_hits: list[str] = []  # programs that jax has found in its own cache
 def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIMIT) -> Path:
     """Keep compiled programs on disk, so that the next process need not compile them.
 
-    Analyses that are called by themselves start without being traced or compiled; what is compiled
-    inside of `jax.jit` is traced, and not compiled again (jax's persistent compilation cache, which
-    is put beside them unless it has a folder). Processes can share a folder. A damaged, full or
+    Analyses that are called from Python start without being traced or compiled; those called inside
+    of `jax.jit` are traced, and not compiled again (jax's persistent compilation cache, which is
+    put beside them unless it has a folder). Processes can share a folder. A damaged, full or
     read-only folder costs no more than to compile. The command line keeps its programs by itself;
     importing the package changes nothing.
 
@@ -94,18 +94,20 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
     """
     require_whole_number(limit, "limit", least=0)
     named = folder is not None
-    path = _parse_folder(os.environ.get(_VARIABLE, _default_folder()) if folder is None else folder)
+    path = _parse_folder_argument(
+        os.environ.get(_VARIABLE, _default_program_folder()) if folder is None else folder
+    )
     if path is None and named:
         raise ValueError(f"folder = {folder!r}: expected the path of a folder")
     if path is None or limit == 0:
-        _stop_keeping()
+        _stop_keeping_programs()
         return path or Path()
     try:
-        place = open_folder(path, int(limit))
-    except UnsafeError as error:
+        place = open_program_folder(path, int(limit))
+    except UnsafeFolderError as error:
         if named:
             raise ValueError(f"folder: {error}") from None
-        _stop_keeping()
+        _stop_keeping_programs()
         warnings.warn(f"{error}; no programs are kept", RuntimeWarning, stacklevel=2)
         return path
     for feature, is_there in (
@@ -114,37 +116,37 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
     ):
         if is_there() is None:
             internals.warn_missing_feature(feature)
-    if _may_set_jax_cache():
-        _set_jax_cache(str(place.jax_cache))
-    _count_jax_cache_hits()
+    if _may_set_jax_cache_folder():
+        _set_jax_cache_folder(str(place.jax_cache_folder))
+    _record_jax_cache_hits()
     _open_place[:] = [place]
-    place.remove_oldest()
+    place.remove_oldest_files()
     return path
 
 
-def _parse_folder(folder):
-    """Return the path that a user has given; None if it is empty or no path."""
+def _parse_folder_argument(folder):
+    """Return a user's argument as a path; None if it is empty or no path."""
     try:
         return Path(folder).expanduser() if os.fspath(folder) else None
     except TypeError:
         return None
 
 
-def _may_set_jax_cache():
-    """Tell whether jax has no cache folder, or one that was set here."""
+def _may_set_jax_cache_folder():
+    """Tell whether we may set jax's cache folder: it has none, or the one that was set here."""
     folder = jax.config.jax_compilation_cache_dir
-    return folder is None or folder in [str(place.jax_cache) for place in _open_place]
+    return folder is None or folder in [str(place.jax_cache_folder) for place in _open_place]
 
 
-def _stop_keeping():
-    """Neither keep programs nor look for them from now on, and restore jax's own settings."""
-    if _may_set_jax_cache():
-        _set_jax_cache(None)
+def _stop_keeping_programs():
+    """Stop keeping programs and looking for them, and restore jax's own settings."""
+    if _may_set_jax_cache_folder():
+        _set_jax_cache_folder(None)
     _open_place.clear()
 
 
-def _set_jax_cache(folder):
-    """Set the folder in which jax keeps programs; None for none."""
+def _set_jax_cache_folder(folder):
+    """Set the folder of jax's own compilation cache; None ends it and restores jax's settings."""
     if folder is None and _jax_settings_before:
         jax.config.update(_SHORTEST_SETTING, _jax_settings_before.pop())
     if folder is not None and not _jax_settings_before:
@@ -160,7 +162,10 @@ def _set_jax_cache(folder):
 
 @contextlib.contextmanager
 def restore_kept_programs() -> Iterator[None]:
-    """Restore, at the end of a block, where programs are kept, by us and by jax."""
+    """Restore, when a ``with`` block ends, the folder of kept programs and jax's cache settings.
+
+    For tests and commands that call `keep_programs` in the block.
+    """
     place, before = list(_open_place), list(_jax_settings_before)
     jaxs = {
         name: getattr(jax.config, name) for name in ("jax_compilation_cache_dir", _SHORTEST_SETTING)
@@ -176,8 +181,8 @@ def restore_kept_programs() -> Iterator[None]:
             internals.reset_jax_cache()
 
 
-def _default_folder():
-    """Return the folder of programs in the user's folder for caches."""
+def _default_program_folder():
+    """Return the path of the folder ``jaxcable`` in the user's folder for caches."""
     home = Path.home()
     if sys.platform == "win32":
         base = os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local"
@@ -189,49 +194,51 @@ def _default_folder():
 
 
 def load_or_compile(
-    compiled: Callable[[], jax.stages.Compiled],
+    compile_program: Callable[[], jax.stages.Compiled],
     words: tuple[Any, ...],
     arguments: Any,
     options: dict[str, Any],
 ) -> jax.stages.Compiled:
-    """Load a program from disk; if it is not there, compile it and keep it.
+    """Return a compiled program, loaded from disk or else compiled now and stored there.
+
+    Without `keep_programs` it is compiled and not stored.
 
     Args:
-        compiled: compiles the program.
-        words: name of the function, and how it is compiled.
-        arguments: pytree of arrays, whose leaves the program takes.
+        compile_program: function that compiles it.
+        words: module and name of the function, and how it is compiled.
+        arguments: pytree of arrays, whose leaves are the arguments of the program.
         options: static arguments.
     """
     described = words, arguments, options
     place = _open_place[0] if _open_place else None  # another thread may stop keeping meanwhile
     key = None if place is None else _program_key_or_none(*described)
     if place is None or key is None:
-        return compiled()
+        return compile_program()
     found = _load_program(place, key, jax.tree.leaves(arguments))
     if found is not None:
         return found
     hits = len(_jax_cache_hits)
     with internals.without_jax_cache():
-        program = compiled()
+        program = compile_program()
     # a program that jax has loaded from its own cache cannot be written once more (jax 0.10); one
     # that was traced while the code or a setting has changed is of neither
     if len(_jax_cache_hits) == hits and _program_key_or_none(*described) == key:
         _store_program(place, key, program)
-        place.remove_oldest()
+        place.remove_oldest_files()
     return program
 
 
 def _program_key_or_none(*described):
-    """Return the `_program_key` of a program; None if it depends on code outside of the package."""
+    """Return the `_program_key` of these arguments; None if it depends on code of the user."""
     try:
         return _program_key(*described)
-    except ForeignError:
+    except ForeignCodeError:
         return None
 
 
 @functools.cache
-def _count_jax_cache_hits():
-    """Listen to jax, once in a process, to note programs that it finds in its own cache."""
+def _record_jax_cache_hits():
+    """Have jax note in `_jax_cache_hits`, from now on, each program that its own cache returns."""
 
     def heard(event, **_):
         if event == "/jax/compilation_cache/cache_hits":
@@ -241,14 +248,14 @@ def _count_jax_cache_hits():
 
 
 def _load_program(place, key, leaves):
-    """Load the program of a key; return None if there is none, or warn if its file is damaged."""
+    """Load a compiled program from disk; None if it is not there or, with a warning, is damaged."""
     try:
-        text = place.read(key)
+        text = place.read_program(key)
         if text is None:
             return None
         targets, executable, tree = _unpack_program(text, place.program_path(key))
-    except (DamagedError, UnsafeError) as error:
-        why = f"{error}: the file is damaged" if isinstance(error, DamagedError) else str(error)
+    except (DamagedFileError, UnsafeFolderError) as error:
+        why = f"{error}: the file is damaged" if isinstance(error, DamagedFileError) else str(error)
         text = f"keep_programs: {why}; the program is compiled again"
         warnings.warn(text, RuntimeWarning, stacklevel=2)
         return None
@@ -256,23 +263,27 @@ def _load_program(place, key, leaves):
     try:
         for name in targets:
             host_calls.register_call(name)
-        internals.prepare_lapack()
+        internals.preload_lapack()
         return functions[1](executable, jax.tree.structure((tuple(leaves), {})), tree)
     except Exception:  # a solver that is not there, another machine, another jax: not damaged
         return None
 
 
 def _unpack_program(text, path):
-    """Return the names of host functions, the executable, and the tree of the results."""
+    """Return the content of a program's file, `text` (bytes); raise DamagedFileError if that fails.
+
+    The result has the names of NumPy functions that the program calls, the serialized executable,
+    and the tree structure of its results.
+    """
     try:
         targets, executable, results = pickle.loads(zlib.decompress(text))
     except Exception as error:  # whatever pickle makes of it
-        raise DamagedError(str(path)) from error
+        raise DamagedFileError(str(path)) from error
     return targets, executable, jax.tree.structure(results)
 
 
 def _store_program(place, key, program):
-    """Write a program to disk if jax can serialize it."""
+    """Write a program to a `ProgramFolder`, unless jax cannot serialize it or it has callbacks."""
     targets = set(re.findall('custom_call_target="([^"]*)"', program.as_text()))
     if any("callback" in name for name in targets):  # by its address: a listener of the user
         return
@@ -285,28 +296,29 @@ def _store_program(place, key, program):
         text = f"keep_programs: a program could not be saved: {type(error).__name__}: {error}"
         warnings.warn(text, RuntimeWarning, stacklevel=2)
         return
-    place.write(key, text)
+    place.write_program(key, text)
 
 
 class _PackagePickler(pickle.Pickler):
     """Pickle objects of this package and of the libraries that it uses; refuse all others."""
 
     def reducer_override(self, obj):
-        """Raise `ForeignError` for an object, or its class, of any other package."""
+        """Raise ForeignCodeError if an object is of any other package; called by pickle."""
         found = obj if isinstance(obj, type) or callable(obj) else type(obj)
         if (found.__module__ or "").partition(".")[0] not in _KNOWN_PACKAGES:
-            raise ForeignError(found)
+            raise ForeignCodeError(found)
         return NotImplemented
 
 
 def _program_key(words, arguments, options):
-    """Return a digest of all that a program depends on; raise `ForeignError` if that is not known.
+    """Return the key of a program on disk: a digest, 32 characters, of all that it depends on.
 
-    The function is identified by its name: it must belong to the package and capture no variables.
+    `words` name the function and how it is compiled; it must belong to the package and capture no
+    variables. Raises `ForeignCodeError` if the program depends on other code.
     """
     module, name, *_ = words
     if not is_program_module(module) or "<" in name or internals.program_serializer() is None:
-        raise ForeignError(f"{module}.{name}")
+        raise ForeignCodeError(f"{module}.{name}")
     leaves, tree = jax.tree.flatten(arguments)
     described = io.BytesIO()
     pickler = _PackagePickler(described)
@@ -314,7 +326,7 @@ def _program_key(words, arguments, options):
     try:
         pickler.dump((tree.unflatten(range(len(leaves))), options))
     except (pickle.PicklingError, AttributeError, TypeError, ValueError, RecursionError) as error:
-        raise ForeignError(str(error)) from error
+        raise ForeignCodeError(str(error)) from error
     text = repr((words, list(map(argument_signature, leaves)), _describe_process())).encode()
     return hashlib.blake2b(described.getvalue() + text, digest_size=16).hexdigest()
 
@@ -331,10 +343,13 @@ def argument_signature(x: Any) -> Any:
 
 
 def _describe_process():
-    """Return what all programs of a process depend on: machine, versions, settings, package."""
+    """Return the part of every program's key that is the same in a process, a tuple.
+
+    It has machine, versions, XLA flags, settings of jax, and a digest of this package's code.
+    """
     values = internals.jax_settings()
     if values is None:
-        raise ForeignError("jax.config")
+        raise ForeignCodeError("jax.config")
     about = "cache", "log", "dump", "traceback"  # settings that do not matter to a program
     settings = {n: str(v) for n, v in values.items() if not any(word in n for word in about)}
     return (
@@ -347,7 +362,7 @@ def _describe_process():
 
 @functools.cache
 def _describe_machine():
-    """Return the versions of libraries, and a description of the devices and the processor."""
+    """Return a tuple of library versions, devices, operating system and processor features."""
     devices = [(device.platform, device.device_kind) for device in jax.devices()]
     processor = platform.processor() or platform.machine()
     with contextlib.suppress(OSError), open("/proc/cpuinfo") as file:

@@ -28,16 +28,16 @@ _COMPILE_LISTENER: ContextVar[Callable[[Any], object] | None] = ContextVar(
 
 
 class Increment(NamedTuple):
-    """Report of an increment of `solve` that has just ended.
+    """Report of a load increment of `solve` that has just ended.
 
     Attributes:
         phase, phases: number of its phase, from 1, and number of phases.
         number, count: number of the increment, from 1, and number of increments of its phase.
-        load_factor: of the phase.
+        load_factor: load factor of the phase at its end.
         iterations: number of linear solves.
         residual: largest unbalanced force, N.
         relative_residual: the residual divided by the force that it is compared with.
-        status: code so far.
+        status: status code of the analysis so far.
 
     Example:
         >>> reports = []
@@ -68,7 +68,7 @@ class Increment(NamedTuple):
 
     @property
     def first(self) -> bool:
-        """Whether the work has just begun."""
+        """Whether this is the first increment of the first phase."""
         return self.phase == 1 and self.number == 1
 
 
@@ -77,7 +77,7 @@ class Step(NamedTuple):
 
     Attributes:
         number, count: number of the step, 0 at the start, and number of steps allowed.
-        loss, gradient_norm: after the step, as in `History`.
+        loss, gradient_norm: the loss after the step, and the norm of its gradient.
         failures: number of trials of this step in which the analysis failed.
 
     Example:
@@ -103,7 +103,7 @@ class Step(NamedTuple):
 
     @property
     def first(self) -> bool:
-        """Whether the work has just begun."""
+        """Whether this is the report of the start, before any step of the optimization."""
         return self.number == 0
 
 
@@ -139,19 +139,19 @@ class Trial(NamedTuple):
 
     @property
     def first(self) -> bool:
-        """Whether the work has just begun."""
+        """Whether this is the report of the start, the first trial point."""
         return self.number == 0
 
 
 def _failure_text(code: int) -> str:
-    """Return the text of a failure status, to be appended to a line; "" if nothing has failed."""
+    """Return the text of a status code, to be appended to a line; "" if nothing has failed."""
     return f", {status.describe(code)}" if code != status.OK else ""
 
 
 class Printer:
-    """Print the progress of long work on stderr (also in notebooks), a line every half second.
+    """Listener that prints reports of progress, a line every half second.
 
-    Nothing is printed for work that ends before the first half second.
+    It prints to stderr (also in notebooks), and nothing for work that ends within half a second.
 
     Args:
         pause: seconds between two lines.
@@ -186,7 +186,7 @@ class Printer:
         raise TypeError("a Printer cannot be pickled")
 
     def print_line(self, text: object) -> None:
-        """Print a line at once."""
+        """Print a text at once, without regard to the pause between lines."""
         print(text, file=self.stream or sys.stderr, flush=True)
 
 
@@ -195,7 +195,7 @@ SHOW = Printer()
 
 
 def as_listener(progress: bool | Callable[[Any], object] | None) -> Callable[[Any], object] | None:
-    """Return the function to call with reports of progress, or None if there is none to call.
+    """Return the function that is called with every report of progress, or None.
 
     Args:
         progress: None or False for no function, True for `SHOW`, or a function.
@@ -216,7 +216,7 @@ def as_listener(progress: bool | Callable[[Any], object] | None) -> Callable[[An
 
 @contextlib.contextmanager
 def with_compile_listener(listen: Callable[[Any], object] | None) -> Iterator[None]:
-    """Set, for a block, the listener of `announce_compilation` where that is given none."""
+    """Set the listener that `announce_compilation` uses by default while a ``with`` block runs."""
     token = _COMPILE_LISTENER.set(listen)
     try:
         yield
@@ -226,10 +226,11 @@ def with_compile_listener(listen: Callable[[Any], object] | None) -> Iterator[No
 
 @contextlib.contextmanager
 def announce_compilation(listen: Callable[[Any], object] | None) -> Iterator[None]:
-    """Print "compiling" if the block takes long and nothing has been reported meanwhile.
+    """Print "compiling" if a ``with`` block takes long and nothing has been reported meanwhile.
 
-    Nothing is printed unless `listen`, or else the listener set by `with_compile_listener`, is a
-    `Printer`.
+    Args:
+        listen: the listener of progress; None for the one that `with_compile_listener` has set.
+            Nothing is printed unless it is a `Printer`.
     """
     listen = _COMPILE_LISTENER.get() if listen is None else listen
     if not isinstance(listen, Printer):
@@ -256,13 +257,13 @@ def report_progress(
     known: Mapping[str, Any],
     traced: Mapping[str, Float[Array, ""]],
 ) -> None:
-    """Report progress to `listen` from inside of a compiled program.
+    """Call `listen` with a report of progress from inside of a compiled program.
 
     Args:
-        listen: the function to call.
+        listen: function of one argument, the report.
         kind: class of the report, `Increment`, `Step` or `Trial`.
-        known: the field of the report that is known when the program is compiled, an integer, as a
-            dict.
+        known: the one field of the report that is known when the program is compiled, an integer,
+            as a dict.
         traced: fields that the program computes, a dict of scalars.
     """
     if listen is SHOW:  # by name, so that the program can be kept on disk
@@ -275,7 +276,11 @@ def report_progress(
 
 
 def _make_reporter(listen, kind, known, names):
-    """Return a function that calls `listen` with a report, a `kind`, of the values it is given."""
+    """Return a NumPy function that makes a report of its arguments and calls `listen` with it.
+
+    `kind` is the class of the report, `known` are its other fields, a dict, and `names` the fields
+    that the arguments belong to.
+    """
 
     def function(*values):
         computed = {
@@ -289,6 +294,6 @@ def _make_reporter(listen, kind, known, names):
 
 @host_calls.host_function_family
 def make_printing_reporter(kind, field, number, *names):
-    """Return the NumPy function that prints a report with `SHOW`; called by `report_progress`."""
+    """Return the NumPy function that makes a report of its arguments and prints it by `SHOW`."""
     kinds = {cls.__name__: cls for cls in (Increment, Step, Trial)}
     return _make_reporter(SHOW, kinds[kind], {field: int(number)}, names)

@@ -41,39 +41,45 @@ PLAIN_TYPES = {bool, int, float, complex, str, bytes, type(None), type(...)}
 """Types of values whose text is all that they are."""
 
 
-class ForeignError(Exception):
-    """Say that a program depends on code outside of the package, whose source is not known."""
+class ForeignCodeError(Exception):
+    """A program depends on code outside of the package, whose source is not known."""
 
 
 def is_program_module(module: str) -> bool:
-    """Tell whether compiled programs can depend on a module, given by its name."""
+    """Tell whether a module, given by its name, has code that compiled programs can depend on.
+
+    These are the modules of this package, but not those of plots, files, reports, scenes and cli.
+    """
     package, *rooms = module.split(".")
     return package == PACKAGE and bool(rooms) and rooms[0] not in _ROOMS_APART
 
 
 def digest_of_bytes(*parts: bytes) -> str:
-    """Return a digest of some bytes, a text of 32 characters."""
+    """Return a digest of all these bytes together, a text of 32 characters."""
     return hashlib.blake2b(b"|".join(parts), digest_size=16).hexdigest()
 
 
 def definition_parts(value: Any, of_package: bool = False) -> Iterator[Any]:
     """Yield the parts that decide what a function, class or object computes, one level deep.
 
+    Parts are, for example, a function's bytecode, defaults, captured values and the globals it
+    reads. They are described further in the same way.
+
     Args:
-        value: the object.
+        value: the function, class or object.
         of_package: True for code of this package, all of whose modules are described: globals are
             left out, and contents of caches and registries, which change while the package works.
             False for code of the user, to whom this package is a library.
 
     Raises:
-        ForeignError: in the package, a function or class that is defined elsewhere.
+        ForeignCodeError: in the package, a function or class that is defined elsewhere.
     """
     yield type(value).__name__
     if isinstance(value, types.ModuleType):
         yield from (value.__name__, _package_version(value.__name__))
     elif isinstance(value, np.memmap):
         yield from _parts_of_memmap(value)
-    elif isinstance(value, types.FunctionType | type) and _is_known_by_name(value, of_package):
+    elif isinstance(value, types.FunctionType | type) and _is_library_definition(value, of_package):
         yield from (value.__module__, value.__qualname__, _package_version(value.__module__))
     elif isinstance(value, types.FunctionType):
         yield from _parts_of_function(value, of_package)
@@ -99,13 +105,17 @@ def definition_parts(value: Any, of_package: bool = False) -> Iterator[Any]:
         yield from _parts_of_object(value)
 
 
-def _is_known_by_name(value, of_package):
-    """Tell whether a function or class belongs to a library, and counts by name and version."""
+def _is_library_definition(value, of_package):
+    """Tell whether a function or class is of a library, so that name and version describe it.
+
+    With `of_package`, raises ForeignCodeError for one that neither this package nor a library that
+    it uses has defined.
+    """
     package = (value.__module__ or "builtins").partition(".")[0]
     if of_package:
         relied_on = package in _RELIED_ON or package.startswith(_GENERATED)
         if package != PACKAGE and not relied_on:
-            raise ForeignError(f"{value.__module__}.{value.__qualname__}")
+            raise ForeignCodeError(f"{value.__module__}.{value.__qualname__}")
         return package != PACKAGE
     return _is_library_package(package)
 
@@ -120,19 +130,19 @@ def _is_library_package(package):
 
 @functools.cache
 def _library_folders():
-    """Return the folders of installed libraries, each with a separator at its end."""
+    """Return the paths of the folders of installed libraries, each ending with a separator."""
     names = "purelib", "platlib"
     return tuple(os.path.join(os.path.realpath(sysconfig.get_path(name)), "") for name in names)
 
 
 def _package_version(module):
-    """Return the version of the package that a module belongs to; empty if it has none."""
+    """Return the version of the package that a module, given by its name, belongs to, or ""."""
     package = sys.modules.get((module or "builtins").partition(".")[0])
     return str(getattr(package, "__version__", ""))
 
 
 def _parts_of_function(function, of_package):
-    """Yield code, defaults and captured values of a function; of a user's one also globals."""
+    """Yield bytecode digest, defaults, captured values and, for a user's function, its globals."""
     yield digest_of_code(function.__code__)
     yield from (function.__defaults__, tuple((function.__kwdefaults__ or {}).items()))
     for cell in function.__closure__ or ():
@@ -142,14 +152,18 @@ def _parts_of_function(function, of_package):
         return
     yield vars(function)
     names, space = _CodeNames(set(), set(), set()), function.__globals__
-    _collect_names(function.__code__, names)
+    _collect_code_names(function.__code__, names)
     found = {name: space[name] for name in names.read & space.keys()}
     found |= {name: sys.modules[name] for name in names.imported & sys.modules.keys()}
     yield from _module_attributes_read(found, names.any, set())
 
 
 def _module_attributes_read(found, names, seen):
-    """Yield names and values in order, and those attributes of modules that `names` can mean."""
+    """Yield names and values of globals, and the attributes that code can read from modules.
+
+    `found` are globals by name; attributes of the user's modules are yielded if `names` has them;
+    modules in `seen` are not searched again.
+    """
     for name, value in sorted(found.items()):
         yield from (name, value)
         if not isinstance(value, types.ModuleType) or value.__name__ in seen:
@@ -162,15 +176,15 @@ def _module_attributes_read(found, names, seen):
 
 
 class _CodeNames(NamedTuple):
-    """Names in code: globals that it reads, modules that it imports, and all of them."""
+    """Names in bytecode, as sets: globals that it reads, modules that it imports, and all names."""
 
     read: set[str]
     imported: set[str]
     any: set[str]
 
 
-def _collect_names(code, names):
-    """Add the names in code, and in the functions defined in it, to `names`."""
+def _collect_code_names(code, names):
+    """Add the names in a code object, and in functions defined in it, to `names` (`_CodeNames`)."""
     names.any.update(code.co_names)
     for operation in dis.get_instructions(code):
         if operation.opname in _GLOBAL_READS:
@@ -179,11 +193,11 @@ def _collect_names(code, names):
             names.imported.add(operation.argval)
     for constant in code.co_consts:
         if isinstance(constant, types.CodeType):
-            _collect_names(constant, names)
+            _collect_code_names(constant, names)
 
 
 def digest_of_code(code: types.CodeType) -> str:
-    """Return a digest of bytecode and of the functions in it; lines and comments do not count."""
+    """Return a digest of bytecode and the functions in it, 32 characters; comments do not count."""
     if id(code) not in _known_digests:
         constants = [_describe_constant(constant) for constant in code.co_consts]
         words = (
@@ -196,7 +210,7 @@ def digest_of_code(code: types.CodeType) -> str:
 
 
 def _describe_constant(constant):
-    """Describe a constant of bytecode; sets are sorted, as processes order them differently."""
+    """Return a text or list that describes a bytecode constant alike in all processes."""
     if isinstance(constant, types.CodeType):
         return digest_of_code(constant)
     if isinstance(constant, frozenset | tuple):
@@ -215,7 +229,7 @@ def _parts_of_class(cls):
 
 
 def _parts_of_package_object(value):
-    """Yield the type of an object, what it wraps, plain contents, and functions in it."""
+    """Yield the type of an object, its plain values, the function it wraps, and functions in it."""
     kind = type(value)
     yield from (kind.__module__, kind.__qualname__)
     if isinstance(value, tuple):
@@ -232,7 +246,10 @@ def _parts_of_package_object(value):
 
 
 def sorted_plain_values(values: Any) -> list[str] | None:
-    """Return the sorted texts of a set or dictionary of plain values; None for all else."""
+    """Return the sorted texts of the entries of a set or dictionary of numbers and texts.
+
+    None if it is empty, contains other objects, or is not a set or dictionary.
+    """
     if not isinstance(values, dict | set | frozenset):
         return None
     inner = [*values, *values.values()] if isinstance(values, dict) else values
@@ -244,7 +261,7 @@ def sorted_plain_values(values: Any) -> list[str] | None:
 
 
 def _parts_of_object(value):
-    """Yield the class of an object and what pickling would write of it, or its text."""
+    """Yield the class of a user's object and what pickling would write of it, or its text."""
     yield type(value)
     try:
         found = value.__reduce_ex__(4)  # what `pickle` would write
@@ -256,7 +273,7 @@ def _parts_of_object(value):
 
 
 def _parts_of_memmap(array):
-    """Yield what identifies an array in a file: path, size, and when it was last written.
+    """Yield what identifies a memory-mapped array: dtype, shape, path, size and time of last write.
 
     Its values are not read: it may be larger than memory.
     """

@@ -1,9 +1,9 @@
 """Rules for numbers, each stated once: known numbers are refused, traced ones fail an analysis.
 
 A constructor cannot look at a number that is being traced. An object with rules therefore lists
-them in ``rules()``: its constructor refuses known numbers that break a rule (`refuse`), and the
-compiled core of an analysis, in which all numbers are traced, ends in a status if one is broken
-(`are_rules_kept`). Functions that only compute numbers, outside of any analysis, return NaN
+them in ``rules()``: its constructor refuses known numbers that break a rule (`refuse_if_broken`),
+and the compiled core of an analysis, in which all numbers are traced, ends in a status if one is
+broken (`are_rules_kept`). Functions that only compute numbers, outside of any analysis, return NaN
 (`nan_if_broken`).
 """
 
@@ -23,15 +23,15 @@ from .types import Array, ArrayLike, Bool, Float, PyTree
 
 
 class Rule(NamedTuple):
-    """A rule that the numbers of one argument keep.
+    """A rule that the values of one argument must satisfy, such as "must be positive".
 
     Attributes:
-        name: of the argument.
+        name: name of the argument.
         values: the array of the argument, or None if it is not given; or a tuple of this array and
             the arrays that it is compared with.
         broken: function of the values, NumPy or traced arrays, that is True where the rule is
-            broken; in the shape of the first array, or [] for all of it. Comparisons that are False
-            for NaN are right: NaN does not break a rule, the analysis has another status for it.
+            broken; in the shape of the first array, or a scalar for all of it. NaN must not break a
+            rule (comparisons with NaN are False): the analysis has another status for it.
         text: the rule in words; or a function of the index and the values that returns the whole
             message.
     """
@@ -45,21 +45,21 @@ class Rule(NamedTuple):
 def positive(
     name: str, values: Float[ArrayLike, " ..."] | None, text: str = "must be positive"
 ) -> Rule:
-    """Return the rule that numbers are above zero."""
+    """Return the rule that all `values` of the argument `name` are above zero."""
     return Rule(name, values, lambda v: v <= 0, text)
 
 
 def not_negative(
     name: str, values: Float[ArrayLike, " ..."] | None, text: str = "must not be negative"
 ) -> Rule:
-    """Return the rule that numbers are zero or above."""
+    """Return the rule that all `values` of the argument `name` are zero or above."""
     return Rule(name, values, lambda v: v < 0, text)
 
 
 def whole_number(
     name: str, values: ArrayLike | None, text: str = "expected a whole number"
 ) -> Rule:
-    """Return the rule that numbers have no fraction."""
+    """Return the rule that all `values` of the argument `name` are whole (also as floats)."""
 
     def broken(v):
         # the remainder of an integer, which is zero, makes a long program
@@ -71,7 +71,7 @@ def whole_number(
 def refuse_if_broken(rules: Sequence[Rule]) -> None:
     """Raise ValueError for the first rule that known numbers break, naming argument and index.
 
-    Traced numbers and NaN pass.
+    Traced numbers are not checked, and NaN breaks no rule.
     """
     for rule in rules:
         values: list[Any] = [array_if_known(v) for v in _values_as_tuple(rule.values)]
@@ -92,11 +92,11 @@ def refuse_if_broken(rules: Sequence[Rule]) -> None:
 def are_rules_kept(
     rules: Sequence[Rule], among: Bool[ArrayLike, " ..."] | None = None
 ) -> Bool[Array, ""]:
-    """Return whether traced numbers keep all rules, a scalar bool.
+    """Return whether traced numbers satisfy all rules, a scalar bool.
 
     Args:
         rules: list of `Rule`.
-        among: the entries that are checked, bool; None for all.
+        among: mask of the entries that are checked, in the shape of the values; None for all.
     """
     sound = jnp.ones((), bool)
     for rule in rules:
@@ -108,7 +108,10 @@ def are_rules_kept(
 
 
 def nan_if_broken(rule: Rule) -> Float[ArrayLike, " ..."]:
-    """Return the values of a rule; refuse known ones that break it, replace traced ones by NaN."""
+    """Return the values of a rule, with NaN where traced values break it.
+
+    Raises ValueError where values that are known (not traced) break it.
+    """
     refuse_if_broken([rule])
     values = _values_as_tuple(rule.values)
     if all(array_if_known(v) is not None for v in values):
@@ -117,7 +120,7 @@ def nan_if_broken(rule: Rule) -> Float[ArrayLike, " ..."]:
 
 
 def collect_rules(tree: PyTree[Any]) -> list[Rule]:
-    """Collect the rules of all objects in a tree of pytree objects, lists, tuples and dicts."""
+    """Return the rules of all objects in a pytree: the results of their methods ``rules()``."""
     if isinstance(tree, PerElement):
         return [_rule_of_each_element(tree)]
     rules = tree.rules() if hasattr(tree, "rules") else []
@@ -133,7 +136,7 @@ def collect_rules(tree: PyTree[Any]) -> list[Rule]:
 
 
 def _rule_of_each_element(tree):
-    """Return a rule for `PerElement`: an element breaks it if its object breaks any of its own."""
+    """Return one rule for a `PerElement`: the object of every element keeps its own rules."""
     leaves, shape = jax.tree.flatten(tree.every)
 
     def broken(*leaves):
@@ -145,6 +148,6 @@ def _rule_of_each_element(tree):
 
 
 def _values_as_tuple(values):
-    """Return the values of a rule as a tuple of arrays; None stays None."""
+    """Return the values of a rule, an array or a tuple, as a tuple; None becomes (None,)."""
     values = values if isinstance(values, tuple) else (values,)
     return tuple(v if v is None or isinstance(v, jax.Array) else np.asarray(v) for v in values)

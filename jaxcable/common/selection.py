@@ -14,13 +14,13 @@ from .types import Array, ArrayLike, Bool, Float, Int
 
 
 class _ElementSubset:
-    """Indices of some elements of one group: what `Selection` and `Only` have in common."""
+    """Base of `Selection` and `Only`: the indices of some elements of one group."""
 
     elements: Int[ArrayLike, " n"] | Bool[ArrayLike, " n_elem"]
     count: int | None
 
     def _set_element_indices(self):
-        """Replace `elements` by checked indices; set `count` if they were booleans."""
+        """Check the field `elements` and make it `Indices`; a boolean mask also sets `count`."""
         elements = self.elements
         if isinstance(elements, Indices):
             return
@@ -42,7 +42,10 @@ class _ElementSubset:
         set_fields(self, elements=Indices(elements))
 
     def element_mask(self, n_elem: int, name: str) -> Bool[np.ndarray, " n_elem"]:
-        """Return a mask [n_elem], NumPy, of the elements; ValueError if the group lacks one."""
+        """Return a NumPy mask [n_elem] that is True for the chosen elements.
+
+        Raises ValueError, which names the argument `name`, if the group has no such element.
+        """
         if self.count not in (None, n_elem):
             raise ValueError(
                 f"{name}: expected a boolean for each of {n_elem} elements, got {self.count}"
@@ -61,9 +64,9 @@ class _ElementSubset:
 
 @pytree(static=("count",), indices=("elements",))
 class Selection(_ElementSubset):
-    """Some elements of one group.
+    """Some elements of one group, such as those that a load acts on.
 
-    `only` without values makes one.
+    The function `only` makes it from elements alone.
 
     Args:
         elements: numbers of the elements in their group, [n], or booleans [n_elem].
@@ -82,9 +85,9 @@ class Selection(_ElementSubset):
 
 @pytree(static=("count",), indices=("elements",))
 class Only(_ElementSubset):
-    """Values for some elements of one group.
+    """Values for some elements of one group, such as the pretension of two cables.
 
-    `only` makes them.
+    The function `only` makes it from elements and values.
 
     Args:
         elements: numbers of the elements in their group, [n], or booleans [n_elem].
@@ -93,7 +96,8 @@ class Only(_ElementSubset):
         count: number of elements of the group, if known; set by `elements` that are booleans.
 
     Raises:
-        ValueError: those of `Selection`, or the number of values does not fit.
+        ValueError: `elements` are traced, neither integers nor booleans, or repeated, or the number
+            of values does not fit.
     """
 
     elements: Int[ArrayLike, " n"] | Bool[ArrayLike, " n_elem"]
@@ -109,14 +113,14 @@ class Only(_ElementSubset):
         set_fields(self, values=values)
 
     def merged_with(self, others: Float[ArrayLike, " n_elem"]) -> Float[Array, " n_elem"]:
-        """Return an array [n_elem] with the values at their elements, and `others` elsewhere."""
+        """Return an array [n_elem]: the values at the chosen elements, and `others` elsewhere."""
         values = jnp.asarray(self.values)
         return jnp.asarray(others, values.dtype).at[self.elements.array].set(values)
 
 
 @pytree(static=("names",))
 class WholeGroups:
-    """Whole groups of elements, by their keys in the structure's elements.
+    """Whole groups of elements, named by their keys in ``Structure.elements``.
 
     Args:
         names: a key, or a list of keys.

@@ -199,7 +199,7 @@ def describe(code: Int[ArrayLike, ""]) -> str:
 
 
 def first_failure(earlier: Int[ArrayLike, ""], later: Int[ArrayLike, ""]) -> Int[Array, ""]:
-    """Return the first failure of two codes: `earlier` if it is a failure, else `later`.
+    """Combine two status codes: return `earlier` if it is a failure, else `later`.
 
     Example:
         >>> int(jc.status.first_failure(jc.status.OK, jc.status.MECHANISM)) == jc.status.MECHANISM

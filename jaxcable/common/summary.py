@@ -23,10 +23,10 @@ _MOST_NUMBERS = 10_000_000  # numbers of an array whose range is found in some m
 
 
 def summarize(obj: Any) -> str:
-    """Describe a `pytree` object in five lines at most.
+    """Return a description of a `pytree` object for `repr`, in five lines at most.
 
-    A class may say in ``_shown`` which fields with which units are shown, ``"loss, tension N"``;
-    else all fields are. It never fails: what cannot be described is shown as its type.
+    It shows all fields, or those that a class lists, with units, in ``_shown``, such as ``"loss,
+    tension N"``. It never raises: what cannot be described is shown as its type.
     """
     name = type(obj).__name__
     try:
@@ -42,7 +42,7 @@ def summarize(obj: Any) -> str:
 
 
 def _fields_to_show(obj):
-    """Return the fields of an object that are shown, with their units, a dict."""
+    """Return the names of the fields of an object that are shown, with their units, as a dict."""
     chosen = getattr(type(obj), "_shown", None)
     if chosen is None:
         return dict.fromkeys(type(obj)._all_fields, "")
@@ -50,7 +50,7 @@ def _fields_to_show(obj):
 
 
 def _fold_lines(head, parts):
-    """Join head and parts to one line if they fit, else to five lines at most."""
+    """Return a heading and descriptions of fields as one line if they fit, else as up to five."""
     together = f"{head}({', '.join(parts)})"
     if ":" not in head and len(together) <= _WIDTH:
         return together
@@ -68,20 +68,20 @@ def _fold_lines(head, parts):
 
 
 def _describe_status(code):
-    """Describe a status code, or those of a batch, in words."""
+    """Return a status code in words; for a batch, how many converged and the first failure."""
     if isinstance(code, jax.core.Tracer):
         return "traced"
     codes = np.asarray(code)
     if codes.dtype.kind not in "iu":
         return "status unknown"
     failed = codes[codes != status.OK]
-    first = _code_text(int(failed[0])) if failed.size else ""
+    first = _status_code_text(int(failed[0])) if failed.size else ""
     if codes.ndim == 0:
         return first or status.describe(status.OK)
     return f"{codes.size - failed.size} of {codes.size} converged" + (first and f"; one: {first}")
 
 
-def _code_text(code):
+def _status_code_text(code):
     """Return a status code with its text; the code alone if it is unknown."""
     try:
         return f"status {code}, {status.describe(code)}"
@@ -90,7 +90,7 @@ def _code_text(code):
 
 
 def _describe_safely(value, depth=0):
-    """Describe a value in a few words, "" for None; if that fails, by its type."""
+    """Return a value in a few words, "" for None, or its type if it cannot be described."""
     try:
         return _describe_value(value, depth)
     except Exception:  # such as an array that has been deleted
@@ -98,17 +98,20 @@ def _describe_safely(value, depth=0):
 
 
 def _describe_value(value, depth):
-    """Describe a value in a few words, "" for None; may raise, such as for a deleted array."""
+    """Return a value in a few words, "" for None; may raise, such as for a deleted array.
+
+    `depth` is the number of containers that it is in; those in many are not opened.
+    """
     if value is None:
         return ""
     if isinstance(value, jax.core.Tracer):
         return f"{value.dtype}{list(value.shape)} traced"
     if isinstance(value, np.ndarray | np.generic | jax.Array):
-        return _array_text(value)
+        return _shape_and_range_text(value)
     if isinstance(value, str | bool | int | float | complex):
         return repr(value)
     if hasattr(value, "_all_fields") or depth == _DEEPEST_LEVEL:
-        return _object_text(value)
+        return _type_and_length_text(value)
     if isinstance(value, dict):
         items = (
             f"{key!r}: {_describe_safely(item, depth + 1) or None}" for key, item in value.items()
@@ -121,19 +124,19 @@ def _describe_value(value, depth):
         return "[" + ", ".join(_describe_safely(item, depth + 1) or "None" for item in value) + "]"
     if hasattr(value, "shape"):
         return f"{list(value.shape)}"
-    return _object_text(value)
+    return _type_and_length_text(value)
 
 
-def _object_text(value):
-    """Return the type of an object and its length: for groups of elements, their number."""
+def _type_and_length_text(value):
+    """Return the type of an object and its length; for a group, the number of its elements."""
     links = value.__dict__.get("links") if hasattr(value, "__dict__") else None
     sized = links if isinstance(links, Sized) else value
     count = f"[{len(sized)}]" if isinstance(sized, Sized) else ""
     return getattr(value, "__name__", type(value).__name__) + count
 
 
-def _array_text(value):
-    """Return the shape of an array and the range of its numbers."""
+def _shape_and_range_text(value):
+    """Return the shape of an array and the range of its numbers, as a text."""
     shape = list(value.shape)
     numeric = jnp.issubdtype(value.dtype, jnp.number) or value.dtype == bool
     if not numeric or not 0 < value.size <= _MOST_NUMBERS:

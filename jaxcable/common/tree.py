@@ -28,9 +28,10 @@ _T = TypeVar("_T")
 
 
 class Indices:
-    """An immutable NumPy array of integers or booleans that can be static pytree metadata.
+    """An immutable array of integers or booleans that can be static metadata of a pytree.
 
-    It compares and hashes by content, so that equal topologies are equal cache keys.
+    Two are equal if their contents are, and they hash by content: structures of equal topology
+    share compiled programs.
     """
 
     __slots__ = ("_digest", "array")
@@ -74,7 +75,7 @@ _LEAF_TYPES = {np.ndarray, type(None), float, int, bool}
 
 @dataclasses.dataclass(frozen=True)
 class _IndexSlot:
-    """Stands in a tree without indices for the index array of this number."""
+    """Placeholder for an index array that was split from a tree: its number in a list."""
 
     number: int
 
@@ -87,11 +88,12 @@ def pytree(
     indices: Sequence[str] = (),
     kw_only: bool = False,
 ) -> Any:
-    """Make `cls` a frozen dataclass and a pytree, whose leaves are all fields but those named here.
+    """Make a class a frozen dataclass and a pytree of jax (a decorator).
 
-    Constructors keep read-only copies of NumPy arrays, lists and dicts (`owned_copy`). Unlike with
+    The leaves are all fields but those named in `static` and `indices`. Constructors keep read-only
+    copies of NumPy arrays, lists and dicts (`owned_copy`). Unlike with
     `jax.tree_util.register_dataclass`, unflattening does not run `__post_init__`: constructors may
-    validate values, while transformations may put any leaf in a field.
+    validate values, while transformations of jax may put any leaf in a field.
 
     Options:
         static: names of fields that are metadata.
@@ -138,7 +140,7 @@ def pytree(
 
 
 def computed_once(function: Callable[[Any], _T]) -> Callable[[Any], _T]:
-    """Decorate a function of one immutable object, so that its result is stored in the object."""
+    """Decorate a function of one immutable object: its result is stored in the object."""
     name = f"_{function.__name__}_once"
 
     @functools.wraps(function)
@@ -152,7 +154,7 @@ def computed_once(function: Callable[[Any], _T]) -> Callable[[Any], _T]:
 
 
 def set_fields(obj: object, **values: Any) -> None:
-    """Set fields of an object of a frozen class, in its constructor."""
+    """Set fields of an object of a frozen class, for use in its constructor."""
     vars(obj).update(values)
 
 
@@ -166,9 +168,7 @@ def copy_with(obj: _T, **changes: Any) -> _T:
 
 @pytree
 class PerElement:
-    """One object for every element, such as a law or a section; its leaves have an axis [n_elem].
-
-    An element group has it in the place of a single object that all its elements share.
+    """One object for every element, such as a law or a section, in place of one that all share.
 
     Attributes:
         every: all these objects as one object, whose leaves have the leading axis [n_elem].
@@ -178,12 +178,15 @@ class PerElement:
 
 
 def template_of(obj: Any) -> Any:
-    """Return the object with the static members: `obj`, or all objects of `PerElement` as one."""
+    """Return one object from which to ask what the laws or sections of all elements have in common.
+
+    It is `obj` itself or, for a `PerElement`, its objects stacked as one.
+    """
     return obj.every if isinstance(obj, PerElement) else obj
 
 
 def apply_to_each(function: Callable[[Any], Any], obj: Any) -> Any:
-    """Return ``function(obj)``; apply it to the object of every element of a `PerElement`."""
+    """Return ``function(obj)`` or, for a `PerElement`, a `PerElement` of every element's result."""
     return (
         PerElement(jax.vmap(function)(obj.every)) if isinstance(obj, PerElement) else function(obj)
     )
@@ -194,13 +197,13 @@ def replace(obj: _T, **changes: Any) -> _T:
 
     Args:
         obj: the object to copy.
-        changes: new values, by the names of its fields.
+        changes: new values, by the names of the fields.
 
     Returns:
         An object of the same type.
 
     Raises:
-        ValueError: there is no such field; those of the constructor.
+        ValueError: there is no such field; or an error of the constructor.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net()
@@ -218,17 +221,17 @@ def replace(obj: _T, **changes: Any) -> _T:
 
 
 def _has_index_fields(obj):
-    """Tell whether the class of an object has fields with `Indices`."""
+    """Tell whether an object is of a `pytree` class that has fields with `Indices`."""
     return bool(getattr(type(obj), "_index_fields", ()))
 
 
 def index_array(indices: Indices | Int[ArrayLike, " ..."]) -> Int[ArrayLike, " ..."]:
-    """Return the index array: that of `Indices`, or the array that replaces them in a program."""
+    """Return the NumPy array in `Indices`; an array, as programs have it, is returned as it is."""
     return indices.array if isinstance(indices, Indices) else indices
 
 
 def unsigned_indices(array: Int[ArrayLike, " ..."]) -> Int[np.ndarray, " ..."]:
-    """Return indices as unsigned integers, so that programs need no code for negative ones.
+    """Return indices as uint32, so that compiled programs need no code for negative ones.
 
     Arrays with negative entries, and arrays that are not signed integers, are returned unchanged.
     """
@@ -239,9 +242,12 @@ def unsigned_indices(array: Int[ArrayLike, " ..."]) -> Int[np.ndarray, " ..."]:
 
 
 def split_indices(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
-    """Split `tree` into a tree with slots in the place of `Indices`, and the list of index arrays.
+    """Take the index arrays out of a tree, so that they can be arguments of a compiled program.
 
-    In a tree that `merge_indices` has made, index arrays take the place of `Indices`.
+    In a tree that `merge_indices` has made, they stand in the place of `Indices`.
+
+    Returns:
+        The tree with placeholders instead of `Indices`; the list of index arrays.
     """
     arrays = []
 
@@ -276,7 +282,7 @@ def split_indices(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
 
 
 def cast_floats(tree: _T, dtype: Any) -> _T:
-    """Return a tree of jax arrays, with all floats converted to `dtype`."""
+    """Return a tree with all its leaves as jax arrays, and those of floats converted to `dtype`."""
 
     def cast_leaf(x):
         x = jnp.asarray(x)
@@ -286,7 +292,10 @@ def cast_floats(tree: _T, dtype: Any) -> _T:
 
 
 def merge_indices(tree: _T, arrays: Sequence[Int[ArrayLike, " ..."]]) -> _T:
-    """Undo `split_indices`: put index arrays, which may be traced, into the slots of a tree."""
+    """Undo `split_indices`: return the tree with index arrays in the place of placeholders.
+
+    Inside of a compiled program these arrays are traced.
+    """
 
     def visit(obj):
         if not _has_index_fields(obj):
@@ -300,7 +309,7 @@ def merge_indices(tree: _T, arrays: Sequence[Int[ArrayLike, " ..."]]) -> _T:
 
 
 def stack_trees(trees: Sequence[_T]) -> _T:
-    """Stack the leaves of trees of equal structure, by NumPy unless one is traced."""
+    """Stack the leaves of equal trees along a new first axis, by NumPy unless one is traced."""
 
     def stack(*leaves):
         traced = any(isinstance(x, jax.core.Tracer) for x in leaves)
@@ -312,7 +321,7 @@ def stack_trees(trees: Sequence[_T]) -> _T:
 
 
 def select_tree(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
-    """Return the pytree `new` where the condition holds, else `old`."""
+    """Return the pytree `new` if a condition holds, else `old`, by a select of every leaf."""
 
     def one(a, b):
         a, b = jnp.asarray(a), jnp.asarray(b)
@@ -324,24 +333,24 @@ def select_tree(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
 
 
 def concatenate(arrays: Sequence[ArrayLike]) -> ArrayLike:
-    """Concatenate arrays, by NumPy unless one is traced or on another device."""
+    """Concatenate along the first axis, by NumPy unless an array is traced or on another device."""
     if all(isinstance(x, np.ndarray) or _is_on_host(x) for x in arrays):
         return np.concatenate([np.asarray(x) for x in arrays])
     return jnp.concatenate([jnp.asarray(x) for x in arrays])
 
 
 def _is_on_host(x):
-    """Tell whether `x` is a `jax.Array` that is not traced and is in the memory of the host."""
+    """Tell whether `x` is a jax array that is not traced and lies in the memory of the CPU."""
     if not isinstance(x, jax.Array) or isinstance(x, jax.core.Tracer):
         return False
     return len(x.devices()) == 1 and next(iter(x.devices())).platform == "cpu"
 
 
 def apply_numpy_or_jax(function: Callable[[Any, Any], Any], x: ArrayLike) -> ArrayLike:
-    """Return ``function(numpy, x)`` for a known array on the host, else ``function(jax.numpy, x)``.
+    """Return ``function(numpy, x)`` for a known array on the CPU, else ``function(jax.numpy, x)``.
 
-    If `x` is a JAX array, so is the result, on the same device. NumPy is preferred because JAX
-    would compile a program for every small operation.
+    `function` takes the module and the array. The result is a jax array if `x` is one, on the same
+    device. NumPy is preferred because jax would compile a program for every small operation.
     """
     if not isinstance(x, jax.Array):
         return function(np, np.asarray(x))

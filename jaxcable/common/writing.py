@@ -24,7 +24,9 @@ from .interrupt import UNFINISHED_FILES
 
 @contextlib.contextmanager
 def atomic_write(path: str | PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
-    """Open a file for writing that appears at `path` when the block ends, and not if it fails.
+    """Open a file for writing in a ``with`` block; it appears at `path` when the block succeeds.
+
+    If the block fails, a file that was there before stays as it was.
 
     Args:
         path: path of the file.
@@ -39,12 +41,11 @@ def atomic_write(path: str | PathLike[str], mode: str = "w") -> Iterator[IO[Any]
 
 @contextlib.contextmanager
 def atomic_write_together() -> Iterator[Callable[..., IO[Any]]]:
-    """Write several files, which appear when the block ends; none of them if the block fails.
+    """Write several files in a ``with`` block: all appear when it succeeds, none if it fails.
 
-    Each appears as a whole. They are renamed one after the other when all are complete: a process
-    that is stopped between two renames leaves the first of them new, and the others as they were.
-    The block gets a function of the arguments of `atomic_write` that opens the stream of the next
-    file; the stream before it is complete then.
+    The block gets a function ``begin(path, mode)`` that opens the next file and returns its stream;
+    it closes the stream before. At the end the files are renamed one after the other: a process
+    that is stopped in between leaves the first ones new, and the others as they were.
     """
     staged: list[tuple[str, Path]] = []
     streams: list[IO[Any]] = []
@@ -63,7 +64,7 @@ def atomic_write_together() -> Iterator[Callable[..., IO[Any]]]:
         staged.append((name, target))
         text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
         streams.append(open(handle, mode, **text))
-        stack.callback(_close_quietly, streams[0])
+        stack.callback(_close_ignoring_errors, streams[0])
         return streams[0]
 
     with contextlib.ExitStack() as stack:
@@ -75,18 +76,18 @@ def atomic_write_together() -> Iterator[Callable[..., IO[Any]]]:
             os.replace(name, target)
 
 
-def _close_quietly(stream):
-    """Close a stream that may be closed already, or whose disk may be full."""
+def _close_ignoring_errors(stream):
+    """Close a stream, and ignore errors: it may be closed already, or its disk may be full."""
     with contextlib.suppress(OSError):
         stream.close()
 
 
 def resolve_write_target(path: str | PathLike[str]) -> Path:
-    """Return the file to write for `path`: the target of a symbolic link, not the link.
+    """Return the path of the file to write for `path`: the target of a symbolic link, not the link.
 
     Raises:
-        OSError: something else than a file is there, or a file that may not be changed (also where
-            the user could change everything).
+        OSError: `path` is a folder or another thing that is no regular file, or a file without
+            permission to write (also for a user such as root, who could).
     """
     target = Path(os.path.realpath(path))
     if target.is_dir():
@@ -99,15 +100,15 @@ def resolve_write_target(path: str | PathLike[str]) -> Path:
 
 
 def require_writable(path: str | PathLike[str]) -> None:
-    """Raise OSError if `atomic_write` could not write this file; leave nothing behind."""
+    """Raise OSError if `atomic_write` could not write to `path`; the disk stays unchanged."""
     with _temporary_file(resolve_write_target(path), path) as (handle, _):
         os.close(handle)
 
 
 def create_if_absent(path: str | PathLike[str], content: bytes) -> bool:
-    """Write a file unless it exists already; return whether it was written.
+    """Write bytes to a new file; return False, and write nothing, if the file exists already.
 
-    Of several processes that create the same file, one does.
+    Of several processes that create the same file at once, only one gets True.
     """
     target = Path(path)
     with _temporary_file(target, path) as (handle, name):
@@ -132,9 +133,10 @@ def write_npz(
     compressed: bool = False,
     comment: bytes = b"",
 ) -> None:
-    """Write arrays to a stream as ``.npz``; unlike `np.savez`, with any names.
+    """Write arrays by name to a binary stream in the format of ``.npz``.
 
-    The archive has a comment, which `np.load` does not look at.
+    Unlike with `np.savez`, any text can be a name. `comment` is stored in the archive, where
+    `np.load` ignores it.
     """
     kind = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
     with zipfile.ZipFile(stream, "w", kind) as archive:
@@ -146,7 +148,7 @@ def write_npz(
 
 @contextlib.contextmanager
 def _temporary_file(target, path):
-    """Create a temporary file in the folder of `target`, and remove it at the end of the block.
+    """Create a temporary file in the folder of `target`; it is removed when the block ends.
 
     The block gets its descriptor and its name; errors name `path`. It has the permissions of any
     new file. (Those of `tempfile` allow the user alone to read it, and to ask for the usual ones
@@ -168,5 +170,5 @@ def _temporary_file(target, path):
 
 
 def _file_permissions(target):
-    """Return the permissions of an existing file."""
+    """Return the permission bits of an existing file."""
     return stat.S_IMODE(target.stat().st_mode)

@@ -83,16 +83,17 @@ def add_to_diagonal(matrix: Matrix, shift: Float[ArrayLike, ""]) -> Matrix:
 def add_to_diagonal_entry(
     matrix: Matrix, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]
 ) -> Matrix:
-    """Return the matrix with `value` added to entry `place` of its diagonal, both scalars."""
+    """Return the matrix with `value`, a scalar, added to its diagonal entry number `place`."""
     if isinstance(matrix, SparseMatrix):
         return matrix.add_to_diagonal_entry(place, value)
     return matrix.at[place, place].add(value)
 
 
 def hold_unknowns(matrix: Matrix, held: Bool[Array, " n"]) -> Matrix:
-    """Return the matrix with the rows and columns of unknowns `held`, [n] bool, emptied.
+    """Return the matrix with zero rows and columns for the unknowns `held`, [n] bool.
 
-    Only their diagonal stays: the largest entry of the matrix's, so that its scale does not change.
+    Their diagonal entries become the largest one of the matrix, so that it stays regular and its
+    scale does not change.
     """
     stiffness = jnp.max(jnp.abs(diagonal(matrix)))
     if isinstance(matrix, SparseMatrix):
@@ -102,14 +103,14 @@ def hold_unknowns(matrix: Matrix, held: Bool[Array, " n"]) -> Matrix:
 
 
 def identity_unless(matrix: Matrix, valid: Bool[ArrayLike, ""]) -> Matrix:
-    """Return the matrix if `valid`, else the identity."""
+    """Return the matrix if the scalar `valid` is true, else the identity."""
     if isinstance(matrix, SparseMatrix):
         return matrix.identity_unless(valid)
     return jnp.where(valid, matrix, jnp.eye(len(matrix), dtype=matrix.dtype))
 
 
 def nan_unless(matrix: Matrix, defined: Bool[ArrayLike, ""]) -> Matrix:
-    """Return the matrix if `defined`, else one of NaN, which counts as singular."""
+    """Return the matrix if `defined`, a scalar, else a matrix of NaN, which counts as singular."""
     factor = jnp.where(defined, 1.0, jnp.nan)
     if isinstance(matrix, SparseMatrix):
         return copy_with(matrix, values=matrix.values * factor.astype(matrix.values.dtype))
@@ -123,22 +124,24 @@ def factorize(
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
 ) -> OnDeviceFactor | SparseFactor:
-    """Factorise a general (indefinite or unsymmetric) matrix.
+    """Factorise a general (indefinite or unsymmetric) matrix, for solves with it and its transpose.
 
-    If it is sparse, positive semidefinite and near to a matrix factorised before, conjugate
-    gradients solve with it. They do not see that a matrix is singular in a direction that the right
-    side does not touch: then the solution is finite, where that of a factorisation is NaN.
+    If the matrix is sparse, positive semidefinite and near to a matrix factorised before, conjugate
+    gradients with that factor solve instead. They do not notice a singular matrix if the right side
+    has no part along the singular direction: the solution is then finite, where that of a
+    factorisation would be NaN.
 
     Args:
         matrix: [n, n]; it is not differentiated.
         loose: unknowns with empty rows and columns, [n] bool, left out of the solve.
-        factored: as for `solve_reusing_factor`.
+        factored: the `FactoredMatrix` of an earlier `solve_reusing_factor`; None for none.
         tol: residual that conjugate gradients may leave, relative to the right side.
-        limit: conjugate gradient steps allowed before a factorisation; 0 unless the matrix is
-            known to be positive semidefinite.
+        limit: conjugate gradient steps allowed before a factorisation; 0 unless the matrix is known
+            to be positive semidefinite.
 
     Returns:
-        `OnDeviceFactor` or `SparseFactor`; `direct.MatrixFactor` says what they can do.
+        The factor, with methods such as `solve` and `solve_adjoint`: `OnDeviceFactor` in the
+        compiled program, or `SparseFactor` on the host.
     """
     if isinstance(matrix, SparseMatrix):
         return sparse.factorize(matrix, loose, factored, tol, limit)
@@ -148,15 +151,18 @@ def factorize(
 def solve_general(
     matrix: Matrix, rhs: Float[Array, " n"]
 ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-    """Solve with a general matrix: return the solution [n], and whether the matrix is regular."""
+    """Solve A x = b with a general matrix, differentiable.
+
+    Returns x, [n], NaN if A is singular, and whether A is regular, scalar bool.
+    """
     factor = factorize(matrix)
     return factor.solve(rhs, lambda v: matrix @ v), factor.regular
 
 
 def is_definite(matrix: Matrix) -> Bool[Array, ""]:
-    """Return whether a matrix has no negative eigenvalue, to rounding; not differentiable.
+    """Return whether a symmetric matrix is positive definite to rounding; not differentiable.
 
-    For an unsymmetric matrix: whether its symmetric part has none.
+    For an unsymmetric matrix: whether its symmetric part is.
     """
     if isinstance(matrix, SparseMatrix):
         return sparse.is_definite(matrix)
@@ -171,19 +177,19 @@ def solve_reusing_factor(
     limit: Int[ArrayLike, ""],
     wanted: Bool[ArrayLike, ""],
 ) -> tuple[Float[Array, " n"], Bool[Array, ""], FactoredMatrix | None]:
-    """Solve the next of a sequence of similar, positive definite systems; not differentiable.
+    """Solve one of a sequence of similar, positive definite systems; not differentiable.
 
     A dense matrix is factorised. A sparse matrix is factorised only if conjugate gradients with the
     factor of an earlier matrix would take too many steps.
 
     Args:
-        matrix: [n, n].
+        matrix: positive definite, [n, n].
         rhs: right side, [n].
-        factored: the `FactoredMatrix` of the solve before, `no_factored_matrix` at first; None for
-            dense matrices.
+        factored: the `FactoredMatrix` that the solve before has returned, `no_factored_matrix` at
+            first; None for dense matrices.
         tol: residual that conjugate gradients may leave, relative to the right side.
-        limit: conjugate gradient steps allowed before a factorisation; 0 always factorises,
-            and less than 0 also takes a factor whose pivots have few digits.
+        limit: conjugate gradient steps allowed before a factorisation; 0 always factorises, and
+            less than 0 also accepts a factor whose pivots have few correct digits.
         wanted: False if the result does not matter (a finished case of a batch).
 
     Returns:

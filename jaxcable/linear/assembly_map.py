@@ -21,14 +21,18 @@ _NO_ROW = 2**32 - 1  # a position past every end
 
 @pytree
 class AssemblyMap:
-    """Sum rows of an array, such as end forces at nodes; a hub, where many meet, in parts.
+    """Map that sums rows of an array [m, ...] to [n, ...], such as element end forces to nodes.
+
+    It gathers and never scatters. A sum of many rows (a hub of a net) is the sum of partial sums.
 
     Attributes:
-        tables: the rows that a sum adds, [n_sum, w] each: the first of rows of the array, the
-            others of sums of the table before. A position past the end stands for nothing.
-        place: the results, [n]: as rows of the array, after these nothing, and then the sums of
-            all tables in turn. None if they are the sums of the last table.
-        target: the sum that every row is added to, [m]; None if rows are added to several.
+        tables: positions of the rows that a sum adds, [n_sum, w] each: in the first table, of rows
+            of the array; in each other, of sums of the table before. A position past the end adds
+            zero.
+        place: where each result stands, [n], in the list of all rows of the array, one row of
+            zeros, and the sums of all tables in turn. None if the results are the sums of the last
+            table.
+        target: index of the sum that every row is added to, [m]; None if rows are added to several.
     """
 
     tables: list[Int[ArrayLike, "n_sum w"]]
@@ -42,21 +46,21 @@ class AssemblyMap:
         return linear_map(_sum_rows, _copy_sums_to_rows, source, self)
 
     def apply_transpose(self, sums: Float[Array, "n ..."]) -> Float[Array, "m ..."]:
-        """Apply the transpose: return for every row the number at its sum, [m, ...]."""
+        """Return for every row the sum that it is added to, [m, ...], or zero: the transpose."""
         return linear_map(_copy_sums_to_rows, _sum_rows, sums, self)
 
     def _sum_by_tables(self, source):
+        """Return the sums [n, ...] of rows of `source`, [m, ...], computed table by table."""
         # XLA would compute the rows anew for each of their uses, but not what it concatenates
-        """Sum the rows of an array, table by table."""
         rows = jnp.concatenate([source, jnp.zeros_like(source[:1])])
         sums, below = [], rows
         for k, table in enumerate(self.tables):
-            parts = _rows_at(below, table) if k == 0 else _rows_at_or_zero(below, table)
+            parts = _gather_rows(below, table) if k == 0 else _gather_rows_or_zero(below, table)
             below = jnp.sum(parts, axis=1, dtype=source.dtype)
             sums.append(below)
         if self.place is None:
             return below
-        return _rows_at(jnp.concatenate([rows, *sums]) if sums else rows, self.place)
+        return _gather_rows(jnp.concatenate([rows, *sums]) if sums else rows, self.place)
 
 
 def make_assembly_map(
@@ -68,9 +72,9 @@ def make_assembly_map(
     """Make the `AssemblyMap` that adds row ``source[k]`` of an array to the sum ``target[k]``.
 
     Args:
-        target: [k], NumPy; n or more for what is not added to any sum.
+        target: index of the sum, [k], NumPy; n or more for a row that is not added to any sum.
         n: number of sums; a sum without rows is zero.
-        source: [k]; a row may be added to several sums. None for the rows in turn.
+        source: index of the row, [k]; a row may be added to several sums. None for rows 0, 1, 2 ...
         m: number of rows of the array, if `source` is given.
     """
     of_rows = None
@@ -89,7 +93,7 @@ def make_assembly_map(
         member, owner = member[~single], owner[~single]
         if not len(owner):
             break
-        table, owner = _partial_sums(member, owner, width)
+        table, owner = _make_partial_sum_table(member, owner, width)
         first += 0 if not tables else len(tables[-1])
         tables.append(np.where(table < 0, _NO_ROW if tables else m, table).astype(np.uint32))
         member = np.arange(len(table))
@@ -97,31 +101,35 @@ def make_assembly_map(
     return AssemblyMap(tables, None if last else place.astype(np.uint32), of_rows)
 
 
-def _sum_rows(rows, gathering):
-    """Return the sums of rows; as a function for `linear_map`."""
-    return gathering._sum_by_tables(rows)
+def _sum_rows(rows, assembly_map):
+    """Return the sums [n, ...] of rows [m, ...] by an `AssemblyMap`; called by `linear_map`."""
+    return assembly_map._sum_by_tables(rows)
 
 
-def _copy_sums_to_rows(sums, gathering):
-    """Return for every row the number at its sum; as a function for `linear_map`."""
+def _copy_sums_to_rows(sums, assembly_map):
+    """Return for every row the sum it belongs to, [m, ...]: the transpose of `_sum_rows`."""
     if not len(sums):  # nothing is free
-        return jnp.zeros((len(gathering.target), *sums.shape[1:]), sums.dtype)
-    return _rows_at_or_zero(sums, gathering.target)
+        return jnp.zeros((len(assembly_map.target), *sums.shape[1:]), sums.dtype)
+    return _gather_rows_or_zero(sums, assembly_map.target)
 
 
 def append_zero(values: Float[Array, "n ..."]) -> Float[Array, "n+1 ..."]:
-    """Append a zero to an array, at the position that stands for nothing."""
+    """Append a zero (row) to an array along its first axis; indices past the end refer to it."""
     zero = jnp.zeros((), values.dtype)
     return lax.pad(values, zero, [(0, 1, 0)] + [(0, 0, 0)] * (values.ndim - 1))
 
 
-def _partial_sums(member, owner, width):
-    """Return a table of partial sums, of up to `width` rows of one owner each, and their owners.
+def _make_partial_sum_table(member, owner, width):
+    """Make a table of partial sums, each of up to `width` rows that belong to the same sum.
 
     Args:
-        member: what is added, positions of rows.
-        owner: the sum that each belongs to, ascending.
-        width: number of columns of the table; -1 in it stands for nothing.
+        member: positions of the rows that are added, [k].
+        owner: index of the sum that each belongs to, [k], ascending.
+        width: number of columns of the table.
+
+    Returns:
+        The table, [n_partial, width], -1 where it adds nothing; the sum that each partial sum
+        belongs to, [n_partial].
     """
     first = np.append(True, owner[1:] != owner[:-1])
     begin = np.maximum.accumulate(np.where(first, np.arange(len(owner)), 0))
@@ -134,7 +142,7 @@ def _partial_sums(member, owner, width):
 
 
 def _best_table_width(count):
-    """Return the width with which tables read least, for sums of `count` rows."""
+    """Return the table width with which least is read, if `count` rows, [n], are added to sums."""
 
     def read(width):
         left, total = count[count > 1], 0
@@ -147,17 +155,19 @@ def _best_table_width(count):
     return min(range(2, min(max(count.max(initial=0), 2), _MOST_COLUMNS) + 1), key=read)
 
 
-def _rows_at(array, positions):
-    """Return rows of an array; any row at positions past its end."""
+def _gather_rows(array, positions):
+    """Return the rows of an array at these positions; past its end, its last row."""
     return jnp.asarray(array).at[positions].get(mode="clip")
 
 
-def _rows_at_or_zero(array, positions):
-    """Return rows of an array; zero at positions past its end."""
-    rows = _rows_at(array, positions)
-    return jnp.where(_mask_of_rows(positions < len(array), rows), rows, jnp.zeros((), rows.dtype))
+def _gather_rows_or_zero(array, positions):
+    """Return the rows of an array at these positions; past its end, zeros."""
+    rows = _gather_rows(array, positions)
+    return jnp.where(
+        _broadcast_row_mask(positions < len(array), rows), rows, jnp.zeros((), rows.dtype)
+    )
 
 
-def _mask_of_rows(mask, rows):
-    """Reshape a mask of positions so that it broadcasts over the entries of rows."""
+def _broadcast_row_mask(mask, rows):
+    """Reshape a mask with one entry per row so that it broadcasts over the entries of `rows`."""
     return mask.reshape(*mask.shape, *(1,) * (rows.ndim - mask.ndim))

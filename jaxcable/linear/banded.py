@@ -53,20 +53,24 @@ def solve_banded(
     """Solve one banded, symmetric positive definite system; map with `jax.vmap` for many.
 
     Args:
-        band: lower band of the matrix by columns, [n, b + 1] (see the module).
-        rhs: [n].
+        band: lower band of the matrix A, ``band[k, i] = A[k + i, k]``, [n, b + 1].
+        rhs: right side, [n].
 
     Returns:
         Solution [n], and whether the matrix is (numerically) positive definite; if not, the
         solution is meaningless.
     """
-    x, definite = _solve_cases(band[None], rhs[None, :, None])
+    x, definite = _solve_banded_batch(band[None], rhs[None, :, None])
     return x[0, :, 0], definite[0]
 
 
 @custom_vmap
-def _solve_cases(band, rhs):
-    """Solve a batch: band [B, n, b + 1], rhs [B, n, q]; return x [B, n, q] and definite [B]."""
+def _solve_banded_batch(band, rhs):
+    """Solve B banded systems with q right sides each, in chunks of cases that stay in cache.
+
+    Takes lower bands [B, n, b + 1] and right sides [B, n, q]; returns solutions [B, n, q], and
+    whether each matrix is positive definite, [B].
+    """
     cases, n, width = band.shape
     sides = rhs.shape[2]
     most = _CHUNK_ROW_BYTES // band.dtype.itemsize
@@ -79,7 +83,7 @@ def _solve_cases(band, rhs):
         at = chunk * size  # slices past the end are moved back: the last chunk overlaps
         band_part = _read_slice(band, (at, 0, 0), (size, n, width))
         rhs_part = _read_slice(rhs, (at, 0, 0), (size, n, sides))
-        factor, x_part, definite_part = _solve_chunk(
+        factor, x_part, definite_part = _cholesky_solve_chunk(
             factor, jnp.transpose(band_part, (1, 2, 0)), jnp.transpose(rhs_part, (1, 2, 0))
         )
         x = _write_slice(x, jnp.transpose(x_part, (2, 0, 1)), (at, 0, 0))
@@ -91,47 +95,50 @@ def _solve_cases(band, rhs):
     return lax.fori_loop(jnp.uint32(0), jnp.uint32(chunks), step, carry)[1:]
 
 
-@_solve_cases.def_vmap
-def _solve_cases_batch_rule(axis_size, mapped, band, rhs):
-    """Add a batch axis: more cases, or more right sides if all share the matrices."""
+@_solve_banded_batch.def_vmap
+def _solve_banded_batch_rule(axis_size, mapped, band, rhs):
+    """Rule for `jax.vmap`: a larger batch, or more right sides if all cases share the matrices."""
     if not mapped[0]:
         cases, n, sides = rhs.shape[1:]
         rhs = jnp.moveaxis(rhs, 0, 2).reshape(cases, n, axis_size * sides)
-        x, definite = _solve_cases(band, rhs)
+        x, definite = _solve_banded_batch(band, rhs)
         return (jnp.moveaxis(x.reshape(cases, n, axis_size, sides), 2, 0), definite), (True, False)
     if not mapped[1]:
         rhs = jnp.broadcast_to(rhs[None], (axis_size, *rhs.shape))
-    x, definite = _solve_cases(band.reshape(-1, *band.shape[2:]), rhs.reshape(-1, *rhs.shape[2:]))
+    x, definite = _solve_banded_batch(
+        band.reshape(-1, *band.shape[2:]), rhs.reshape(-1, *rhs.shape[2:])
+    )
     return (x.reshape(rhs.shape), definite.reshape(rhs.shape[:2])), (True, True)
 
 
 def _read_slice(array, start, shape):
-    """Return the slice of an array of this shape that begins at `start`."""
+    """Return the slice of an array that has the shape `shape` and begins at `start`."""
     return lax.dynamic_slice(array, [jnp.uint32(i) for i in start], shape)
 
 
 def _write_slice(array, part, start):
-    """Return an array with a part of it replaced, from `start` on."""
+    """Return an array with the slice that begins at `start` replaced by `part`."""
     return lax.dynamic_update_slice(array, part, [jnp.uint32(i) for i in start])
 
 
-def _solve_chunk(factor, band, rhs):
-    """Factorise by Cholesky, column by column, and substitute; the cases are the last axis.
+def _cholesky_solve_chunk(factor, band, rhs):
+    """Solve C banded systems by Cholesky factors, column by column; the cases are the last axis.
 
     A column is reduced in segments, each of which skips products that are known to be zero.
 
-    The carries of the loops are arranged for XLA, which would copy an array in every iteration if a
+    The state of the loops is arranged for XLA, which would copy an array in every iteration if a
     kernel read one position of it and wrote another: right sides are in rolling windows. Counters
     are unsigned, so that no test for negative positions is compiled.
 
     Args:
-        factor: work array [b + n, b + segment, C], column k of the factor at b + k; zero in its
+        factor: work array for the factors, [b + n, b + segment, C], column k at b + k; zero in its
             first b columns and below the band.
-        band: [n, b + 1, C].
-        rhs: [n, q, C].
+        band: lower bands, [n, b + 1, C].
+        rhs: right sides, [n, q, C].
 
     Returns:
-        Work array, solution [n, q, C], definite [C].
+        Work array with the factors, solutions [n, q, C], and whether the matrices are positive
+        definite, [C].
     """
     n, width, size = band.shape
     b = width - 1

@@ -46,7 +46,9 @@ def solve_bordered(
     last: Float[ArrayLike, ""],
     loose: Bool[Array, " n"],
 ) -> tuple[Float[Array, " n"], Float[Array, ""], Bool[Array, ""]]:
-    """Solve with a bordered matrix; not differentiable.
+    """Solve ``K x + c y = b, r.x + d y = e``, a matrix with one more row and column.
+
+    It is regular also at limit points, where K alone is singular; not differentiable.
 
     Args:
         matrix: K, [n, n].
@@ -61,13 +63,16 @@ def solve_bordered(
     """
     column, row, rhs = (jnp.where(loose, 0.0, v) for v in (column, row, rhs))
     if isinstance(matrix, SparseMatrix) and not matrix.pattern.solver.on_device:
-        return _solve_on_host(matrix, column, row, corner, rhs, last, loose)
+        return _solve_bordered_on_host(matrix, column, row, corner, rhs, last, loose)
     full = matrix.dense() if isinstance(matrix, SparseMatrix) else matrix
-    return _solve_dense(lax.stop_gradient(full), column, row, corner, rhs, last, loose)
+    return _solve_bordered_dense(lax.stop_gradient(full), column, row, corner, rhs, last, loose)
 
 
-def _solve_dense(matrix, column, row, corner, rhs, last, loose):
-    """Solve with a dense matrix: LU factors of the scaled bordered matrix; see `solve_bordered`."""
+def _solve_bordered_dense(matrix, column, row, corner, rhs, last, loose):
+    """Solve ``K x + c y = b, r.x + d y = e`` with a dense K, by LU factors of the whole.
+
+    Arguments in the order K, c, r, d, b, e, `loose`; returns x, y, and whether it is regular.
+    """
     n = len(rhs)
     matrix = jnp.where(loose[:, None] | loose[None, :], jnp.eye(n, dtype=matrix.dtype), matrix)
     size = diagonal_scale(jnp.diagonal(matrix))
@@ -87,18 +92,21 @@ def _solve_dense(matrix, column, row, corner, rhs, last, loose):
 
 
 def _largest_or_one(v):
-    """Return the largest absolute entry, or 1 if all are zero, so that it can be a divisor."""
+    """Return the largest absolute entry of a vector, or 1 if all are zero, for a division by it."""
     largest = jnp.max(jnp.abs(v), initial=0.0)
     return jnp.where(largest > 0, largest, 1.0)
 
 
-def _solve_on_host(matrix, column, row, corner, rhs, last, loose):
-    """Solve with a sparse matrix by a call of the host; see `solve_bordered`."""
+def _solve_bordered_on_host(matrix, column, row, corner, rhs, last, loose):
+    """Solve ``K x + c y = b, r.x + d y = e`` with a sparse K, by a call of NumPy on the host.
+
+    Arguments in the order K, c, r, d, b, e, `loose`; returns x, y, and whether it is regular.
+    """
     p = matrix.pattern
     scalar = jax.ShapeDtypeStruct((), rhs.dtype)
     shapes = (jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), scalar, jax.ShapeDtypeStruct((), bool))
     return host_calls.call_on_host(
-        (make_bordered_solver, *sparse.host_solver_words(p)),
+        (make_bordered_solver, *sparse.solver_and_storage_words(p)),
         shapes,
         *(p.digest, p.indptr, p.indices, lax.stop_gradient(matrix.values), loose),
         *(column, row, rhs, jnp.asarray(corner, rhs.dtype), jnp.asarray(last, rhs.dtype)),
@@ -107,7 +115,11 @@ def _solve_on_host(matrix, column, row, corner, rhs, last, loose):
 
 @host_calls.host_function_family
 def make_bordered_solver(solver, stored):
-    """Return the NumPy function that solves all bordered systems of a batch."""
+    """Return the NumPy function that solves the bordered systems of all cases of a batch.
+
+    `solver` is the name of the linear solver for K; `stored` is "symmetric" if only the upper
+    triangle of K is stored, else "general".
+    """
     solver, symmetric = solver_named(solver), stored == "symmetric"
 
     def function(digest, indptr, indices, *arrays):
@@ -116,15 +128,19 @@ def make_bordered_solver(solver, stored):
             analysed = host.analysis_of_pattern(
                 solver, symmetric, *host.take_first_case(digest, indptr, indices)
             )
-            found = [_solve_case(analysed, *case) for case in zip(*rows, strict=True)]
+            found = [_solve_bordered_case(analysed, *case) for case in zip(*rows, strict=True)]
         x, y, regular = (np.array(part) for part in zip(*found, strict=True))
         return x.reshape(*batch, -1), y.reshape(batch), regular.reshape(batch)
 
     return function
 
 
-def _solve_case(analysed, values, loose, column, row, rhs, corner, last):
-    """Solve one case, NumPy: return x, y and whether the bordered matrix is regular."""
+def _solve_bordered_case(analysed, values, loose, column, row, rhs, corner, last):
+    """Solve ``K x + c y = b, r.x + d y = e`` in NumPy, for one case of a batch.
+
+    `analysed` is the `host.AnalysedPattern` of K, `values` are its stored entries, [n_value].
+    Returns x, y, and whether the matrix is regular; zeros if it is not.
+    """
     n = len(rhs)
     nothing = np.zeros(n), 0.0, False
     numbers = (values, column, row, rhs, corner, last)
@@ -133,8 +149,8 @@ def _solve_case(analysed, values, loose, column, row, rhs, corner, last):
         return nothing
     entries = host.with_identity_rows(analysed, values, loose)
     stored = analysed.indices, analysed.indptr, analysed.symmetric
-    matrix = host.full_matrix(entries, *stored)
-    # unknowns and equations are scaled as in `_solve_dense`
+    matrix = host.full_scipy_matrix(entries, *stored)
+    # unknowns and equations are scaled as in `_solve_bordered_dense`
     size = host.diagonal_scale(entries[analysed.diagonal])
     width = np.abs(column / size).max(initial=0.0) or 1.0
     height = max(np.abs(row / size).max(initial=0.0), abs(corner) / width) or 1.0
@@ -147,14 +163,18 @@ def _solve_case(analysed, values, loose, column, row, rhs, corner, last):
         format="csc",
     )
     b = np.append(rhs / size, last / height)
-    z = _solve_by_blocks(analysed.find_or_make_factor(entries, False), whole, b, size)
+    z = _solve_by_block_elimination(analysed.find_or_make_factor(entries, False), whole, b, size)
     if z is None:
-        z = _solve_by_lu(whole, b)
+        z = _solve_by_whole_lu(whole, b)
     return nothing if z is None else (z[:-1] / size, z[-1] / width, True)
 
 
-def _solve_by_blocks(factor, whole, b, size):
-    """Solve with a factor of K by block elimination; None if the residual stays too large."""
+def _solve_by_block_elimination(factor, whole, b, size):
+    """Solve a bordered system by block elimination with a `host.HostFactor` of K.
+
+    `whole` is the bordered matrix (SciPy) with rows and columns of K divided by `size`, and `b` its
+    right side. Returns the solution [n + 1], or None if its residual stays too large.
+    """
     if factor is None:
         return None
     column, row = whole[:-1, [-1]].toarray()[:, 0], whole[[-1], :-1].toarray()[0]
@@ -172,8 +192,8 @@ def _solve_by_blocks(factor, whole, b, size):
     return _refine_solution(eliminate, whole, b)
 
 
-def _solve_by_lu(whole, b):
-    """Solve by LU factors of the whole matrix with row exchanges; None if it is singular."""
+def _solve_by_whole_lu(whole, b):
+    """Solve by LU factors of the whole bordered matrix, pivoted; return None if it is singular."""
     lu = decompose_lu(whole)
     if lu is None:
         return None
@@ -184,7 +204,10 @@ def _solve_by_lu(whole, b):
 
 
 def _refine_solution(solve, whole, b):
-    """Refine ``solve(b)`` iteratively until its residual is small; None if it stays too large."""
+    """Solve by ``solve``, an approximate inverse of `whole`, with iterative refinement.
+
+    Returns the solution, or None if its residual does not fall to rounding.
+    """
     sizes, z, left = abs(whole), np.zeros_like(b), b
     for _ in range(1 + _MOST_REFINEMENTS):
         z = z + solve(left)

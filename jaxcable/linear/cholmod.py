@@ -24,7 +24,7 @@ _FILL_RATIO = 6
 
 @functools.cache
 def load_cvxopt() -> Any:
-    """Import `cvxopt`; raise ImportError if it is not installed."""
+    """Import `cvxopt` and return the module; raise ImportError if it is not installed."""
     import cvxopt
     import cvxopt.cholmod
 
@@ -32,7 +32,7 @@ def load_cvxopt() -> Any:
 
 
 class _CholmodAnalysis(solver.Analysis):
-    """A pattern; it is analysed once for each of the factors that exist side by side."""
+    """Symbolic analysis of a sparsity pattern by CHOLMOD, once for each factor that is in use."""
 
     def __init__(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
@@ -52,7 +52,10 @@ class _CholmodAnalysis(solver.Analysis):
     def factorize(
         self, values: Float[np.ndarray, " n_value"], definite: bool
     ) -> solver.NumericFactor | None:
-        """See `solver.Analysis`."""
+        """Factorise the matrix with these entries, [n_value]; return None if it is singular.
+
+        CHOLMOD takes it if it must be `definite`, else SuperLU.
+        """
         if not definite:
             return self.indefinite_analysis.factorize(values, False)
         self.matrix.V = load_cvxopt().matrix(values[self.take])
@@ -67,7 +70,7 @@ class _CholmodAnalysis(solver.Analysis):
 
     @functools.cached_property
     def indefinite_analysis(self) -> solver.Analysis:
-        """Analysis by SuperLU, for matrices that are not positive definite."""
+        """Analysis of the same pattern by SuperLU, for matrices that are not positive definite."""
         return SuperLU().analyze(*self.arguments)
 
     def release(self) -> None:
@@ -77,7 +80,7 @@ class _CholmodAnalysis(solver.Analysis):
 
 @contextlib.contextmanager
 def _supernodal_cholmod() -> Iterator[Any]:
-    """Yield the module `cholmod`, set to supernodal factors (by blocks) during a block."""
+    """Yield the module `cholmod`, set to supernodal factors while a ``with`` block runs."""
     cholmod = load_cvxopt().cholmod
     before = dict(cholmod.options)
     cholmod.options["supernodal"] = _SUPERNODAL
@@ -89,7 +92,7 @@ def _supernodal_cholmod() -> Iterator[Any]:
 
 
 class _CholmodFactor(solver.NumericFactor):
-    """A Cholesky factor by CHOLMOD."""
+    """A Cholesky factor of a positive definite matrix, computed by CHOLMOD."""
 
     def __init__(self, symbolic, handle, pivots):
         self.symbolic, self.handle, self.pivots = symbolic, handle, pivots
@@ -99,7 +102,7 @@ class _CholmodFactor(solver.NumericFactor):
     def solve(
         self, b: Float[np.ndarray, "n ..."], transposed: bool = False
     ) -> Float[np.ndarray, "n ..."]:
-        """Solve for right-hand sides [n] or [n, m]; the matrix is symmetric."""
+        """Solve for right sides [n] or [n, m]; the matrix is symmetric, `transposed` or not."""
         x = load_cvxopt().matrix(b)
         load_cvxopt().cholmod.solve(self.handle, x)
         return np.asarray(x).reshape(b.shape)
@@ -110,12 +113,12 @@ class _CholmodFactor(solver.NumericFactor):
 
 
 class Cholmod(solver.Solver):
-    """CHOLMOD, where `cvxopt` is installed."""
+    """Linear solver CHOLMOD, available where the package `cvxopt` is installed."""
 
     name = "cholmod"
     package = "cvxopt"
     analysis = _CholmodAnalysis
 
     def suits(self, n: int, banded: bool) -> bool:
-        """True: any matrix."""
+        """Return True: CHOLMOD suits matrices of any size and bandwidth."""
         return True

@@ -20,23 +20,23 @@ _MOST_UNKNOWNS = 150  # up to which dense matrices are faster (`experiments/benc
 
 
 class Dense(solver.Solver):
-    """Solve with dense factors of jax itself: up to some hundred unknowns, and on accelerators."""
+    """Linear solver with dense factors in jax: for some hundred unknowns, and on accelerators."""
 
     name = "dense"
     on_device = True
 
     def suits(self, n: int, banded: bool) -> bool:
-        """Tell whether the unknowns are few."""
+        """Tell whether the number of unknowns n is small enough for dense matrices."""
         return n <= _MOST_UNKNOWNS
 
     def solve_definite(
         self, matrix: Any, rhs: Float[Array, " n"]
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-        """See `solver.Solver`."""
+        """Solve with a `SparseMatrix` as a dense one: return x [n], and whether it is definite."""
         return solve_definite(matrix.dense(), rhs)
 
     def factorize(self, matrix: Any, loose: Bool[Array, " n"]) -> DenseFactor:
-        """See `solver.Solver`."""
+        """Factorise a `SparseMatrix` as a dense matrix, without the unknowns `loose`, [n] bool."""
         return factorize(matrix.dense(), loose)
 
 
@@ -49,7 +49,7 @@ def diagonal(matrix: Float[Array, "n n"]) -> Float[Array, " n"]:
 def solve_definite(
     matrix: Float[Array, "n n"], rhs: Float[Array, " n"]
 ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-    """Solve with a symmetric matrix by Cholesky's method.
+    """Solve with a dense symmetric positive definite matrix by its Cholesky factor; differentiable.
 
     Args:
         matrix: symmetric, [n, n].
@@ -72,12 +72,15 @@ def solve_definite(
 
 @pytree
 class DenseFactor(OnDeviceFactor):
-    """LU factors of a general matrix that is scaled to unit diagonal; made by `factorize`.
+    """LU factors of a dense matrix that was scaled to unit diagonal; made by `factorize`.
 
     Attributes:
-        lu, order: LU factors of the scaled matrix, and the order of its rows.
-        size, loose, regular, replaced: see `OnDeviceFactor`.
+        lu, order: LU factors of the scaled matrix in one array, [n, n], and the order of its rows.
+        size: what rows and columns were divided by, [n].
+        loose: unknowns that were left out, [n] bool.
+        regular: whether the matrix is regular, scalar bool.
         scaled: the matrix, scaled to unit diagonal, [n, n].
+        replaced: whether the object stands for the factor of the identity instead, scalar bool.
     """
 
     lu: Float[Array, "n n"]
@@ -89,16 +92,16 @@ class DenseFactor(OnDeviceFactor):
     replaced: Bool[Array, ""] | None = None
 
     def solve_scaled(self, b: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
-        """See `OnDeviceFactor`."""
+        """Solve with the scaled matrix, or with its transpose; return the solution [n]."""
         return unbatched.lu_solve(self.lu, self.order, b, transposed)
 
     def multiply_scaled(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
-        """See `OnDeviceFactor`."""
+        """Multiply the scaled matrix, or its transpose, by a vector; return the product [n]."""
         return (self.scaled.T if transposed else self.scaled) @ x
 
 
 def factorize(matrix: Float[Array, "n n"], loose: Bool[Array, " n"] | None = None) -> DenseFactor:
-    """Factorise a general matrix by LU; see `linear.factorize`.
+    """Factorise a dense general matrix [n, n] by LU, without the unknowns `loose`, [n] bool.
 
     The matrix counts as singular if a pivot, after scaling to unit diagonal, is below n eps times
     the largest. Because of the scaling a stiffness of 1e-12 of the others still counts.

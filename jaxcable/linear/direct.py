@@ -16,11 +16,11 @@ _LARGEST_ERROR = 1e-2  # of a solution, by rounding, from which it counts as und
 
 
 class MatrixFactor(abc.ABC):
-    """A factorised general matrix, with solves for derivatives in both modes.
+    """Factor of a general matrix A, with solves for A, its transpose, and for derivatives.
 
     Attributes:
-        loose: unknowns without a value, [n] bool.
-        regular: whether the matrix of the other unknowns is regular to working precision.
+        loose: unknowns with empty rows and columns, which have no solution, [n] bool.
+        regular: whether the matrix of the other unknowns is regular to working precision, a scalar.
     """
 
     loose: Bool[Array, " n"]
@@ -30,16 +30,19 @@ class MatrixFactor(abc.ABC):
     def solve_with_status(
         self, b: Float[Array, " n"], transposed: bool
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-        """Solve with the matrix or its transpose: return the solution [n], and `regular`.
+        """Solve A x = b, or ``A^T x = b`` if `transposed`: return x, [n], and whether A is regular.
 
-        Loose unknowns and singular matrices are not marked in the solution.
+        x is meaningless at unknowns with empty rows, and everywhere if A is singular.
         """
 
     @abc.abstractmethod
     def solve_checked(
         self, b: Float[Array, " n"], transposed: bool
     ) -> tuple[Float[Array, " n"], Bool[Array, ""], Bool[Array, ""]]:
-        """Solve, and also tell whether rounding leaves digits of the solution."""
+        """Solve A x = b (or ``A^T x = b``), and check how much rounding leaves of the solution.
+
+        Returns x [n], whether A is regular, and whether x has correct digits.
+        """
 
     @abc.abstractmethod
     def identity_if_singular(self) -> Self:
@@ -48,10 +51,14 @@ class MatrixFactor(abc.ABC):
     def solve(
         self, rhs: Float[Array, " n"], matvec: Callable[[Float[Array, " n"]], Float[Array, " n"]]
     ) -> Float[Array, " n"]:
-        """Solve for `rhs` [n]; derivatives are those of the linear function `matvec`.
+        """Return x with A x = `rhs`, [n], differentiable: its derivatives follow from `matvec`.
 
-        All NaN if the matrix is singular. Loose unknowns have no value: they are NaN, the others
-        are exact. An adjoint whose right side is not zero at a loose unknown is all NaN.
+        x is all NaN if A is singular, and NaN at unknowns with empty rows (`loose`). An adjoint
+        solve whose right side is not zero at one of them is all NaN.
+
+        Args:
+            rhs: right side, [n].
+            matvec: the linear function ``v -> A v``.
         """
 
         def forward(_, b):
@@ -66,13 +73,13 @@ class MatrixFactor(abc.ABC):
     def solve_with_marks(
         self, b: Float[Array, " n"]
     ) -> tuple[Float[Array, " n"], Bool[Array, " n"]]:
-        """Solve for `b`: return the solution [n], zero where undefined, and this mask, [n]."""
+        """Solve A x = b: return x [n], zero where undefined, and a mask of these entries, [n]."""
         answer, regular, sound = self.solve_checked(b, False)
         unknown = self.loose | ~regular | ~sound
         return jnp.where(unknown, 0.0, answer), unknown
 
     def solve_adjoint(self, b: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Solve with the transposed matrix; NaN if `b` asks for an unknown without a value."""
+        """Solve ``A^T x = b`` for x, [n]; all NaN if b is not zero at an empty row of A."""
         # Not linear, on purpose: a loose unknown or a singular matrix gives NaN only if the right
         # side concerns it, so that phases and unknowns without influence do not spoil a gradient.
         answer, regular, sound = self.solve_checked(b, True)
@@ -82,12 +89,12 @@ class MatrixFactor(abc.ABC):
 
 
 class OnDeviceFactor(MatrixFactor):
-    """A factor inside of the compiled program, of a matrix that is scaled to unit diagonal.
+    """A factor that the compiled program computes itself, of a matrix scaled to unit diagonal.
 
     Attributes:
-        size: scaling, the root of the diagonal, [n].
-        loose, regular: see `MatrixFactor`.
-        replaced: whether this stands for the factor of the identity, scalar bool; None if not.
+        size: what rows and columns were divided by, the root of the diagonal, [n].
+        replaced: whether the object stands for the factor of the identity instead, scalar bool;
+            None if that was never asked.
     """
 
     size: Float[Array, " n"]
@@ -99,33 +106,34 @@ class OnDeviceFactor(MatrixFactor):
 
     @abc.abstractmethod
     def multiply_scaled(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
-        """Multiply the scaled matrix, or its transpose, by a vector [n]."""
+        """Multiply the scaled matrix, or its transpose, by a vector; return the product [n]."""
 
     def identity_if_singular(self) -> Self:
-        """See `MatrixFactor`."""
+        """Return this factor, or that of the identity if the matrix is singular."""
         size = jnp.where(self.regular, self.size, 1.0)
         return copy_with(self, size=size, regular=jnp.ones((), bool), replaced=~self.regular)
 
     def solve_with_status(
         self, b: Float[Array, " n"], transposed: bool
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-        """See `MatrixFactor`."""
+        """Solve with the unscaled matrix or its transpose: return x [n], whether it is regular."""
         b = jnp.where(self.loose, 0.0, b) / self.size
-        return self._use_identity_if_replaced(
+        return self._unchanged_if_identity(
             self.solve_scaled(b, transposed), b
         ) / self.size, self.regular
 
     def solve_checked(
         self, b: Float[Array, " n"], transposed: bool
     ) -> tuple[Float[Array, " n"], Bool[Array, ""], Bool[Array, ""]]:
-        """Solve; sound means that rounding leaves an error of a percent at most.
+        """Solve with the matrix or its transpose, and check x by one iterative refinement.
 
-        A matrix that is singular up to rounding may have regular pivots. Then the correction of
-        iterative refinement is as large as the answer itself.
+        A matrix that is singular up to rounding may have large pivots; the correction is then as
+        large as x. Returns x [n], whether the matrix is regular, and whether the correction is
+        below a percent.
         """
         answer, regular = self.solve_with_status(b, transposed)
         scaled, left = self.size * answer, jnp.where(self.loose, 0.0, b)
-        left = left - self.size * self._use_identity_if_replaced(
+        left = left - self.size * self._unchanged_if_identity(
             self.multiply_scaled(scaled, transposed), scaled
         )
         error = jnp.max(
@@ -134,18 +142,18 @@ class OnDeviceFactor(MatrixFactor):
         largest = jnp.max(jnp.abs(scaled), initial=0.0)
         return answer, regular, ~(error > _LARGEST_ERROR * largest)
 
-    def _use_identity_if_replaced(self, x, same):
-        """Return `x`, or `same` if this stands for the factor of the identity."""
-        return x if self.replaced is None else jnp.where(self.replaced, same, x)
+    def _unchanged_if_identity(self, result, operand):
+        """Return `operand` if this stands for the factor of the identity, else `result`."""
+        return result if self.replaced is None else jnp.where(self.replaced, operand, result)
 
 
 def diagonal_scale(diagonal: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return what rows and columns are divided by for a unit diagonal, [n], to compare pivots."""
+    """Return the root of the absolute diagonal, [n], 1 where it is zero, to scale a matrix by."""
     size = jnp.sqrt(jnp.abs(diagonal))
     return jnp.where(size > 0, size, 1.0)
 
 
 def are_pivots_significant(pivots: Float[Array, " n"]) -> Bool[Array, ""]:
-    """Return whether all pivots of a scaled matrix are beyond rounding: n eps of the largest."""
+    """Return whether all pivots [n] of a scaled matrix exceed rounding: n eps times the largest."""
     limit = len(pivots) * jnp.finfo(pivots.dtype).eps * jnp.max(pivots, initial=0.0)
     return jnp.all(pivots > limit) & jnp.all(jnp.isfinite(pivots))

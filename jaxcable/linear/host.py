@@ -37,7 +37,11 @@ def analysis_of_pattern(
     indptr: Int[np.ndarray, " n+1"],
     indices: Int[np.ndarray, " n_value"],
 ) -> AnalysedPattern:
-    """Return the analysis of a pattern by a `solver.Solver`, stored before or made now."""
+    """Return a solver's analysis of a pattern in compressed rows, stored before or made now.
+
+    With `symmetric` only the upper triangle is stored; `digest`, 128 bits that stand for the
+    pattern, is the key under which the analysis is found again.
+    """
     key = (solver.name, symmetric, digest.tobytes())
     if key not in _analyses:
         while len(_analyses) >= _MOST_ANALYSES:
@@ -49,19 +53,19 @@ def analysis_of_pattern(
 
 @on_forget_programs
 def forget_analyses() -> None:
-    """Free the memory of all analyses and factors."""
+    """Free the memory of all stored analyses of sparsity patterns, and of their factors."""
     with analyses_lock:
         while _analyses:
             _analyses.popitem()[1].release()
 
 
 class AnalysedPattern:
-    """A pattern analysed by a solver, with the factors of the last matrices on it.
+    """A sparsity pattern analysed by a linear solver, with the factors of the last matrices on it.
 
     Args:
-        solver: `Solver`.
+        solver: the linear solver.
         symmetric: whether only the upper triangle is stored.
-        indptr, indices: compressed rows of what is stored, see `pattern.Pattern`.
+        indptr, indices: the stored entries in compressed rows, columns ascending.
     """
 
     def __init__(
@@ -78,7 +82,7 @@ class AnalysedPattern:
         self.diagonal = np.flatnonzero(self.rows == self.indices)
         shape = self.n, self.n
         numbers = np.arange(1, len(indices) + 1)
-        whole = full_matrix(numbers, indices, indptr, symmetric)
+        whole = full_scipy_matrix(numbers, indices, indptr, symmetric)
         # the stored entries as a matrix and as its transpose; `make_multiplier` puts the values in
         self.stored = sp.csr_matrix((np.ones(len(indices)), self.indices, self.indptr), shape)
         self.flipped = self.stored.T
@@ -94,7 +98,10 @@ class AnalysedPattern:
     def make_multiplier(
         self, values: Float[np.ndarray, " n_value"]
     ) -> Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]]:
-        """Return a function that multiplies by a symmetric matrix; valid until the next call."""
+        """Return the function ``v -> A v`` of the symmetric matrix A with these entries.
+
+        It is valid until the next call of this method.
+        """
         self.stored.data = self.flipped.data = values
         diagonal = values[self.diagonal]
         return lambda v: self.stored @ v + self.flipped @ v - diagonal * v
@@ -102,10 +109,10 @@ class AnalysedPattern:
     def find_or_make_factor(
         self, values: Float[np.ndarray, " n_value"], definite: bool, small_pivots: bool = False
     ) -> HostFactor | None:
-        """Return a factor of a matrix, stored before or made now; None if the matrix is singular.
+        """Return a factor of the matrix with these entries, stored or new; None if it is singular.
 
-        `definite` demands a positive definite matrix; an unsymmetric matrix is then replaced by its
-        symmetric part. Its pivots may have few digits if `small_pivots` are allowed.
+        With `definite` it must be positive definite, and an unsymmetric matrix is replaced by its
+        symmetric part; with `small_pivots` its pivots may have few correct digits.
         """
         for number, (known, kind, factor) in reversed(self.factors.items()):
             serves = kind == definite or (kind and self.symmetric)
@@ -126,7 +133,7 @@ class AnalysedPattern:
         return None
 
     def _make_factor(self, values, definite, small_pivots):
-        """Factorise a matrix of finite numbers; see `find_or_make_factor`."""
+        """Scale the matrix with these entries and factorise it; None if it is singular."""
         if definite and not self.symmetric:
             values = 0.5 * (values + values[self.transposed])
         size = diagonal_scale(values[self.diagonal])
@@ -141,7 +148,7 @@ class AnalysedPattern:
         return None
 
     def _release_old_factors(self):
-        """Release the oldest factors until another one fits in number and memory."""
+        """Release the oldest factors until there is room for another one, in number and memory."""
         while self.factors:
             sizes = [factor.made.n_bytes for _, _, factor in self.factors.values()]
             if len(sizes) < _MOST_FACTORS and sum(sizes) + sizes[-1] <= _MOST_FACTOR_BYTES:
@@ -149,7 +156,7 @@ class AnalysedPattern:
             self.factors.popitem(last=False)[1][2].release()
 
     def release(self) -> None:
-        """Free the memory of the analysis and of all factors."""
+        """Free the memory of the analysis and of all stored factors."""
         for _, _, factor in self.factors.values():
             factor.release()
         self.factors.clear()
@@ -157,23 +164,23 @@ class AnalysedPattern:
 
 
 def diagonal_scale(diagonal: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return what rows and columns are divided by for a unit diagonal, [n], to compare pivots."""
+    """Return the root of the absolute diagonal, [n], 1 where it is zero, to scale a matrix by."""
     size = np.sqrt(np.abs(diagonal))
     size[size == 0] = 1.0
     return size
 
 
 class HostFactor:
-    """A factor, on the host, of a matrix that is scaled to unit diagonal.
+    """A factor on the host, which solves with a matrix that was scaled to unit diagonal before.
 
     Args:
-        made: the solver's `NumericFactor` of the scaled matrix.
+        made: the linear solver's factor of the scaled matrix.
         size: what its rows and columns were divided by, [n].
-        definite: whether only a positive definite matrix counts.
+        definite: whether the matrix must be positive definite: a negative pivot makes it singular.
 
     Attributes:
         least: the smallest pivot.
-        regular: whether every pivot has significant digits.
+        regular: whether every pivot is larger than rounding.
     """
 
     def __init__(self, made: NumericFactor, size: Float[np.ndarray, " n"], definite: bool):
@@ -188,7 +195,7 @@ class HostFactor:
     def solve(
         self, b: Float[np.ndarray, "n ..."], transposed: bool = False
     ) -> Float[np.ndarray, "n ..."]:
-        """Solve for right sides [n] or [n, m], with the matrix or its transpose."""
+        """Solve for right sides [n] or [n, m], with the unscaled matrix or its transpose."""
         size = self.size if b.ndim == 1 else self.size[:, None]
         return self.made.solve(b / size, transposed) / size
 
@@ -204,11 +211,18 @@ def conjugate_gradients(
     tol: float,
     limit: int,
 ) -> Float[np.ndarray, " n"] | None:
-    """Solve a positive definite system, starting from zero, until ``|r| <= tol |b|``.
+    """Solve A x = b, positive definite, by preconditioned conjugate gradients from x = 0.
+
+    Args:
+        times: function ``v -> A v``.
+        precondition: function that multiplies a vector by an approximate inverse of A.
+        b: right side, [n].
+        tol: residual at which to stop, over the norm of `b`.
+        limit: number of steps allowed.
 
     Returns:
-        The solution; None if a direction without stiffness was met, or if at the rate of the first
-        steps more than `limit` steps would be needed.
+        x [n]; None if A is not positive definite along a step, or if at the rate of the first steps
+        more than `limit` steps would be needed.
     """
     goal = tol * _euclidean_norm(b)
     x, r = np.zeros_like(b), b
@@ -235,16 +249,16 @@ def conjugate_gradients(
 
 
 def _inner_product(a, b):
-    """Return the inner product without BLAS, whose threads would compete with the program's."""
+    """Return the inner product of two vectors, without BLAS, whose threads slow down others."""
     return np.add.reduce(a * b)
 
 
 def _euclidean_norm(a):
-    """Return the length of a vector, without BLAS."""
+    """Return the Euclidean norm of a vector, without BLAS."""
     return np.sqrt(_inner_product(a, a))
 
 
-def solve_batch(
+def solve_sparse_batch(
     pattern: tuple[Any, ...],
     definite: bool,
     transposed: bool,
@@ -255,7 +269,7 @@ def solve_batch(
     tol: Float[np.ndarray, " g"],
     limit: Int[np.ndarray, " g"],
     rhs: Float[np.ndarray, "m n"],
-    group: Int[np.ndarray, " m"],
+    matrix_index: Int[np.ndarray, " m"],
     wanted: Bool[np.ndarray, " m"],
 ) -> tuple[Float[np.ndarray, "m n"], Bool[np.ndarray, " m"], Bool[np.ndarray, " m"]]:
     """Solve a batch of sparse systems on the host.
@@ -267,15 +281,15 @@ def solve_batch(
         pattern: arguments of `analysis_of_pattern`.
         definite: whether only positive definite matrices count as regular.
         transposed: whether to solve with the transposed matrices.
-        values: matrices, [g, n_value].
+        values: stored entries of the g matrices, [g, n_value].
         loose: unknowns whose rows and columns are replaced by those of the identity, [g, n] bool,
             or None.
-        stale: matrices factorised earlier, [g, n_value].
-        usable: whether there is such a matrix, and this one is positive semidefinite, [g] bool.
+        stale: similar matrices that were factorised earlier, [g, n_value].
+        usable: whether to try conjugate gradients with the factor of the `stale` matrix, [g] bool.
         tol, limit: for `conjugate_gradients`, [g]; a limit below 0 allows small pivots of definite
             matrices.
         rhs: right sides, [m, n].
-        group: number of the matrix of each right side, [m].
+        matrix_index: index of the matrix of each right side, [m].
         wanted: the right sides that are solved for, [m] bool.
 
     Returns:
@@ -290,7 +304,7 @@ def solve_batch(
         # the factors of a larger batch would not all be stored: factorise every matrix anew
         usable = usable & (len(values) < _MOST_FACTORS) & analysed.iterates
         for g in range(len(values)):
-            sides = np.flatnonzero((group == g) & wanted)
+            sides = np.flatnonzero((matrix_index == g) & wanted)
             if not len(sides):
                 continue
             one = len(sides) == 1
@@ -314,20 +328,27 @@ def solve_batch(
 
 
 def with_identity_rows(analysed, values, loose):
-    """Return values with rows and columns of loose unknowns replaced by those of the identity."""
+    """Return the entries of a matrix, [n_value], changed so that some unknowns are left out.
+
+    Rows and columns of the unknowns `loose`, [n] bool, become those of the identity. `analysed` is
+    the `AnalysedPattern` of the matrix.
+    """
     if not loose.any():
         return values
     touched = loose[analysed.rows] | loose[analysed.indices]
     return np.where(touched, analysed.rows == analysed.indices, values)
 
 
-def full_matrix(
+def full_scipy_matrix(
     values: Float[np.ndarray, " n_value"],
     indices: Int[np.ndarray, " n_value"],
     indptr: Int[np.ndarray, " n+1"],
     symmetric: bool,
 ) -> Any:
-    """Return the SciPy matrix of stored values; of a symmetric one only the upper triangle is."""
+    """Return the SciPy matrix with these entries in compressed rows.
+
+    If `symmetric`, they are those of the upper triangle, and the lower one is added.
+    """
     n = len(indptr) - 1
     stored = sp.csr_matrix((values, indices, indptr), (n, n))
     return (stored + sp.triu(stored, 1).T).tocsr() if symmetric else stored
@@ -336,11 +357,11 @@ def full_matrix(
 def flatten_batch(
     vectors: Sequence[np.ndarray], scalars: Sequence[np.ndarray]
 ) -> tuple[tuple[int, ...], list[np.ndarray]]:
-    """Flatten the batch axes of arrays to one axis of cases; return these axes, and the arrays.
+    """Flatten the batch axes of arrays to one; return their lengths, and the list of flat arrays.
 
     Args:
-        vectors: arrays [..., k].
-        scalars: arrays [...].
+        vectors: arrays [..., k], which become [n_case, k].
+        scalars: arrays [...], which become [n_case].
     """
     if all(v.ndim == 1 for v in vectors) and all(s.ndim == 0 for s in scalars):  # fast path
         return (), [array[None] for array in (*vectors, *scalars)]
@@ -350,5 +371,5 @@ def flatten_batch(
 
 
 def take_first_case(*arrays: np.ndarray) -> list[np.ndarray]:
-    """Return, of arrays [..., k] that all cases of a batch share, one vector [k] each."""
+    """Return one vector [k] of each array [..., k] that is the same in all cases of a batch."""
     return [array.reshape(-1, array.shape[-1])[0] for array in arrays]

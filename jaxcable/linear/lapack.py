@@ -16,7 +16,7 @@ from .pattern import narrow_band_order
 
 
 class _LapackAnalysis(solver.Analysis):
-    """A pattern in an order of small bandwidth."""
+    """Analysis of a sparsity pattern for LAPACK's banded solvers: an order of small bandwidth."""
 
     def __init__(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
@@ -35,7 +35,7 @@ class _LapackAnalysis(solver.Analysis):
     def factorize(
         self, values: Float[np.ndarray, " n_value"], definite: bool
     ) -> _LapackFactor | None:
-        """See `solver.Analysis`: Cholesky's factor if `definite`, which is faster, else LU."""
+        """Factorise a matrix (its entries): Cholesky if `definite`, else LU; None if singular."""
         if definite:
             band = np.zeros((self.n, self.b + 1))
             band.ravel()[self.lower_at] = values[self.lower]
@@ -50,7 +50,7 @@ class _LapackAnalysis(solver.Analysis):
 
 
 class _LapackFactor(solver.NumericFactor):
-    """A banded factor by LAPACK; `pivot`, the exchanges of rows, is None for Cholesky's."""
+    """A banded Cholesky factor, or LU factors with the row exchanges `pivot`, by LAPACK."""
 
     def __init__(self, symbolic, band, pivot, pivots):
         self.symbolic, self.band, self.pivot, self.pivots = symbolic, band, pivot, pivots
@@ -59,7 +59,7 @@ class _LapackFactor(solver.NumericFactor):
     def solve(
         self, b: Float[np.ndarray, "n ..."], transposed: bool = False
     ) -> Float[np.ndarray, "n ..."]:
-        """Solve for right-hand sides [n] or [n, m]."""
+        """Solve for right sides [n] or [n, m], with the matrix or its transpose."""
         order, half = self.symbolic.order, self.symbolic.b
         x = np.empty_like(b)
         if self.pivot is None:
@@ -71,7 +71,7 @@ class _LapackFactor(solver.NumericFactor):
 
 
 class LapackBanded(solver.Solver):
-    """Solve with LAPACK's banded factors: for matrices of small bandwidth."""
+    """Linear solver with LAPACK's banded factors: for matrices of small bandwidth."""
 
     name = "banded"
     analysis = _LapackAnalysis
@@ -79,5 +79,5 @@ class LapackBanded(solver.Solver):
     iterates = False  # a new factor is cheaper than iterations
 
     def suits(self, n: int, banded: bool) -> bool:
-        """Tell whether the bandwidth is small."""
+        """Tell whether the solver suits a matrix: if its bandwidth is small (`banded`)."""
         return banded

@@ -23,10 +23,11 @@ def linear_map(
     x: Array,
     given: PyTree[Any],
 ) -> Array:
-    """Apply a linear function, ``function(x, given)``, whose transpose is ``transpose(y, given)``.
+    """Return ``function(x, given)``, linear in x, with a transpose that is told and not derived.
 
     Args:
-        function, transpose: functions of an array and of `given`.
+        function: function of an array and of `given`, linear in the array.
+        transpose: its transpose, ``transpose(y, given)``, which reverse mode applies.
         x: an array.
         given: a pytree of integers, which have no derivatives.
     """
@@ -41,34 +42,34 @@ def linear_map(
     return _MAP.bind(x, *map(jnp.asarray, leaves), pair=pair)
 
 
-def _evaluate_map(x, *leaves, pair):
-    """Evaluate the function of the pair (function, transpose)."""
+def _evaluate_linear_map(x, *leaves, pair):
+    """Return the value: the first function of the pair at x and `leaves`, the arrays in `given`."""
     return pair[0](x, *leaves)
 
 
-def _result_shape(x, *leaves, pair):
-    """Return shape and dtype of the result."""
+def _linear_map_shape(x, *leaves, pair):
+    """Return shape and dtype of the result, for tracing."""
     return internals.abstract_array(jax.eval_shape(pair[0], x, *leaves))
 
 
-def _map_jvp(primals, tangents, *, pair):
-    """Apply the map to the tangent: rule of the forward derivative."""
+def _linear_map_jvp(primals, tangents, *, pair):
+    """Forward derivative: return the value, and the map applied to the tangent of x."""
     found, change = _MAP.bind(*primals, pair=pair), tangents[0]
     if internals.is_zero_tangent(change):
         return found, internals.zero_tangent(found)
     return found, _MAP.bind(change, *primals[1:], pair=pair)
 
 
-def _map_transpose(back, x, *leaves, pair):
-    """Apply the pair in the other order to the cotangent: rule of the transpose."""
+def _linear_map_transpose(back, x, *leaves, pair):
+    """Transpose rule: return the cotangent of x, by the pair of functions in the other order."""
     nothing = [None] * len(leaves)
     if internals.is_zero_tangent(back):
         return [None, *nothing]
     return [_MAP.bind(back, *leaves, pair=pair[::-1]), *nothing]
 
 
-def _map_batch_rule(arguments, axes, *, pair):
-    """Map both functions of the pair over a batch: rule for `jax.vmap`."""
+def _linear_map_batch_rule(arguments, axes, *, pair):
+    """Rule for `jax.vmap`: apply the primitive to a batch, with both functions mapped over it."""
     moved = [
         x if axis is None else jnp.moveaxis(x, axis, 0)
         for x, axis in zip(arguments, axes, strict=True)
@@ -81,5 +82,10 @@ def _map_batch_rule(arguments, axes, *, pair):
 
 
 _MAP = internals.define_primitive(
-    "linear_map", _evaluate_map, _result_shape, _map_jvp, _map_batch_rule, _map_transpose
+    "linear_map",
+    _evaluate_linear_map,
+    _linear_map_shape,
+    _linear_map_jvp,
+    _linear_map_batch_rule,
+    _linear_map_transpose,
 )

@@ -32,7 +32,7 @@ _ARGUMENT_COUNT = 16  # of MKL's function `pardiso`, all of them addresses
 
 @functools.cache
 def load_mkl() -> Any:
-    """Load the MKL library with PARDISO; raise ImportError if it is not installed."""
+    """Load the MKL library with PARDISO and return it; raise ImportError if it is not installed."""
     from pypardiso.pardiso_wrapper import PyPardisoSolver
 
     mkl = PyPardisoSolver().libmkl
@@ -46,7 +46,7 @@ def load_mkl() -> Any:
 
 
 class _PardisoAnalysis(solver.Analysis):
-    """A pattern, analysed once for every matrix type when it is first needed."""
+    """Analysis of a sparsity pattern by PARDISO, for definite and general matrices separately."""
 
     def __init__(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
@@ -57,21 +57,21 @@ class _PardisoAnalysis(solver.Analysis):
     def factorize(
         self, values: Float[np.ndarray, " n_value"], definite: bool
     ) -> _PardisoFactor | None:
-        """See `solver.Analysis`: Cholesky's factor if `definite`, which is faster, else LU."""
+        """Factorise a matrix (its entries): Cholesky if `definite`, else LU; None if singular."""
         kind = _DEFINITE if definite else _GENERAL
         if kind not in self.handles:
             self.handles[kind] = _PardisoHandle(kind, *self.arguments)
         return self.handles[kind].factorize(values)
 
     def release(self) -> None:
-        """Free the memory that PARDISO holds."""
+        """Free the memory that PARDISO holds for this pattern and its factors."""
         for handle in self.handles.values():
             handle.call_pardiso(-1, 1, None)
         self.handles.clear()
 
 
 class _PardisoHandle:
-    """The internal memory of PARDISO for one pattern and one matrix type."""
+    """PARDISO's memory for one sparsity pattern and one matrix type, with slots for factors."""
 
     def __init__(
         self,
@@ -106,7 +106,7 @@ class _PardisoHandle:
         self.call_pardiso(11, 1, np.ones(len(self.indices)))
 
     def factorize(self, values: Float[np.ndarray, " n_value"]) -> _PardisoFactor | None:
-        """Factorise in a free slot; return None if the matrix is singular."""
+        """Factorise the matrix with these entries in a free slot; return None if it is singular."""
         values, slot = values[self.take], self.free.pop()
         error = self.call_pardiso(22, slot, values)
         factor = _PardisoFactor(self, slot, values)
@@ -120,14 +120,18 @@ class _PardisoHandle:
         return None
 
     def read_pivots(self, slot: int) -> Float[np.ndarray, " n"]:
-        """Return the pivots of a factor of a definite matrix, [n]."""
+        """Return the pivots, [n], of the Cholesky factor in a slot."""
         pivots, diagonal, numbers = (
             np.empty(self.n),
             np.empty(self.n),
             np.array([slot, 0], np.int32),
         )
         first = _address_of(numbers)
-        arrays = _address_of(self.memory), _address_of(pivots), _address_of(diagonal)
+        arrays = (
+            _address_of(self.memory),
+            _address_of(pivots),
+            _address_of(diagonal),
+        )
         load_mkl().pardiso_getdiag(*arrays, first, first + 4)
         return pivots
 
@@ -139,7 +143,11 @@ class _PardisoHandle:
         b: Float[np.ndarray, "n ..."] | None = None,
         x: Float[np.ndarray, "n ..."] | None = None,
     ) -> int:
-        """Run a phase of PARDISO (numbered as in its manual); return its error number."""
+        """Call PARDISO for the factor in a slot; return its error number, 0 for none.
+
+        `phase` says what to do (11 analysis, 22 factors, 33 solution), `values` are the entries of
+        the matrix, `b` right sides [n] or [n, m]; the solution is written to `x`.
+        """
         mkl, numbers, at = load_mkl(), self.numbers, self.pointer
         numbers[[1, 3, 5]] = slot, phase, 1 if b is None or b.ndim == 1 else b.shape[1]
         numbers[7] = 0
@@ -158,12 +166,12 @@ class _PardisoHandle:
 
 
 def _address_of(array):
-    """Return the address of the first entry of an array."""
+    """Return the memory address of the first entry of a NumPy array, an integer."""
     return array.__array_interface__["data"][0]
 
 
 class _PardisoFactor(solver.NumericFactor):
-    """A factor in a slot of a handle."""
+    """A factor that PARDISO keeps in a slot of a `_PardisoHandle`."""
 
     def __init__(self, handle, slot, values):
         self.handle, self.slot, self.values = handle, slot, values
@@ -172,7 +180,7 @@ class _PardisoFactor(solver.NumericFactor):
     def solve(
         self, b: Float[np.ndarray, "n ..."], transposed: bool = False
     ) -> Float[np.ndarray, "n ..."]:
-        """Solve for right-hand sides [n] or [n, m]."""
+        """Solve for right sides [n] or [n, m], with the matrix or its transpose."""
         handle = self.handle
         handle.iparm[11] = 2 if transposed and handle.kind == _GENERAL else 0
         b = np.asfortranarray(b)
@@ -185,13 +193,13 @@ class _PardisoFactor(solver.NumericFactor):
         return x
 
     def release(self) -> None:
-        """Free PARDISO's memory of the factor, and its slot."""
+        """Free PARDISO's memory of the factor, and its slot for another one."""
         self.handle.call_pardiso(0, self.slot, self.values)
         self.handle.free.append(self.slot)
 
 
 class Pardiso(solver.Solver):
-    """Solve by PARDISO, where `pypardiso` is installed."""
+    """Linear solver PARDISO of Intel's MKL, available where `pypardiso` is installed."""
 
     name = "pardiso"
     package = "pypardiso"
@@ -199,9 +207,9 @@ class Pardiso(solver.Solver):
     exchanges_rows = False  # it exchanges only rows that are near each other
 
     def load_library(self) -> None:
-        """Load MKL in another thread: it takes as long as to read a program."""
+        """Begin to load MKL in another thread, while the program is compiled or read from disk."""
         threading.Thread(target=load_mkl, daemon=True).start()
 
     def suits(self, n: int, banded: bool) -> bool:
-        """True: any matrix."""
+        """Return True: PARDISO suits matrices of any size and bandwidth."""
         return True

@@ -28,27 +28,28 @@ _WIDEST_BAND = 40
 
 @pytree(static=("size", "paired", "symmetric", "solver"))
 class Pattern:
-    """Sparsity of a square matrix in compressed rows, and where element entries are added.
+    """Sparsity pattern of a square matrix, and which entries of element matrices add up to a value.
 
     Attributes:
-        sums: values from the entries of all element matrices, one after the other.
+        sums: assembly map from the entries of all element matrices, one after the other, to the
+            values of the matrix.
         indptr, indices: compressed rows, [n + 1], [n_value]; columns ascending.
         diagonal: positions of the diagonal among the values, [n].
         rows: row of every value, [n_value].
         digest: 128 bits that stand for `indptr` and `indices`, [4] uint32.
         order: unknowns in an order of small bandwidth b, [n]; None if `symmetric` is False or b is
             too large.
-        place: where every unknown is in this order, [n], or None.
-        band: positions of the values of ``A[order][:, order]``, by columns from the diagonal down,
-            [n, b + 1]; n_value for a zero.
-        table: positions of the values of the dense matrix, [n, n], likewise; None unless the solver
-            needs it.
+        place: position of every unknown in `order`, [n], or None.
+        band: positions among the values of ``A[order][:, order]``, by columns from the diagonal
+            down, [n, b + 1]; n_value for a zero. None if `order` is.
+        table: positions among the values of the entries of the dense matrix, [n, n], n_value for a
+            zero; None unless the solver needs it.
         opposite: True for values that are minus their sum, [n_value]; None if none is.
         size: n.
         paired: for every group of elements whether its matrices are ``[[B, -B], [-B, B]]``, of
             which only B [3, 3] is read; then `sums` begin with B of all elements, by its entries.
         symmetric: whether only the upper triangle is stored.
-        solver: `solver.Solver`.
+        solver: the linear solver for matrices on this pattern.
     """
 
     sums: AssemblyMap
@@ -77,18 +78,18 @@ def make_pattern(
     definite: bool = False,
     paired: Sequence[bool] = (),
 ) -> Pattern:
-    """Make the pattern that element matrices of the given unknowns fill.
+    """Make the sparsity pattern of a matrix that is assembled from element matrices.
 
     Args:
         numbers: for every group of elements the unknowns of the rows of its matrices, NumPy
             [n_elem, d]; `size` or more for a row that is left out.
         size: number of unknowns n.
         symmetric: whether to store the upper triangle only.
-        name: name of a solver, or None to choose one.
+        name: name of a linear solver, or None to choose one.
         exchanges_rows: whether the solver must exchange rows.
         definite: whether all matrices are known to be positive semidefinite.
-        paired: as of `Pattern`; empty if no matrices are. It is a proposal: where two groups join
-            the same unknowns in other ways, whole matrices are read.
+        paired: for every group whether its matrices are ``[[B, -B], [-B, B]]``; empty if none are.
+            Where two groups join the same unknowns with different signs, this is not used.
     """
     numbers = list(numbers)
     key, source, opposite, m = _list_matrix_entries(numbers, size, symmetric, paired)
@@ -128,10 +129,13 @@ def make_pattern(
 def _list_matrix_entries(numbers, size, symmetric, paired):
     """List all entries of element matrices that are added to the matrix.
 
+    `numbers`, [n_elem, d] for each group, are the unknowns of the rows of element matrices.
+
     Returns:
-        Row times `size` plus column of the value they are added to; their positions among what
-        `assemble_matrix` reads; whether they are minus what is there; how much `assemble_matrix`
-        reads.
+        key: row times `size` plus column of the value that each entry is added to.
+        source: position of each entry among the numbers that `assemble_matrix` reads.
+        opposite: whether each is minus the number at this position.
+        count: how many numbers `assemble_matrix` reads.
     """
     keys, sources, signs, m = [], [], [], 0
     for k, number in enumerate(numbers):
@@ -158,7 +162,7 @@ def _list_matrix_entries(numbers, size, symmetric, paired):
 
 
 def _band_positions(rows, columns, size):
-    """Return `order`, `place` and `band` of a `Pattern`; None for all if the band is too wide."""
+    """Return `order`, `place` and `band` of a `Pattern`, each None if the band is too wide."""
     if size > _WIDEST_BAND**2:
         return None, None, None
     upper = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), (size, size))
@@ -176,7 +180,7 @@ def narrow_band_order(matrix: Any) -> tuple[Int[np.ndarray, " n"], Int[np.ndarra
     """Order the unknowns of a symmetric SciPy matrix for a small bandwidth (Cuthill-McKee).
 
     Returns:
-        The unknowns in this order, and the place of every unknown in it, both [n].
+        The unknowns in this order, and the position of every unknown in it, both [n].
     """
     order = reverse_cuthill_mckee(matrix, symmetric_mode=True)
     place = np.empty(len(order), np.int64)
@@ -185,7 +189,7 @@ def narrow_band_order(matrix: Any) -> tuple[Int[np.ndarray, " n"], Int[np.ndarra
 
 
 def _dense_positions(rows, columns, size, symmetric):
-    """Return `Pattern.table`: positions of the values of the dense matrix, [n, n]."""
+    """Return the position among the values of every entry of the dense matrix, [n, n]."""
     table = np.full((size, size), len(rows), np.uint32)
     table[rows, columns] = np.arange(len(rows))
     if symmetric:
@@ -195,11 +199,11 @@ def _dense_positions(rows, columns, size, symmetric):
 
 @pytree
 class SparseMatrix:
-    """A sparse matrix: values on a pattern.
+    """A sparse square matrix, stored as the values on a sparsity pattern.
 
     Attributes:
         values: entries in the order of the pattern, [n_value].
-        pattern: `Pattern`.
+        pattern: the sparsity pattern.
     """
 
     values: Float[Array, " n_value"]
@@ -207,11 +211,11 @@ class SparseMatrix:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Numbers of rows and columns."""
+        """Numbers of rows and of columns, (n, n)."""
         return self.pattern.size, self.pattern.size
 
     def diagonal(self) -> Float[Array, " n"]:
-        """The diagonal, [n]."""
+        """Return the diagonal of this matrix, [n]."""
         return self.values[self.pattern.diagonal]
 
     def add_to_diagonal(self, shift: Float[ArrayLike, ""]) -> SparseMatrix:
@@ -223,28 +227,31 @@ class SparseMatrix:
     def add_to_diagonal_entry(
         self, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]
     ) -> SparseMatrix:
-        """Return this matrix with `value` added to entry `place` of its diagonal."""
+        """Return this matrix with `value` added to its diagonal entry with the index `place`."""
         here = jnp.arange(len(self.values)) == self.pattern.diagonal[place]
         return copy_with(self, values=jnp.where(here, self.values + value, self.values))
 
     def hold_unknowns(self, held: Bool[Array, " n"], stiffness: Float[Array, ""]) -> SparseMatrix:
-        """Return this matrix with rows and columns `held`, [n] bool, empty but for `stiffness`."""
+        """Return this matrix with zero rows and columns for the unknowns `held`, [n] bool.
+
+        Their diagonal entries become `stiffness`, a scalar.
+        """
         touched = held[self.pattern.rows] | held[self.pattern.indices]
         left = jnp.where(self._is_diagonal, stiffness, 0.0)
         return copy_with(self, values=jnp.where(touched, left, self.values))
 
     def divide_rows_and_columns(self, size: Float[Array, " n"]) -> SparseMatrix:
-        """Return this matrix with rows and columns divided by `size`, [n]."""
+        """Return this matrix with entry (i, j) divided by ``size[i] size[j]``, for `size` [n]."""
         p = self.pattern
         return copy_with(self, values=self.values / size[p.rows] / size[p.indices])
 
     def identity_unless(self, valid: Bool[ArrayLike, ""]) -> SparseMatrix:
-        """Return this matrix if `valid`, else the identity."""
+        """Return this matrix if the scalar `valid` is true, else the identity on its pattern."""
         one = self._is_diagonal.astype(self.values.dtype)
         return copy_with(self, values=jnp.where(valid, self.values, one))
 
     def dense(self) -> Float[Array, "n n"]:
-        """Return this matrix as an array [n, n]."""
+        """Return this matrix as a dense array, [n, n]."""
         if self.pattern.table is not None:
             return append_zero(self.values)[self.pattern.table]
         rows, columns = self.pattern.rows, self.pattern.indices
@@ -258,12 +265,12 @@ class SparseMatrix:
         return full
 
     def banded(self) -> Float[Array, "n b+1"]:
-        """Return the lower band of ``A[order][:, order]``, [n, b + 1]; see module `banded`."""
+        """Return the lower band, [n, b + 1], of this matrix in the order ``pattern.order``."""
         return append_zero(self.values)[self.pattern.band]
 
     @property
     def _is_diagonal(self):
-        """Mask of the values on the diagonal, [n_value]."""
+        """Mask that is True for the values on the diagonal, [n_value]."""
         return self.pattern.rows == self.pattern.indices
 
     def __matmul__(self, v: Float[Array, " n"]) -> Float[Array, " n"]:
@@ -285,13 +292,13 @@ def assemble_matrix(
     number: int,
     pattern: Pattern | None,
 ) -> Matrix:
-    """Assemble a matrix: sum element matrices at the unknowns of their rows.
+    """Assemble a square matrix from the matrices of all elements.
 
     Args:
-        parts: list of (matrices [n_elem, d, d], unknowns of their rows [n_elem, d]).
-        number: number of unknowns; a row with this number is left out.
-        pattern: `Pattern` of the same unknowns for a `SparseMatrix` result; None for a dense one,
-            [number, number].
+        parts: list of (element matrices [n_elem, d, d], indices of their unknowns [n_elem, d]).
+        number: number of unknowns; element rows and columns with this index are left out.
+        pattern: `Pattern` made with the same indices, for a `SparseMatrix` as a result; None for a
+            dense one, [number, number].
     """
     if pattern is None:
         matrix = jnp.zeros((number, number), parts[0][0].dtype)

@@ -22,9 +22,9 @@ from .pattern import SparseMatrix
 
 
 class RollingCholesky(solver.Solver):
-    """Solve by Cholesky's method inside of the program, where XLA fuses loops.
+    """Linear solver by banded Cholesky factors inside of a compiled program with fused loops.
 
-    Not for matrices that may be indefinite: their derivatives need exchanges of rows.
+    It is not for matrices that may be indefinite: their factors need exchanges of rows.
     """
 
     name = "rolling"
@@ -34,19 +34,22 @@ class RollingCholesky(solver.Solver):
     fused = True
 
     def suits(self, n: int, banded: bool) -> bool:
-        """Tell whether the bandwidth is small and XLA fuses loops."""
+        """Tell whether the bandwidth of a matrix is small (`banded`) and XLA fuses loops."""
         return banded and are_loops_fused()
 
     def solve_definite(
         self, matrix: SparseMatrix, rhs: Float[Array, " n"]
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-        """See `solver.Solver`."""
+        """Solve with a banded matrix: return x, [n], and whether it is positive definite."""
         factor, x = factorize_and_solve(matrix.banded(), rhs[matrix.pattern.order])
         pivots = factor[:, 0]
         return x[matrix.pattern.place], jnp.all((pivots > 0) & jnp.isfinite(pivots))
 
     def factorize(self, matrix: SparseMatrix, loose: Bool[Array, " n"]) -> BandFactor:
-        """Factorise; a matrix that is not positive definite counts as singular."""
+        """Return the banded Cholesky factor of a matrix, without the unknowns `loose`, [n] bool.
+
+        A matrix that is not positive definite counts as singular.
+        """
         matrix = matrix.hold_unknowns(loose, jnp.ones((), matrix.values.dtype))
         size = diagonal_scale(matrix.diagonal())
         scaled = matrix.divide_rows_and_columns(size)
@@ -60,9 +63,12 @@ class BandFactor(OnDeviceFactor):
     """Cholesky factor of a banded matrix scaled to unit diagonal; made by `RollingCholesky`.
 
     Attributes:
-        factor: that of the scaled matrix in the order of the pattern, [n, b + 1].
-        size, loose, regular, replaced: see `OnDeviceFactor`.
+        factor: lower band of the scaled matrix's factor, in the order of the pattern, [n, b + 1].
+        size: what rows and columns were divided by, [n].
+        loose: unknowns that were left out, [n] bool.
+        regular: whether the matrix is positive definite, scalar bool.
         scaled: the matrix, scaled to unit diagonal.
+        replaced: whether the object stands for the factor of the identity instead, scalar bool.
     """
 
     factor: Float[Array, "n b+1"]
@@ -73,12 +79,12 @@ class BandFactor(OnDeviceFactor):
     replaced: Bool[Array, ""] | None = None
 
     def solve_scaled(self, b: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
-        """See `OnDeviceFactor`."""
+        """Solve with the scaled matrix, which is symmetric; return the solution [n]."""
         p = self.scaled.pattern
         return solve_with_factor(self.factor, b[p.order])[p.place]
 
     def multiply_scaled(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
-        """See `OnDeviceFactor`."""
+        """Multiply the scaled matrix, which is symmetric, by a vector; return the product [n]."""
         p = self.scaled.pattern
         return multiply_by_vector(self.scaled.banded(), x[p.order])[p.place]
 
@@ -86,10 +92,15 @@ class BandFactor(OnDeviceFactor):
 def factorize_and_solve(
     band: Float[Array, "n b+1"], rhs: Float[Array, " n"]
 ) -> tuple[Float[Array, "n b+1"], Float[Array, " n"]]:
-    """Return the Cholesky factor of a matrix, [n, b + 1], and the solution for a right side, [n].
+    """Factorise a banded matrix by Cholesky's method, and solve for one right side.
 
-    NaN and infinities, and no error, if the matrix is not positive definite: then a pivot
-    ``factor[:, 0]`` is no positive number.
+    Args:
+        band: lower band of the matrix A, ``band[k, i] = A[k + i, k]``, [n, b + 1].
+        rhs: right side, [n].
+
+    Returns:
+        Factor L in the same storage, and the solution [n]. If A is not positive definite, they have
+        NaN or infinities: a pivot ``factor[:, 0]`` is then no positive number.
     """
     n, width = band.shape
     band = jnp.pad(band, ((0, width + 2), (0, 0)))
@@ -121,7 +132,7 @@ def factorize_and_solve(
 
 
 def solve_with_factor(factor: Float[Array, "n b+1"], rhs: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Solve for another right side, [n], with a factor made before."""
+    """Return the solution, [n], for a right side with a factor of `factorize_and_solve`."""
     n, width = factor.shape
     rhs = jnp.pad(rhs, (0, 2 * width))
 
@@ -139,7 +150,7 @@ def solve_with_factor(factor: Float[Array, "n b+1"], rhs: Float[Array, " n"]) ->
 
 
 def multiply_by_vector(band: Float[Array, "n b+1"], x: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Multiply a symmetric matrix, given by its lower band, by a vector [n]."""
+    """Return the product, [n], of a symmetric matrix, given by its lower band, and a vector x."""
     n, width = band.shape
     x = jnp.pad(x, (width, width))
     here, away = width + jnp.arange(n)[:, None], jnp.arange(width)[None, :]
@@ -148,7 +159,7 @@ def multiply_by_vector(band: Float[Array, "n b+1"], x: Float[Array, " n"]) -> Fl
 
 
 def _back_substitute(factor, y):
-    """Solve ``L^T x = y`` for x [n], where y has zeros appended."""
+    """Solve ``L^T x = y`` for x, [n], with a banded factor L; y [n + b + 1] ends with zeros."""
     n, width = factor.shape
 
     def backward(count, x):

@@ -3,7 +3,7 @@
 A solver is an object registered by its name (`register`); `Newton(linear_solver=name)` takes that
 name. It analyses a pattern once, and makes a factor of every matrix on it:
 
-    analysis = solver.analyse(n, indptr, indices)     # compressed rows of the whole matrix
+    analysis = solver.analyze(n, indptr, indices)     # compressed rows of the whole matrix
     factor = analysis.factorize(values, definite)     # None if the matrix is singular
     x = factor.solve(b)                                # b [n] or [n, m]; transposed=True for A^T
     factor.pivots; factor.n_bytes; factor.release(); analysis.release()
@@ -27,12 +27,12 @@ _REGISTERED: dict[str, Solver] = {}
 
 
 class Solver:
-    """A way to solve sparse systems of equations.
+    """Base class of linear solvers for sparse matrices, for users' own ones, too.
 
     Attributes:
         name: the name that users give.
-        package: the package that it needs, an extra of the solver's name; None if there is none.
-        analysis: class of its analyses.
+        package: Python package that it needs, an extra of the solver's name; None if none.
+        analysis: class whose objects analyse a sparsity pattern, derived from `Analysis`.
         offered: whether users may name it; otherwise it is only chosen by size.
         on_device: whether it solves inside of the compiled program; then `solve_definite` and
             `factorize` are called with matrices of jax, and `analyze` never.
@@ -55,20 +55,20 @@ class Solver:
     iterates: bool = True
 
     def is_installed(self) -> bool:
-        """Tell whether the solver is installed."""
+        """Tell whether the Python package that the solver needs is installed."""
         return self.package is None or importlib.util.find_spec(self.package) is not None
 
     def missing_message(self) -> str:
-        """Return the text of the error where the solver is not installed."""
+        """Return the text of the error that says that the solver is not installed."""
         extra = f"or install the extra jaxcable[{self.name}]"
         return f'{self.package} is not installed; use "superlu", {extra}'
 
     def load_library(self) -> None:
-        """Load the solver's library, if any, while the program is compiled or read from disk."""
+        """Begin to load the solver's library, before a program is compiled or read from disk."""
         return None
 
     def suits(self, n: int, banded: bool) -> bool:
-        """Tell whether to choose this solver where none is named and no earlier one suits.
+        """Tell whether to choose this solver if users name none and none registered earlier suits.
 
         Args:
             n: number of unknowns.
@@ -79,7 +79,7 @@ class Solver:
     def analyze(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
     ) -> Analysis:
-        """Analyse a pattern once, for all matrices on it; unless `on_device`.
+        """Analyse a sparsity pattern once, for all matrices on it (not called if `on_device`).
 
         Args:
             n: number of unknowns.
@@ -95,11 +95,17 @@ class Solver:
         matrix: Any,  # a `pattern.SparseMatrix`; that module imports this one
         rhs: Float[Array, " n"],
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-        """Solve with a definite matrix: x [n], and whether it is definite; if `on_device`."""
+        """Solve with a `SparseMatrix`: return x [n], and whether the matrix is positive definite.
+
+        Only for solvers `on_device`, inside of the compiled program.
+        """
         raise NotImplementedError(f"{self.name}: solves on the host")
 
     def factorize(self, matrix: Any, loose: Bool[Array, " n"]) -> Any:
-        """Factorise to a `direct.OnDeviceFactor` without unknowns `loose`, [n]; if `on_device`."""
+        """Return a `direct.OnDeviceFactor` of a `SparseMatrix` without unknowns `loose`, [n] bool.
+
+        Only for solvers `on_device`, inside of the compiled program.
+        """
         raise NotImplementedError(f"{self.name}: solves on the host")
 
     def __repr__(self) -> str:
@@ -107,10 +113,11 @@ class Solver:
 
 
 class Analysis(abc.ABC):
-    """A pattern analysed by a solver, once for all matrices on it.
+    """Base class of a solver's analysis of a sparsity pattern, made once for all matrices on it.
 
     Args:
-        n, indptr, indices: those of `Solver.analyze`.
+        n: number of unknowns.
+        indptr, indices: compressed rows of the whole matrix (both triangles), columns ascending.
     """
 
     def __init__(
@@ -132,16 +139,17 @@ class Analysis(abc.ABC):
         """
 
     def release(self) -> None:
-        """Free memory that Python does not free with this object."""
+        """Free memory that Python does not free with this object, such as that of a library."""
         return None
 
 
 class NumericFactor(abc.ABC):
-    """A factor of one matrix, made by `Analysis.factorize`.
+    """Base class of the factor of one matrix, made by `Analysis.factorize`.
 
     Attributes:
-        pivots: of the elimination, [n]: the matrix is regular if none of them is small, and
-            definite if all of them are positive. None if `factorize` has judged this by itself.
+        pivots: pivots of the elimination, [n]: the matrix is regular if none of them is small, and
+            positive definite if all of them are positive. None if `factorize` has judged this
+            itself.
         n_bytes: memory that the factor takes.
     """
 
@@ -155,7 +163,7 @@ class NumericFactor(abc.ABC):
         """Solve for right sides [n] or [n, m], with the matrix or its transpose."""
 
     def release(self) -> None:
-        """Free memory that Python does not free with this object."""
+        """Free memory that Python does not free with this object, such as that of a library."""
         return None
 
 
@@ -163,9 +171,10 @@ AnySolver = TypeVar("AnySolver", bound=Solver)
 
 
 def register(solver: AnySolver) -> AnySolver:
-    """Register a solver, so that it can be named, and return it.
+    """Register a linear solver under its name, so that users can name it, and return it.
 
-    Without a name, it is chosen where it `suits` and no solver registered before does.
+    Where users name none, it is chosen if it `suits` the matrix and no solver registered before
+    does.
 
     Raises:
         ValueError: another solver has that name.
@@ -176,19 +185,19 @@ def register(solver: AnySolver) -> AnySolver:
 
 
 def solver_named(name: str) -> Solver:
-    """Return the solver that is registered under a name."""
+    """Return the linear solver that is registered under a name."""
     return _REGISTERED[name]
 
 
 def selectable_solver_names() -> tuple[str, ...]:
-    """Return the names of solvers that users may ask for."""
+    """Return the names of the linear solvers that users may ask for."""
     return tuple(name for name, solver in _REGISTERED.items() if solver.offered)
 
 
 def check_solver_name(name: str | None, exchanges_rows: bool = False) -> None:
     """Raise ValueError unless a name is None or that of an installed solver that users may name.
 
-    With `exchanges_rows` the solver must exchange rows, too.
+    With `exchanges_rows` it must also be a solver that exchanges rows.
     """
     if name is None:
         return
@@ -215,7 +224,7 @@ def choose_solver(
     exchanges_rows: bool = False,
     definite: bool = False,
 ) -> Solver:
-    """Return the solver of a name; if that is None, the first registered one that suits.
+    """Return the linear solver with this name; if it is None, the first registered one that suits.
 
     Args:
         n: number of unknowns.

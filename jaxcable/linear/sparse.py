@@ -23,17 +23,18 @@ from .solver import solver_named
 _SOLVES_TO_PAUSE = 3
 
 
-def host_solver_words(pattern: Pattern) -> tuple[str, str]:
-    """Return the words from which host functions for a pattern are made: solver, storage."""
+def solver_and_storage_words(pattern: Pattern) -> tuple[str, str]:
+    """Return the solver's name and "symmetric" or "general" storage, words for host functions."""
     return pattern.solver.name, "symmetric" if pattern.symmetric else "general"
 
 
 @host_calls.host_function_family
 def make_host_solver(solver, stored, kind):
-    """Return the NumPy function that solves a batch; it flattens the batch axes of all arguments.
+    """Return the NumPy function that solves all sparse systems of a batch, for `call_on_host`.
 
-    Its last argument says which unknowns are loose; for the "next" matrix of a sequence, which
-    should be positive definite, it says whether the result matters.
+    `solver` is a name; `stored` is "symmetric" (upper triangle) or "general"; `kind` is "as it is",
+    "transposed", or "next" for definite matrices in a sequence. The function's last argument is a
+    mask of loose unknowns; for "next", whether the result is wanted.
     """
     solver, symmetric = solver_named(solver), stored == "symmetric"
     following, transposed = kind == "next", kind == "transposed"
@@ -43,18 +44,18 @@ def make_host_solver(solver, stored, kind):
         if following:
             batch, flat = host.flatten_batch((values, stale, rhs), (*scalars, last))
             values, stale, rhs, *scalars, wanted = flat
-            loose, group = None, np.arange(len(rhs))
+            loose, matrix_index = None, np.arange(len(rhs))
         else:
             matrices, flat = host.flatten_batch((values, stale, last), scalars)
             values, stale, loose, *scalars = flat
-            group = np.arange(len(values)).reshape(matrices)
-            batch, (rhs, group) = host.flatten_batch((rhs,), (group,))
+            matrix_index = np.arange(len(values)).reshape(matrices)
+            batch, (rhs, matrix_index) = host.flatten_batch((rhs,), (matrix_index,))
             # of an adjoint nothing is asked where its right side is zero
             wanted = rhs.any(axis=1) if transposed else np.ones(len(rhs), bool)
         values, stale, rhs = (a.astype(np.float64, copy=False) for a in (values, stale, rhs))
-        x, regular, fresh = host.solve_batch(
+        x, regular, fresh = host.solve_sparse_batch(
             (solver, symmetric, *host.take_first_case(digest, indptr, indices)),
-            *(following, transposed, values, loose, stale, *scalars, rhs, group, wanted),
+            *(following, transposed, values, loose, stale, *scalars, rhs, matrix_index, wanted),
         )
         x = x.reshape(*batch, -1)
         if following:
@@ -64,32 +65,32 @@ def make_host_solver(solver, stored, kind):
     return function
 
 
-def _solve_on_host(pattern, kind, rhs, n_flag, *arrays):
-    """Call the host to solve: return the solution [n], and flags.
+def _solve_sparse_on_host(pattern, kind, rhs, n_flag, *arrays):
+    """Call `make_host_solver`'s function: return the solution [n], and `n_flag` scalar booleans.
 
     Args:
-        pattern: of the matrix.
+        pattern: `Pattern` of the matrix.
         kind: "next", "transposed" or "as it is".
         rhs: right side, [n].
-        n_flag: number of flags.
-        arrays: the other arguments of the function of `make_host_solver`.
+        n_flag: number of booleans that the function returns: 2 for "next", else 1.
+        arrays: the further arguments of the function.
     """
     flag = jax.ShapeDtypeStruct((), bool)
     shapes = jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), *[flag] * n_flag
     arrays = pattern.digest, pattern.indptr, pattern.indices, rhs, *arrays
     return host_calls.call_on_host(
-        (make_host_solver, *host_solver_words(pattern), kind), shapes, *arrays
+        (make_host_solver, *solver_and_storage_words(pattern), kind), shapes, *arrays
     )
 
 
 @pytree
 class FactoredMatrix:
-    """The last matrix that was factorised, whose factor later solves may use again.
+    """The last matrix that was factorised on the host, whose factor later solves may use again.
 
     Attributes:
         values: values of that matrix, [n_value].
-        usable: whether there is such a matrix, and its factor may be used.
-        count: factorisations so far.
+        usable: whether there is such a matrix, and its factor may be used, scalar bool.
+        count: number of factorisations so far.
         pause: number of solves during which conjugate gradients are not tried, because they have
             failed before.
     """
@@ -101,7 +102,7 @@ class FactoredMatrix:
 
 
 def no_factored_matrix(pattern: Pattern | None, dtype: DTypeLike) -> FactoredMatrix | None:
-    """Return the `FactoredMatrix` before the first solve on a pattern; None for dense matrices."""
+    """Return the `FactoredMatrix` before a first solve; None for solvers inside of the program."""
     if pattern is None or pattern.solver.on_device:
         return None
     values = jnp.zeros(pattern.indices.shape, dtype)
@@ -109,7 +110,7 @@ def no_factored_matrix(pattern: Pattern | None, dtype: DTypeLike) -> FactoredMat
 
 
 def without_factor(factored: FactoredMatrix | None) -> FactoredMatrix | None:
-    """Return a `FactoredMatrix` whose matrix is used no more, with its count; None stays None."""
+    """Return a `FactoredMatrix` with the same count whose factor is not used; None stays None."""
     return None if factored is None else copy_with(factored, usable=jnp.zeros((), bool))
 
 
@@ -122,16 +123,19 @@ def solve_reusing_factor(
     limit: Int[Array, ""],
     wanted: Bool[Array, ""],
 ) -> tuple[Float[Array, " n"], Bool[Array, ""], FactoredMatrix | None]:
-    """Solve the next of a sequence of similar systems; see `linear.solve_reusing_factor`.
+    """Solve the next of a sequence of similar, definite systems; not differentiable.
 
-    `factored` is None if the solver of the matrix is on the device.
+    `factored` is the matrix factorised last (None if the solver is in the compiled program), with
+    whose factor conjugate gradients try to solve: `tol` is the relative residual, `limit` the
+    number of steps allowed. `wanted` is False if the result does not matter. Returns the solution
+    [n], whether the matrix is positive definite, and the `FactoredMatrix` for the next solve.
     """
     p = matrix.pattern
     if p.solver.on_device:
         return *p.solver.solve_definite(matrix, rhs), factored
     tried = factored.usable & (limit > 0) & (factored.pause == 0)
     arrays = matrix.values, factored.values, tried, tol, limit, wanted
-    x, definite, fresh = _solve_on_host(p, "next", rhs, 2, *arrays)
+    x, definite, fresh = _solve_sparse_on_host(p, "next", rhs, 2, *arrays)
     after = FactoredMatrix(
         values=jnp.where(fresh, matrix.values, factored.values),
         usable=factored.usable | fresh,
@@ -142,7 +146,7 @@ def solve_reusing_factor(
 
 
 def is_definite(matrix: SparseMatrix) -> Bool[Array, ""]:
-    """Return whether a matrix is definite; see `linear.is_definite`."""
+    """Return whether a sparse matrix (or its symmetric part) is positive definite, scalar bool."""
     zero = jnp.zeros(matrix.shape[0], matrix.values.dtype)
     factored = no_factored_matrix(matrix.pattern, zero.dtype)
     return solve_reusing_factor(matrix, zero, factored, zero[0], jnp.int32(0), jnp.ones((), bool))[
@@ -151,8 +155,8 @@ def is_definite(matrix: SparseMatrix) -> Bool[Array, ""]:
 
 
 @solve_reusing_factor.def_vmap
-def _solve_batch_rule(axis_size, mapped, *arguments):
-    """Solve a batch: in jax if the bandwidth is small, else one after the other on the host."""
+def _solve_reusing_factor_batch_rule(axis_size, mapped, *arguments):
+    """Rule for `jax.vmap`: solve in jax if the bandwidth is small, else by cases on the host."""
     matrix, rhs, factored, *_ = arguments
     axes = jax.tree.map(lambda is_mapped: 0 if is_mapped else None, mapped)
     out = (0, 0, jax.tree.map(lambda _: 0, factored))
@@ -173,12 +177,13 @@ def _solve_batch_rule(axis_size, mapped, *arguments):
 
 @pytree
 class SparseFactor(MatrixFactor):
-    """A general matrix that is factorised on the host when it is first solved with.
+    """Factor of a general sparse matrix, computed on the host when it is first needed.
 
     Attributes:
-        matrix: `SparseMatrix`.
-        loose: unknowns without a value, [n] bool.
-        factored, tol, limit: see `linear.factorize`.
+        matrix: the matrix.
+        loose: unknowns with empty rows and columns, which have no solution, [n] bool.
+        factored, tol, limit: for conjugate gradients with an earlier factor, as in
+            `linear.factorize`.
     """
 
     matrix: SparseMatrix
@@ -189,7 +194,7 @@ class SparseFactor(MatrixFactor):
 
     @property
     def regular(self) -> Bool[Array, ""]:  # type: ignore[override]  # read only
-        """Whether the matrix without loose unknowns is regular to working precision."""
+        """Whether the matrix without loose unknowns is regular to working precision, a scalar."""
         return self.solve_with_status(jnp.zeros(self.loose.shape, self.matrix.values.dtype), False)[
             1
         ]
@@ -201,7 +206,7 @@ class SparseFactor(MatrixFactor):
     def solve_with_status(
         self, b: Float[Array, " n"], transposed: bool
     ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-        """Solve on the host, with the matrix or its transpose; see `direct.MatrixFactor`."""
+        """Solve with the matrix or its transpose: return x [n], and whether it is regular."""
         p, dtype = self.matrix.pattern, b.dtype
         stale, usable = self.matrix.values, jnp.zeros((), bool)
         if self.factored is not None:
@@ -209,13 +214,16 @@ class SparseFactor(MatrixFactor):
         b = jnp.where(self.loose, 0.0, b)
         known = stale, usable, jnp.asarray(self.tol, dtype), jnp.int32(self.limit)
         kind = "transposed" if transposed else "as it is"
-        x, regular = _solve_on_host(p, kind, b, 1, self.matrix.values, *known, self.loose)
+        x, regular = _solve_sparse_on_host(p, kind, b, 1, self.matrix.values, *known, self.loose)
         return x, regular
 
     def solve_checked(
         self, b: Float[Array, " n"], transposed: bool
     ) -> tuple[Float[Array, " n"], Bool[Array, ""], Bool[Array, ""]]:
-        """Solve; the host has judged the pivots, so that the solution counts as sound."""
+        """Solve with the matrix or its transpose: return x [n], whether it is regular, and True.
+
+        The True says that x is accurate: the host has judged the pivots.
+        """
         return *self.solve_with_status(b, transposed), jnp.ones((), bool)
 
 
@@ -226,7 +234,11 @@ def factorize(
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
 ) -> OnDeviceFactor | SparseFactor:
-    """Factorise a sparse matrix; see `linear.factorize`."""
+    """Return a factor of a sparse general matrix, without the unknowns `loose`, [n] bool.
+
+    `factored`, `tol` and `limit` are for conjugate gradients with an earlier factor: its matrix,
+    the relative residual that they may leave, and the number of steps allowed.
+    """
     if loose is None:
         loose = jnp.zeros(matrix.shape[0], bool)
     matrix = lax.stop_gradient(matrix)

@@ -42,24 +42,24 @@ def inertia_and_nearest_mode(
     general: bool = False,
     strict: Bool[ArrayLike, ""] = False,
 ) -> tuple[Int[Array, ""], Float[Array, ""], Float[Array, " n"], Float[Array, " n"]]:
-    """Count negative eigenvalues, and find the one nearest to zero; not differentiable.
+    """Count negative eigenvalues, and find the mode with the eigenvalue nearest to zero.
 
     For an unsymmetric matrix: the number of eigenvalues with negative real part, and the smallest
     singular value (which is zero where the matrix is singular), with the sign of the real part of
     the eigenvalue nearest to zero. With more than 400 unknowns the number is `NOT_COUNTED`, and the
-    sign is that of the determinant.
+    sign is that of the determinant. Not differentiable.
 
     Args:
         matrix: [n, n].
         loose: unknowns with empty rows and columns, left out, [n] bool.
         general: whether the matrix may be unsymmetric; it is treated as symmetric if it is so.
-        strict: whether to count negative eigenvalues within the rounding of the largest, too;
-            scalar. This counts noise where eigenvalues stay zero along the path, but it is needed
-            near an eigenvalue that crosses zero, to know its sign.
+        strict: whether to count also negative eigenvalues as small as rounding, scalar. This counts
+            noise where eigenvalues stay zero along the path, but it is needed near an eigenvalue
+            that crosses zero, to know its sign.
 
     Returns:
-        number: int32.
-        value: the eigenvalue, or signed singular value.
+        number: number of negative eigenvalues, int32.
+        value: the eigenvalue nearest to zero, or signed singular value.
         right, left: its right and left unit vectors, [n]; NaN where they were not found.
     """
     matrix = lax.stop_gradient(matrix)
@@ -88,7 +88,7 @@ def inertia_and_nearest_mode(
 
 @jax.jit
 def is_symmetric(matrix: Float[Array, "n n"]) -> Bool[Array, ""]:
-    """Return whether a tangent [n, n] is symmetric up to rounding; True if it has NaN."""
+    """Return whether a tangent stiffness [n, n] is symmetric up to rounding; True if it has NaN."""
     size = jnp.sqrt(jnp.abs(jnp.diagonal(matrix)))
     # sums of many rotations lose digits, as do squares of their angles: more than a few eps
     tol = jnp.finfo(matrix.dtype).eps ** (2 / 3)
@@ -96,9 +96,10 @@ def is_symmetric(matrix: Float[Array, "n n"]) -> Bool[Array, ""]:
 
 
 def _spectrum_of_symmetric(matrix, sure):
-    """Count negative eigenvalues of a dense symmetric matrix, and find its mode nearest to zero.
+    """Return (number of negative eigenvalues, the one nearest to zero, its vector twice).
 
     Args:
+        matrix: dense and symmetric, [n, n].
         sure: eigenvalues below this part of the largest count as zero.
     """
     values, vectors = unbatched.eigh(0.5 * (matrix + matrix.T))
@@ -109,8 +110,10 @@ def _spectrum_of_symmetric(matrix, sure):
 
 
 def _spectrum_of_unsymmetric(matrix, sure):
-    """Count negative eigenvalues of a dense unsymmetric matrix, and find its smallest singular
-    value.
+    """Return (number of negative eigenvalues, smallest singular value, right and left vector).
+
+    `matrix` is dense; the value has the sign of the eigenvalue nearest to zero. Real parts below
+    `sure` of the largest eigenvalue count as zero.
     """
     left, values, right = unbatched.svd(matrix)
     if len(matrix) > _COUNTED_UNKNOWNS:
@@ -123,12 +126,16 @@ def _spectrum_of_unsymmetric(matrix, sure):
 
 @host_calls.host_function_family
 def make_eigenvalue_counter():
-    """Return the NumPy function that counts negative eigenvalues of dense matrices."""
-    return _count_negative
+    """Return the NumPy function that counts negative eigenvalues of dense unsymmetric matrices."""
+    return _count_negative_eigenvalues
 
 
-def _count_negative(matrix, sure):
-    """Count eigenvalues with negative real part, and find the sign of the one nearest to zero."""
+def _count_negative_eigenvalues(matrix, sure):
+    """Count eigenvalues with negative real part, and find the sign of the one nearest to zero.
+
+    Takes matrices [..., n, n]; real parts below `sure` of the largest absolute value count as zero.
+    Returns numbers, and signs as 1.0 or -1.0, both [...].
+    """
     values = np.linalg.eigvals(matrix)
     size = np.abs(values)
     limit = np.asarray(sure)[..., None] * size.max(axis=-1, keepdims=True)
@@ -138,7 +145,7 @@ def _count_negative(matrix, sure):
 
 
 def _spectrum_on_host(matrix, loose, general, strict):
-    """Count negative eigenvalues of a sparse matrix, and find its nearest mode, on the host."""
+    """Compute `inertia_and_nearest_mode` of a sparse matrix by a call of NumPy on the host."""
     p = matrix.pattern
     of_scalar = (jax.ShapeDtypeStruct((), dtype) for dtype in (jnp.int32, matrix.values.dtype))
     of_vector = jax.ShapeDtypeStruct(loose.shape, matrix.values.dtype)
@@ -152,7 +159,11 @@ def _spectrum_on_host(matrix, loose, general, strict):
 
 @host_calls.host_function_family
 def make_spectrum_finder(stored, kind):
-    """Return the NumPy function of `_spectrum_on_host` for all matrices of a batch."""
+    """Return the NumPy function that counts negative eigenvalues and finds modes in a batch.
+
+    `stored` is "symmetric" (only the upper triangle) or "general", `kind` "is symmetric" or "may be
+    unsymmetric".
+    """
     symmetric, general = stored == "symmetric", kind == "may be unsymmetric"
 
     def function(indptr, indices, values, loose, strict):
@@ -161,7 +172,8 @@ def make_spectrum_finder(stored, kind):
         apart = np.finfo(values.dtype).eps ** (2 / 3) if general else None
         matrix = host.take_first_case(indptr, indices)
         found = [
-            _spectrum_of_case(symmetric, apart, *matrix, *case) for case in zip(*rows, strict=True)
+            _spectrum_of_sparse_case(symmetric, apart, *matrix, *case)
+            for case in zip(*rows, strict=True)
         ]
         number, value, *vectors = (np.array(column) for column in zip(*found, strict=True))
         right, left = (vector.reshape(*batch, -1) for vector in vectors)
@@ -170,14 +182,14 @@ def make_spectrum_finder(stored, kind):
     return function
 
 
-def _spectrum_of_case(symmetric, apart, indptr, indices, values, loose, strict):
+def _spectrum_of_sparse_case(symmetric, apart, indptr, indices, values, loose, strict):
     """Count negative eigenvalues of a matrix in compressed rows, and find its mode nearest to zero.
 
-    Args:
-        apart: tolerance of its symmetry, see `_is_sparse_symmetric`; None if it is symmetric.
+    With `symmetric` only the upper triangle is stored; `apart` is the tolerance for symmetry, None
+    if that is known. Returns (number, eigenvalue or singular value, right and left vector).
     """
     n = len(indptr) - 1
-    whole = host.full_matrix(values, indices, indptr, symmetric)
+    whole = host.full_scipy_matrix(values, indices, indptr, symmetric)
     keep = np.flatnonzero(~loose)
     whole = whole.tocsc()[:, keep][keep]
     nothing = np.int32(0), np.nan, np.full(n, np.nan), np.full(n, np.nan)
@@ -198,7 +210,11 @@ def _spectrum_of_case(symmetric, apart, indptr, indices, values, loose, strict):
 
 
 def _spectrum_of_sparse_symmetric(matrix, sure):
-    """Count and find as `_spectrum_of_case` does; None if the matrix cannot be factorised."""
+    """Return (number of negative eigenvalues, the one nearest to zero, its vector twice), or None.
+
+    `sure` is the part of the largest stiffness below which eigenvalues count as zero. None means
+    that the SciPy matrix cannot be factorised.
+    """
     n = matrix.shape[0]
     eps = np.finfo(float).eps
     if n <= _DENSE_UNKNOWNS:  # Lanczos needs more unknowns than vectors
@@ -225,16 +241,22 @@ def _spectrum_of_sparse_symmetric(matrix, sure):
 
 
 def _is_sparse_symmetric(matrix, tol):
-    """Tell whether a sparse matrix, NumPy, is symmetric up to the tolerance `tol`."""
+    """Tell whether a SciPy matrix is symmetric up to a tolerance, relative to its diagonal."""
     size = np.sqrt(np.abs(matrix.diagonal()))
     apart = abs(matrix - matrix.T).tocoo()
     return not (apart.data > tol * size[apart.row] * size[apart.col]).any()
 
 
 def _spectrum_of_sparse_unsymmetric(matrix, sure):
-    """Count and find singular values; None if the matrix is singular."""
+    """Return (number of negative eigenvalues, smallest singular value, right and left vector).
+
+    None if the SciPy matrix is singular. Real parts of eigenvalues below n `sure` of the largest
+    count as zero.
+    """
     n = matrix.shape[0]
-    counted = _count_negative(matrix.toarray(), n * sure) if n <= _COUNTED_UNKNOWNS else None
+    counted = (
+        _count_negative_eigenvalues(matrix.toarray(), n * sure) if n <= _COUNTED_UNKNOWNS else None
+    )
     if n <= _DENSE_UNKNOWNS:
         left, values, right = np.linalg.svd(matrix.toarray())
         return counted[0], counted[1] * values[-1], right[-1], left[:, -1]

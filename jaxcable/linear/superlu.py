@@ -18,10 +18,10 @@ from . import solver
 
 @functools.cache
 def _factor_thread(process):
-    """Return the thread of a process in which factors are made and freed.
+    """Return the executor with the one thread of a process that makes and frees SuperLU factors.
 
     SciPy 1.17 frees the memory of a factor only in the thread that has made it; programs call
-    solvers from any thread.
+    solvers from any thread. `process` is the number of the process: a fork gets its own thread.
     """
     return ThreadPoolExecutor(1, thread_name_prefix="superlu")
 
@@ -39,13 +39,13 @@ def decompose_lu(matrix: Any, **options: Any) -> Any:
 def decompose_without_pivoting(
     matrix: Any, order: str = "MMD_AT_PLUS_A", threshold: float = 0.0
 ) -> Any:
-    """Factorise without row exchanges where the diagonal is above a threshold, or return None."""
+    """Factorise by SuperLU, exchanging rows only for pivots below `threshold`; None if singular."""
     options = {"SymmetricMode": True}
     return decompose_lu(matrix, permc_spec=order, diag_pivot_thresh=threshold, options=options)
 
 
 class _SuperLUAnalysis(solver.Analysis):
-    """A pattern in an order of the unknowns that is found once."""
+    """Analysis of a sparsity pattern for SuperLU: a fill-reducing order of the unknowns."""
 
     def __init__(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
@@ -63,20 +63,22 @@ class _SuperLUAnalysis(solver.Analysis):
     def factorize(
         self, values: Float[np.ndarray, " n_value"], definite: bool
     ) -> _SuperLUFactor | None:
-        """See `solver.Analysis`; `definite` allows no pivoting, else rows may be exchanged."""
+        """Factorise a matrix (its entries), unpivoted if `definite`; None if it is singular."""
         return (
-            _factor_thread(os.getpid()).submit(self._factorize_in_thread, values, definite).result()
+            _factor_thread(os.getpid())
+            .submit(self._factorize_in_factor_thread, values, definite)
+            .result()
         )
 
-    def _factorize_in_thread(self, values, definite):
-        """Factorise, in the thread of `_factor_thread`."""
+    def _factorize_in_factor_thread(self, values, definite):
+        """Factorise a matrix (its entries), unpivoted if `definite`; runs in `_factor_thread`."""
         self.matrix.data = values[self.take]
         lu = decompose_without_pivoting(self.matrix, "NATURAL", 0.0 if definite else 1e-3)
         return None if lu is None else _SuperLUFactor(self.order, lu)
 
 
 class _SuperLUFactor(solver.NumericFactor):
-    """LU factors by SuperLU."""
+    """LU factors of a sparse matrix, computed by SuperLU."""
 
     def __init__(self, order, lu):
         self.order, self.lus, self.pivots = order, [lu], lu.U.diagonal()
@@ -85,13 +87,13 @@ class _SuperLUFactor(solver.NumericFactor):
     def solve(
         self, b: Float[np.ndarray, "n ..."], transposed: bool = False
     ) -> Float[np.ndarray, "n ..."]:
-        """Solve for right-hand sides [n] or [n, m]."""
+        """Solve for right sides [n] or [n, m], with the matrix or its transpose."""
         x = np.empty_like(b)
         x[self.order] = self.lus[0].solve(b[self.order], "T" if transposed else "N")
         return x
 
     def release(self) -> None:
-        """Free the memory, in the thread that has allocated it."""
+        """Free the memory of the factors, in the thread that has allocated it."""
         _factor_thread(os.getpid()).submit(self.lus.clear).result()
 
     def __del__(self):
@@ -101,11 +103,11 @@ class _SuperLUFactor(solver.NumericFactor):
 
 
 class SuperLU(solver.Solver):
-    """Solve by SciPy's SuperLU: always installed, chosen where no other solver suits."""
+    """Linear solver SuperLU of SciPy: always installed, chosen where no other solver suits."""
 
     name = "superlu"
     analysis = _SuperLUAnalysis
 
     def suits(self, n: int, banded: bool) -> bool:
-        """True: any matrix."""
+        """Return True: SuperLU suits matrices of any size and bandwidth."""
         return True

@@ -24,14 +24,13 @@ from jax import lax
 from ..common.types import Array, ArrayLike, Float, Int
 
 
-def one_at_a_time(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a function so that `jax.vmap` maps it by a loop on CPUs.
+def vmap_by_loop(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorate a function so that `jax.vmap` calls it for one case after the other on CPUs.
 
-    The function is not to be differentiated in reverse (`cholesky`, `eigh` and `solve_triangular`
-    below are differentiable).
+    On accelerators it is mapped as usual. The result has no reverse-mode derivative.
 
     Args:
-        function: of arrays, with a pytree of arrays as its result; it calls LAPACK.
+        function: function of arrays that calls LAPACK; it returns a pytree of arrays.
     """
     mapped = jax.custom_batching.custom_vmap(function)
 
@@ -57,37 +56,37 @@ def one_at_a_time(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 # functions of arrays alone: the named arguments of jax's would be taken for more of them
-_cholesky = one_at_a_time(lambda matrix: jnp.linalg.cholesky(matrix))
-_eigh = one_at_a_time(lambda matrix: tuple(jnp.linalg.eigh(matrix)))
-_raw_lu = one_at_a_time(lambda matrix: jsl.lu_factor(matrix))
-cho_solve = one_at_a_time(lambda factor, rhs: jsl.cho_solve((factor, True), rhs))
-eigvalsh = one_at_a_time(lambda matrix: jnp.linalg.eigvalsh(matrix))
-qr = one_at_a_time(lambda matrix: tuple(jnp.linalg.qr(matrix)))
-slogdet = one_at_a_time(lambda matrix: tuple(jnp.linalg.slogdet(matrix)))
-svd = one_at_a_time(lambda matrix: tuple(jnp.linalg.svd(matrix)))
-_thin_svd = one_at_a_time(lambda matrix: tuple(jnp.linalg.svd(matrix, full_matrices=False)))
+_cholesky = vmap_by_loop(lambda matrix: jnp.linalg.cholesky(matrix))
+_eigh = vmap_by_loop(lambda matrix: tuple(jnp.linalg.eigh(matrix)))
+_raw_lu = vmap_by_loop(lambda matrix: jsl.lu_factor(matrix))
+cho_solve = vmap_by_loop(lambda factor, rhs: jsl.cho_solve((factor, True), rhs))
+eigvalsh = vmap_by_loop(lambda matrix: jnp.linalg.eigvalsh(matrix))
+qr = vmap_by_loop(lambda matrix: tuple(jnp.linalg.qr(matrix)))
+slogdet = vmap_by_loop(lambda matrix: tuple(jnp.linalg.slogdet(matrix)))
+svd = vmap_by_loop(lambda matrix: tuple(jnp.linalg.svd(matrix)))
+_thin_svd = vmap_by_loop(lambda matrix: tuple(jnp.linalg.svd(matrix, full_matrices=False)))
 
 
 @functools.cache
 def _triangular_solver(lower, transposed, unit_diagonal=False):
-    """Return a function that solves with a triangle; a unit diagonal is not stored (L of LU)."""
+    """Return ``solve(factor, rhs)`` for triangular matrices; a unit diagonal need not be stored."""
 
     def solve(factor, rhs):
         options = {"lower": lower, "unit_diagonal": unit_diagonal}
         return jsl.solve_triangular(factor, rhs, trans=int(transposed), **options)
 
-    return one_at_a_time(solve)
+    return vmap_by_loop(solve)
 
 
 @jax.custom_jvp
 def cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Return the lower Cholesky factor of a symmetric matrix; NaN if it is not definite."""
+    """Return the lower Cholesky factor [n, n] of a symmetric matrix; NaN if it is not definite."""
     return _cholesky(matrix)
 
 
 @cholesky.defjvp
 def _cholesky_jvp(primals, tangents):
-    """Differentiate: ``dL = L tril(L^-1 dA L^-T)``, half of the diagonal (Murray 2016, eq. 8)."""
+    """Derivative: ``dL = L tril(L^-1 dA L^-T)``, with half of the diagonal (Murray 2016, eq. 8)."""
     factor = cholesky(*primals)
     change = 0.5 * (tangents[0] + tangents[0].T)
     half = solve_triangular(factor, change)
@@ -97,16 +96,16 @@ def _cholesky_jvp(primals, tangents):
 
 @jax.custom_jvp
 def eigh(matrix: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
-    """Return the eigenvalues, ascending, and eigenvectors (columns) of a symmetric matrix.
+    """Return the eigenvalues [n], ascending, and unit eigenvectors (columns [n, n]) of a matrix.
 
-    Derivatives of the vectors of equal eigenvalues are not finite: they have none.
+    The matrix is symmetric. The vectors of equal eigenvalues have no finite derivatives.
     """
     return _eigh(matrix)
 
 
 @eigh.defjvp
 def _eigh_jvp(primals, tangents):
-    """Differentiate eigenvalues and eigenvectors.
+    """Forward derivative of `eigh`: return eigenvalues w and vectors v, and their tangents.
 
     ``dw_i = v_i.dA v_i`` and ``dv_i = sum_j v_j (v_j.dA v_i) / (w_i - w_j)``, j not i.
     """
@@ -123,7 +122,7 @@ def solve_triangular(
     lower: bool = True,
     transposed: bool = False,
 ) -> Float[Array, "n ..."]:
-    """Solve with a triangular matrix, or its transpose, for right sides [n] or [n, m]."""
+    """Solve with a triangle of `factor`, or its transpose, for right sides [n] or [n, m]."""
     triangle = jnp.tril(factor) if lower else jnp.triu(factor)
     held = lax.stop_gradient(factor)
 
@@ -148,7 +147,7 @@ def lu_factor(matrix: Float[Array, "n n"]) -> tuple[Float[Array, "n n"], Int[Arr
 def lu_solve(
     lu: Float[Array, "n n"], order: Int[Array, " n"], rhs: Float[Array, " n"], transposed: bool
 ) -> Float[Array, " n"]:
-    """Solve with the factors of `lu_factor`, or with those of the transpose; no derivative."""
+    """Solve with the factors of `lu_factor`, or of the transpose: return x [n]; no derivative."""
     if transposed:
         x = _triangular_solver(True, True, True)(lu, _triangular_solver(False, True)(lu, rhs))
         return jnp.zeros_like(x).at[order].set(x, unique_indices=True)
@@ -162,13 +161,13 @@ def lstsq(
     rhs: Float[Array, " m"],
     rcond: Float[ArrayLike, ""] | None = None,
 ) -> Float[Array, " n"]:
-    """Solve by least squares: return the shortest x of least ``|A x - b|``; NaN if `rcond` is NaN.
+    """Return the least-squares solution of A x = b that has the smallest norm, [n]; differentiable.
 
     Args:
         matrix: A, [m, n].
         rhs: b, [m].
-        rcond: singular values below this part of the largest one count as zero; None for
-            max(m, n) eps.
+        rcond: singular values below this part of the largest one count as zero; None for max(m, n)
+            eps. NaN makes the result NaN.
     """
     if rcond is None:
         rcond = max(matrix.shape) * jnp.finfo(matrix.dtype).eps
@@ -177,7 +176,7 @@ def lstsq(
 
 @jax.custom_jvp
 def _lstsq_by_svd(matrix, rhs, rcond):
-    """Multiply by the pseudo-inverse of a matrix, from its singular values."""
+    """Return pinv(A) `rhs`, [n]; singular values below `rcond` of the largest count as zero."""
     left, size, right = _thin_svd(matrix)
     counts = ~(size <= rcond * jnp.max(size, initial=0.0))
     inverse = jnp.where(counts, 1 / jnp.where(counts, size, 1.0), 0.0)
@@ -186,7 +185,7 @@ def _lstsq_by_svd(matrix, rhs, rcond):
 
 @_lstsq_by_svd.defjvp
 def _lstsq_by_svd_jvp(primals, tangents):
-    """Differentiate a pseudo-inverse of constant rank (Golub and Pereyra 1973, eq. 4.12)."""
+    """Forward derivative of `_lstsq_by_svd`, constant rank (Golub and Pereyra 1973, eq. 4.12)."""
     (matrix, rhs, rcond), (matrix_dot, rhs_dot, _) = primals, tangents
 
     def inverse(v):

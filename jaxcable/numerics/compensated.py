@@ -27,14 +27,14 @@ Pair: TypeAlias = 'tuple[Float[Array, " ..."], Float[Array, " ..."]]'
 
 @jax.jit  # one function in a program, as below
 def two_sum(a: Float[Array, " ..."], b: Float[Array, " ..."]) -> Pair:
-    """Return the rounded sum of two floats, and its rounding error, exactly (Knuth's two-sum)."""
+    """Return (s, e): rounded sum of two floats, and its error, s + e = a + b (Knuth's two-sum)."""
     total = a + b
     part = total - a
     return total, (a - (total - part)) + (b - part)
 
 
 def split_digits(a: Float[Array, " ..."]) -> Pair:
-    """Split a float into two of half its digits, (high, low), whose products are exact (Dekker)."""
+    """Split a float into (high, low) of half its digits; products of such parts are exact."""
     bits = jnp.finfo(a.dtype)
     high = lax.reduce_precision(a, bits.nexp, (bits.nmant - 1) // 2)
     return high, a - high
@@ -44,7 +44,7 @@ def split_digits(a: Float[Array, " ..."]) -> Pair:
 def subtract_product(
     whole: Float[Array, " ..."], a: Float[Array, " ..."], b: Float[Array, " ..."]
 ) -> Float[Array, " ..."]:
-    """Return ``whole - a b`` to full precision, for a `whole` within a few roundings of ``a b``.
+    """Return ``whole - a b`` without cancellation error, where `whole` is ``a b`` up to rounding.
 
     All differences but the last are exact, because they fit into the digits of a float.
     """
@@ -53,7 +53,7 @@ def subtract_product(
 
 
 def two_product(a: Float[Array, " ..."], b: Float[Array, " ..."]) -> Pair:
-    """Return the rounded product of two floats, and its rounding error (Dekker's two-product)."""
+    """Return (p, e): rounded product of two floats, and its error, p + e = a b (by Dekker)."""
     (p, q), (r, s) = split_digits(a), split_digits(b)
     whole = p * r + (p * s + q * r)  # ``a * b`` might be contracted with what it is added to
     return whole, (((p * r - whole) + p * s) + q * r) + q * s
@@ -61,7 +61,10 @@ def two_product(a: Float[Array, " ..."], b: Float[Array, " ..."]) -> Pair:
 
 @jax.jit
 def dot_of_pairs(a: Pair, b: Pair) -> Pair:
-    """Return the scalar product of two vectors of pairs, [..., 3] each, as a pair of [..., 1]."""
+    """Return the scalar products of vectors [..., 3] to twice the precision, [..., 1].
+
+    Vectors and results are pairs (high, low) of floats, whose sum is the number.
+    """
     whole, lost = two_product(a[0], b[0])
     lost = lost + (a[0] * b[1] + a[1] * b[0])
     (p, q, r), (s, t, u) = ([v[..., k : k + 1] for k in range(3)] for v in (whole, lost))
@@ -71,7 +74,10 @@ def dot_of_pairs(a: Pair, b: Pair) -> Pair:
 
 
 def sqrt_of_pair(square: Pair) -> Pair:
-    """Return the square root of a pair that is not negative, as a pair."""
+    """Return the square root, to twice the precision, of a number given as a pair (high, low).
+
+    The result is such a pair, too; the number must not be negative.
+    """
     found = jnp.sqrt(square[0])
     left = subtract_product(square[0], found, found) + square[1]
     return found, left / jnp.where(found > 0, 2 * found, 1.0)
@@ -80,19 +86,19 @@ def sqrt_of_pair(square: Pair) -> Pair:
 def elongation_correction(
     chord: Pair, moved: Pair, guess: Float[Array, "... 1"]
 ) -> Float[Array, "... 1"]:
-    """Return the correction of a guessed elongation ``c = |d + w| - |d|`` to twice the precision.
+    """Return the correction of an elongation ``c = |d + w| - |d|`` to twice the precision.
 
     One step of Newton's method for ``c (2 |d| + c) = (2 d + w) w``: an error of the guess of some
     eps c becomes one of some eps^2 c. Where the length ``|d + w|`` nearly vanishes, this equation
     does not determine c, and the correction is limited.
 
     Args:
-        chord: d, a pair of vectors [..., 3].
-        moved: w, a pair of vectors [..., 3].
-        guess: c to working precision, [..., 1].
+        chord: d, the chord before, a pair (high, low) of vectors [..., 3], m.
+        moved: w, the change of the chord, a pair of vectors [..., 3], m.
+        guess: c to working precision, [..., 1], m.
 
     Returns:
-        What is to be added to the guess, [..., 1].
+        The number to be added to the guess, [..., 1], m.
     """
     start, rest = sqrt_of_pair(dot_of_pairs(chord, chord))
     both, lost = two_sum(2 * chord[0], moved[0])
@@ -105,7 +111,7 @@ def elongation_correction(
 
 
 def compensated_sum(terms: Float[Array, "... n"]) -> Float[Array, " ..."]:
-    """Return the compensated sum over the last axis: error eps of the sum, eps^2 of the terms.
+    """Return the sum over the last axis, with an error of eps of the sum and eps^2 of the terms.
 
     Terms are added pairwise; the rounding errors of all sums are added at the end.
     """

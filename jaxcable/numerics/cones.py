@@ -37,7 +37,9 @@ Vectors: TypeAlias = 'Float[Array, "n 3"]'
 
 
 class ConeScaling(NamedTuple):
-    """Nesterov-Todd scaling: the Hessian that maps points (u, X) to points (N, -V), see the module.
+    """Nesterov-Todd scaling of n pairs of points in the cone: a matrix that maps (u, X) to (N, -V).
+
+    The matrix is ``[[a, -a h'], [-a h, D]]`` with ``D = q (I - c c') + a h h'`` and ``h = r c``.
 
     Attributes:
         stiff: q, [n].
@@ -54,18 +56,18 @@ class ConeScaling(NamedTuple):
 
 @jax.jit  # one function in a program, however often it is called
 def norm(v: Vectors) -> Scalars:
-    """Return the Euclidean norm of every vector."""
+    """Return the Euclidean norm of every vector, [n]."""
     return jnp.sqrt(jnp.sum(v * v, axis=-1))
 
 
 @jax.jit
 def lorentz_products(u: Scalars, x: Vectors, n: Scalars, v: Vectors) -> Scalars:
-    """Return the Lorentz product ``u N - X.V`` of every pair; zero where it is complementary."""
+    """Return the Lorentz product ``u N - X.V`` of every pair, [n]; zero if it is complementary."""
     return u * n - jnp.sum(x * v, axis=-1)
 
 
 def repeat_for_vectors(numbers: Scalars, v: Vectors) -> Vectors:
-    """Repeat the number of every vector for its three components."""
+    """Return the number of every vector three times, once for each component, [n, 3]."""
     return lax.broadcast_in_dim(numbers, v.shape, (0,))  # `[:, None]` makes two operations of it
 
 
@@ -73,7 +75,13 @@ def repeat_for_vectors(numbers: Scalars, v: Vectors) -> Vectors:
 def nesterov_todd_scaling(
     u: Scalars, x: Vectors, n: Scalars, v: Vectors, slack: Scalars, other_slack: Scalars
 ) -> ConeScaling:
-    """Return the Nesterov-Todd `ConeScaling` of points (u, X) and (N, -V), given their slacks."""
+    """Return the Nesterov-Todd `ConeScaling` of points (u, X) and (N, -V) in the cone.
+
+    Args:
+        u, x: the first points, [n] and [n, 3].
+        n, v: N and V of the second points, [n] and [n, 3].
+        slack, other_slack: ``u - |X|`` and ``N - |V|``, [n], without cancellation.
+    """
     size, product = slack * (u + u - slack), lorentz_products(u, x, n, v)
     stiff = jnp.sqrt(other_slack * (n + n - other_slack) / size)
     normal = x + v / repeat_for_vectors(stiff, v)
@@ -88,9 +96,9 @@ def nesterov_todd_scaling(
 def inverse_step_to_boundary(
     u: Scalars, x: Vectors, slack: Scalars, du: Scalars, dx: Vectors
 ) -> Float[Array, ""]:
-    """Return 1/t for the smallest t at which a point plus t times its step is on the boundary.
+    """Return 1/t for the smallest t at which a point plus t times its step leaves the cone.
 
-    The result, one number for all points (u, X), is not positive if no step ever leaves the cone.
+    One number for all points (u, X) with steps (du, dX); it is not positive if no step ever leaves.
     """
     rise = norm(dx)
     square, half = (du - rise) * (du + rise), lorentz_products(u, x, du, dx)
@@ -107,7 +115,7 @@ def inverse_step_to_boundary(
 def slack_after_step(
     x: Vectors, slack: Scalars, du: Scalars, dx: Vectors, part: Float[Array, ""]
 ) -> Scalars:
-    """Return the slacks ``u - |X|`` after `part` times a step, without cancellation."""
+    """Return the slacks ``u - |X|`` after `part` times a step (du, dX), without cancellation."""
     change = part * dx
     after = x + change
     both = jnp.maximum(norm(x) + norm(after), jnp.finfo(slack.dtype).tiny)
@@ -118,7 +126,7 @@ def slack_after_step(
 def apply_lorentz_boost(
     w0: Scalars, w: Vectors, first: Scalars, rest: Vectors
 ) -> tuple[Scalars, Vectors]:
-    """Return ``W (first, rest)`` for the Lorentz boost W with ``W (1, 0) = (w0, w)``."""
+    """Return W (first, rest), point by point, for the Lorentz boost W with W (1, 0) = (w0, w)."""
     along = jnp.sum(w * rest, axis=-1)
     return w0 * first + along, rest + repeat_for_vectors(first + along / (1 + w0), w) * w
 
@@ -126,7 +134,7 @@ def apply_lorentz_boost(
 def jordan_quotient(
     u: Scalars, x: Vectors, size: Scalars, first: Scalars, rest: Vectors
 ) -> tuple[Scalars, Vectors]:
-    """Return the points whose Jordan product with (u, X) is (first, rest).
+    """Divide by points: return the points whose Jordan product with (u, X) is (first, rest).
 
     The Jordan product of (a, A) and (b, B) is ``(a b + A.B, a B + b A)``.
 
@@ -147,16 +155,19 @@ def second_order_corrector(
 ) -> tuple[Scalars, Vectors]:
     """Return the second-order (Mehrotra) corrector, to be added to the second points (N, -V).
 
-    With it the scaled Jordan products of both points are ``aim (1, 0)`` to second order. It is
-    ``F (lam \\ (aim (1, 0) - F^-1 (du, dX) o F (dN, -dV)))`` with the root F of the inverse of the
+    With it the scaled Jordan products of both points are ``aim (1, 0)`` to second order. It is ``F
+    (lam \\ (aim (1, 0) - F^-1 (du, dX) o F (dN, -dV)))`` with the root F of the inverse of the
     Hessian of `ConeScaling`, ``lam = F (N, -V)``, the Jordan product o and the division \\ by it.
 
     Args:
-        scaled: the `ConeScaling`.
-        second: N and V, and their slack.
+        scaled: the scaling of the points.
+        second: N and V, and their slack ``N - |V|``.
         steps: predicted changes of u, X, N and V.
         aim: barrier parameter less the first numbers of the Jordan products of the changes, which
             do not depend on the scaling.
+
+    Returns:
+        The number of every point, [n], and its vector, [n, 3].
     """
     (n, v, slack), (du, dx, dn, dv) = second, steps
     stiff, across, ratio, spring = scaled

@@ -29,7 +29,7 @@ System: TypeAlias = Any
 def stop_gradient_unless(open_: Bool[ArrayLike, ""], tree: Tree) -> Tree:
     """Return `tree`, with the derivatives of its floats stopped (zero) unless `open_` is true.
 
-    By a select, because a product with zero would let a NaN of a backward pass through.
+    A select does it, because zero times a NaN of the backward pass would be NaN.
     """
 
     def one(x):
@@ -43,9 +43,12 @@ def stop_gradient_unless(open_: Bool[ArrayLike, ""], tree: Tree) -> Tree:
 def attach_derivative(
     system: System, x: Float[Array, "n_row n_motion"], valid: Bool[ArrayLike, ""]
 ) -> Float[Array, "n_row n_motion"]:
-    """Return the equilibrium `x` of `system` with its implicit derivative.
+    """Return the equilibrium `x` of a system with its derivative by the implicit function theorem.
 
-    See `attach_derivative_with_marks`.
+    Args:
+        system: the differentiable `System`, whose equilibrium it is.
+        x: motion of all nodes; the derivative of this argument is ignored.
+        valid: whether `x` is an equilibrium; if not, the derivative is zero.
     """
     return attach_derivative_with_marks(system, x, valid)[0]
 
@@ -58,17 +61,18 @@ def attach_derivative_with_marks(
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
 ) -> tuple[Float[Array, "n_row n_motion"], Float[Array, "n_row n_motion"], Float[Array, " n_row"]]:
-    """Attach the implicit derivative to an equilibrium, and mark rows where it is not defined.
+    """Attach the implicit derivative to an equilibrium, and mark where it is not defined.
 
     The derivative is not defined at nodes without stiffness, and at a cable exactly between taut
     and slack.
 
     Args:
-        system: `System`, differentiable.
-        x: its equilibrium, a motion; the derivative of this argument is ignored.
+        system: the differentiable `System`, whose equilibrium it is.
+        x: motion of all rows; the derivative of this argument is ignored.
         valid: whether `x` is an equilibrium. If not, the result has derivative zero, and the caller
             must make it NaN.
-        factored, tol, limit: see `linear.factorize`.
+        factored, tol, limit: for conjugate gradients with an earlier factor, as in
+            `linear.factorize`.
 
     Returns:
         x: the equilibrium, with derivative NaN where it is not defined.
@@ -97,14 +101,21 @@ def attach_derivative_with_marks(
 
 
 def _residual_with_marks(found, problem):
-    """Return the equations of root and marks, [2 n]: residual at a step, and the marks (zero)."""
+    """Return the equations of which `implicit_root` takes the derivative, [2 n].
+
+    They are the residual after a step, then the marks, which are zero at the root. `found` are the
+    step and the marks, [2 n]; `problem` are the split arguments of `attach_derivative_with_marks`.
+    """
     system, x, *_ = merge_indices(*problem)
     residual, numbers, _ = system.local_residual(system.with_support_rotations(x))
     return jnp.concatenate([residual(found[: numbers.size]), found[numbers.size :]])
 
 
 def _solve_linearized(problem, linearized, rhs):
-    """Solve with `linearized`, the derivative of `_residual_with_marks`, for a right side [2 n]."""
+    """Return the solution [2 n] of the linear map `linearized` for a right side [2 n].
+
+    The map is the derivative of `_residual_with_marks`, and is solved by a factor of the tangent.
+    """
     problem = lax.stop_gradient(problem)
     pattern = merge_indices(*problem)[0].dof_map.pattern
     if pattern is None or (pattern.solver.on_device and not pattern.solver.fused):
@@ -131,19 +142,19 @@ def _solve_linearized(problem, linearized, rhs):
 
 
 def _solve_tangent(problem, b):
-    """Return ``K^-1 b``, and True for unknowns whose result is not defined."""
+    """Return ``K^-1 b``, [n], for the tangent K, and a mask of undefined unknowns, [n]."""
     return _factorize_tangent(problem).solve_with_marks(b)
 
 
 def _solve_adjoint(problem, b):
-    """Return ``K^-T b``; where b is zero (a phase without influence) nothing is assembled."""
+    """Return ``K^-T b``, [n], for the tangent K; nothing is assembled where b is zero."""
     return lax.cond(
         jnp.any(b != 0), lambda b: _factorize_tangent(problem).solve_adjoint(b), jnp.zeros_like, b
     )
 
 
 def _factorize_tangent(problem):
-    """Assemble and factorize the tangent of `_residual_with_marks`; NaN at a nonsmooth point."""
+    """Return the factor of the tangent stiffness of `problem`; of NaN where it is not smooth."""
     system, x, valid, *known = merge_indices(*problem)
     matrix = linear.identity_unless(system.tangent(x), valid)
     matrix = linear.nan_unless(matrix, ~(system.nonsmooth(x) & valid))
@@ -154,7 +165,7 @@ def _factorize_tangent(problem):
 def with_nan_derivative(tree: Tree, parameters: PyTree[Any]) -> Tree:
     """Return `tree`, with NaN for its derivatives with respect to `parameters`.
 
-    For results whose derivative is not computed: a NaN is seen, a zero would be silently wrong.
+    It serves for results whose derivative is not computed: a zero would be silently wrong.
     """
     probe = gradient_probe(parameters)
 
@@ -169,7 +180,7 @@ def with_nan_derivative(tree: Tree, parameters: PyTree[Any]) -> Tree:
 def first_derivative_only(tree: Tree) -> Tree:
     """Return `tree` with its first derivative, and NaN for all higher derivatives.
 
-    For results that are exact at first order only: a higher derivative would be silently wrong.
+    It serves for results whose derivative is exact to first order only.
     """
 
     def one(x):
@@ -181,15 +192,15 @@ def first_derivative_only(tree: Tree) -> Tree:
 
 
 def nan_unless(ok: Bool[ArrayLike, ""], tree: Tree, parameters: PyTree[Any]) -> Tree:
-    """Return `tree` if `ok`, else NaN with NaN derivatives with respect to `parameters`."""
+    """Return `tree` if `ok`, a scalar, else NaN with NaN derivatives by all of `parameters`."""
     return nan_unless_probed(ok, tree, gradient_probe(parameters))
 
 
 def nan_unless_probed(ok: Bool[ArrayLike, ""], tree: Tree, probe: Float[Array, ""]) -> Tree:
-    """Return `tree` if `ok`, else NaN, as `nan_unless` does, from a ready probe.
+    """Return `tree` if `ok`, else NaN with NaN derivatives by all that a probe depends on.
 
     Args:
-        ok: whether the values are valid.
+        ok: whether the values are valid, scalar bool.
         tree: the values.
         probe: ``gradient_probe(parameters)``, which is cheaper if it is computed outside of loops.
     """
@@ -197,35 +208,36 @@ def nan_unless_probed(ok: Bool[ArrayLike, ""], tree: Tree, probe: Float[Array, "
 
 
 def gradient_probe(parameters: PyTree[Any]) -> Float[Array, ""]:
-    """Return zero, with derivative 1 with respect to every float in `parameters`.
+    """Return a zero that has derivative 1 with respect to every float in `parameters`.
 
-    What is computed from this probe gets a derivative, such as NaN, by all of them.
+    What is computed from this zero gets a derivative by all of them, such as NaN.
     """
     leaves = [jnp.asarray(x) for x in jax.tree.leaves(parameters)]
-    return _probe_floats([x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating)])
+    return _probe_of_floats([x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating)])
 
 
 @jax.custom_jvp
-def _probe_floats(floats):
-    """Return zero, with derivative 1 with respect to every entry of these arrays."""
+def _probe_of_floats(floats):
+    """Return a zero that has derivative 1 with respect to every entry of a list of float arrays."""
     # a select, so that the zero has the axes that the floats have in a batch
     return sum((jnp.where(x.ravel()[0] > 0, 0.0, 0.0) for x in floats if x.size), jnp.zeros(()))
 
 
-@_probe_floats.defjvp
-def _probe_floats_jvp(primals, tangents):
-    """Forward derivative of `_probe_floats`: the sum of all changes."""
-    return _probe_floats(*primals), sum((jnp.sum(x) for x in tangents[0]), jnp.zeros(()))
+@_probe_of_floats.defjvp
+def _probe_of_floats_jvp(primals, tangents):
+    """Forward derivative of `_probe_of_floats`: return the zero, and the sum of all tangents."""
+    return _probe_of_floats(*primals), sum((jnp.sum(x) for x in tangents[0]), jnp.zeros(()))
 
 
 def _identity_or_nan(ok, x, probe):
-    """Return the array `x` if `ok`, else NaN; linear in `x` and in the result of `gradient_probe`.
+    """Return the array `x` if `ok`, else NaN with NaN derivatives by `x` and `probe`.
 
-    The transpose of this map gives NaN, to `x` and through `probe` to every parameter, only where
-    a cotangent is not zero. A product with NaN would give 0 NaN for cases of a batch whose
-    cotangent is zero, and pollute the parameters that the cases share. Tracing cannot yield such a
-    pair of maps; `lax.custom_linear_solve` of the identity takes both as given, and all
-    transformations work on it.
+    The map is linear in `x` and in `probe`, the result of `gradient_probe`. Its transpose gives
+    NaN, to `x` and through `probe` to every parameter, only where a cotangent is not zero. A
+    product with NaN would give 0 NaN for cases of a batch whose cotangent is zero, and pollute the
+    parameters that the cases share. Tracing cannot yield such a pair of maps;
+    `lax.custom_linear_solve` of the identity takes both as given, and all transformations work on
+    it.
     """
 
     def identity(v):
@@ -252,25 +264,25 @@ def _identity_or_nan(ok, x, probe):
 
 @jax.custom_jvp
 def _nan_derivative(x, probe):
-    """Return `x` with derivative NaN by everything that the probe `probe` depends on."""
+    """Return `x` with derivative NaN with respect to everything that `probe` depends on."""
     return x
 
 
 @_nan_derivative.defjvp
 def _nan_derivative_jvp(primals, tangents):
-    """Forward derivative of `_nan_derivative`: NaN wherever the probe changes."""
+    """Forward derivative of `_nan_derivative`: NaN if the tangent of the probe is not zero."""
     x = primals[0]
     return x, _identity_or_nan(False, jnp.zeros_like(x), tangents[1])
 
 
 @jax.custom_jvp
 def _nan_second_derivative(x):
-    """Return `x` with its first derivative, whose own derivative is NaN."""
+    """Return the array `x` with its first derivative, and NaN for the second one."""
     return x
 
 
 @_nan_second_derivative.defjvp
 def _nan_second_derivative_jvp(primals, tangents):
-    """Forward derivative of `_nan_second_derivative`: the change, itself with derivative NaN."""
+    """Forward derivative of `_nan_second_derivative`: the tangent, whose own derivative is NaN."""
     (x,), (change,) = primals, tangents
     return x, change * _nan_derivative(jnp.ones((), x.dtype), jnp.sum(x))

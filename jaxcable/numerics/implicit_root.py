@@ -34,10 +34,10 @@ def implicit_root(
     parameters: PyTree[Any],
     tangent_solve: Callable[..., Float[Array, "*n"]] | None,
 ) -> Float[Array, "*n"]:
-    """Return a known root with the implicit derivatives, of any order, of its equation.
+    """Return the known root x of ``f(x, p) = 0``, with its derivatives by p, of any order.
 
-    With ``f(x, p) = 0`` the change of x is ``dx = -f_x^-1 f_p dp``. Where jax has no primitives to
-    define, this is `lax.custom_root`, which traces the equation even if no derivative is taken.
+    The implicit function theorem gives ``dx = -f_x^-1 f_p dp``. f is traced only if a derivative is
+    taken (where jax has no primitives to define, always).
 
     Args:
         function: ``f(x, p)``, an array like `x`; it depends on no other traced values.
@@ -48,7 +48,7 @@ def implicit_root(
     """
     if _ROOT is None or _ROOT_TANGENT is None:
         internals.warn_missing_feature("primitives")
-        return _root_by_custom_root(function, root, parameters, tangent_solve)
+        return _implicit_root_by_custom_root(function, root, parameters, tangent_solve)
     leaves, tree = jax.tree.flatten(parameters)
 
     def equation(x, *leaves):
@@ -67,7 +67,7 @@ def implicit_root(
 def with_deferred_derivative(
     function: Callable[[PyTree[Any]], Tree], values: Tree, parameters: PyTree[Any]
 ) -> Tree:
-    """Return known `values` whose derivative is deferred: that of `function`, traced if needed.
+    """Return known values of a function, which is traced only if their derivative is taken.
 
     Args:
         function: function of the parameters, which returns a pytree of floats of one dtype; it
@@ -81,8 +81,8 @@ def with_deferred_derivative(
     )
 
 
-def _root_by_custom_root(function, root, parameters, tangent_solve):
-    """Return what `implicit_root` does by `lax.custom_root`, the documented interface of jax."""
+def _implicit_root_by_custom_root(function, root, parameters, tangent_solve):
+    """Return a root with implicit derivatives by `lax.custom_root`, if jax has no primitives."""
 
     def solver(linear, rhs):
         return rhs if tangent_solve is None else tangent_solve(parameters, linear, rhs)
@@ -91,13 +91,13 @@ def _root_by_custom_root(function, root, parameters, tangent_solve):
     return lax.custom_root(lambda x: function(x, parameters), root, lambda _, x: x, solver)
 
 
-def _return_root(root, *leaves, equation, solver):
-    """Return the root, which is known: the value (and the shape) of the primitive `_ROOT`."""
+def _evaluate_root(root, *leaves, equation, solver):
+    """Return the root, the first argument: value, and shape rule, of the primitive `_ROOT`."""
     return root
 
 
 def _root_jvp(primals, tangents, *, equation, solver):
-    """Forward derivative of `_ROOT`: the root, and its change by the primitive `_ROOT_TANGENT`."""
+    """Forward derivative of `_ROOT`: return the root, and its tangent by `_ROOT_TANGENT`."""
     _, *leaves = primals
     found = _ROOT.bind(*primals, equation=equation, solver=solver)
     pairs = enumerate(zip(leaves, tangents[1:], strict=True))
@@ -113,9 +113,10 @@ def _root_jvp(primals, tangents, *, equation, solver):
 
 
 def _root_tangent(found, *leaves_and_changes, equation, solver, moving):
-    """Return ``-f_x^-1 f_p dp`` for changes dp of the parameters with the indices `moving`.
+    """Return the tangent of a root, ``-f_x^-1 f_p dp``: the value of the primitive `_ROOT_TANGENT`.
 
-    `leaves_and_changes` are all parameters, then the changes.
+    `found` is the root; `leaves_and_changes` are all parameters, then the tangents dp of those with
+    the indices `moving`; `equation` is f, and `solver` solves with ``f_x``.
     """
     count = len(leaves_and_changes) - len(moving)
     leaves, changes = leaves_and_changes[:count], leaves_and_changes[count:]
@@ -131,12 +132,15 @@ def _root_tangent(found, *leaves_and_changes, equation, solver, moving):
 
 
 def _root_tangent_shape(found, *_, **__):
-    """Return the shape of the change of a root: that of the root."""
+    """Return shape and dtype of the tangent of a root: those of the root."""
     return found
 
 
 def _root_tangent_jvp(primals, tangents, *, moving, **given):
-    """Forward derivative of `_ROOT_TANGENT`: linear in the changes, traced in the parameters."""
+    """Forward derivative of `_ROOT_TANGENT`, which is linear in the tangents of parameters.
+
+    A derivative by the parameters themselves is traced.
+    """
     count = len(primals) - len(moving)
     evaluate = partial(_root_tangent, moving=moving, **given)
     out = _ROOT_TANGENT.bind(*primals, moving=moving, **given)
@@ -157,7 +161,7 @@ def _root_tangent_jvp(primals, tangents, *, moving, **given):
 
 @without_garbage_collection()
 def _root_tangent_transpose(back, *arguments, moving, **given):
-    """Transpose `_ROOT_TANGENT` in its changes, for reverse mode: the adjoint of the equation."""
+    """Transpose rule of `_ROOT_TANGENT`: return cotangents of parameters, by an adjoint solve."""
     count = len(arguments) - len(moving)
     if internals.is_zero_tangent(back):
         return [None] * len(arguments)
@@ -168,12 +172,12 @@ def _root_tangent_transpose(back, *arguments, moving, **given):
 
 
 def _root_tangent_batch_rule(arguments, axes, **given):
-    """Map `_ROOT_TANGENT` over a batch: its program under `jax.vmap`."""
+    """Rule for `jax.vmap` of `_ROOT_TANGENT`: trace `_root_tangent` for a batch."""
     return jax.vmap(partial(_root_tangent, **given), axes)(*arguments), 0
 
 
 def _root_batch_rule(arguments, axes, *, equation, solver):
-    """Map `_ROOT` over a batch: the same primitive, with the mapped equation and solver."""
+    """Rule for `jax.vmap` of `_ROOT`: the primitive again, with equation and solver mapped."""
     size = next(x.shape[a] for x, a in zip(arguments, axes, strict=True) if a is not None)
     arguments = [
         x if a is None else jnp.moveaxis(x, a, 0) for x, a in zip(arguments, axes, strict=True)
@@ -192,7 +196,7 @@ def _root_batch_rule(arguments, axes, *, equation, solver):
 
 
 _ROOT = internals.define_primitive(
-    "rooted", _return_root, _return_root, _root_jvp, _root_batch_rule
+    "rooted", _evaluate_root, _evaluate_root, _root_jvp, _root_batch_rule
 )
 # derivative of a root, linear in the changes of parameters
 _ROOT_TANGENT = internals.define_primitive(

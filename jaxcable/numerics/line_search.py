@@ -25,13 +25,14 @@ _MAX_EVALUATIONS = 60  # evaluations in a line search: 60 bisections exhaust flo
 
 @pytree
 class LineSearch:
-    """State of a line search along a step.
+    """State of a line search for a root of g(a), the slope of the energy at step length a.
 
     Attributes:
         length: the step length a that is tried next, in (0, 1]; scalar.
         slope: g(0), negative.
-        low, g_low, high, g_high: bracket of the root of g, and the values of g there.
-        count: number of lengths refused so far.
+        low, high: step lengths that bracket the root of g.
+        g_low, g_high: values of g there.
+        count: number of lengths tried so far.
     """
 
     length: Float[Array, ""]
@@ -44,7 +45,7 @@ class LineSearch:
 
     @classmethod
     def init(cls, slope: Float[Array, ""]) -> LineSearch:
-        """Begin a line search, with the whole step as first length."""
+        """Return the state at the beginning, with the whole step as first length, from g(0)."""
         zero, one, most = (jnp.asarray(end, slope.dtype) for end in (0, 1, jnp.inf))
         return cls(one, slope, zero, slope, one, most, jnp.int32(0))
 
@@ -52,7 +53,7 @@ class LineSearch:
         """Accept or refuse the length that was tried, and choose the next one.
 
         Args:
-            g: slope of the energy at the length that was tried.
+            g: slope of the energy along the step at the length that was tried.
 
         Returns:
             The search with the next length; whether the length that was tried is accepted; whether
@@ -79,14 +80,17 @@ def line_search(
     slope: Float[Array, ""],
     usable: Bool[Array, ""],
 ) -> tuple[Float[Array, ""], Float[Array, " n"], Float[Array, ""], Bool[Array, ""]]:
-    """Find a step length a in (0, 1] by a line search.
+    """Find a step length a in (0, 1] at which the slope of the energy g(a) is nearly zero.
+
+    The slope along the step p is ``g(a) = R(x + a p).p`` with the residual R. The whole step, a =
+    1, is tried first.
 
     Args:
         evaluate: function from ``a`` to the residual [n] there, and the scale of forces that the
             residual is compared with (not finite where the step is inadmissible).
         step: p, [n].
         slope: g(0), negative.
-        usable: whether the step is one to search along; if not, nothing is evaluated.
+        usable: whether to search; if not, nothing is evaluated.
 
     Returns:
         The length, the residual and the scale there, and whether the length is accepted.

@@ -21,10 +21,10 @@ def bracketed_root(
     low: Float[Array, ""],
     high: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """Find the root of an increasing function of a scalar by Newton's method within a bracket.
+    """Find the root of an increasing scalar function by Newton's method within a bracket.
 
     Bisection replaces a step that leaves the bracket, and a step from a value that is not a number.
-    The derivative, of any order, is that of the implicit function theorem.
+    The root has derivatives, of any order, by the implicit function theorem.
 
     Args:
         function: increasing function of a scalar; it may be NaN or minus infinity below its root.

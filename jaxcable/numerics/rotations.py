@@ -24,7 +24,10 @@ _SERIES_BELOW = 1e-4
 
 
 def _bilinear_constants(rows):
-    """Return constants [k, i, j] of a bilinear map: +-1 where its table has +-(k + 1) at [i, j]."""
+    """Return the constants c [k, i, j] of a product ``z_k = sum c_kij x_i y_j``, such as x cross y.
+
+    They are +-1 where the table `rows` has the entry +-(k + 1) in row i, column j, else 0.
+    """
     table = np.zeros((len(rows),) * 3)
     for i, row in enumerate(rows):
         for j, entry in enumerate(row):
@@ -46,7 +49,7 @@ def cross(a: Float[Array, " 3"], b: Float[Array, " 3"]) -> Float[Array, " 3"]:
 
 
 def compose(p: Float[Array, " 4"], q: Float[Array, " 4"]) -> Float[Array, " 4"]:
-    """Return the quaternion product: the rotation by `q`, then by `p`."""
+    """Return the quaternion of two rotations, first by `q` and then by `p`: their product."""
     return (jnp.asarray(_QUATERNION_PRODUCT, q.dtype) @ q) @ p
 
 
@@ -61,13 +64,13 @@ for _k in range(3):
 
 
 def to_matrix(q: Float[Array, " 4"]) -> Float[Array, "3 3"]:
-    """Return the rotation matrix of a quaternion: ``to_matrix(q) @ v`` is ``rotate(q, v)``."""
+    """Convert a unit quaternion to a rotation matrix: ``to_matrix(q) @ v`` is ``rotate(q, v)``."""
     table = jnp.asarray(_MATRIX.reshape(9, 16), q.dtype)
     return (table @ jnp.outer(q, q).ravel()).reshape(3, 3)
 
 
 def invert(q: Float[Array, " 4"]) -> Float[Array, " 4"]:
-    """Return the inverse of the rotation `q`: its conjugate quaternion."""
+    """Return the quaternion of the inverse rotation: the conjugate of `q`."""
     return q * jnp.array([1.0, -1.0, -1.0, -1.0], q.dtype)
 
 
@@ -77,13 +80,13 @@ def normalize(q: Float[Array, " 4"]) -> Float[Array, " 4"]:
 
 
 def rotate(q: Float[Array, " 4"], v: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """Rotate the vector `v` by the quaternion `q`."""
+    """Return the vector `v` rotated by the unit quaternion `q`, [3]."""
     t = 2 * cross(q[1:], v)
     return v + q[0] * t + cross(q[1:], t)
 
 
 def exp_map(spin: Float[Array, " 3"]) -> Float[Array, " 4"]:
-    """Return the quaternion of the rotation vector `spin`: angle |spin|, axis along it."""
+    """Convert a rotation vector ``angle axis`` to a unit quaternion, [4]."""
     square = spin @ spin
     small = square < _SERIES_BELOW
     angle = jnp.sqrt(jnp.where(small, 1.0, square))
@@ -96,23 +99,26 @@ def exp_map(spin: Float[Array, " 3"]) -> Float[Array, " 4"]:
 
 
 def to_stereographic(q: Float[Array, " 4"]) -> Float[Array, " 3"]:
-    """Convert a quaternion to ``tan(angle / 4) axis``, [3]; smooth below half a turn."""
+    """Convert a unit quaternion to ``r = tan(angle / 4) axis``, [3]; smooth below half a turn."""
     q = jnp.where(q[0] < 0, -q, q)  # q and -q are one rotation
     return q[1:] / (1 + q[0])
 
 
 def _angle_factor(t):
-    """Return ``4 atan(s) / s`` and its derivative by ``t = s^2``, as series for small angles."""
+    """Return ``f = 4 atan(s) / s`` and ``df / dt`` for ``t = s^2``, as series for small angles.
+
+    f times ``r = tan(angle / 4) axis``, with s = |r|, is the rotation vector.
+    """
     value = 4 * (1 - t * (1 / 3 - t * (1 / 5 - t * (1 / 7 - t / 9))))
     slope = 4 * (-1 / 3 + t * (2 / 5 - t * (3 / 7 - t * 4 / 9)))
     return value, slope
 
 
 def small_rotation_vector(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """Convert a small ``r = tan(angle / 4) axis`` to the rotation vector ``angle axis``, [3].
+    """Convert ``r = tan(angle / 4) axis`` to the rotation vector ``angle axis``, for small angles.
 
-    By a series without branches, ``4 r atan(|r|)/|r|`` up to the fourth power of ``|r|^2``. The
-    relative error of the angle is 1e-15 at 10, 1e-11 at 23, 1e-7 at 45 degrees.
+    By a series without branches. The relative error of the angle is 1e-15 at 10, 1e-11 at 23, 1e-7
+    at 45 degrees.
     """
     return _angle_factor(r @ r)[0] * r
 
@@ -120,13 +126,13 @@ def small_rotation_vector(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
 def moment_conjugate_to_spin(
     r: Float[Array, " 3"], moment: Float[Array, " 3"]
 ) -> Float[Array, " 3"]:
-    """Transform a moment conjugate to the rotation vector of a small `r` to one conjugate to spins.
+    """Transform a moment conjugate to a rotation vector to the moment conjugate to spins, N m.
 
     The work of both is equal: a spin w changes r by ``[(1 - r^2) w - 2 r x w + 2 r (r.w)] / 4``
     (Schaub and Junkins 1996).
 
     Args:
-        r: the rotation, ``tan(angle / 4) axis``.
+        r: the rotation, ``tan(angle / 4) axis``, small.
         moment: conjugate to the rotation vector ``small_rotation_vector(r)``, N m.
     """
     t = r @ r
@@ -136,7 +142,7 @@ def moment_conjugate_to_spin(
 
 
 def from_stereographic(r: Float[Array, " 3"]) -> Float[Array, " 4"]:
-    """Convert ``r = tan(angle / 4) axis`` to a quaternion; for any angle below a full turn."""
+    """Convert ``r = tan(angle / 4) axis`` to a unit quaternion; for any angle below a full turn."""
     t = r @ r
     return jnp.append((1 - t)[None], 2 * r) / (1 + t)
 
@@ -150,7 +156,7 @@ def moment_conjugate_to_stereographic(
 
 
 def rotation_vector(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """Convert ``r = tan(angle / 4) axis`` to the rotation vector; for angles below a full turn."""
+    """Convert ``r = tan(angle / 4) axis`` to ``angle axis``, [3]; for angles below a full turn."""
     t = r @ r
     small = t < _SERIES_BELOW
     size = jnp.sqrt(jnp.where(small, 1.0, t))
@@ -159,26 +165,27 @@ def rotation_vector(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
 
 
 def halfway_rotation(p: Float[Array, " 4"], q: Float[Array, " 4"]) -> Float[Array, " 4"]:
-    """Return the rotation halfway between the rotations `p` and `q`."""
+    """Return the unit quaternion of the rotation halfway between the rotations `p` and `q`."""
     return normalize(p + jnp.where(p @ q < 0, -q, q))
 
 
 def shortest_rotation(
     a: Float[Array, " 3"], b: Float[Array, " 3"], change: Float[Array, " 3"]
 ) -> Float[Array, " 4"]:
-    """Return the smallest rotation from the unit vector `a` to `b`; not for opposite vectors.
+    """Return the quaternion of the smallest rotation that takes unit vector `a` to unit vector `b`.
 
-    `change` is ``b - a``: a caller that knows it to more digits than the subtraction gives them.
+    `change` is ``b - a``, which the caller may know to more digits than a subtraction gives. The
+    vectors must not be opposite.
     """
     return normalize(jnp.append((1 + a @ b)[None], cross(a, change)))
 
 
 def move_node(motion: Float[Array, " 7"], step: Float[Array, " 6"]) -> Float[Array, " 7"]:
-    """Move a node by a step: add the translation, apply the spin.
+    """Return the motion of a node after a step: the translation is added, the spin applied.
 
     Args:
-        motion: displacement and quaternion of the node.
-        step: translation and spin.
+        motion: displacement, m, and unit quaternion of the node.
+        step: translation, m, and spin (rotation vector in space).
     """
     return jnp.concatenate(
         [motion[:3] + step[:3], normalize(compose(exp_map(step[3:]), motion[3:]))]
@@ -188,9 +195,10 @@ def move_node(motion: Float[Array, " 7"], step: Float[Array, " 6"]) -> Float[Arr
 def move_node_by_series(
     motion: Float[Array, " 7"], step: Float[Array, " 6"], order: int = 5
 ) -> Float[Array, " 7"]:
-    """Move a node by a step as `move_node` does, by a series up to an order, 1 or 5, in the spin.
+    """Return the motion of a node after a step, by a series in the spin of order 1 or 5.
 
-    For derivatives at a zero step: a polynomial compiles faster, and has no case for small angles.
+    It replaces `move_node` for derivatives at a zero step, which are exact up to this order: a
+    polynomial compiles faster, and has no case for small angles.
     """
     return jnp.concatenate(
         [motion[:3] + step[:3], compose(exp_map_by_series(step[3:], order), motion[3:])]
@@ -198,9 +206,10 @@ def move_node_by_series(
 
 
 def exp_map_by_series(spin: Float[Array, " 3"], order: int = 5) -> Float[Array, " 4"]:
-    """Return the quaternion of a spin by the series of `exp_map` up to an order, 1 or 5.
+    """Convert a rotation vector `spin` to a quaternion by a series of order 1 or 5.
 
-    For derivatives at a zero spin: a polynomial compiles faster, and has no case for small angles.
+    It is for derivatives at a zero spin, which are exact up to this order: a polynomial compiles
+    faster, and has no case for small angles.
     """
     if order == 1:
         return jnp.append(jnp.ones_like(spin[:1]), 0.5 * spin)
@@ -211,7 +220,7 @@ def exp_map_by_series(spin: Float[Array, " 3"], order: int = 5) -> Float[Array, 
 def conjugate_moment(
     spin: Float[Array, " 3"], moment: Float[Array, " 3"], order: int = 5
 ) -> Float[Array, " 3"]:
-    """Transform a moment fixed in space to one conjugate to the rotation vector `spin`, [3].
+    """Transform a moment fixed in space to the one conjugate to a rotation vector `spin`, [3].
 
     At ``exp_map(spin)`` a change d of the vector is a further spin ``T d`` with the tangent
     operator ``T = sum_k [spin x]^k / (k + 1)!``; the result is ``T^T moment``, for derivatives at a

@@ -15,12 +15,12 @@ _SMALLEST_SHAPE = 1e-12
 def relative_residual(
     residual: Float[ArrayLike, " *n"], scale: Float[ArrayLike, " *n"]
 ) -> Float[Array, " *n"]:
-    """Return ``residual / scale``, or the residual itself where the scale is zero."""
+    """Return ``residual / scale``, entry by entry, and the residual where the scale is zero."""
     return residual / jnp.where(scale > 0, scale, 1.0)
 
 
 def safe_norm(vectors: Float[Array, "*n k"]) -> Float[Array, " *n"]:
-    """Return the lengths of vectors; the derivative of a zero length is zero instead of NaN."""
+    """Return the Euclidean norms of vectors; a zero norm has derivative zero instead of NaN."""
     square = jnp.sum(vectors**2, axis=-1)
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
@@ -29,13 +29,14 @@ def safe_norm(vectors: Float[Array, "*n k"]) -> Float[Array, " *n"]:
 def normalize_mode_shapes(
     shapes: Float[ArrayLike, "n n_node 3"], vectors: Float[ArrayLike, "n n_free"]
 ) -> Float[Array, "n n_node 3"]:
-    """Normalize mode shapes: length 1 at the node that moves most, largest component positive.
+    """Scale mode shapes to length 1 at the node that moves most, largest component positive.
 
-    A mode of rotations alone has no displacements to normalize: its shape is zero.
+    A mode of rotations alone has no displacements to scale: its shape is zero.
 
     Args:
-        shapes: displacements of all nodes in every mode.
-        vectors: unknowns of the same modes; a shape that is tiny beside them is only rounding.
+        shapes: displacements of all nodes in every mode, [n, n_node, 3].
+        vectors: all unknowns in the same modes, [n, n_free]; a shape that is tiny beside them is
+            only rounding.
     """
     size = jnp.max(safe_norm(shapes), axis=-1)
     flat = shapes.reshape(len(shapes), -1)

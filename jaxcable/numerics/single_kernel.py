@@ -32,7 +32,7 @@ Tree = TypeVar("Tree")
 
 
 def as_single_kernel(function: Callable[..., Tree]) -> Callable[..., Tree]:
-    """Return a function that runs `function` as a single kernel, and batches case by case.
+    """Return a function that computes `function` as a single XLA kernel, and batches case by case.
 
     All transformations of jax work on it. Where jax has no primitives to define, the result is
     `function` itself: slower, with the same values.
@@ -60,7 +60,10 @@ def as_single_kernel(function: Callable[..., Tree]) -> Callable[..., Tree]:
 
 
 def _run_in_loop(*leaves, program, **_):
-    """Evaluate a program inside a loop of one iteration, which XLA compiles to one kernel."""
+    """Return the results of a program (a jaxpr), computed in a loop with one iteration.
+
+    XLA compiles a loop to one kernel. `leaves` are the arguments, here and below.
+    """
     compute = function_of_jaxpr(program)
     floats = [x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating) and x.size]
     if not floats:
@@ -80,8 +83,8 @@ def _result_shapes(*_, program, **__):
     return program.out_avals
 
 
-def _replace_at(values, places, some):
-    """Return a list of `values` in which the entries `some` stand at `places`."""
+def _replace_entries(values, places, some):
+    """Return a copy of a list in which `some` replace the entries with the indices `places`."""
     values = list(values)
     for k, x in zip(places, some, strict=True):
         values[k] = x
@@ -91,7 +94,7 @@ def _replace_at(values, places, some):
 def _pack_by_dtype(arrays):
     """Concatenate arrays to one vector for each dtype, in the order in which dtypes first appear.
 
-    Every result of a loop is first filled with zeros by a kernel of its own: few results are best.
+    A loop first fills every result with zeros, by a kernel each: few results are faster.
     """
     kinds = {}
     for x in arrays:
@@ -100,7 +103,7 @@ def _pack_by_dtype(arrays):
 
 
 def _unpack_by_dtype(vectors, like):
-    """Split the vectors of `_pack_by_dtype` into arrays with the shapes and dtypes of `like`."""
+    """Split vectors, one for each dtype, into arrays with the shapes and dtypes of `like`."""
     kinds = dict.fromkeys(x.dtype for x in like)
     left, found = dict(zip(kinds, vectors, strict=True)), []
     for x in like:
@@ -110,14 +113,17 @@ def _unpack_by_dtype(vectors, like):
 
 
 def _kernel_jvp(primals, tangents, *, program, **_):
-    """Forward derivative of `_KERNEL`: one kernel for values and linearization, one for changes."""
+    """Forward derivative of `_KERNEL`: return values and tangents of the results.
+
+    One kernel computes the values and what the linearization needs, another the tangents.
+    """
     moving = [k for k, t in enumerate(tangents) if not internals.is_zero_tangent(t)]
     floating = [jnp.issubdtype(x.dtype, jnp.inexact) for x in program.out_avals]
     compute, traced = function_of_jaxpr(program), {}
 
     def forward(*leaves):
         def of_moving(*some):
-            values = compute(*_replace_at(leaves, moving, some))
+            values = compute(*_replace_entries(leaves, moving, some))
             return [x for x, own in zip(values, floating, strict=True) if own], values
 
         at = [leaves[k] for k in moving]
@@ -154,13 +160,16 @@ def _kernel_jvp(primals, tangents, *, program, **_):
 
 
 def _split_by_counts(values, *counts):
-    """Split a list into parts with these numbers of entries, and the rest."""
+    """Split a list into parts of the lengths `counts`, and a last part with the rest."""
     ends = list(itertools.accumulate(counts, initial=0))
     return [values[i:k] for i, k in itertools.pairwise([*ends, len(values)])]
 
 
 def _linear_kernel_jvp(primals, tangents, *, program, known):
-    """Forward derivative of `_LINEAR_KERNEL`; linear again if its known arguments do not change."""
+    """Forward derivative of `_LINEAR_KERNEL`, linear in all but the first `known` arguments.
+
+    If the known arguments have tangents, it is the derivative of any other kernel.
+    """
     if any(not internals.is_zero_tangent(t) for t in tangents[:known]):
         return _kernel_jvp(primals, tangents, program=program)
     further = *primals[:known], *map(internals.instantiate_tangent, tangents[known:])
@@ -169,7 +178,7 @@ def _linear_kernel_jvp(primals, tangents, *, program, known):
 
 @without_garbage_collection()
 def _linear_kernel_transpose(back, *arguments, program, **_):
-    """Transpose `_LINEAR_KERNEL` in those arguments in which it is linear, for reverse mode."""
+    """Transpose rule of `_LINEAR_KERNEL`: return the cotangents of its linear arguments."""
     sought = [k for k, x in enumerate(arguments) if internals.is_undefined_primal(x)]
     asked = [k for k, x in enumerate(back) if not internals.is_zero_tangent(x)]
     if not asked:
@@ -180,10 +189,10 @@ def _linear_kernel_transpose(back, *arguments, program, **_):
 
     def pulled(*values):
         known, back = _split_by_counts(values, len(given))
-        at = _replace_at(arguments, given, known)
+        at = _replace_entries(arguments, given, known)
 
         def asked_for(*some):
-            results = compute(*_replace_at(at, sought, some))
+            results = compute(*_replace_entries(at, sought, some))
             return [results[k] for k in asked]
 
         return jax.linear_transpose(asked_for, *like)(list(back))
@@ -191,42 +200,49 @@ def _linear_kernel_transpose(back, *arguments, program, **_):
     values = *(arguments[k] for k in given), *(back[k] for k in asked)
     program = jax.make_jaxpr(pulled)(*values)
     found = _LINEAR_KERNEL.bind(*values, program=program, known=len(given))
-    return _replace_at([None] * len(arguments), sought, found)
+    return _replace_entries([None] * len(arguments), sought, found)
 
 
 def _kernel_batch_rule(primitive, arguments, axes, *, program, **given):
-    """Map a primitive over the cases of a batch under `jax.vmap`: by a loop inside one kernel."""
+    """Rule for `jax.vmap` of both primitives: a loop over the cases inside one kernel."""
     compute = function_of_jaxpr(program)
     of_case = [k for k, axis in enumerate(axes) if axis is not None]
     moved = [jnp.moveaxis(arguments[k], axes[k], 0) for k in of_case]
 
     def all_cases(*leaves):
         def one(own):
-            return compute(*_replace_at(leaves, of_case, own))
+            return compute(*_replace_entries(leaves, of_case, own))
 
         return lax.map(one, [leaves[k] for k in of_case])
 
-    leaves = _replace_at(arguments, of_case, moved)
+    leaves = _replace_entries(arguments, of_case, moved)
     found = primitive.bind(*leaves, program=jax.make_jaxpr(all_cases)(*leaves), **given)
     return found, [0] * len(found)
 
 
 def _run_program(*leaves, program, **_):
-    """Evaluate a program without the loop, for calls outside of `jax.jit`."""
+    """Return the results of a program without the loop, for calls outside of `jax.jit`."""
     return function_of_jaxpr(program)(*leaves)
 
 
-def _make_primitive(name, derivative, transposed=None):
-    """Define a primitive whose parameter is a program, with the rules of this module."""
+def _make_kernel_primitive(name, derivative, transposed=None):
+    """Return a new primitive of jax that runs a program, its parameter, in one kernel.
+
+    `derivative` is its JVP rule, `transposed` its transpose rule if it is linear.
+    """
 
     def mapped(*given, **options):
         return _kernel_batch_rule(made, *given, **options)
 
     rules = derivative, mapped, transposed, _run_in_loop
-    made = internals.define_primitive(name, _run_program, _result_shapes, *rules, several=True)
+    made = internals.define_primitive(
+        name, _run_program, _result_shapes, *rules, multiple_results=True
+    )
     return made
 
 
-_KERNEL = _make_primitive("whole", _kernel_jvp)
+_KERNEL = _make_kernel_primitive("whole", _kernel_jvp)
 # linear in all arguments but the first `known`
-_LINEAR_KERNEL = _make_primitive("whole_linear", _linear_kernel_jvp, _linear_kernel_transpose)
+_LINEAR_KERNEL = _make_kernel_primitive(
+    "whole_linear", _linear_kernel_jvp, _linear_kernel_transpose
+)

@@ -35,12 +35,14 @@ _DENSE_MATRICES = 4
 
 
 class MotionRows:
-    """Rows of motion of a structure that has more rows than nodes; hashable, for caches.
+    """What has a motion of its own: nodes, then further rows such as hinged ends of beams.
+
+    Hashable, for caches.
 
     Attributes:
         node_of_row: node that every row belongs to, [n_row], NumPy.
         inner: True for rows of internal unknowns of elements, [n_row] bool, NumPy.
-        inactive: True for columns of such rows that no element uses, [n_row, 3] bool, NumPy.
+        inactive: True for displacements of such rows that no element uses, [n_row, 3] bool, NumPy.
     """
 
     def __init__(
@@ -67,8 +69,8 @@ class MotionRows:
 class DofMap:
     """Map between degrees of freedom (dofs) and unknowns in a phase; only free dofs are solved for.
 
-    A row of motion (see the module) has three dofs, or six in a structure with beams, along the
-    directions in `axes`.
+    A row of motion (a node, a hinged end, internal unknowns of an element) has three dofs, or six
+    in a structure with beams, along the directions in `axes`.
 
     Attributes:
         free: free dofs as flat indices ``n_freedom row + direction``, [n_free].
@@ -82,8 +84,9 @@ class DofMap:
         rigid_links: (carried nodes, their carriers), [n] each, or None.
         temporarily_fixed: True for unknowns that are fixed in this phase and free in another one,
             [n_free] bool, or None; they do not move.
-        free_spins: `FreeSpins`, or None.
-        pattern: `linear.Pattern` of sparse matrices; None if they are dense.
+        free_spins: beams that can spin about their own line without stiffness, see `FreeSpins`, or
+            None.
+        pattern: sparsity pattern of matrices; None if they are dense.
         nodal_assembly: assembly map that sums the end forces of all elements at every row; None to
             scatter, which is as fast where loops are not fused (`common.fusion`), in a smaller
             program.
@@ -91,7 +94,8 @@ class DofMap:
             `nodal_assembly` where every dof has an unknown of its own. Its transpose needs no
             scatter.
         supported: True where a support fixes a dof, [n_row, n_freedom]; others are `fixed` because
-            they are inactive: no present element touches them. None if supports fix all of them.
+            they are inactive: no element of the phase is joined to them. None if supports fix all
+            of them.
     """
 
     free: Int[ArrayLike, " n_free"]
@@ -110,11 +114,11 @@ class DofMap:
 
     @property
     def fixed_by_supports(self) -> Bool[ArrayLike, "n_row n_freedom"]:
-        """Degrees of freedom that supports fix, [n_row, n_freedom] bool."""
+        """Mask of the degrees of freedom that supports fix, [n_row, n_freedom] bool."""
         return self.fixed if self.supported is None else self.supported
 
     def zero_temporarily_fixed(self, vector: Float[Array, " n_free"]) -> Float[Array, " n_free"]:
-        """Return a vector with zeros at the unknowns that are `temporarily_fixed`."""
+        """Return `vector`, [n_free], with zeros at unknowns that are fixed in this phase only."""
         return (
             vector
             if self.temporarily_fixed is None
@@ -122,10 +126,9 @@ class DofMap:
         )
 
     def movable_dofs(self) -> Bool[Array, "n_row n_freedom"]:
-        """Return which degrees of freedom can move in this phase, [n_row, n_freedom] bool.
+        """Return a mask of the degrees of freedom that can move in this phase, [n_row, n_freedom].
 
-        They have an unknown that is not `temporarily_fixed`. A carried node has those of its
-        carrier.
+        A node on a rigid link can move where the node that carries it can.
         """
         number = self.unknown_of_dof
         if self.rigid_links is not None:
@@ -136,12 +139,12 @@ class DofMap:
 
     @property
     def row_of_unknown(self) -> Int[Array, " n_free"]:
-        """Row of motion of every unknown, [n_free]."""
+        """Index of the row of motion (a node, for example) of every unknown, [n_free]."""
         return self.free // self.unknown_of_dof.shape[1]
 
     @property
     def without_unknowns(self) -> DofMap:
-        """The part that results need: supports, rows and rigid links, without unknowns."""
+        """Copy of this map without unknowns: supports, rows and rigid links, for results."""
         nothing = {
             name: None
             for name in (
@@ -166,11 +169,13 @@ def element_unknowns(
     """Return the indices of each element's unknowns, in the order of its matrix, [n_elem, d].
 
     Args:
-        number: unknown of every degree of freedom, as in `DofMap`, [n_row, 3 or 6].
-        links: rows of the elements, [n_elem, n_end]: ends, then rows of internal unknowns.
+        number: index of the unknown of every degree of freedom, [n_row, 3 or 6].
+        links: rows of motion of the elements, [n_elem, n_end]: ends, then rows of internal
+            unknowns.
         width: degrees of freedom that an element has at each end, 3 or 6.
         inner: positions of the internal unknowns, (row after the ends, column), a tuple.
-        carried: as in `DofMap`; ends at carried nodes have the six unknowns of their carriers.
+        carried: (carried nodes, their carriers) of rigid links; ends at carried nodes have the six
+            unknowns of their carriers.
     """
     n_inner_row = 1 + max((row for row, _ in inner), default=-1)
     n_end = links.shape[1] - n_inner_row
@@ -187,7 +192,7 @@ def element_unknowns(
 
 
 def reference_rows(n_row: int, carried: RigidLinks) -> Int[ArrayLike, " n_row"]:
-    """Return the row whose unknowns move each row: its carrier or, without one, itself, [n_row]."""
+    """Return the node whose unknowns move each node (row): its rigid-link carrier, or itself."""
     if isinstance(carried[0], np.ndarray):
         found = np.arange(n_row)
         found[carried[0]] = carried[1]
@@ -207,23 +212,22 @@ def make_dof_map(
     definite=False,
     paired=(),
 ):
-    """Number the unknowns and find the pattern of the tangent; cached for later analyses.
+    """Number the unknowns, find the sparsity pattern of the tangent, and return the `DofMap`.
+
+    The last results are cached for later analyses.
 
     Args:
-        fixed: `Fixed`, True where a degree of freedom is fixed, [n_row, 3 or 6].
-        rows: `MotionRows`, or None.
+        fixed: True where a degree of freedom is fixed, [n_row, 3 or 6], a `Fixed`.
+        rows: `MotionRows`, or None if every row is a node.
         links: triples (`Indices` of links, degrees of freedom of an end, internal unknowns) for
             every group and every follower load, a tuple; None for no pattern.
-        solver: the solver that the pattern is made for; None to choose by size.
+        solver: name of the linear solver that the pattern is made for; None to choose by size.
         symmetric: whether the tangent is symmetric.
         rigid: rigid links, pairs (carrier, carried node), `Indices` [n, 2], or None.
-        space: the `Space`, for the unknowns that a row couples by itself; None for no such
-            coupling.
+        space: class of the `Space`, for unknowns of a row that are coupled without elements; None
+            for none.
         definite: whether the tangent is known to be positive semidefinite.
-        paired: see `linear.make_pattern`.
-
-    Returns:
-        `DofMap`.
+        paired: for every group whether its matrices are ``[[B, -B], [-B, B]]``.
 
     Raises:
         ValueError: a dense matrix, asked for by `solver`, does not fit into memory.
@@ -272,11 +276,13 @@ def make_dof_map(
 
 @functools.lru_cache(maxsize=16)
 def with_assembly(dof_map: DofMap, links: tuple[Indices, ...], own: bool) -> DofMap:
-    """Add the assembly maps `nodal_assembly` and `unknown_assembly`; cached for later analyses.
+    """Return a `DofMap` with assembly maps for end forces of elements; cached for later analyses.
+
+    These are its fields `nodal_assembly` and `unknown_assembly`.
 
     Args:
         dof_map: from `make_dof_map`.
-        links: rows of the elements of every group.
+        links: rows of motion of the elements of every group.
         own: whether every free degree of freedom has an unknown of its own; only then
             `unknown_assembly` is added.
     """
@@ -290,12 +296,12 @@ def with_assembly(dof_map: DofMap, links: tuple[Indices, ...], own: bool) -> Dof
 
 
 def to_local(axes: Float[ArrayLike, "n 3 3"], vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-    """Return the components of vectors along local axes, the rows of matrices [n, 3, 3]."""
+    """Return the components of vectors [n, 3] along local axes, the rows of matrices [n, 3, 3]."""
     return jnp.einsum("nij,nj->ni", jnp.asarray(axes, vectors.dtype), vectors)
 
 
 def to_global(
     axes: Float[ArrayLike, "n 3 3"], components: Float[Array, "n 3"]
 ) -> Float[Array, "n 3"]:
-    """Return vectors from their components along local axes, the rows of matrices [n, 3, 3]."""
+    """Return vectors [n, 3] from components along local axes, the rows of matrices [n, 3, 3]."""
     return jnp.einsum("nij,ni->nj", jnp.asarray(axes, components.dtype), components)

@@ -59,7 +59,7 @@ _SPIN_STIFFNESS_OF_ROUNDING = 1e-9
 
 @pytree
 class RotatingNodes(Space):
-    """Space of nodes with rotations: motions are displacement and quaternion; see `Space`.
+    """Space of nodes with rotations: a motion is a displacement and a unit quaternion.
 
     Attributes:
         nodes: initial positions, [n_row, 3], m.
@@ -85,7 +85,7 @@ class RotatingNodes(Space):
         prescribed: Motion | None,
         support_rotation: Float[Array, "n_row 4"] | None,
     ) -> Self:
-        """Make the space of a system; its arm is the mean length of elements whose nodes rotate."""
+        """Make the space of a system; `rotation_length` is the mean length of rotating elements."""
         chords = [group.chord(nodes[group.links]) for group in groups if group.rotates]
         lengths = jnp.concatenate(chords)
         arm = lax.stop_gradient(jnp.mean(lengths)) if lengths.size else jnp.ones((), nodes.dtype)
@@ -95,7 +95,7 @@ class RotatingNodes(Space):
 
     @classmethod
     def at_rest(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
-        """Return zero displacements and rotations."""
+        """Return the motion of nodes that have not moved: zero displacements and rotations."""
         rotation = jnp.broadcast_to(jnp.asarray(IDENTITY, nodes.dtype), (len(nodes), 4))
         return jnp.concatenate([jnp.zeros_like(nodes), rotation], axis=1)
 
@@ -106,7 +106,7 @@ class RotatingNodes(Space):
 
     @classmethod
     def displacement_between(cls, before: Motion, after: Motion) -> Forces:
-        """Return displacement and rotation vector from one motion to another."""
+        """Return displacements, m, and rotation vectors from motion `before` to `after`."""
 
         def rotation(old, new):
             return rotation_vector(to_stereographic(compose(new, invert(old))))
@@ -116,33 +116,33 @@ class RotatingNodes(Space):
 
     @classmethod
     def rigid_link_motion(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
-        """Return the same rotations, and the displacements of the ends of rotating arms."""
+        """Return the motion of rigid-link ends, from the motion of the rows that carry the arms."""
         swung = jax.vmap(rotate)(motion[:, 3:], arm) - arm
         return jnp.concatenate([motion[:, :3] + swung, motion[:, 3:]], axis=1)
 
     @classmethod
     def rotations(cls, motion: Motion) -> Float[Array, "n_row 4"]:
-        """Return the rotations in a motion, unit quaternions."""
+        """Return the rotations of all rows in a motion, unit quaternions."""
         return motion[:, 3:]
 
     @classmethod
     def moments(cls, force: Float[Array, "... n_freedom"]) -> Float[Array, "... 3"]:
-        """Return the moments in generalized forces, N m."""
+        """Return the moments of generalized forces, which are forces then moments, N m."""
         return force[..., 3:]
 
     @classmethod
     def stored_motion(
         cls, motion: Float[Array, "n_inc n_row n_motion"]
     ) -> Float[Array, "n_inc n_row n_motion"]:
-        """Return the whole motions, because rotations do not follow from displacements."""
+        """Return the motions, all to be stored: rotations do not follow from displacements."""
         return motion
 
     # --- points and steps
 
     def impose_supports(self, x: Motion) -> Motion:
-        """Return `x` with supports as prescribed, and carried nodes moved with their carriers."""
+        """Return `x` with prescribed values at supports, and nodes on rigid links moved too."""
         clamped = jnp.all(self.dof_map.fixed[:, 3:], axis=1, keepdims=True)
-        rotation = jnp.where(clamped, self._known_prescribed[:, 3:], x[:, 3:])
+        rotation = jnp.where(clamped, self._prescribed_motion[:, 3:], x[:, 3:])
         moved = self._impose_displacements(x[:, :3])
         return self._move_carried_nodes(jnp.concatenate([moved, rotation], axis=1))
 
@@ -159,19 +159,19 @@ class RotatingNodes(Space):
         return jnp.concatenate([x[:, :3], rotation], axis=1)
 
     def _support_rotations(self) -> Float[Array, "n_row 4"]:
-        """Return the rotations from which supports that fix some rotations only measure."""
+        """Return the rotation of each row from which a support of some rotations measures."""
         return (
-            self._known_prescribed[:, 3:]
+            self._prescribed_motion[:, 3:]
             if self.support_rotation is None
             else self.support_rotation
         )
 
     def move(self, x: Motion, step: Step) -> Motion:
-        """Return the motion after a step of the unknowns from `x`."""
+        """Return the motion after a step of the unknowns, [n_free], from the motion `x`."""
         return self._move_carried_nodes(self.moved_by(x, self.prolong(x, step)))
 
     def _move_carried_nodes(self, x: Motion) -> Motion:
-        """Return `x` with the nodes on rigid links moved as their carriers move them."""
+        """Return `x` with the nodes on rigid links moved as the nodes that carry them."""
         if self.dof_map.rigid_links is None:
             return x
         nodes, by = self.dof_map.rigid_links
@@ -180,14 +180,14 @@ class RotatingNodes(Space):
         return x.at[nodes].set(jnp.concatenate([moved, rotation], axis=1))
 
     def _rotated_arms(self, x: Motion) -> Float[Array, "n 3"]:
-        """Return the arms of rigid links, from carriers to carried nodes, rotated as at `x`, m."""
+        """Return the vectors of rigid links, from carrier to carried node, rotated as at `x`, m."""
         nodes, by = self.dof_map.rigid_links  # type: ignore[misc]  # not None
         return jax.vmap(rotate)(x[by, 3:], self.nodes[nodes] - self.nodes[by])
 
     def prolong(self, x: Motion, step: Step) -> Forces:
-        """Return translation and spin of every row that belong to a step of the unknowns."""
+        """Return translation and spin of every node after a step of the unknowns from `x`."""
         full = jnp.append(step, jnp.zeros(1, step.dtype))[self.dof_map.unknown_of_dof]
-        full = full * self._unknown_scale()
+        full = full * self._row_step_per_unknown()
         if self.dof_map.axes is not None:
             shift = to_global(self.dof_map.axes, full[:, :3])
             full = jnp.concatenate([shift, to_global(self._spin_axes(x), full[:, 3:])], axis=1)
@@ -201,9 +201,9 @@ class RotatingNodes(Space):
     def _spin_axes(self, x: Motion) -> Float[Array, "n_row 3 3"]:
         """Return the axes of the spin unknowns, one in each row of a matrix.
 
-        Where exactly one rotation is held, the node swings from `_support_rotations` by the
-        smallest rotation. Spins along the two other directions, turned by half of the swing, keep
-        it so.
+        Where a support holds exactly one rotation, a node swings from `_support_rotations` by the
+        smallest rotation. Its spins about the two other axes, turned by half of the swing, keep the
+        support.
         """
         axes = jnp.asarray(self.dof_map.axes, x.dtype)
         alone = jnp.sum(self.dof_map.fixed[:, 3:], axis=1) == 1
@@ -214,20 +214,20 @@ class RotatingNodes(Space):
         )
         return jax.vmap(lambda q, rows: jax.vmap(lambda v: rotate(q, v))(rows))(half, axes)
 
-    def _unknown_scale(self):
-        """Return the step of a row by its unknowns along the axes, [1, 6]: 1, and 1/arm."""
+    def _row_step_per_unknown(self):
+        """Return 1 for translations and 1 / `rotation_length` for spins, [1, 6]."""
         arm = self.rotation_length
         return jnp.concatenate([jnp.ones((1, 3), arm.dtype), jnp.full((1, 3), 1 / arm)], axis=1)
 
     # --- forces
 
     def force_norm(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
-        """Return the norms of forces plus those of moments over the length `rotation_length`, N."""
+        """Return the norms of forces plus those of moments over `rotation_length`, N."""
         size = _vector_norms(force[..., :3])
         return size + _vector_norms(force[..., 3:]) / self.rotation_length
 
     def restrict(self, force: Forces, x: Motion, row_step: Forces | None = None) -> Step:
-        """Return forces at the unknowns; those on carried nodes act on their carriers."""
+        """Return forces at the unknowns, [n_free], N; those on carried nodes act on carriers."""
         n = self.dof_map.free.shape[0]
         force = self._shift_to_carriers(force, x, row_step)
         if self.dof_map.axes is not None:
@@ -238,14 +238,14 @@ class RotatingNodes(Space):
                 ],
                 axis=1,
             )
-        scaled = force * self._unknown_scale()
+        scaled = force * self._row_step_per_unknown()
         sums = jnp.zeros(n, force.dtype).at[self.dof_map.unknown_of_dof].add(scaled, mode="drop")
         return self.dof_map.zero_temporarily_fixed(sums)
 
     def _shift_to_carriers(
         self, force: Forces, x: Motion, row_step: Forces | None = None
     ) -> Forces:
-        """Move forces and moments on carried nodes to their carriers, with the arm's moment."""
+        """Return forces and moments with those on rigid-link nodes moved to their carriers."""
         if self.dof_map.rigid_links is None:
             return force
         nodes, by = self.dof_map.rigid_links
@@ -260,15 +260,12 @@ class RotatingNodes(Space):
         return force.at[by, 3:].add(carried[:, 3:] + turning)
 
     def conjugate_loads(self, load: Forces, row_step: Forces) -> Forces:
-        """Return loads with moments conjugate to the spins of a step.
-
-        See `rotations.conjugate_moment`.
-        """
+        """Return loads whose moments, fixed in space, are made conjugate to spins of a step."""
         moment = jax.vmap(conjugate_moment)(row_step[:, 3:], load[:, 3:])
         return jnp.concatenate([load[:, :3], moment], axis=1)
 
     def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:
-        """Return the support reactions on the structure, forces and moments; zero where free."""
+        """Return support reactions, N and N m, from unbalanced forces; zero at free dofs."""
         force, dof_map = self._shift_to_carriers(unbalanced, motion), self.dof_map
         fixed = dof_map.fixed
         if dof_map.inner is not None:
@@ -281,7 +278,7 @@ class RotatingNodes(Space):
         return jnp.concatenate([to_global(dof_map.axes, shift), to_global(spins, moment)], axis=1)
 
     def dof_directions(self, motion: Motion) -> list[Float[ArrayLike, "n_row 3 3"] | None]:
-        """List the axes along which displacements, and spins, are fixed."""
+        """Return the axes of displacements (None: x, y, z) and those of spins, [n_row, 3, 3]."""
         return [self.dof_map.axes, self._spin_axes(motion)]
 
     # --- matrices
@@ -290,15 +287,15 @@ class RotatingNodes(Space):
     def coupled_unknowns(
         cls, number: Int[np.ndarray, "n_row 6"]
     ) -> list[Int[np.ndarray, "n_row 3"]]:
-        """List the indices of each row's spins, which nodal moments couple."""
+        """Return the indices of every node's spin unknowns, which its moment couples, in a list."""
         return [number[:, 3:]]
 
     def motion_jacobian(self, motion: Motion) -> Float[Array, "n_row 6 6"] | None:
-        """Return the Jacobian of each row's step by its unknowns; None if it only scales spins."""
+        """Return the Jacobian of every node's (row's) step by its unknowns; None: scaled spins."""
         dof_map = self.dof_map
         if dof_map.axes is None and dof_map.rigid_links is None:
             return None
-        scale = self._unknown_scale()
+        scale = self._row_step_per_unknown()
         slopes = jnp.zeros((len(motion), 6, 6), motion.dtype)
         if dof_map.axes is None:
             slopes = slopes + jnp.eye(6, dtype=motion.dtype)[None]
@@ -323,13 +320,13 @@ class RotatingNodes(Space):
         inner: Sequence[tuple[int, int]],
         x: Motion,
     ) -> MatrixPart:
-        """Transform element matrices to unknowns; a carried end has those of its carrier."""
+        """Transform element matrices to unknowns: return [n_elem, d, d], and unknowns' indices."""
         dof_map, blocks, slopes = self.dof_map, as_square_matrices(blocks), self.motion_jacobian(x)
         number = element_unknowns(dof_map.unknown_of_dof, links, width, inner, dof_map.rigid_links)
         n_end = links.shape[1] - (1 + max((row for row, _ in inner), default=-1))
         if slopes is None:
             if width > 3:
-                scale = self._unknown_scale()[0]
+                scale = self._row_step_per_unknown()[0]
                 factors = jnp.concatenate(
                     [jnp.tile(scale, n_end), jnp.ones(len(inner), scale.dtype)]
                 )
@@ -343,9 +340,9 @@ class RotatingNodes(Space):
     def load_stiffness(
         self, load: Forces, unbalanced: Callable[[], Forces], x: Motion
     ) -> list[MatrixPart]:
-        """List terms of the tangent from nodal moments and forces on rigid links, as nodes rotate.
+        """Return the tangent of nodal moments, and of forces on rigid links, as nodes rotate.
 
-        They are matrices by the spins of one node each; see `rotations.conjugate_moment`.
+        The list has matrices by the spins of each row, [n_row, 3, 3], and these unknowns' indices.
         """
         zero = jnp.zeros_like(x[:, :3])
         moment, first = self._shift_to_carriers(load, x)[:, 3:], partial(conjugate_moment, order=1)
@@ -367,7 +364,7 @@ class RotatingNodes(Space):
         return [(change / self.rotation_length**2, self.dof_map.unknown_of_dof[:, 3:])]
 
     def stabilize_free_spins(self, matrix: Matrix, x: Motion) -> Matrix:
-        """Return the tangent with a spring at each free spin that has no stiffness.
+        """Return the tangent with a spring at each beam that can spin without stiffness.
 
         The spring acts on one unknown that a spin z with ``K z = 0`` moves. For loads that do no
         work on z the solutions are those of K in which this unknown is zero.
@@ -395,5 +392,5 @@ class RotatingNodes(Space):
 
 
 def _vector_norms(vectors: Float[Array, "... 3"]) -> Float[Array, " ..."]:
-    """Return the Euclidean norms of vectors."""
+    """Return the Euclidean norm of every vector."""
     return jnp.sqrt(jnp.sum(vectors**2, axis=-1))

@@ -36,7 +36,7 @@ Matrix: TypeAlias = 'Float[Array, "n_free n_free"] | SparseMatrix'
 
 
 class ElementGroup(Protocol):
-    """What a space needs of an element group, see `elements.element.Element`."""
+    """What a space needs to know of a group of elements: links, rotations of nodes, lengths."""
 
     links: Int[ArrayLike, "n_elem n_end"]
     rotates: bool
@@ -47,13 +47,14 @@ class ElementGroup(Protocol):
 
 @pytree
 class Space(abc.ABC):
-    """Motions that the supports allow: from unknowns to nodes and back.
+    """How unknowns move the rows of motion (nodes, for example), and what supports allow.
 
     Attributes:
-        dof_map: `DofMap`, the degree-of-freedom map.
+        dof_map: the degree-of-freedom map.
         prescribed: prescribed motion of all rows, [n_row, n_motion], used where supports fix them;
             None where supports are not needed.
-        n_motion, n_freedom: how many numbers the motion of a row has, and its degrees of freedom.
+        n_motion: number of columns of a motion: displacement, and rotation if there is one.
+        n_freedom: number of degrees of freedom of a row, 3 or 6.
         rotates: whether nodes have rotations.
         symmetric: whether the tangent is symmetric under all dead loads.
     """
@@ -78,110 +79,115 @@ class Space(abc.ABC):
         prescribed: Motion | None,
         support_rotation: Float[Array, "n_row 4"] | None,
     ) -> Self:
-        """Make the space of a system.
+        """Make the space for the nodes, element groups and supports of a system.
 
         Args:
-            nodes: initial positions of all rows, m.
+            nodes: initial positions of all rows of motion, m.
             groups: the element groups.
             dof_map: degree-of-freedom map of the phase.
             prescribed: prescribed motion of all rows, or None.
-            support_rotation: rotation of every row when its support was set, as in
-                `restart_state.RestartState`, or None.
+            support_rotation: rotation of every row when its support was set, unit quaternions, or
+                None.
         """
 
     @classmethod
     @abc.abstractmethod
     def at_rest(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
-        """Return the motion of rows that have not moved."""
+        """Return the motion, [n_row, n_motion], of nodes (rows of motion) that have not moved."""
 
     @classmethod
     @abc.abstractmethod
     def moved_by(cls, motion: Motion, step: Forces) -> Motion:
-        """Return the motion after a step of all rows, of any size."""
+        """Return the motion after a step of all nodes (translations, and spins if they rotate)."""
 
     @classmethod
     @abc.abstractmethod
     def displacement_between(cls, before: Motion, after: Motion) -> Forces:
-        """Return displacement (and rotation vector) from one motion to another."""
+        """Return displacements, m (and rotation vectors), from motion `before` to `after`."""
 
     @classmethod
     @abc.abstractmethod
     def rigid_link_motion(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
-        """Return the motion of rows that are joined to other rows by rigid links.
+        """Return the motion of rows that rigid links join to other rows, their carriers.
 
         Args:
-            motion: motion of the rows that they are joined to.
-            arm: vectors from those to the joined rows, in the initial geometry, m.
+            motion: motion of the carrier of each row.
+            arm: vectors from the carriers to the rows, in the initial geometry, m.
         """
 
     @classmethod
     def rotations(cls, motion: Motion) -> Float[Array, "n_row 4"] | None:
-        """Return the rotations in a motion, unit quaternions; None if there are none."""
+        """Return the rotations in a motion, unit quaternions; None if nodes do not rotate."""
         return None
 
     @classmethod
     def moments(cls, force: Float[Array, "... n_freedom"]) -> Float[Array, "... 3"] | None:
-        """Return the moments in generalized forces, N m; None if there are none."""
+        """Return the moments in generalized forces, N m; None if nodes do not rotate."""
         return None
 
     @classmethod
     def stored_motion(
         cls, motion: Float[Array, "n_inc n_row n_motion"]
     ) -> Float[Array, "n_inc n_row n_motion"] | None:
-        """Return the motions that a path must store beside displacements; None if it need not."""
+        """Return the motions to be stored of a path; None if its displacements are all there is."""
         return None
 
     @classmethod
     def pad_moments(cls, force: Float[Array, "... n"]) -> Float[Array, "... n_freedom"]:
-        """Append zeros for missing moments to forces, [..., 3] or [..., n_freedom]."""
+        """Return forces, [..., n_freedom], with zeros for the moments that they lack."""
         missing = [(0, 0)] * (force.ndim - 1) + [(0, cls.n_freedom - force.shape[-1])]
         return jnp.pad(force, missing) if missing[-1][1] else force
 
     # --- points and steps
 
     @property
-    def _known_prescribed(self) -> Motion:
-        """`prescribed`, for methods that need supports: it is not None there."""
+    def _prescribed_motion(self) -> Motion:
+        """The field `prescribed`, for methods that need supports, where it is not None."""
         return self.prescribed  # type: ignore[return-value]  # not None where it is asked for
 
     def impose_supports(self, x: Motion) -> Motion:
-        """Return `x` with the degrees of freedom that supports fix at their prescribed values."""
+        """Return motion `x` with prescribed values at degrees of freedom that supports fix."""
         return self._impose_displacements(x[:, :3])
 
     def _impose_displacements(
         self, displacement: Float[Array, "n_row 3"]
     ) -> Float[Array, "n_row 3"]:
-        """Return displacements with prescribed values along the directions that are fixed, m."""
+        """Return displacements, m, with the prescribed values along directions that are fixed."""
         fixed, axes = self.dof_map.fixed[:, :3], self.dof_map.axes
-        prescribed = self._known_prescribed[:, :3]
+        prescribed = self._prescribed_motion[:, :3]
         if axes is None:
             return jnp.where(fixed, prescribed, displacement)
         components = jnp.where(fixed, to_local(axes, prescribed), to_local(axes, displacement))
         return to_global(axes, components)
 
     def with_support_rotations(self, x: Motion) -> Motion:
-        """Return `x`, a constant, with its derivative by the rotations of supports.
+        """Return the motion `x` with its derivative by the rotations of supports.
 
-        Without rotations there is none.
+        Those are the rotations that nodes had when supports were set; without rotations there is
+        none.
         """
         return x
 
     @abc.abstractmethod
     def prolong(self, x: Motion, step: Step) -> Forces:
-        """Return the step of every row that belongs to a step of the unknowns (prolongation)."""
+        """Return the step of every node (row of motion) that a step of the unknowns makes.
+
+        `x` is the motion before the step.
+        """
 
     @abc.abstractmethod
     def move(self, x: Motion, step: Step) -> Motion:
-        """Return the motion after a step of the unknowns from `x`."""
+        """Return the motion after a step of the unknowns, [n_free], from the motion `x`."""
 
     def hold_temporarily_fixed(self, residual: Step, step: Step) -> Step:
-        """Add equations ``step = 0``, with a unit stiffness, for unknowns fixed in this phase.
+        """Add to the residual equations ``step = 0`` for unknowns that are fixed in this phase.
 
-        They are unknowns only because another phase releases them.
+        They are unknowns only because another phase releases them. The equations have unit
+        stiffness.
 
         Args:
-            residual: residual at the step, with zeros at these unknowns.
-            step: the step of the unknowns.
+            residual: residual at the step, with zeros at these unknowns, [n_free].
+            step: the step of the unknowns, [n_free].
         """
         bound = self.dof_map.temporarily_fixed
         if bound is None:
@@ -196,29 +202,34 @@ class Space(abc.ABC):
 
     @abc.abstractmethod
     def restrict(self, force: Forces, x: Motion, row_step: Forces | None = None) -> Step:
-        """Return forces at the unknowns that do the same work as forces on all rows (restriction).
+        """Return the forces at the unknowns that do the same work as forces on all rows.
 
         Args:
-            force: forces on all rows, N.
+            force: forces on all rows of motion, N, and moments, N m.
             x: the motion at which they act.
-            row_step: step of all rows from `x` that forces are conjugate to; None if it is zero.
+            row_step: step of all rows from `x` that the forces are work-conjugate to; None if it is
+                zero.
 
         Returns:
             Forces at the unknowns, [n_free], N.
         """
 
     def conjugate_loads(self, load: Forces, row_step: Forces) -> Forces:
-        """Return dead loads as forces that are work-conjugate to `row_step`, a step of all rows."""
+        """Return dead loads as forces work-conjugate to a step of all nodes, `row_step`."""
         return load
 
     @abc.abstractmethod
     def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:
-        """Return the support reactions from unbalanced forces on all rows; zero where free."""
+        """Return the support reactions: unbalanced forces on all rows along fixed directions.
+
+        They are zero along free directions. `motion` is the motion of all rows.
+        """
 
     def dof_directions(self, motion: Motion) -> list[Float[ArrayLike, "n_row 3 3"] | None]:
-        """List the axes along which displacements, and spins if there are any, are fixed.
+        """Return the axes along which displacements, and spins if there are any, are fixed.
 
-        Each entry is [n_row, 3, 3], with a direction in each row of a matrix, or None for x, y, z.
+        Each entry of the list is [n_row, 3, 3], one direction in each row of a matrix, or None for
+        x, y, z.
         """
         return [self.dof_map.axes]
 
@@ -228,15 +239,16 @@ class Space(abc.ABC):
     def coupled_unknowns(
         cls, number: Int[np.ndarray, "n_row n_freedom"]
     ) -> list[Int[np.ndarray, "n_row d"]]:
-        """List the indices of unknowns that each row couples without an element, [n_row, d] each.
+        """Return lists of unknowns that each node couples without an element, [n_row, d] each.
 
-        The sparsity pattern of the tangent needs them.
+        The sparsity pattern of the tangent needs places for them. `number` is the unknown of every
+        dof.
         """
         return []
 
     @abc.abstractmethod
     def motion_jacobian(self, x: Motion) -> Float[Array, "n_row n_freedom d"] | None:
-        """Return the Jacobian of each row's step by its unknowns; None if it is the identity."""
+        """Return the Jacobian of every node's (row's) step by its unknowns; None: the identity."""
 
     @abc.abstractmethod
     def transform_to_unknowns(
@@ -251,9 +263,9 @@ class Space(abc.ABC):
 
         Args:
             blocks: matrices by the degrees of freedom of the ends and the internal unknowns.
-            links: rows of the elements: ends, then rows of internal unknowns.
+            links: rows of motion of the elements: ends, then rows of internal unknowns.
             width: degrees of freedom of an end, 3 or 6.
-            inner: positions of the internal unknowns, see `element_unknowns`.
+            inner: positions of the internal unknowns, (row after the ends, column).
             x: motion of all rows.
 
         Returns:
@@ -264,28 +276,28 @@ class Space(abc.ABC):
     def load_stiffness(
         self, load: Forces, unbalanced: Callable[[], Forces], x: Motion
     ) -> list[MatrixPart]:
-        """List terms of the tangent from dead loads on rotating nodes (load stiffness).
+        """Return the stiffness of dead loads on rotating nodes, a list of terms of the tangent.
 
         Args:
-            load: dead loads on all rows.
+            load: dead loads on all rows, N and N m.
             unbalanced: function that returns the unbalanced forces on all rows.
             x: motion of all rows.
 
         Returns:
-            Matrices and the indices of their unknowns, as from `transform_to_unknowns`.
+            Pairs of matrices [n_elem, d, d] and the indices of their unknowns, [n_elem, d].
         """
         return []
 
     def stabilize_free_spins(self, matrix: Matrix, x: Motion) -> Matrix:
-        """Return the tangent with springs at spins of beams about their own line, see `FreeSpins`.
+        """Return the tangent with springs at beams that can spin about their own line.
 
-        They have no stiffness, and results do not depend on them.
+        Such spins have no stiffness, and results do not depend on them.
         """
         return matrix
 
 
 def as_square_matrices(blocks: Float[Array, "n_elem ..."]) -> Float[Array, "n_elem d d"]:
-    """Reshape the matrices of elements to [n_elem, d, d]."""
+    """Reshape the matrices of elements, [n_elem, ...] with d^2 entries each, to [n_elem, d, d]."""
     count = len(blocks)
     return blocks.reshape(count, -1, round((blocks.size // count) ** 0.5))
 
@@ -295,11 +307,11 @@ def transform_by_jacobian(
     slopes: Float[Array, "n_elem n_end width n_number"],
     n_inner: int,
 ) -> Float[Array, "n_elem k k"]:
-    """Transform element matrices from degrees of freedom of the ends to unknowns, ``S^T K S``.
+    """Transform element matrices K from degrees of freedom of the ends to unknowns, ``S^T K S``.
 
     Args:
-        blocks: matrices by the degrees of freedom of the ends and the internal unknowns.
-        slopes: Jacobian of each end's step by the unknowns of the end.
+        blocks: K, by the degrees of freedom of the ends and the internal unknowns.
+        slopes: Jacobian of each end's step by the unknowns of the end, the blocks of S.
         n_inner: number of internal unknowns, which come last and stay as they are.
     """
     n_elem, n_end, width, n_number = slopes.shape

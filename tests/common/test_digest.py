@@ -378,7 +378,7 @@ def test_the_digest_is_of_the_code_in_memory(monkeypatch):
 
 def test_replaced_by_a_function_of_the_user_nothing_is_kept(monkeypatch):
     monkeypatch.setattr(Straight, "tension", lambda self: 0.0)
-    with pytest.raises(python_objects.ForeignError, match="test_digest"):
+    with pytest.raises(python_objects.ForeignCodeError, match="test_digest"):
         digest.of_package()
 
 

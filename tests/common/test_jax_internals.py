@@ -16,7 +16,7 @@ from test_keeping import product
 
 import jaxcable as jc
 from jaxcable.common import compilation, fusion, jax_internals, program_store
-from jaxcable.common.program_folder import open_folder
+from jaxcable.common.program_folder import open_program_folder
 
 ROOT = Path(__file__).parents[2]
 STRUCTURE, PHASES = jc.scenes.flat_net()
@@ -122,12 +122,12 @@ def test_without_a_rule_of_primitives_there_is_none(name, monkeypatch):
 @pytest.fixture
 def without(monkeypatch):
     """A function that takes a name away from jax, as far as the package sees."""
-    names = jax_internals._import_names
+    names = jax_internals._import_members
     monkeypatch.setattr(jax_internals, "_warned_features", set())
 
     def take(module):
         monkeypatch.setattr(
-            jax_internals, "_import_names", lambda m, *n: None if m == module else names(m, *n)
+            jax_internals, "_import_members", lambda m, *n: None if m == module else names(m, *n)
         )
 
     return take
@@ -192,15 +192,15 @@ def test_without_a_setting_for_one_thread(without):
 
 def test_without_names_of_lapack(without):
     without("jaxlib.lapack")
-    jax_internals.prepare_lapack.cache_clear()
-    jax_internals.prepare_lapack()
-    jax_internals.prepare_lapack.cache_clear()
+    jax_internals.preload_lapack.cache_clear()
+    jax_internals.preload_lapack()
+    jax_internals.preload_lapack.cache_clear()
 
 
 def test_without_a_serializer(without, tmp_path):
     without("jax.experimental.serialize_executable")
     assert jax_internals.program_serializer() is None
-    assert program_store._load_program(open_folder(tmp_path, 9), 32 * "0", []) is None
+    assert program_store._load_program(open_program_folder(tmp_path, 9), 32 * "0", []) is None
 
 
 def test_without_quick_options(monkeypatch):

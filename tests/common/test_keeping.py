@@ -22,7 +22,7 @@ from test_digest import module_texts
 import jaxcable as jc
 from jaxcable.analysis.preparation import prepare
 from jaxcable.common import compilation, host_calls, jax_internals, program_store, python_objects
-from jaxcable.common.program_folder import open_folder
+from jaxcable.common.program_folder import open_program_folder
 from jaxcable.numerics import vectors
 
 # --- other processes
@@ -241,7 +241,7 @@ def hears():
 
 def test_programs_that_call_by_address_are_not_kept(tmp_path):
     """Those with listeners of the user; `progress.SHOW` is called by its name."""
-    place = open_folder(tmp_path, 1 << 20)
+    place = open_program_folder(tmp_path, 1 << 20)
     for k, told in enumerate(
         (
             lambda x: jax.debug.callback(print, x),
@@ -320,9 +320,9 @@ def test_what_is_defined_elsewhere_is_not_kept():
         return key(jc.Structure(nodes, cables, jc.pinned([0, 2])), jc.Phase(pretension=1e3))
 
     assert of_law(jc.Polygonal([0.0, 0.01], [0.0, 2e9]))
-    with pytest.raises(python_objects.ForeignError):
+    with pytest.raises(python_objects.ForeignCodeError):
         of_law(Prager(2e11, 4e8, 1e10))
-    with pytest.raises(python_objects.ForeignError):  # a solver of the tests
+    with pytest.raises(python_objects.ForeignCodeError):  # a solver of the tests
         structure, phases = jc.scenes.saddle(8, 8)
         key(structure, phases, jc.Newton(linear_solver=NUMPY))
 

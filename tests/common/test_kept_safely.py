@@ -25,7 +25,7 @@ import jaxcable as jc
 from jaxcable.common import jax_internals, program_folder, program_store, python_objects
 from jaxcable.common.checks import warn_user, without_warnings
 from jaxcable.common.compilation import without_garbage_collection
-from jaxcable.common.program_folder import ProgramFolder, open_folder
+from jaxcable.common.program_folder import ProgramFolder, open_program_folder
 
 posix = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="owners and modes of POSIX")
 KEYS = [16 * f"{k:02x}" for k in range(4)]
@@ -39,16 +39,16 @@ pytestmark = pytest.mark.usefixtures("nothing_kept")
 
 def fill(place):
     """Four programs of 300 bytes and what jax adds, the first used longest ago; other things."""
-    ours = [place.programs / f"{key}.program" for key in KEYS]
-    ours[1] = place.jax_cache / f"jit__fn-{64 * 'a'}-cache"
+    ours = [place.programs_folder / f"{key}.program" for key in KEYS]
+    ours[1] = place.jax_cache_folder / f"jit__fn-{64 * 'a'}-cache"
     for k, path in enumerate(ours):
         path.write_bytes(bytes(300))
         os.utime(path, (k, k))
     others = [
         place.folder / "thesis.docx",
-        place.programs / "notes.program",
-        place.programs / f"{KEYS[0]}.program.bak",
-        place.jax_cache / "jit_mine-cache",
+        place.programs_folder / "notes.program",
+        place.programs_folder / f"{KEYS[0]}.program.bak",
+        place.jax_cache_folder / "jit_mine-cache",
         place.folder / f"{KEYS[0]}.program",
     ]
     for path in others:
@@ -58,48 +58,48 @@ def fill(place):
 
 
 def test_only_our_files_are_removed_and_the_oldest_first(tmp_path):
-    place = open_folder(tmp_path, 1200)
+    place = open_program_folder(tmp_path, 1200)
     ours, others = fill(place)
-    place.remove_oldest()
+    place.remove_oldest_files()
     assert all(path.exists() for path in (*ours, *others))  # 1200 bytes of ours
-    ProgramFolder(place.folder, 1000).remove_oldest()  # 800 may be left
+    ProgramFolder(place.folder, 1000).remove_oldest_files()  # 800 may be left
     assert [path.exists() for path in ours] == [False, False, True, True]
     assert all(path.exists() for path in others)
-    ProgramFolder(place.folder, 0).remove_oldest()
+    ProgramFolder(place.folder, 0).remove_oldest_files()
     assert not any(path.exists() for path in ours) and all(path.exists() for path in others)
-    assert (place.programs / "CACHEDIR.TAG").read_bytes()[:43] == (
+    assert (place.programs_folder / "CACHEDIR.TAG").read_bytes()[:43] == (
         b"Signature: 8a477f597d28d172789f06886806bc55"
     )
 
 
 def test_a_folder_that_is_not_marked_is_left_alone(tmp_path):
-    place = open_folder(tmp_path, 0)
+    place = open_program_folder(tmp_path, 0)
     ours, _ = fill(place)
-    for folder in (place.programs, place.jax_cache):
+    for folder in (place.programs_folder, place.jax_cache_folder):
         (folder / "CACHEDIR.TAG").write_text("Signature: 8a477f597d28d172789f06886806bc55\n# pip")
-    place.remove_oldest()
+    place.remove_oldest_files()
     assert all(path.exists() for path in ours)
-    place.write(KEYS[0], b"new")
+    place.write_program(KEYS[0], b"new")
     assert ours[0].read_bytes() == bytes(300)
 
 
 @posix
 def test_links_are_not_followed(tmp_path):
-    place = open_folder(tmp_path / "kept", 0)
+    place = open_program_folder(tmp_path / "kept", 0)
     precious = tmp_path / "precious"
     precious.mkdir()
     (precious / f"{KEYS[0]}.program").write_bytes(bytes(300))
-    link = place.programs / f"{KEYS[0]}.program"
+    link = place.programs_folder / f"{KEYS[0]}.program"
     link.symlink_to(precious / link.name)
-    assert place.read(KEYS[0]) is None
-    place.remove_oldest()
+    assert place.read_program(KEYS[0]) is None
+    place.remove_oldest_files()
     assert link.is_symlink() and (precious / link.name).exists()
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "programs").symlink_to(precious)
     with pytest.raises(ValueError, match="symbolic link"):
         jc.keep_programs(tmp_path / "other")
     (tmp_path / "reached").symlink_to(tmp_path / "kept")  # the way there is the user's own
-    assert open_folder(tmp_path / "reached", 9).folder == tmp_path / "kept"
+    assert open_program_folder(tmp_path / "reached", 9).folder == tmp_path / "kept"
 
 
 def test_a_folder_with_other_things_of_that_name_is_refused(tmp_path):
@@ -129,17 +129,17 @@ def refused_twice(folder, said, monkeypatch):
 @posix
 @pytest.mark.parametrize("inside", ["", "programs"])
 def test_a_folder_that_others_can_write_to_is_refused(inside, tmp_path, monkeypatch):
-    folder = open_folder(tmp_path / "kept", 9).folder
+    folder = open_program_folder(tmp_path / "kept", 9).folder
     (folder / inside).chmod(0o770)
     refused_twice(folder, ".*other users can write to it.*`chmod go-w", monkeypatch)
 
 
 @posix
 def test_files_that_others_own_or_can_write_are_refused(tmp_path, monkeypatch):
-    place = open_folder(tmp_path, 1 << 20)
-    place.write(KEYS[0], b"of mine")
-    assert place.read(KEYS[0]) == b"of mine"
-    (place.programs / f"{KEYS[0]}.program").chmod(0o666)
+    place = open_program_folder(tmp_path, 1 << 20)
+    place.write_program(KEYS[0], b"of mine")
+    assert place.read_program(KEYS[0]) == b"of mine"
+    (place.programs_folder / f"{KEYS[0]}.program").chmod(0o666)
     with pytest.warns(RuntimeWarning, match="other users can write"):
         assert program_store._load_program(place, KEYS[0], []) is None
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
@@ -176,9 +176,9 @@ def test_a_folder_that_others_can_replace_is_refused(tmp_path, monkeypatch):
     assert jc.keep_programs(shared / "below" / "kept") and program_store._open_place
     jc.keep_programs(limit=0)
     shared.chmod(0o770)
-    monkeypatch.setattr(program_folder, "_is_own_group", lambda number: False)
+    monkeypatch.setattr(program_folder, "_is_private_group", lambda number: False)
     refused_twice(shared / "below" / "kept", said, monkeypatch)
-    monkeypatch.setattr(program_folder, "_is_own_group", lambda number: True)
+    monkeypatch.setattr(program_folder, "_is_private_group", lambda number: True)
     assert jc.keep_programs(shared / "below" / "kept") and program_store._open_place
 
 
@@ -210,7 +210,7 @@ def test_private_groups_are_those_of_one_user(monkeypatch):
     ):
         group = grp.struct_group((name, "x", number, members))
         monkeypatch.setattr(grp, "getgrgid", lambda _, group=group: group)
-        assert program_folder._is_own_group(number) is own
+        assert program_folder._is_private_group(number) is own
 
 
 @posix
@@ -245,9 +245,9 @@ def test_wrong_folders_and_limits():
 
 @pytest.mark.parametrize("text", [b"", b"no zlib", zlib.compress(b"no pickle"), None])
 def test_a_file_that_makes_no_sense_is_said_and_not_used(text, tmp_path):
-    place = open_folder(tmp_path, 1 << 20)
+    place = open_program_folder(tmp_path, 1 << 20)
     text = zlib.compress(pickle.dumps(("two", "parts"))) if text is None else text
-    place.write(KEYS[0], text)  # with a right checksum
+    place.write_program(KEYS[0], text)  # with a right checksum
     path = re.escape(str(place.program_path(KEYS[0])))
     named = rf"{path}: the file is damaged; the program is compiled again"
     with pytest.warns(RuntimeWarning, match=named):
@@ -255,12 +255,14 @@ def test_a_file_that_makes_no_sense_is_said_and_not_used(text, tmp_path):
 
 
 def test_a_file_under_another_key_is_not_used(tmp_path):
-    place = open_folder(tmp_path, 1 << 20)
-    place.write(KEYS[0], b"program")
-    os.rename(place.programs / f"{KEYS[0]}.program", place.programs / f"{KEYS[1]}.program")
-    with pytest.raises(program_folder.DamagedError):
-        place.read(KEYS[1])
-    assert place.read(KEYS[2]) is None
+    place = open_program_folder(tmp_path, 1 << 20)
+    place.write_program(KEYS[0], b"program")
+    os.rename(
+        place.programs_folder / f"{KEYS[0]}.program", place.programs_folder / f"{KEYS[1]}.program"
+    )
+    with pytest.raises(program_folder.DamagedFileError):
+        place.read_program(KEYS[1])
+    assert place.read_program(KEYS[2]) is None
 
 
 # --- of which code
@@ -376,7 +378,7 @@ def test_without_the_settings_of_jax(tmp_path, monkeypatch):
     monkeypatch.setattr(jax_internals, "jax_settings", lambda: None)
     with pytest.warns(RuntimeWarning, match="lacks jax.config.values: programs are not kept"):
         jc.keep_programs(tmp_path)
-    with pytest.raises(python_objects.ForeignError):
+    with pytest.raises(python_objects.ForeignCodeError):
         program_store._program_key(("jaxcable.analysis.phase_loop", "analyse"), np.ones(2), {})
 
 
@@ -387,4 +389,4 @@ def test_a_program_that_jax_cannot_describe_is_said_and_not_kept(tmp_path, monke
     monkeypatch.setattr(jax_internals, "program_serializer", lambda: (fails, None))
     program = types.SimpleNamespace(as_text=lambda: "")
     with pytest.warns(RuntimeWarning, match="could not be saved: NotImplementedError: constants"):
-        program_store._store_program(open_folder(tmp_path, 9), KEYS[0], program)
+        program_store._store_program(open_program_folder(tmp_path, 9), KEYS[0], program)
