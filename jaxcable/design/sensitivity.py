@@ -33,7 +33,7 @@ _MAX_DIRECTIONS = 32
 """Largest number of directions in one run of the program: their results are in memory together."""
 
 
-def measure_with_jacobian(
+def measured_results_and_jacobian(
     structure: Structure,
     phases_of: Callable[[Float[Array, " n"]], Sequence[Phase]],
     measure: Callable[[Solution], Float[Array, " m"]],
@@ -42,14 +42,17 @@ def measure_with_jacobian(
     method: Newton | Incremental | None,
     start: Solution | State | None,
 ) -> tuple[Float[Array, " m"], Float[Array, "m n"], Int[Array, ""]]:
-    """Measure the results of phases: values, their Jacobian, and the status of the analysis.
+    """Solve the phases for inputs x; return quantities of the solution with their Jacobian.
 
     Args:
         structure, method, start: as for `solve`.
-        phases_of: function of the inputs [n] that returns the phases with them.
-        measure: function of the `Solution` to an array [m].
-        names: names of the results that `measure` uses: fewer compile faster.
+        phases_of: function of the inputs x [n] that returns the phases with these inputs.
+        measure: function of the `Solution` to the quantities, an array [m].
+        names: names of the results of phases that `measure` uses; few of them compile faster.
         x: the inputs, [n].
+
+    Returns:
+        The quantities [m], their Jacobian [m, n] by the inputs, and the status of the analysis.
     """
     task: Any = None
     tree: Any
@@ -59,12 +62,12 @@ def measure_with_jacobian(
         """Return the arguments of the analysis that are traced: they depend on the inputs."""
         nonlocal task, moving
         task = prepare(structure, phases_of(x), method, start, to_end=True)
-        leaves = jax.tree.leaves(_core_arguments(task))
+        leaves = jax.tree.leaves(_arguments_of_compiled_analysis(task))
         moving = tuple(k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.core.Tracer))
         return [leaves[k] for k in moving]
 
     values, push = jax.linearize(moved, x)
-    leaves, tree = jax.tree.flatten(_core_arguments(task))
+    leaves, tree = jax.tree.flatten(_arguments_of_compiled_analysis(task))
     for k, value in zip(moving, values, strict=True):
         leaves[k] = value
     together = min(x.size, _MAX_DIRECTIONS)
@@ -79,27 +82,30 @@ def measure_with_jacobian(
         def measured(phases, solution=solution):
             return measure(arrange_solution(structure, copy_with(solution, phases=phases), task))
 
-        found, column = _measure_with_derivatives(measured, names, solution.phases, ends)
+        found, column = _measured_values_and_derivatives(measured, names, solution.phases, ends)
         columns.append(column)
     return found, jnp.concatenate(columns)[: x.size].T, solution.status
 
 
-def _core_arguments(task):
-    """Return the arguments of the compiled core of an analysis, `analyse_within_program`."""
+def _arguments_of_compiled_analysis(task):
+    """Return the arrays and the method of a prepared analysis, for `analyse_within_program`."""
     return task.without_indices, task.arrays, task.method, task.code
 
 
 @functools.partial(jit_program, static=("bundles", "moving", "names"))
 def _solve_with_tangents(core, changes, bundles, moving, names):
-    """Solve; return also the changes of `phases.ends` for given changes of the leaves `moving`.
+    """Solve, and compute the derivatives of the phases' end results in several directions.
 
     Args:
-        core: as from `_core_arguments`.
-        changes: list of arrays, an axis of directions before those of the leaf.
-        bundles, moving, names: static.
+        core: arguments of the analysis, from `_arguments_of_compiled_analysis`.
+        changes: directions: for each leaf of `core` that changes, an array [n_direction, ...].
+        bundles: how element groups are joined in the program (`mechanics.bundles`); static.
+        moving: indices of the leaves of `core` that change; static.
+        names: names of the results that are differentiated; static.
 
     Returns:
-        `Solution` of the compiled core; list of arrays for `_split_floats` of its `phases.ends`.
+        The `Solution` in the form of the compiled program; the derivatives, a list of arrays
+            [n_direction, ...] for the floats of these results.
     """
     leaves, tree = jax.tree.flatten(core)
 
@@ -108,7 +114,7 @@ def _solve_with_tangents(core, changes, bundles, moving, names):
         for k, value in zip(moving, values, strict=True):
             at[k] = value
         solution = analyse_within_program(*tree.unflatten(at), bundles)
-        return _split_floats(solution.phases.ends, names)[0], solution
+        return _take_out_float_results(solution.phases.ends, names)[0], solution
 
     # forward and linear part apart: a fifth more to compile than one direction, but the iteration
     # is done once for all
@@ -116,8 +122,11 @@ def _solve_with_tangents(core, changes, bundles, moving, names):
     return solution, lax.map(push, changes)
 
 
-def _split_floats(ends, names):
-    """Return the floats among some results, and a function that puts others in their place."""
+def _take_out_float_results(ends, names):
+    """Return the float arrays among the results `names` of phases' `ends`, as a list.
+
+    Returns, too, a function from such a list to results with these arrays in their place.
+    """
     leaves, shape = jax.tree.flatten({name: getattr(ends, name) for name in names})
     real = [jnp.issubdtype(jnp.result_type(x), jnp.floating) for x in leaves]
 
@@ -129,9 +138,13 @@ def _split_floats(ends, names):
     return [x for own, x in zip(real, leaves, strict=True) if own], back
 
 
-def _measure_with_derivatives(measure, names, phases, changes):
-    """Return what is measured, [m], and its derivatives in all directions, [n_direction, m]."""
-    floats, back = _split_floats(phases.ends, names)
+def _measured_values_and_derivatives(measure, names, phases, changes):
+    """Return ``measure(phases)``, [m], and its derivatives in all directions, [n_direction, m].
+
+    `changes` are the derivatives of the results `names` at the ends of the phases, a list of arrays
+    [n_direction, ...]. All other results have no derivatives.
+    """
+    floats, back = _take_out_float_results(phases.ends, names)
 
     def value(floats):
         # paths have no derivatives (`solve`): those by the ends are NaN, too
