@@ -70,20 +70,20 @@ def slack_distance(
     same = len(groups) == len(solution.restart.states)
     if not same or len(nodes) != len(solution.restart.motion):
         raise ValueError("solution: is of another structure")
-    thawed, arrays = split_indices(
+    without_indices, index_arrays = split_indices(
         (groups, solution.restart.states, nodes, solution.restart.motion)
     )
-    return structure.arrange(_strains_above_slackening(thawed, arrays))
+    return structure.arrange(_strains_above_slackening(without_indices, index_arrays))
 
 
 @jax.jit
-def _strains_above_slackening(thawed, arrays):
+def _strains_above_slackening(without_indices, index_arrays):
     """Return each cable's strain minus its strain at zero force; compiled.
 
     Returns:
         List with an array [n_elem] for each group, None for groups that are not tension-only.
     """
-    groups, states, nodes, motion = merge_indices(thawed, arrays)
+    groups, states, nodes, motion = merge_indices(without_indices, index_arrays)
     found = []
     for group, state in zip(groups, states, strict=True):
         if not group.tension_only:
