@@ -81,8 +81,7 @@ def check_params(
 ) -> PyTree[Float[Array, " ..."]]:
     """Convert the parameters of a search to a pytree of float arrays and return it.
 
-    Raises:
-        ValueError: a leaf is not a float or array of floats, or there are no parameters at all.
+    Raises ValueError if a leaf is no float or array of floats, or if there are no parameters.
     """
     if not any(np.size(leaf) for leaf in jax.tree.leaves(params)):
         raise ValueError(f"{name}: there are no parameters; expected at least one array of floats")
@@ -128,11 +127,7 @@ def broadcast_to_params(
         absent: number that replaces None.
         positive: whether every entry has to be positive and finite.
 
-    Returns:
-        Arrays of the shapes of `params`.
-
-    Raises:
-        ValueError: shapes that do not fit, or values that are not positive.
+    Raises ValueError for shapes that do not fit, and for values that are not positive.
     """
     if isinstance(value, list | tuple) and jax.tree_util.treedef_is_leaf(
         jax.tree.structure(params)

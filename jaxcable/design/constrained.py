@@ -274,10 +274,10 @@ class _ConstrainedSearch(ScaledProblem):
 
 
 def _compile_problem(reference):
-    """Compile the user's problem, which `reference()` returns, to a function with derivatives.
+    """Compile the user's function of loss and constraints, with its Jacobian.
 
-    The function takes flat parameters [n], their pytree and further arguments, and returns the
-    `Evaluation` of [loss, constraints ...].
+    `reference()` returns that function. The program takes flat parameters [n], their pytree and
+    further arguments, and returns the `Evaluation` of [loss, constraints ...].
     """
 
     @jax.jit

@@ -199,10 +199,9 @@ class Descent:
         )
 
     def advance(self, s: DescentState, found: Evaluation) -> DescentState:
-        """Accept or refuse the trial point of state `s`, which was evaluated as `found`.
+        """Accept or refuse the trial point, evaluated as `found`; return the next state.
 
-        Returns the next state: with the next trial point, or with `running` False and a final
-        status.
+        It has the next trial point, or `running` False and the final status.
         """
         value, gradient, code = found.mark_nonfinite()
         sound, begun = code == status.OK, s.n_accepted >= 0

@@ -134,13 +134,8 @@ def _count_entries(tree):
 def _input_values_and_setter(structure, phases, wrt, phase, start):
     """Return the present values of the input `wrt`, and a function that replaces them.
 
-    Args:
-        structure, phases, start: as for `influence`.
-        wrt: name of the input, such as "shortening", "load" or "nodes".
-        phase: number of the phase whose input it is; None for the default of `influence`.
-
-    Returns:
-        The values, an array or a pytree; a function from other values to (structure, phases).
+    The function takes other values and returns (structure, phases). `wrt` is "shortening", "load",
+    "nodes" and so on, of phase number `phase`, or None for the default of `influence`.
     """
     if not isinstance(wrt, str):
         raise ValueError(f"wrt: expected a name such as 'shortening', got {type(wrt).__name__}")

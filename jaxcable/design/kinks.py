@@ -78,10 +78,9 @@ def slack_distance(
 
 @jax.jit
 def _strains_above_slackening(without_indices, index_arrays):
-    """Return each cable's strain minus its strain at zero force; compiled.
+    """Return each cable's strain minus its strain at zero force, per group; compiled.
 
-    Returns:
-        List with an array [n_elem] for each group, None for groups that are not tension-only.
+    The list has an array [n_elem] for each group; None for those that are not tension-only.
     """
     groups, states, nodes, motion = merge_indices(without_indices, index_arrays)
     found = []

@@ -124,10 +124,9 @@ class LevenbergMarquardt:
         )
 
     def advance(self, s: LevenbergState, found: Evaluation) -> LevenbergState:
-        """Accept or refuse the trial point of state `s`, which was evaluated as `found`.
+        """Accept or refuse the trial point, evaluated as `found`; return the next state.
 
-        Returns the next state: with the next trial point, or with `running` False and a final
-        status.
+        It has the next trial point, or `running` False and the final status.
         """
         residual, jacobian, code = found.mark_nonfinite()
         sound, begun = code == status.OK, s.n_trial >= 0

@@ -85,7 +85,7 @@ def solve_cases(
 
 @pytree
 class Envelope:
-    """Extreme values over load cases, with the load cases in which they occur (`envelope`).
+    """Extreme values over load cases, and the cases in which they occur: result of `envelope`.
 
     All are pytrees like the results of a single case.
 

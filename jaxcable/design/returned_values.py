@@ -32,13 +32,9 @@ def loss_and_status(result: Any) -> tuple[Float[Array, ""], Int[Array, ""]]:
 def residuals_and_status(result: Any) -> tuple[PyTree[Float[ArrayLike, " ..."]], Int[Array, ""]]:
     """Return the residuals and the worst status, from what a user's function has returned.
 
-    Args:
-        result: residuals (a pytree of floats), or a pair of residuals and a pytree of solutions or
-            status codes. A pair counts as residuals alone unless its second part has nothing but
-            solutions and integers.
-
-    Raises:
-        ValueError: there are solutions or texts among the residuals.
+    That is a pytree of floats, or a pair of it and a pytree of solutions or status codes. A pair
+    counts as residuals alone unless its second part has nothing but solutions and integers.
+    Solutions or texts among the residuals raise ValueError.
     """
     if isinstance(result, tuple) and len(result) == 2:
         leaves = jax.tree.leaves(result[1], is_leaf=_has_status)

@@ -139,10 +139,10 @@ def _take_out_float_results(ends, names):
 
 
 def _measured_values_and_derivatives(measure, names, phases, changes):
-    """Return ``measure(phases)``, [m], and its derivatives in all directions, [n_direction, m].
+    """Return ``measure(phases)``, [m], and its derivatives in several directions, [n_direction, m].
 
-    `changes` are the derivatives of the results `names` at the ends of the phases, a list of arrays
-    [n_direction, ...]. All other results have no derivatives.
+    `changes` are the derivatives of the results `names` at the ends of the phases in these
+    directions, a list of arrays [n_direction, ...]. All other results have no derivatives.
     """
     floats, back = _take_out_float_results(phases.ends, names)
 

@@ -96,8 +96,7 @@ class Target:
     def measured_values(self, solution: Solution) -> Float[Array, " n"]:
         """Return the values of the result for which the target is set, flattened to [n].
 
-        Raises:
-            ValueError: `at` does not fit the result or selects nothing.
+        Raises ValueError if `at` does not fit the result or selects nothing.
         """
         found = self._find_result(solution.phases[self.phase])
         try:
@@ -165,8 +164,7 @@ class Target:
 def deviations(targets: Sequence[Target], solution: Solution) -> list[Float[Array, " n"]]:
     """Return the deviation of every target in a solution, as a list of arrays [n].
 
-    Raises:
-        ValueError: a target does not fit the solution; the message has the target's number.
+    A target that does not fit the solution raises ValueError with its number.
     """
     found = []
     for number, target in enumerate(targets):

@@ -237,11 +237,8 @@ def _weighted_deviations(targets, solution):
 def _make_search(phases_with, targets, bounds, method, start, options):
     """Return a function of (structure, start values of the unknowns) that searches, to a `Fit`.
 
-    Args:
-        phases_with: function of values of the unknowns that returns the phases with them.
-        targets: list of `Target`.
-        bounds, method, start: as for `tune`.
-        options: (steps, tol, function of a `progress.Trial` or None).
+    `phases_with` is a function of values of the unknowns to the phases with these; `options` are
+    the number of steps, the tolerance and a function of a `progress.Trial` or None.
     """
     steps, tol, listen = options
     measure, names = (
@@ -326,10 +323,9 @@ def _cables_act_like_bars(targets, solution, found):
 
 
 def _check_unknowns(phases, unknowns):
-    """Check the unknowns, pairs (number of a phase, name of a prestress input) of `tune`.
+    """Check the unknowns, pairs (number of a phase, prestress input); return their start values.
 
-    Returns their start values from the phases, a list of pytrees of floats; ValueError if a phase
-    has no such input.
+    These are a list of pytrees of floats; ValueError if a phase has no such input.
     """
     if not isinstance(unknowns, list | tuple):
         got = type(unknowns).__name__

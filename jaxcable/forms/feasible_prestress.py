@@ -162,8 +162,7 @@ def feasible_prestress(
 def _checked_group_numbers(structure, groups, n_elem):
     """Return the group number of every element, [n_elem], from the user's `groups`.
 
-    Raises:
-        ValueError: numbers that are no integers, are negative, or leave a group without elements.
+    Raises ValueError for numbers that are no integers, are negative, or leave a group empty.
     """
     if groups is None:
         return np.arange(n_elem)
@@ -182,8 +181,7 @@ def _checked_group_numbers(structure, groups, n_elem):
 def _null_space_basis(matrix, tol):
     """Return an orthonormal basis of the null space of a matrix, [n_mode, n_group].
 
-    Raises:
-        ValueError: there is no null space: no state of self-stress.
+    Raises ValueError if it is empty: there is no state of self-stress.
     """
     _, values, right = np.linalg.svd(matrix)
     rank = int((values > tol * values[0]).sum())

@@ -27,15 +27,10 @@ from ..model.structure import Structure
 def split_loads(
     structure: Structure, loads: Load | Sequence[Load] | None, nodal_only: bool = False
 ) -> tuple[list[NodalLoads], list[SelfWeight | LineLoads | AreaLoads]]:
-    """Split loads into nodal loads and loads that depend on the form; check both.
+    """Check loads, and split them into nodal loads and loads that depend on the form.
 
-    Args:
-        structure: `Structure`.
-        loads: one load or a list.
-        nodal_only: whether to refuse all loads but `NodalLoads`.
-
-    Raises:
-        ValueError: a load of another kind, or one that does not fit the structure.
+    With `nodal_only` all loads but `NodalLoads` are refused. Raises ValueError for a load of
+    another kind, or one that does not fit the structure.
     """
     given: list[Any] = as_list(loads)  # their kinds are checked below
     nodal, others = [], []

@@ -197,9 +197,8 @@ class SaddlePointSystem:
     ) -> tuple[Float[Array, " n_free"], Float[Array, ""], Float[Array, " n_given"]]:
         """Return the quantities by which convergence is judged, for unknowns z.
 
-        Returns:
-            Unbalanced forces [n_free], N; the force that they are compared with, N; errors of the
-                given lengths, (l - L) / L, [n_given].
+        These are the unbalanced forces [n_free], N, the force that they are compared with, N, and
+        the relative errors of the given lengths, (l - L) / L, [n_given].
         """
         system, motion = self.system_with_forces(z)
         errors = [
@@ -232,10 +231,11 @@ class SaddlePointSystem:
     def unknowns_of_least_residual(
         self, motion: Float[Array, "n_node 3"]
     ) -> Float[Array, " n_all"]:
-        """Return z with given displacements [n_node, 3], m, and those forces that balance best.
+        """Return the unknowns z with given displacements, and with those forces that balance best.
 
-        The forces have the smallest weighted residual. They are found with the Hessian whose
-        element stiffnesses are replaced by identity blocks.
+        `motion` has the displacements, [n_node, 3], m. The forces of elements of given length
+        follow from weighted least squares, solved with the Hessian with identity blocks as element
+        stiffnesses.
         """
         states: Sequence[Any] = self.system.states
         none = [jnp.zeros_like(state.force) for state in states]

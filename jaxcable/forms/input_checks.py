@@ -150,14 +150,10 @@ def system_with_fixed_supports(
     dof_map: DofMap,
     followers: list[Any] | None = None,
 ) -> System:
-    """Make a `System` of elements in which no support moves.
+    """Make a `System` of element groups with given states, in which no support moves.
 
-    Args:
-        nodes: positions of all nodes, [n_node, 3], m.
-        groups, states: element groups and their states.
-        load: nodal loads, [n_node, 3], N.
-        dof_map: numbering of the unknowns.
-        followers: follower loads, or None.
+    `nodes` are positions, [n_node, 3], m; `load` has the nodal loads, [n_node, 3], N; `dof_map`
+    numbers the unknowns; `followers` are follower loads.
     """
     space = Translations(dof_map, jnp.zeros_like(nodes))
     return System(nodes, groups, states, load, space, followers)

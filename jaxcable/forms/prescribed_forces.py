@@ -203,19 +203,10 @@ def tensions_and_lengths(structure, tension, stress, length):
 def _solve_form(
     without_indices, index_arrays, dof_map, saddle_numbering, axis_numbering, method, convex
 ):
-    """Find the form with prescribed forces and lengths; compiled.
+    """Find the form with prescribed forces and lengths, a `Form` with lists per group; compiled.
 
-    Args:
-        without_indices, index_arrays: nodes, groups, forces, lengths and loads, from
-            `split_indices`.
-        dof_map: numbering of the displacements.
-        saddle_numbering: numbering of the unknowns if lengths are given, else None.
-        axis_numbering: numbering for the force density method if the problem is convex, else None.
-        method: `Newton`.
-        convex: whether all forces are tensions and no lengths are given.
-
-    Returns:
-        `Form` in which values per element are lists with an array for each group.
+    `dof_map`, `saddle_numbering` (None if no lengths are given) and `axis_numbering` (None unless
+    `convex`) number the unknowns. `convex` says that there are tensions only, and no lengths.
     """
     parameters = merge_indices(without_indices, index_arrays)
     dtype = parameters[0].dtype

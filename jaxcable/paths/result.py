@@ -86,9 +86,8 @@ class TracedPath(Path):
 def _first_failure_load(kind, of_events, of_points):
     """Return the load factor of the first event that is a failure; NaN if there is none.
 
-    Args:
-        kind, of_events: kind and load factor of every event, [n].
-        of_points: load factors of the path's points; they give a NaN its NaN derivatives.
+    `kind` and `of_events` are kinds and load factors of events; a NaN gets its NaN derivatives from
+    `of_points`, the load factors of the path.
     """
     fails = jnp.isin(kind, jnp.asarray(FAILURES))
     if kind.shape[0] == 0:

@@ -8,7 +8,7 @@ from ..common import status
 from ..common.tree import copy_with, select_tree
 from .path_state import PathState
 from .step_events import NEAR, StepEvents
-from .step_length import bracketing_step_length, cosine_between_tangents, soft_step_length
+from .step_length import bracketing_step_length, cosine_between_tangents, low_stiffness_step_length
 from .trial_step import ARC, FINISH, LOAD, PathProblem
 
 _EASY = 3  # iterations after which the next step has the same length (Crisfield 1991, ch. 9)
@@ -125,7 +125,7 @@ class StepDecision(StepEvents):
         nominal_ds = jnp.where(self.accepted & first, jnp.sqrt(2.0) * settings.step, nominal_ds)
         longest = jnp.sqrt(2.0) * settings.largest
         straight = plain & self.is_soft & (cosine_between_tangents(current.anchor, p) > _STRAIGHT)
-        wide_step = soft_step_length(
+        wide_step = low_stiffness_step_length(
             p, self.displacement_scale, self.problem.extent, settings.largest
         )
         longest = jnp.where(straight, jnp.maximum(longest, wide_step), longest)

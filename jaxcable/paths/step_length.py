@@ -29,7 +29,7 @@ def cosine_between_tangents(a: PathPoint, p: PathPoint) -> Float[Array, ""]:
     return a.direction @ p.direction + a.rise * p.rise
 
 
-def soft_step_length(
+def low_stiffness_step_length(
     p: PathPoint,
     displacement_scale: Float[Array, ""],
     extent: Float[Array, ""],

@@ -246,17 +246,12 @@ def _mode_shape(ramp, point):
 def _differentiable_event_load_factor(
     kind, factor, point, has_null_vector, ramp, problem, parameters
 ):
-    """Return the load factor of an event with its derivatives, if it is a smooth limit point.
+    """Return the load factor of an event, with derivatives if it is a smooth limit point, else NaN.
 
-    At other events derivatives are NaN. At a limit point the left null vector phi of the tangent
-    eliminates the unknowns from the derivative of R(u, f, p) = 0: ``phi.R_f df + phi.R_p dp = 0``.
-
-    Args:
-        kind, factor, point: kind of event, load factor, and `PathPoint` behind it.
-        has_null_vector: whether the eigenvector of the point is a null vector.
-        ramp: the phase, not differentiated.
-        problem: arguments of `LoadRamp.build` for the phase.
-        parameters: everything that the path depends on.
+    At a limit point the left null vector phi of the tangent eliminates the unknowns from the
+    derivative of R(u, f, p) = 0: ``phi.R_f df + phi.R_p dp = 0``. `kind`, `factor` and `point` are
+    those of the event; `problem` has the arguments of `LoadRamp.build`, and `parameters` everything
+    that the path depends on.
     """
     factor = implicit.with_nan_derivative(factor, parameters)
     if ramp.memory is not None:  # history variables depend on all points before

@@ -72,14 +72,10 @@ def end_fingerprint(restart: RestartState) -> list[Array]:
 
 
 def _work_terms_of_phase(ramp, codes, path):
-    """Compute the terms of one phase for `increment_works`.
+    """Return the terms [6, n_inc] of one phase for `increment_works`, and its end.
 
-    Args:
-        ramp: the phase as a function of its load factor.
-        codes, path: status codes and displacements of its increments.
-
-    Returns:
-        The terms [6, n_inc], J; the stored energy at the end, J; the `RestartState` at the end.
+    `codes` and `path` are status codes and displacements of its increments. The end is the stored
+    energy, J, and the `RestartState`.
     """
     begin, n_inc, space = ramp.start.motion, len(codes), space_of(ramp.groups)
     good, n_good = codes == status.OK, jnp.sum(codes == status.OK)
@@ -236,10 +232,10 @@ def _group_energy(group, state, nodes, motion):
 
 
 def _work_within_elements(old, new):
-    """Return the work of loads along elements on deflections between their ends, in each increment.
+    """Return the work of loads along elements on deflections between their ends, [n_inc], J.
 
-    `old` and `new` are the `_LoadFactorState` before and after the increments. Returns the works of
-    dead loads and of pressures, [n_inc] each, J.
+    `old` and `new` are the `_LoadFactorState` before and after the increments. The two items of the
+    list are for dead loads and for pressures.
     """
     works = [0.0, 0.0]
     for before, after, *slopes in zip(

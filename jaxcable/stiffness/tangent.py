@@ -80,10 +80,9 @@ def compiled_tangent(without_indices, index_arrays, dof_map):
 def displacement_jacobian(
     without_indices: _SplitModel, index_arrays: _IndexArrays, dof_map: DofMap
 ) -> Float[Array, "n_row 3 n_free"]:
-    """Return the derivative of the displacements by the unknowns, [n_row, 3, n_free], compiled.
+    """Return the derivative of all displacements by the unknowns, [n_row, 3, n_free], compiled.
 
-    The arguments are what `split_state` returns. There are more rows than nodes if beams have
-    hinged ends.
+    The arguments are what `split_state` returns. Hinged ends of beams are rows behind the nodes.
     """
     nodes, groups, restart = merge_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
