@@ -52,9 +52,10 @@ class BoxBounds:
     def norm_per_array(
         self, norm: Callable[[Float[Array, " m"]], Float[Array, ""]], x: Float[ArrayLike, " n"]
     ) -> Float[Array, " n"]:
-        """Return, for every entry of flat parameters `x`, the norm of its array of parameters, [n].
+        """Return, for every parameter, the norm of that array of parameters which contains it, [n].
 
-        `norm` is a function of one array, [m], to a scalar.
+        `x` has all arrays as one flat vector, [n]; `norm` is a function of one array, [m], to a
+        scalar.
         """
         parts = jnp.split(jnp.asarray(x), np.cumsum(self.counts)[:-1])
         return jnp.concatenate([jnp.full_like(part, norm(part)) for part in parts])

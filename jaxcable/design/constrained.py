@@ -39,8 +39,9 @@ class ConstrainedDesign:
             constraints the one of lowest loss; if none does, the one of smallest violation.
         loss: loss at `params`, scalar.
         constraints: constraints at `params`, [n]; all at most 0 if the status is OK.
-        multipliers: Lagrange multipliers of the constraints, [n], at least 0: minus the derivative
-            of the smallest loss by the limit of each constraint. Zero if it is not active.
+        multipliers: Lagrange multipliers of the constraints, [n], at least 0: by how much the
+            smallest loss would fall, to first order, if a constraint were ``<= 1`` instead of
+            ``<= 0``. Zero for a constraint that is not active.
         status: status code; 0 (OK) if all constraints are met and `kkt_residual` is at most `tol`,
             CONSTRAINTS_VIOLATED if one is above 0. `describe` has the texts.
         rounds: number of runs of the optimization library (SciPy or IPOPT).
@@ -101,8 +102,8 @@ def minimize_subject_to(
 
     Options:
         solver: "slsqp" of SciPy, the fastest with up to some hundred parameters and some thousand
-            limits; "ipopt" (``pip install 'jaxcable[ipopt]'``), which takes fewer evaluations
-            where limits are many, but longer for each; or "trust-constr" of SciPy.
+            constraints; "ipopt" (``pip install 'jaxcable[ipopt]'``), which takes fewer evaluations
+            where constraints are many, but longer for each; or "trust-constr" of SciPy.
         rounds: largest number of runs of the library; each begins at the best point so far, with a
             shorter first step. One run is enough where no analysis fails.
         steps: largest number of steps in every run; it takes 20 times as many evaluations at most.
@@ -111,7 +112,7 @@ def minimize_subject_to(
             in float32.
         args, progress: as for `minimize`.
         scale: size of a typical change of every parameter, in the forms that a bound can have.
-            Default: its size.
+            Default: the size of the parameter itself.
 
     Returns:
         `ConstrainedDesign`; computed on the host, not to be traced. If no point meets the
@@ -261,9 +262,9 @@ class _ConstrainedSearch(ScaledProblem):
         return size or float(np.abs(point.gradient * self.typical_sizes(point.x)).max()) or 1.0
 
     def report_accepted_point(self, point: TrialPoint) -> bool:
-        """Report progress at a point that the library has accepted; return whether to end.
+        """Report progress at a point that the library has accepted; return whether to end the run.
 
-        The run ends at a point that meets all constraints and the KKT conditions.
+        It ends if the point meets all constraints and the KKT conditions.
         """
         residual = self.multipliers_and_residual(point)[1]
         if self.listen is not None:

@@ -24,7 +24,7 @@ _NO_BOUND = 2e19  # IPOPT takes what is beyond 1e19 for infinite
 def run_slsqp(problem: ScaledProblem, steps: int, tol: float) -> None:
     """Run SciPy's SLSQP (Kraft 1988), for up to some hundred parameters.
 
-    The points that it reaches are kept in `problem`; `tol` is that of the KKT residual.
+    The result is in `problem.best` and `problem.reached`; `tol` is that of the KKT residual.
     """
     # a change of the loss says nothing of the gradient: in a valley it is small long before
     _call_scipy(problem, "SLSQP", problem.jacobian, {"ftol": tol**3, "maxiter": steps})
@@ -33,7 +33,7 @@ def run_slsqp(problem: ScaledProblem, steps: int, tol: float) -> None:
 def run_trust_constr(problem: ScaledProblem, steps: int, tol: float) -> None:
     """Run SciPy's interior-point method trust-constr (Byrd, Hribar and Nocedal 1999).
 
-    The points that it reaches are kept in `problem`; `tol` is that of the KKT residual.
+    The result is in `problem.best` and `problem.reached`; `tol` is that of the KKT residual.
     """
 
     def jacobian(y):
@@ -70,8 +70,8 @@ def _call_scipy(problem, method: Any, jacobian: Any, options: Any, **more: Any) 
 def run_ipopt(problem: ScaledProblem, steps: int, tol: float) -> None:
     """Run the interior-point method IPOPT (Waechter and Biegler 2006), with few evaluations.
 
-    The points that it reaches are kept in `problem`; `tol` is that of the KKT residual. Where an
-    analysis fails IPOPT gets NaN, so that it shortens the step.
+    The result is in `problem.best` and `problem.reached`; `tol` is that of the KKT residual. Where
+    an analysis fails IPOPT gets NaN, so that it shortens the step.
     """
     import ipyopt
 

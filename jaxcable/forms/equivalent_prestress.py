@@ -92,7 +92,10 @@ def equivalent_prestress(structure: Structure, solution: Solution | State) -> Eq
 
 @jax.jit
 def _evaluate_prestress(without_indices, index_arrays):
-    """Evaluate the prestress of every group, a list of dicts by fields of `EquivalentPrestress`."""
+    """Evaluate the prestress of every group, from what `split_state` returns; compiled.
+
+    The list has a dict for each group, by the fields of `EquivalentPrestress`.
+    """
     nodes, groups, restart = merge_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, None, None, restart.nodal_load)
     return [

@@ -136,13 +136,13 @@ def dynamic_relaxation(
 
 
 def _start_element_states(group, ends, force, rest):
-    """Return the state of a group of elements at the start of the relaxation.
+    """Return the states of the elements of a group at the start of the relaxation.
 
     Args:
         group: element group.
         ends: initial positions of the ends, [n_elem, 2, 3], m.
-        force: forces that elements keep, as `StatedValues`, or None.
-        rest: unstressed lengths, as `StatedValues`, or None.
+        force: forces that some elements keep, `StatedValues` (values and which elements), or None.
+        rest: unstressed lengths of some elements, `StatedValues`, or None.
     """
     state = group.start(ends)
     if rest is not None:

@@ -142,7 +142,9 @@ class SelfStress:
         )
 
     def unbalanced(self, tension: PyTree[Float[ArrayLike, " ..."]]) -> float:
-        """Return the largest unbalanced force of a prestress, over its largest tension.
+        """Return by how much a prestress is not in equilibrium: unbalanced force over tension.
+
+        These are the largest ones, each in absolute value.
 
         Args:
             tension: tensions, N, of all elements group after group [n_elem], or in the shape of the
@@ -165,9 +167,10 @@ class SelfStress:
     def mechanism_stiffness(
         self, tension: PyTree[Float[ArrayLike, " ..."]]
     ) -> Float[np.ndarray, " m"]:
-        """Return the eigenvalues of the geometric stiffness of a prestress in the mechanisms.
+        """Return the stiffness that a prestress gives to the mechanisms: its eigenvalues.
 
-        The prestress stiffens every mechanism if all of them are positive.
+        It is the geometric stiffness, restricted to displacements that are combinations of the m
+        mechanisms. The prestress stiffens every mechanism if all eigenvalues are positive.
 
         Args:
             tension: tensions, N, of all elements group after group [n_elem], or in the shape of the

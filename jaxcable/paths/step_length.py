@@ -15,9 +15,10 @@ _SOFT_DISPLACEMENT = 0.02
 
 
 def displacement_per_load(found: CorrectorState, system: System) -> Float[Array, ""]:
-    """Return the norm of the displacements per unit of load factor on the tangent `found`, m.
+    """Return the norm of the displacements per unit of the load factor, m, where the path begins.
 
-    If that is zero or infinite, a length of the `system` stands for it.
+    It follows from the tangent in `found`. Where that is zero or infinite, a typical length of the
+    elements in `system` is returned.
     """
     scale = jnp.linalg.norm(found.direction) / jnp.where(found.rise == 0, 1.0, jnp.abs(found.rise))
     usable = (scale > 0) & jnp.isfinite(scale)
