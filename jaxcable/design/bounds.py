@@ -80,10 +80,7 @@ class BoxBounds:
 def check_params(
     params: PyTree[Float[ArrayLike, " ..."]], name: str = "params"
 ) -> PyTree[Float[Array, " ..."]]:
-    """Convert the parameters of a search to a pytree of float arrays and return it.
-
-    Raises ValueError if a leaf is no float or array of floats, or if there are no parameters.
-    """
+    """Return the parameters as a pytree of float arrays; raise ValueError for anything else."""
     if not any(np.size(leaf) for leaf in jax.tree.leaves(params)):
         raise ValueError(f"{name}: there are no parameters; expected at least one array of floats")
 

@@ -78,10 +78,7 @@ def slack_distance(
 
 @jax.jit
 def _strains_above_slackening(without_indices, index_arrays):
-    """Return each cable's strain minus its strain at zero force, per group; compiled.
-
-    The list has an array [n_elem] for each group; None for those that are not tension-only.
-    """
+    """Return cables' strains minus their strains at zero force, [n_elem] or None by group."""
     groups, states, nodes, motion = merge_indices(without_indices, index_arrays)
     found = []
     for group, state in zip(groups, states, strict=True):

@@ -94,10 +94,7 @@ class Target:
         object.__setattr__(self, "within", owned_copy(nan_if_broken(rule)))
 
     def measured_values(self, solution: Solution) -> Float[Array, " n"]:
-        """Return the values of the result for which the target is set, flattened to [n].
-
-        Raises ValueError if `at` does not fit the result or selects nothing.
-        """
+        """Return the entries of a solution's result that the target is set for, [n]."""
         found = self._find_result(solution.phases[self.phase])
         try:
             np.broadcast_to(0, found.shape)[self.at]  # jax would take the nearest number there is
@@ -162,10 +159,7 @@ class Target:
 
 
 def deviations(targets: Sequence[Target], solution: Solution) -> list[Float[Array, " n"]]:
-    """Return the deviation of every target in a solution, as a list of arrays [n].
-
-    A target that does not fit the solution raises ValueError with its number.
-    """
+    """Return the deviation of every target in a solution, a list of [n]; errors name the target."""
     found = []
     for number, target in enumerate(targets):
         try:

@@ -92,10 +92,7 @@ def equivalent_prestress(structure: Structure, solution: Solution | State) -> Eq
 
 @jax.jit
 def _evaluate_prestress(without_indices, index_arrays):
-    """Evaluate the prestress of every group, from what `split_state` returns; compiled.
-
-    The list has a dict for each group, by the fields of `EquivalentPrestress`.
-    """
+    """Evaluate the prestress of every group: a list of dicts of [n_elem] by field; compiled."""
     nodes, groups, restart = merge_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, None, None, restart.nodal_load)
     return [
@@ -105,10 +102,7 @@ def _evaluate_prestress(without_indices, index_arrays):
 
 
 def _prestress_of_group(group, state, nodes, motion):
-    """Return the fields of `EquivalentPrestress` for one group, a dict of arrays [n_elem].
-
-    A field is NaN where the group has no such value.
-    """
+    """Return the fields of `EquivalentPrestress` for one group: [n_elem] each, NaN if unknown."""
     unknown = jnp.full(len(group.links), jnp.nan, nodes.dtype)
     values = dict.fromkeys(EquivalentPrestress.__dataclass_fields__, unknown)
     if state.rest_length is None:

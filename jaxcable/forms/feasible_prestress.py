@@ -160,10 +160,7 @@ def feasible_prestress(
 
 
 def _checked_group_numbers(structure, groups, n_elem):
-    """Return the group number of every element, [n_elem], from the user's `groups`.
-
-    Raises ValueError for numbers that are no integers, are negative, or leave a group empty.
-    """
+    """Return the group number of every element, [n_elem]; ValueError if `groups` is invalid."""
     if groups is None:
         return np.arange(n_elem)
     group_number = np.asarray(values_of_all_elements(structure, groups, "groups"))
@@ -179,10 +176,7 @@ def _checked_group_numbers(structure, groups, n_elem):
 
 
 def _null_space_basis(matrix, tol):
-    """Return an orthonormal basis of the null space of a matrix, [n_mode, n_group].
-
-    Raises ValueError if it is empty: there is no state of self-stress.
-    """
+    """Return an orthonormal basis of the null space, [n_mode, n_group]; ValueError if empty."""
     _, values, right = np.linalg.svd(matrix)
     rank = int((values > tol * values[0]).sum())
     if rank == matrix.shape[1]:
@@ -281,11 +275,7 @@ def _nodes_and_array_module(nodes, tension):
 
 
 def _make_prestress(structure, free, links, group_number, group_tension, modes):
-    """Make the `Prestress` from the tensions of all groups, [n_group], N.
-
-    `free` marks the free degrees of freedom, [3 n_node]; `group_number` has the group of each
-    element.
-    """
+    """Make the `Prestress` from the tensions of all groups, [n_group], N."""
     nodes, xp = _nodes_and_array_module(structure.nodes, group_tension)
     tension = xp.asarray(group_tension, nodes.dtype)[group_number]
     unbalanced = equilibrium_matrix(nodes, links)[0][free] @ tension

@@ -208,10 +208,7 @@ def number_unknowns_by_axis(
 
 @jax.jit
 def _solve_with_nodal_loads(without_indices, index_arrays, numbering):
-    """Find the positions, [n_node, 3], under nodal loads by linear solves; compiled.
-
-    `numbering` is from `number_unknowns_by_axis`.
-    """
+    """Find the positions [n_node, 3] under nodal loads, by linear solves per axis; compiled."""
     parameters = merge_indices(without_indices, index_arrays)
     nodes, densities, loads = parameters
     nodes = jnp.asarray(nodes)

@@ -76,10 +76,7 @@ def most_shortened_element(
     start: Float[Array, "n_node 3"],
     positions: Float[Array, "n_node 3"],
 ) -> Int[Array, " 2"]:
-    """Return both node numbers, [2], of the element of smallest length over start length.
-
-    `start` and `positions` are the positions of all nodes at the start and now.
-    """
+    """Return both nodes of the element with the smallest ratio of length to start length, [2]."""
     links = jnp.concatenate([jnp.asarray(group.links) for group in groups])
     before, after = (
         jnp.sum((x[links[:, 1]] - x[links[:, 0]]) ** 2, axis=1) for x in (start, positions)

@@ -132,10 +132,7 @@ class FormDependentLoads:
         nodes: Float[Array, "n_node 3"] | None,
         moved: Float[Array, "n_node 3"],
     ) -> Float[Array, "n_node 3"]:
-        """Return the force on every node, [n_node, 3], N, at the positions `moved`, [n_node, 3], m.
-
-        `states` are the states of the groups. `groups` and `nodes` are not used.
-        """
+        """Return the force on every node, [n_node, 3], N, at the positions `moved`, [n_node, 3]."""
         total = jnp.zeros_like(moved)
         for function, arguments, links in self._force_functions(states, moved):
             total = total.at[links].add(jax.vmap(function)(moved[links], *arguments))
@@ -171,10 +168,7 @@ def _face_force_function(load):
 
 
 def _element_force_function(load, index, group):
-    """Return a function from an element's ends [2, 3], m, and properties to the load on them, N.
-
-    `load` is the load along elements, `index` and `group` are the element's group.
-    """
+    """Return the function from an element's ends [2, 3] and properties to its loads there, N."""
 
     def force(ends, properties, memory, given, part):
         vector = ends[1] - ends[0]
@@ -199,10 +193,7 @@ def _element_force_function(load, index, group):
 def laws_can_carry_tensions(
     groups: Sequence[Straight], tensions: Sequence[Float[Array, " n_elem"]]
 ) -> Bool[Array, ""]:
-    """Return whether the laws of all elements can carry these axial forces, [n_elem] per group, N.
-
-    A law can if it has a strain for the force; scalar bool.
-    """
+    """Return whether the laws of all groups can carry axial forces [n_elem], N: a strain exists."""
     carried = jnp.ones((), bool)
     for group, tension in zip(groups, tensions, strict=True):
         low, high = group.capacity()

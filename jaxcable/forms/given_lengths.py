@@ -252,10 +252,7 @@ class SaddlePointSystem:
 
 
 def _length_error(ends, moved, length):
-    """Return length minus given length of an element, m, without cancellation at the start.
-
-    `ends` are its initial ends, [2, 3], `moved` their displacements.
-    """
+    """Return an element's length minus its given `length`, m, without cancellation at the start."""
     _, _, change, start = measure_chord(ends, moved)
     return (start - length) + change
 

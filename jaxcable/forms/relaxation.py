@@ -206,10 +206,7 @@ class _RelaxationState:
 
 @jax.jit
 def _relax_to_equilibrium(without_indices, index_arrays, dof_map, tol, max_steps):
-    """Relax a net to equilibrium by dynamic relaxation; compiled.
-
-    Returns a `Form` in which values per element are lists with an array for each group.
-    """
+    """Find the equilibrium by dynamic relaxation, a `Form` with a list item per group; compiled."""
     parameters = merge_indices(without_indices, index_arrays)
     dtype = parameters[0].dtype
     nodes, groups, forces, rests, loads, start = lax.stop_gradient(cast_floats(parameters, dtype))

@@ -216,10 +216,7 @@ class SelfStress:
         return bool((self.mechanism_stiffness(tension) > tol * density).all())
 
     def _force_densities_of_all(self, tension):
-        """Return the force densities of all elements, [n_elem], N/m, group after group.
-
-        `tension` is as for `unbalanced`.
-        """
+        """Return the force densities of all elements, group after group, [n_elem], N/m."""
         length = np.concatenate([np.asarray(leaf) for leaf in jax.tree.leaves(self.length)])
         return self._tensions_of_all(tension) / length
 
@@ -288,10 +285,7 @@ def self_stress(structure: Structure, tol: float | None = None) -> SelfStress:
 
 
 def rigid_motions(nodes: Float[np.ndarray, "n_node 3"]) -> Float[np.ndarray, "n_rigid 3*n_node"]:
-    """Return an orthonormal basis of the rigid motions of nodes, [n_rigid, 3 n_node].
-
-    There are 6 of them, or 5 if the nodes lie on a line.
-    """
+    """Return an orthonormal basis of the rigid motions of nodes, [6 (5 if collinear), 3 n_node]."""
     arms = nodes - nodes.mean(axis=0)
     arms = arms / max(np.abs(arms).max(), np.finfo(float).tiny)
     spins = [np.cross(axis, arms).ravel() for axis in np.eye(3)]
@@ -301,11 +295,7 @@ def rigid_motions(nodes: Float[np.ndarray, "n_node 3"]) -> Float[np.ndarray, "n_
 
 
 def _allowed_rigid_motions(nodes, free, tol):
-    """Return an orthonormal basis of those rigid motions that supports allow, [n_rigid, n_free].
-
-    `free` marks the free degrees of freedom, [3 n_node]; components of held ones up to `tol` count
-    as zero.
-    """
+    """Return an orthonormal basis of those rigid motions that supports allow, [n_rigid, n_free]."""
     basis = rigid_motions(nodes)
     _, values, mixes = np.linalg.svd(basis[:, ~free].T, full_matrices=True)
     n_held = int((values > max(tol, 1e-10)).sum())
@@ -324,10 +314,7 @@ def _orthogonal_complement(space, part):
 
 
 def _nodal_displacements(motions, free):
-    """Return motions [n, n_free] of the free degrees of freedom as displacements [n, n_node, 3].
-
-    `free` marks the free degrees of freedom, [3 n_node]; others do not move.
-    """
+    """Expand motions of the free degrees of freedom, [n, n_free], to all nodes, [n, n_node, 3]."""
     full = np.zeros((len(motions), len(free)))
     full[:, free] = motions
     return full.reshape(len(motions), len(free) // 3, 3)

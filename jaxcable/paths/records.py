@@ -18,10 +18,7 @@ from .step_decision import StepDecision
 
 
 def record_point(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Array, ""]]:
-    """Write the end of a step into the records of points, if the step is to be recorded.
-
-    Returns the records, a dict of arrays, and the number of points in them.
-    """
+    """Write the end of a step into the point records if wanted; return them and their number."""
     current, corrected = step.current, step.corrected
     shown = select_tree(step.ends_in_failure, current.anchor, step.point)
     row = make_point_record(step.problem.ramp, shown, current.anchor.memory)
@@ -99,10 +96,7 @@ def allocate_records(count: int, record: PyTree[Any]) -> PyTree[Array]:
 def _write_record(
     rows: PyTree[Array], number: Int[Array, ""], row: PyTree[Array], wanted: Bool[Array, ""]
 ) -> PyTree[Array]:
-    """Return the records `rows` with the record `row` written at index `number`.
-
-    They are unchanged unless `wanted`, or if the index is beyond their length.
-    """
+    """Return the records `rows` with `row` at index `number`, if `wanted` and if there is room."""
 
     def one(column, value):
         at = jnp.where(wanted, number, len(column))  # beyond the end: dropped

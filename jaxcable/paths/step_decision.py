@@ -113,10 +113,7 @@ class StepDecision(StepEvents):
         return copy_with(self.point, memory=self.system.commit_memory(self.point.x, self.strains))
 
     def _next_nominal_length(self):
-        """Return the length of the next ordinary step, which is longer after few iterations.
-
-        An ordinary step is one between events, not shortened to locate one.
-        """
+        """Return the length of the next ordinary step, longer after few corrector iterations."""
         current, settings, p = self.current, self.problem.settings, self.point
         ease = jnp.sqrt(_EASY / jnp.maximum(self.corrected.steps, 1).astype(current.ds.dtype))
         plain = self.accepted & ~current.locating & ~self.located & (current.mode == ARC)

@@ -166,10 +166,7 @@ def check_path_settings(structure, until, down_to, step, largest, tol, through):
 
 @functools.partial(jit_program, static=("capacity", "bundles"))
 def _trace_compiled(without_indices, index_arrays, method, settings, code, capacity, bundles):
-    """Trace a path; a compiled program.
-
-    Returns a `TracedPath` of full length, the number of its points, and the number of its events.
-    """
+    """Trace a path; return `TracedPath` of full length, numbers of points and events; compiled."""
     parameters = merge_indices(without_indices, index_arrays)
     code = status.first_failure(code, traced_input_status(parameters, method, settings)[1][0])
     nodes, groups, restart, schedule = complete_input(parameters, bundles)

@@ -63,10 +63,7 @@ def increment_works(without_indices, index_arrays, paths, bundles):
 
 
 def end_fingerprint(restart: RestartState) -> list[Array]:
-    """Return the arrays by which the ends of two analyses are compared.
-
-    These are displacements, nodal loads and unstressed lengths.
-    """
+    """Return arrays that identify the end of an analysis: motion, loads, unstressed lengths."""
     lengths = [state.rest_length for state in restart.states]
     return jax.tree.leaves((restart.motion, restart.nodal_load, lengths))
 
@@ -326,10 +323,7 @@ def _is_unloaded(load):
 
 
 def _sums_of_load_times_slope(loads, slopes):
-    """Return the sums over elements of load times slope dE/dq, at every point, [n_point] each, J.
-
-    The two items of the list are for dead loads and for pressures.
-    """
+    """Return the sums of load times slope dE/dq, [n_point], J, of dead loads and of pressures."""
 
     def product(load, slope):
         return jnp.sum(load * slope, axis=tuple(range(1, load.ndim)))

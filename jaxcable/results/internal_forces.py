@@ -102,10 +102,7 @@ def section_forces(
 
 @jax.jit
 def _section_forces_at(without_indices, index_arrays, dof_map, places):
-    """Compute section forces at `places` of all groups, [n_elem, n_place, 6] or None; compiled.
-
-    None is for groups that are no beams.
-    """
+    """Compute section forces of all groups, [n_elem, n_place, 6], None if no beams; compiled."""
     nodes, groups, restart = merge_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
     places = places.astype(nodes.dtype)

@@ -57,10 +57,7 @@ def fibre_stress(
 
 @jax.jit
 def _stresses_of_groups(without_indices, index_arrays):
-    """Compute the fibre stresses of all groups, Pa, a list; compiled.
-
-    The item of a group is None if it has an axial stiffness instead of a section or law.
-    """
+    """Compute the fibre stresses of all groups, Pa, None without a section or law; compiled."""
     stresses = []
     for group, strain, tension, memory in zip(
         *merge_indices(without_indices, index_arrays), strict=True

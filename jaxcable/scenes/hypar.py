@@ -45,10 +45,7 @@ Source: Mihanovic, Trogrlic, Zivaljic (2011), Table 3, with its reference number
 def identified_plan() -> tuple[
     Float[np.ndarray, "26 3"], Int[np.ndarray, "31 2"], Int[np.ndarray, " 12"]
 ]:
-    """Return the net's plan, which was identified from published deflections.
-
-    Returns the nodes [26, 3], m, the links [31, 2], and the numbers of the free nodes, [12].
-    """
+    """Return the plan of the net: nodes [26, 3], m, links [31, 2], free node numbers [12]."""
     places, links, free = orthogonal_grid(3, 4)
     nodes = add_zero_height(0.4 * places)
     nodes[places[:, 0] == 4, 0] = 1.2 + 0.795

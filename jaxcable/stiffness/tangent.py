@@ -154,7 +154,7 @@ def require_dense_memory(dof_map: DofMap, count: int, what: str) -> None:
 
 
 def merge_state(without_indices: _SplitModel, index_arrays: _IndexArrays) -> _SplitModel:
-    """Return nodes, element groups and `RestartState` from the parts that `split_state` returns.
+    """Return nodes, element groups and `RestartState` from what `split_state` returns.
 
     All floats get the float type of the nodes.
     """

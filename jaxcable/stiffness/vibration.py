@@ -179,10 +179,7 @@ def natural_frequencies(
 
 @functools.partial(jax.jit, static_argnames=("distribution",))
 def _mass_matrix(without_indices, index_arrays, dof_map, gravity, distribution):
-    """Assemble the mass matrix of the elements, [n_free, n_free], kg, from their weights; compiled.
-
-    `gravity` is in m/s2; `distribution` is as for `natural_frequencies`.
-    """
+    """Assemble the mass matrix of the elements' weights, [n_free, n_free], kg; compiled."""
     nodes, groups, restart = merge_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
     return system.mass_matrix(restart.motion, jnp.asarray(gravity, nodes.dtype), distribution)
