@@ -103,7 +103,7 @@ class TrialStep:
         self.displacement_scale = jnp.where(corrected.regular, scale, known)
 
     def _predict_and_correct(self):
-        """Predict the end of the step and correct it onto the path: set `corrected`, `newton_code`."""
+        """Predict and correct the end of the step, and set `corrected` and `newton_code`."""
         ramp, settings, is_load_step = self.problem.ramp, self.problem.settings, self.is_load_step
         current, a, ds = self.current, self.current.anchor, self.current.ds
         free = current.mode == ARC
