@@ -75,7 +75,7 @@ class MinimumCriteria:
         return measure, small & surely, small & at_rest
 
     def loss_is_zero(self, value, first):
-        """Return whether the loss `value` is zero to rounding beside the start's loss `first`."""
+        """Return whether a loss counts as zero: at most tol^3 of the loss `first` at the start."""
         return jnp.abs(value) <= self.tol**3 * jnp.abs(first)
 
     def step_is_short(self, step: Float[Array, " n"], x: Float[Array, " n"]) -> Bool[Array, ""]:

@@ -216,12 +216,12 @@ class SelfStress:
         return bool((self.mechanism_stiffness(tension) > tol * density).all())
 
     def _force_densities_of_all(self, tension):
-        """Return the force densities of all elements, group after group, [n_elem], N/m."""
+        """Return force densities [n_elem], N/m, of all groups, from tensions as for `unbalanced`."""
         length = np.concatenate([np.asarray(leaf) for leaf in jax.tree.leaves(self.length)])
         return self._tensions_of_all(tension) / length
 
     def _tensions_of_all(self, tension):
-        """Return tensions as one array of all elements, [n_elem], N, group after group."""
+        """Return tensions as one array [n_elem], N, of all groups; input as for `unbalanced`."""
         return np.asarray(values_of_all_elements(self.structure, tension, "tension"), float)
 
 
