@@ -216,7 +216,7 @@ class SelfStress:
         return bool((self.mechanism_stiffness(tension) > tol * density).all())
 
     def _force_densities_of_all(self, tension):
-        """Return force densities [n_elem], N/m, of all groups, from tensions as for `unbalanced`."""
+        """Return force densities [n_elem], N/m, of all groups; input as for `unbalanced`."""
         length = np.concatenate([np.asarray(leaf) for leaf in jax.tree.leaves(self.length)])
         return self._tensions_of_all(tension) / length
 
