@@ -15,9 +15,10 @@ from ..model.structure import Structure
 
 
 def check_tolerance(tol: Float[ArrayLike, ""] | None, default: float) -> Float[ArrayLike, ""]:
-    """Return a tolerance, checked to be at least 0 and below 1, or the default for None.
+    """Return the tolerance of a search, or `default` if it is None.
 
-    Traced values are not checked here: see `is_valid_tolerance`.
+    Raises ValueError unless a known tolerance is at least 0 and below 1; traced ones are left to
+    `is_valid_tolerance`.
     """
     if tol is None:
         return default
@@ -29,18 +30,21 @@ def check_tolerance(tol: Float[ArrayLike, ""] | None, default: float) -> Float[A
 
 
 def is_valid_tolerance(tol: Float[ArrayLike, ""]) -> Bool[Array, ""]:
-    """Whether a tolerance, which may be traced, is at least 0 and below 1."""
+    """Return whether a tolerance (which may be traced) is at least 0 and below 1; scalar bool."""
     tol = jnp.asarray(tol)
     return (tol >= 0) & (tol < 1)
 
 
-def check_width(width: Float[ArrayLike, ""]) -> Float[ArrayLike, ""]:
-    """Return the width of a smoothing, checked to be positive; NaN if a traced one is not."""
+def checked_smoothing_width(width: Float[ArrayLike, ""]) -> Float[ArrayLike, ""]:
+    """Return the smoothing width of `smooth_max` and the like, if it is positive.
+
+    Raises ValueError for a known width that is not positive; a traced one becomes NaN.
+    """
     return nan_if_broken(positive("width", checks.as_scalar(width, "width")))
 
 
 def require_result(solution: Any, name: str) -> None:
-    """Raise ValueError unless `solution` has the result `name`."""
+    """Raise ValueError unless `solution` has an attribute `name`, such as "tension"."""
     if not hasattr(solution, name):
         got = checks.describe_type(solution, "solve(structure, phases)")
         raise ValueError(f"solution: expected a Solution, got {got}, which has no {name}")
@@ -54,14 +58,14 @@ def require_structure(structure: Any) -> None:
 
 
 def result_of_phase(solution: Any, phase: int) -> Any:
-    """Return the result of phase number `phase` of a solution; ValueError if there is none."""
+    """Return `solution.phases[phase]`; raise ValueError if there is no phase of this number."""
     require_result(solution, "phases")
     require_phase_index(phase, len(solution.phases), -len(solution.phases))
     return solution.phases[phase]
 
 
 def require_phase_index(phase: Any, count: int, least: int = 0) -> None:
-    """Raise ValueError unless `phase` is an integer from `least` to below `count`."""
+    """Raise ValueError unless `phase` is an integer with ``least <= phase < count``."""
     whole = isinstance(phase, int | np.integer) and not isinstance(phase, bool)
     if not whole or not least <= phase < count:
         raise ValueError(f"phase = {phase!r}: there are phases 0 to {count - 1}")
@@ -70,15 +74,15 @@ def require_phase_index(phase: Any, count: int, least: int = 0) -> None:
 def broadcast_to_elements(
     value: PyTree[Float[ArrayLike, " ..."]], tree: PyTree[Float[Array, " ..."]], name: str
 ) -> PyTree[Float[ArrayLike, " ..."]]:
-    """Broadcast `value` to the pytree of results `tree`: a scalar or array [n_elem] for each group.
+    """Expand `value` to a pytree like `tree`, in which each leaf is a scalar or an array [n_elem].
 
     Args:
-        value: a scalar, an array or a prefix pytree of `tree`.
-        tree: arrays [..., n_elem].
-        name: the argument, for messages.
+        value: a scalar, an array [n_elem] or a prefix pytree of `tree`.
+        tree: results of all element groups, arrays [..., n_elem].
+        name: name of the argument `value` in error messages.
 
     Raises:
-        ValueError: another pytree structure, or another number of elements.
+        ValueError: `value` has another pytree structure, or another number of elements.
     """
     if isinstance(value, list | tuple) and isinstance(tree, jax.Array | np.ndarray):
         value = checks.as_floats(value, name)

@@ -19,11 +19,11 @@ from .arguments import check_tolerance, is_valid_tolerance
 
 @pytree(static=("counts",))
 class BoxBounds:
-    """Lower and upper bounds of all parameters, flattened; infinite for no bound.
+    """Lower and upper bounds of all parameters as flat vectors [n]; infinite where there is none.
 
     Attributes:
         lower, upper: bounds, [n].
-        counts: number of entries of each array of the parameters.
+        counts: number of entries of each array in the pytree of parameters; they sum to n.
     """
 
     lower: Float[Array, " n"]
@@ -31,39 +31,46 @@ class BoxBounds:
     counts: tuple[int, ...]
 
     def project(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Return the nearest point within the bounds; entries beyond a bound become it exactly."""
+        """Return the nearest point within the bounds, [n]: each entry clipped to its own bounds."""
         return jnp.clip(x, self.lower, self.upper)
 
     def blocked_entries(
         self, x: Float[Array, " n"], gradient: Float[Array, " n"]
     ) -> Bool[Array, " n"]:
-        """Return True for entries at a bound that a step against the gradient would cross."""
+        """Return which parameters are at a bound that a step against the gradient would cross, [n].
+
+        Parameters whose two bounds are equal are always blocked.
+        """
         low, high = (x <= self.lower) & (gradient > 0), (x >= self.upper) & (gradient < 0)
         return low | high | (self.lower == self.upper)
 
     def contains(self, x: Float[Array, " n"]) -> Bool[Array, ""]:
-        """Whether the bounds are in order and the parameters are within them; scalar bool."""
+        """Return whether every entry of `x` [n] is within its bounds; False for crossed bounds."""
         outside = (x < self.lower) | (x > self.upper)
         return jnp.all((self.lower <= self.upper) & ~outside)
 
     def norm_per_array(
         self, norm: Callable[[Float[Array, " m"]], Float[Array, ""]], x: Float[ArrayLike, " n"]
     ) -> Float[Array, " n"]:
-        """Return for every entry of `x` the norm of the array to which it belongs."""
+        """Return, for every parameter, the norm of that array of parameters which contains it, [n].
+
+        `x` has all arrays as one flat vector, [n]; `norm` is a function of one array, [m], to a
+        scalar.
+        """
         parts = jnp.split(jnp.asarray(x), np.cumsum(self.counts)[:-1])
         return jnp.concatenate([jnp.full_like(part, norm(part)) for part in parts])
 
     @jax.jit  # one function in a program
     def largest_per_array(self, x: Float[ArrayLike, " n"]) -> Float[Array, " n"]:
-        """Return for every entry of `x` the largest absolute entry of its array."""
+        """Return the largest absolute entry of the array that contains each entry of `x`, [n]."""
         return self.norm_per_array(lambda part: jnp.max(jnp.abs(part), initial=0.0), x)
 
     @jax.jit
     def typical_sizes(self, x: Float[ArrayLike, " n"]) -> Float[Array, " n"]:
-        """Return typical sizes of parameters that start at `x`.
+        """Return typical sizes [n] of parameters that start at `x`, for scaling them.
 
-        The size is the largest absolute entry of their array; if all are zero, the largest finite
-        bound of the array; else 1.
+        The size of an entry is the largest absolute entry of its array at the start. If all of
+        these are zero it is the largest finite bound of the array; without such a bound it is 1.
         """
         ends = (jnp.where(jnp.isfinite(b), jnp.abs(b), 0.0) for b in (self.lower, self.upper))
         start, bound = self.largest_per_array(x), self.largest_per_array(jnp.maximum(*ends))
@@ -73,7 +80,7 @@ class BoxBounds:
 def check_params(
     params: PyTree[Float[ArrayLike, " ..."]], name: str = "params"
 ) -> PyTree[Float[Array, " ..."]]:
-    """Return the parameters as a pytree of float arrays; ValueError for anything else."""
+    """Return the parameters as a pytree of float arrays; raise ValueError for anything else."""
     if not any(np.size(leaf) for leaf in jax.tree.leaves(params)):
         raise ValueError(f"{name}: there are no parameters; expected at least one array of floats")
 
@@ -85,14 +92,16 @@ def check_params(
     return jax.tree_util.tree_map_with_path(as_array, params)
 
 
-def prepare_search(
+def check_search_arguments(
     params: PyTree[Float[ArrayLike, " ..."]],
     bounds: tuple[Any, Any] | None,
     tol: Float[ArrayLike, ""] | None,
 ) -> tuple[PyTree[Float[Array, " ..."]], BoxBounds, Float[ArrayLike, ""]]:
-    """Check and return the start, the bounds and the tolerance of a search.
+    """Check arguments that `minimize`, `fit` and others share, and return them converted.
 
-    The default tolerance is 1e-6 in float64 and 1e-3 in other float types.
+    Returns:
+        The start as a pytree of float arrays; the bounds as `BoxBounds`; the tolerance, by default
+            1e-6 in float64 and 1e-3 in other float types.
     """
     params = check_params(params)
     double = jnp.result_type(*jax.tree.leaves(params)) == jnp.float64
@@ -106,14 +115,17 @@ def broadcast_to_params(
     absent: float | None = None,
     positive: bool = False,
 ) -> PyTree[Float[Array, " ..."]]:
-    """Broadcast a scalar, an array or a prefix pytree to the arrays of `params`.
+    """Expand a scalar, an array or a prefix pytree to a pytree of arrays like `params`.
 
     Args:
-        value: what is given, such as a bound; None at any place for `absent`.
-        params: the parameters.
-        name: the argument, for messages.
-        absent: number that stands for None.
+        value: what the user gave, such as a bound; None, as a whole or as a leaf, stands for
+            `absent`.
+        params: the parameters, a pytree of arrays.
+        name: name of the argument `value` in error messages.
+        absent: number that replaces None.
         positive: whether every entry has to be positive and finite.
+
+    Raises ValueError for shapes that do not fit, and for values that are not positive.
     """
     if isinstance(value, list | tuple) and jax.tree_util.treedef_is_leaf(
         jax.tree.structure(params)
@@ -143,7 +155,7 @@ def broadcast_to_params(
 
 
 def make_bounds(bounds: tuple[Any, Any] | None, params: PyTree[Float[Array, " ..."]]) -> BoxBounds:
-    """Make `BoxBounds` of the argument `bounds`, checked against the start where not traced.
+    """Convert the user's argument `bounds` to `BoxBounds`; check the start against known bounds.
 
     Args:
         bounds: None, or (lower, upper), each None, a scalar, an array or a prefix pytree of the
@@ -189,16 +201,22 @@ def make_bounds(bounds: tuple[Any, Any] | None, params: PyTree[Float[Array, " ..
     return BoxBounds(ravel_pytree(lower)[0], ravel_pytree(upper)[0], counts)
 
 
-def search_status(
+def search_or_input_status(
     code: Int[Array, ""], box: BoxBounds, start: Float[Array, " n"], tol: Float[ArrayLike, ""]
 ) -> Int[Array, ""]:
-    """Return the status of a search, or that of invalid traced bounds, start or tolerance."""
+    """Return `code`, the status of a search, unless its traced input was invalid.
+
+    It is OUTSIDE if the start [n] violates the bounds, INVALID_INPUT if the tolerance is not valid.
+    """
     code = jnp.where(box.contains(start), code, status.OUTSIDE)
     return jnp.where(is_valid_tolerance(tol), code, status.INVALID_INPUT).astype(jnp.int32)
 
 
 def _refuse_first_bad_entry(bad, name, rule, *values):
-    """Raise ValueError for the first entry where `bad` is True, if there is one."""
+    """Raise ValueError for the first entry where `bad` is True; do nothing if there is none.
+
+    The message has the argument's `name`, the `rule` and the entry of both arrays in `values`.
+    """
     if not np.any(bad):
         return
     index = tuple(int(i) for i in np.argwhere(bad)[0])
@@ -214,7 +232,9 @@ def check_call_arguments(
     name: str,
     counted: str = "steps",
 ) -> tuple[Any, ...]:
-    """Check arguments that `minimize`, `fit` and others share; return `args` as a tuple.
+    """Check the user's function, its further arguments `args` and the number of steps of a search.
+
+    `name` and `counted` are the names of function and steps in messages. Returns `args` as a tuple.
 
     Raises:
         ValueError: `function` cannot be called, `args` is no tuple or list, or `steps` is no

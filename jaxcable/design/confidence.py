@@ -19,17 +19,18 @@ class Confidence:
     """Confidence intervals of the parameters of a fit, from its Jacobian, to first order.
 
     Attributes:
-        half_width: half width of the confidence interval of every parameter, in the shape of the
-            parameters; infinite if the data do not determine it (as for those of
+        half_width: half width of the confidence interval of every parameter, a pytree like the
+            parameters; infinite if the data do not determine the parameter (such as those in
             `Fit.without_influence`), NaN if a bound blocks it.
-        standard_error: standard error of every parameter, likewise.
+        standard_error: standard error of every parameter, a pytree like the parameters.
         correlation: correlation of the flattened parameters, [n_param, n_param]; NaN where not
             determined.
         deviation: standard deviation of a residual, given or estimated.
-        singular_values: of the Jacobian with columns of length one, descending, [n_free]; a small
-            one belongs to a combination of parameters that hardly changes the residuals.
-        directions: these combinations, [n_free, n_param], in units of the parameters, each with a
-            largest entry of 1.
+        singular_values: singular values of the Jacobian with columns scaled to length one,
+            descending, [n_free]; a small one belongs to a combination of parameters that hardly
+            changes the residuals.
+        directions: the combination of parameters of each singular value, [n_free, n_param], in
+            units of the parameters, each with a largest entry of 1.
         rank: number of combinations that are determined.
         degrees: statistical degrees of freedom, n_residual - rank.
 

@@ -16,11 +16,11 @@ from ..common import checks, status
 from ..common.progress import Step, announce_compilation, as_listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from .bounds import broadcast_to_params, check_call_arguments, prepare_search
-from .nlp_solvers import solver_named
+from .bounds import broadcast_to_params, check_call_arguments, check_search_arguments
+from .nlp_solvers import nlp_solver_by_name
 from .optimality import solve_kkt_conditions
 from .program_cache import ProgramCache
-from .returned_values import split_loss
+from .returned_values import loss_and_status
 from .trials import RunEnded, ScaledProblem, TrialPoint, values_and_jacobian
 
 _FIRST = 0.1  # part of the first loss that changes are compared with, see `minimum_criteria`
@@ -32,22 +32,23 @@ _SHORTER = 0.1  # first step of a run over that of the run before it
 
 @pytree
 class ConstrainedDesign:
-    """Result of `minimize_subject_to`: parameters, loss, constraints and multipliers.
+    """Result of `minimize_subject_to`: a minimum of a loss subject to ``constraints <= 0``.
 
     Attributes:
-        params: parameters found, in the shape of the start: those of the lowest loss that meet the
-            constraints; if none do, those of the smallest violation.
-        loss: loss at `params`.
+        params: best parameters found, a pytree like the start: of all points that meet the
+            constraints the one of lowest loss; if none does, the one of smallest violation.
+        loss: loss at `params`, scalar.
         constraints: constraints at `params`, [n]; all at most 0 if the status is OK.
-        multipliers: Lagrange multipliers, [n]: by how much the smallest loss would fall if a
-            constraint were relaxed by 1; zero for a constraint that is not active.
-        status: 0 if converged: the constraints are met and `kkt_residual` is at most `tol`;
-            CONSTRAINTS_VIOLATED if a constraint is above 0; `describe` has the texts.
-        rounds: number of runs of the library.
+        multipliers: Lagrange multipliers of the constraints, [n], at least 0: by how much the
+            smallest loss would fall, to first order, if a constraint were ``<= 1`` instead of
+            ``<= 0``. Zero for a constraint that is not active.
+        status: status code; 0 (OK) if all constraints are met and `kkt_residual` is at most `tol`,
+            CONSTRAINTS_VIOLATED if one is above 0. `describe` has the texts.
+        rounds: number of runs of the optimization library (SciPy or IPOPT).
         evaluations: number of evaluations of loss, constraints and gradients, in all runs.
-        failures: number of trial points at which the inner analysis failed.
-        kkt_residual: by how much the conditions of a minimum (Karush, Kuhn, Tucker) are missed at
-            `params`, relative to the loss; see `minimize_subject_to`.
+        failures: number of trial points at which the structural analysis failed.
+        kkt_residual: error of the conditions of a minimum (Karush, Kuhn and Tucker) at `params`,
+            over the size of the loss; `minimize_subject_to` has the formula.
 
     Example:
         >>> problem = lambda area: (area, jnp.array([50e3 / (area * 200.0) - 1.0]))
@@ -91,7 +92,7 @@ def minimize_subject_to(
     scale: PyTree[Float[ArrayLike, " ..."]] | None = None,
     progress: bool | Callable[[Step], Any] | None = None,
 ) -> ConstrainedDesign:
-    """Minimize a loss subject to ``constraints <= 0`` and bounds, by SciPy or IPOPT.
+    """Minimize a loss subject to ``constraints <= 0`` and bounds on parameters, by SciPy or IPOPT.
 
     Args:
         problem: function ``problem(params, *args)`` that returns (loss, constraints) or (loss,
@@ -101,17 +102,17 @@ def minimize_subject_to(
 
     Options:
         solver: "slsqp" of SciPy, the fastest with up to some hundred parameters and some thousand
-            limits; "ipopt" (``pip install 'jaxcable[ipopt]'``), which takes fewer evaluations
-            where limits are many, but longer for each; or "trust-constr" of SciPy.
-        rounds: largest number of runs of the library, each from the best point of the one before
-            with a shorter first step; one run is enough where no analysis fails.
+            constraints; "ipopt" (``pip install 'jaxcable[ipopt]'``), which takes fewer evaluations
+            where constraints are many, but longer for each; or "trust-constr" of SciPy.
+        rounds: largest number of runs of the library; each begins at the best point so far, with a
+            shorter first step. One run is enough where no analysis fails.
         steps: largest number of steps in every run; it takes 20 times as many evaluations at most.
         tol: tolerance of the KKT residual, see below, and of the constraints: where they are
             active they end on the safe side, within ``[-2 tol, 0]``. Default: 1e-6 in float64, 1e-3
             in float32.
         args, progress: as for `minimize`.
         scale: size of a typical change of every parameter, in the forms that a bound can have.
-            Default: its size.
+            Default: the size of the parameter itself.
 
     Returns:
         `ConstrainedDesign`; computed on the host, not to be traced. If no point meets the
@@ -120,12 +121,13 @@ def minimize_subject_to(
     Raises:
         ValueError: as `minimize`; an unknown solver, or one that is not installed.
 
-    Every point that the library accepts is verified here, whatever the library says: the status is
-    OK if all constraints are at most 0 and the KKT residual is at most `tol`, and STATIONARY if
-    that is the start, and the gradient is zero there. With the multipliers ``m >= 0`` that fit
-    best, the residual is the largest of ``|g_i + sum_j m_j dc_j/dp_i| s`` and ``m_j |c_j + tol|``,
-    of bounds likewise, over the size of the loss. That and the size ``s`` of a parameter are those
-    of `minimize`.
+    Every point that the library accepts is verified here: the status is OK if all constraints are
+    at most 0 and the KKT residual is at most `tol`, or STATIONARY if this point is the start and
+    the gradient is zero there. The residual is the largest of ``|g_i + sum_j m_j dc_j/dp_i| s`` and
+    ``m_j |c_j + tol|`` (and the same terms of bounds), over the size of the loss. Here g is the
+    gradient of the loss, c are the constraints, p the parameters, and m the multipliers ``m >= 0``
+    with which the residual is smallest. The sizes of the loss and of a parameter, s, are those of
+    `minimize`.
 
     These are conditions of first order: a saddle point meets them, too. A minimum is a local one:
     where there may be several, try several starts. At a trial point where the analysis fails the
@@ -144,8 +146,8 @@ def minimize_subject_to(
     """
     args = check_call_arguments(problem, args, rounds, "problem", "rounds")
     checks.require_whole_number(steps, "steps")
-    params, box, tol = prepare_search(params, bounds, tol)
-    solve, listen, program = solver_named(solver), as_listener(progress), _programs(problem)
+    params, box, tol = check_search_arguments(params, bounds, tol)
+    solve, listen, program = nlp_solver_by_name(solver), as_listener(progress), _programs(problem)
     start, back = ravel_pytree(params)
     least = box.typical_sizes(start)
     step = least
@@ -180,12 +182,15 @@ def minimize_subject_to(
 
 
 class _ConstrainedSearch(ScaledProblem):
-    """Run a library again and again, from the best point so far, until the KKT conditions hold.
+    """A search that runs an optimization library repeatedly until the KKT conditions hold.
+
+    Every run starts from the best point so far. (KKT: Karush, Kuhn and Tucker.)
 
     Args:
         evaluate, bounds: as for `ScaledProblem`.
-        sizes: function that returns typical sizes of given parameters, [n].
-        tol, steps, listen: as for `minimize_subject_to`.
+        sizes: function that returns the typical sizes [n] of given parameters [n].
+        tol, steps: as for `minimize_subject_to`.
+        listen: function of a `progress.Step` that reports progress, or None.
     """
 
     def __init__(self, evaluate, bounds, sizes, tol, steps, listen):
@@ -196,12 +201,15 @@ class _ConstrainedSearch(ScaledProblem):
     def run(
         self, solve: Callable[[ScaledProblem, int, float], None], step: np.ndarray, rounds: int
     ) -> tuple[TrialPoint, int, int]:
-        """Search from the last trial point; return the end, the status and the number of runs.
+        """Run the library at most `rounds` times, first from the point that was evaluated last.
 
         Args:
-            solve: a function of `nlp_solvers`.
+            solve: function of `nlp_solvers` that runs one library.
             step: typical changes of the parameters in the first step, [n].
             rounds: largest number of runs.
+
+        Returns:
+            The final point, the status, and the number of runs.
         """
         missing = np.inf
         best = first = self.last
@@ -230,24 +238,34 @@ class _ConstrainedSearch(ScaledProblem):
         return best, code, rounds
 
     def _success_status(self, point, first):
-        """Return the status of a point that meets the conditions: STATIONARY if nothing moved."""
+        """Return the status for a final point that meets all conditions: OK, or STATIONARY.
+
+        It is STATIONARY if the point is the start `first`, and the gradient there is zero.
+        """
         free = (point.x > self.bounds[0]) & (point.x < self.bounds[1])
         blind = not point.gradient[free].any() and free.any() and np.array_equal(point.x, first.x)
         return status.STATIONARY if blind else status.OK
 
     def multipliers_and_residual(self, point: TrialPoint) -> tuple[np.ndarray, float]:
-        """Return the Lagrange multipliers at a point, and its KKT residual over the loss's size."""
+        """Return the Lagrange multipliers at a point, [m], and its KKT residual over the loss."""
         size = self.typical_sizes(point.x)
         multipliers, residual = solve_kkt_conditions(point, self.bounds, size, self.tol)
         return multipliers, residual / self.loss_size(point)
 
     def loss_size(self, point: TrialPoint) -> float:
-        """Return the size of the loss: its value here, a part of the first one, or its change."""
+        """Return the size of the loss at a point, positive, which residuals are divided by.
+
+        It is the larger of the present loss and a part of that at the start; if both are zero, the
+        change of the loss by a change of one parameter by its typical size.
+        """
         size = max(abs(point.loss), _FIRST * self.first)
         return size or float(np.abs(point.gradient * self.typical_sizes(point.x)).max()) or 1.0
 
     def report_accepted_point(self, point: TrialPoint) -> bool:
-        """Report a point that the library has accepted; return whether it meets all conditions."""
+        """Report progress at a point that the library has accepted; return whether to end the run.
+
+        It ends if the point meets all constraints and the KKT conditions.
+        """
         residual = self.multipliers_and_residual(point)[1]
         if self.listen is not None:
             failures, self.known = self.failures - self.known, self.failures
@@ -257,7 +275,11 @@ class _ConstrainedSearch(ScaledProblem):
 
 
 def _compile_problem(reference):
-    """Compile loss, constraints and Jacobian of the function that `reference()` returns."""
+    """Compile the user's function of loss and constraints, with its Jacobian.
+
+    `reference()` returns that function. The program takes flat parameters [n], their pytree and
+    further arguments, and returns the `Evaluation` of [loss, constraints ...].
+    """
 
     @jax.jit
     def evaluate(x, params, args):
@@ -269,7 +291,7 @@ def _compile_problem(reference):
                 raise ValueError(
                     "problem: expected (loss, constraints) or (loss, constraints, solution)"
                 )
-            value, code = split_loss((returned[0], returned[2:]))
+            value, code = loss_and_status((returned[0], returned[2:]))
             constraints = jnp.asarray(returned[1])
             if constraints.ndim != 1 or not jnp.issubdtype(constraints.dtype, jnp.floating):
                 got = f"{constraints.dtype}{list(constraints.shape)}"

@@ -37,14 +37,15 @@ _NOISE = 1e-9  # changes of the loss, relative to it, within the tolerance of an
 
 @pytree
 class History:
-    """History of the accepted points, the start first; NaN or -1 after the last one.
+    """History of the points that `minimize` accepted, the start first; padded with NaN or -1.
 
     Attributes:
         loss: loss at the point, [steps + 1].
-        gradient_norm: measure of the gradient, which `tol` bounds (see `minimize`), [steps + 1].
-        status: 0, or the code of the last analysis that failed on the way to the point and so
+        gradient_norm: dimensionless size of the gradient, which `tol` limits (`minimize` has the
+            formula), [steps + 1].
+        status: 0, or the code of the last analysis that failed in the step to the point and so
             shortened the step, [steps + 1].
-        failures: number of such failures on the way to the point, [steps + 1].
+        failures: number of such failures in the step to the point, [steps + 1].
         shortened: how often the step was shortened, because an analysis failed or because the loss
             did not fall, [steps + 1].
 
@@ -64,14 +65,15 @@ class History:
 
 
 class AcceptedPoint(NamedTuple):
-    """An accepted point of the search.
+    """A point that the search of `minimize` has accepted.
 
     Attributes:
-        x: parameters.
-        loss, gradient: loss and its gradient.
-        inside: gradient without entries that a bound blocks.
-        measure: measure of the gradient, see `MinimumCriteria.measure_gradient`.
-        at_rest: whether the gradient is small enough for a minimum if no step lowers the loss.
+        x: flat parameters, [n].
+        loss, gradient: loss, and its gradient, [n].
+        inside: gradient with zeros where a bound blocks the parameter, [n].
+        measure: dimensionless size of the gradient, which `tol` bounds (`minimize`).
+        at_rest: whether the gradient is small enough for the point to be a minimum, provided that
+            no step from it lowers the loss.
     """
 
     x: Float[Array, " n"]
@@ -86,24 +88,24 @@ class DescentState(NamedTuple):
     """State of the search of `minimize` between two evaluations.
 
     Attributes:
-        trial: point to be evaluated: ``current.x + length step``, projected into the bounds.
-        step, length: step that the optimizer proposed, and the part of it that is tried.
-        current, best: last accepted point, and the accepted point of lowest loss.
-        blocked: entries at a bound that this step must not move.
-        optimizer: state of the optimizer.
-        memory_is_fresh: whether the optimizer has started without memory in this step.
-        loss_factor: factor on the loss that the optimizer gets.
+        trial: point to be evaluated next: ``current.x + length step``, projected into the bounds.
+        step, length: step that the optimizer has proposed, [n], and the fraction of it that is
+            tried.
+        current, best: the last accepted point, and the accepted point of lowest loss.
+        blocked: entries at a bound that this step must not move, [n] bool.
+        optimizer: state of the optax optimizer.
+        memory_is_fresh: whether the optimizer has forgotten all earlier steps before this one.
+        loss_factor: the optimizer gets the loss times this factor.
         first_loss: loss at the start.
-        largest_gradient: largest size that each entry of the gradient has had, [n].
-        longest_step: longest step allowed for now, over `scale`: an analysis has failed beyond.
+        largest_gradient: largest absolute value that each entry of the gradient has had, [n].
+        longest_step: largest norm of a step over `Descent.scale`, since longer ones have failed.
         n_accepted: number of accepted steps; -1 before the start is evaluated.
         evaluations: number of evaluations of the loss and its gradient.
         n_refused: number of trial points of this step that were not accepted.
         failures, last_failure: number of trial points of this step at which the analysis failed,
             and the status code of the last failure.
         history: `History`.
-        code: status.
-        running: whether the search goes on.
+        code, running: status, and whether the search goes on.
     """
 
     trial: Float[Array, " n"]
@@ -130,16 +132,16 @@ class DescentState(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Descent:
-    """Search for the minimum of one loss: evaluate, accept or shorten, propose the next step.
+    """The search of `minimize` for a minimum of one loss, as a function from state to state.
 
     Args:
-        loss: function of the parameters, in the shape that users gave, to (value, status code).
-        back: function from the flat vector to parameters in that shape.
+        loss: function of the parameters (as a pytree) to (value, status code).
+        back: function from the flat vector of parameters [n] to their pytree.
         optimizer: optax transformation, or None for L-BFGS with a line search.
         steps: largest number of accepted steps.
-        box: `BoxBounds` of flat bounds.
-        criteria: `MinimumCriteria`, the criteria of convergence.
-        scale: the optimizer gets the parameters divided by it, [n].
+        box: `BoxBounds` of the flat parameters.
+        criteria: `MinimumCriteria`, which decide on convergence.
+        scale: the optimizer gets the parameters divided by this, [n].
         listen: function of a `progress.Step`, called after every accepted step, or None.
     """
 
@@ -154,21 +156,21 @@ class Descent:
 
     @property
     def has_line_search(self) -> bool:
-        """Whether steps are accepted only if they lower the loss: where no optimizer is given."""
+        """Whether steps must lower the loss: with L-BFGS, but not with a user's optimizer."""
         return self.optimizer is None
 
     @property
     def effective_optimizer(self) -> optax.GradientTransformationExtraArgs:
-        """The optimizer that was given, or L-BFGS."""
+        """The optax optimizer that proposes steps: the user's, or L-BFGS without line search."""
         return optax.with_extra_args_support(_LBFGS if self.has_line_search else self.optimizer)
 
     @property
-    def loss_noise(self) -> float:
-        """Relative changes of the loss that are within its numerical noise."""
+    def relative_loss_noise(self) -> float:
+        """Relative change of the loss below which it counts as numerical noise."""
         return max(_NOISE, 64 * float(jnp.finfo(self.scale.dtype).eps))
 
     def initial_state(self, x: Float[Array, " n"]) -> DescentState:
-        """Return the state before the start `x`, [n], is evaluated."""
+        """Return the state of the search before the start `x`, [n], has been evaluated."""
         nothing, none = jnp.zeros_like(x), jnp.int32(0)
         unknown, one = jnp.asarray(jnp.nan, x.dtype), jnp.ones((), x.dtype)
         start = AcceptedPoint(x, unknown, nothing, nothing, unknown, jnp.zeros((), bool))
@@ -197,7 +199,10 @@ class Descent:
         )
 
     def advance(self, s: DescentState, found: Evaluation) -> DescentState:
-        """Accept or refuse the trial point, given its evaluation `found`; choose the next one."""
+        """Accept or refuse the trial point, evaluated as `found`; return the next state.
+
+        It has the next trial point, or `running` False and the final status.
+        """
         value, gradient, code = found.mark_nonfinite()
         sound, begun = code == status.OK, s.n_accepted >= 0
         accepted, factor = self._judge_trial(s, value, gradient, sound, begun)
@@ -253,7 +258,7 @@ class Descent:
 
         # At the start the sizes of the parameters may be meaningless, and a small measure with
         # them: ask for one accepted step. A point above the best one is no minimum.
-        lowest = value <= best.loss + self.loss_noise * jnp.abs(best.loss)
+        lowest = value <= best.loss + self.relative_loss_noise * jnp.abs(best.loss)
         small = accepted & level & lowest & ((s.n_accepted > 0) | (measure == 0))
         converged = small & (measure == 0 if self.has_line_search else near)
         used_up = s.n_accepted >= self.steps
@@ -271,10 +276,19 @@ class Descent:
         return self._next_trial(s, accepted, logged, restart, small, tries, factor)
 
     def _next_trial(self, s, accepted, logged, restart, small, tries, factor):
-        """Return the state with the next trial point: a new step, or a shorter part of this one."""
+        """Return the state with the next trial point: on a new step, or nearer on the same step.
+
+        `accepted` says whether the trial point was, `logged` whether it was or is the start,
+        `restart` whether the optimizer must forget earlier steps, `small` whether gradient and loss
+        meet the criteria of a minimum. There are `tries` refused points; `factor` shortens the
+        step.
+        """
         new = accepted | restart
         step, state, fresh = lax.cond(
-            s.running & new, self._new_step, lambda s: (s.step, s.optimizer, s.memory_is_fresh), s
+            s.running & new,
+            self._propose_step,
+            lambda s: (s.step, s.optimizer, s.memory_is_fresh),
+            s,
         )
         if self.has_line_search:  # the whole step, by the curvature, must promise little, too
             promised = -(s.current.inside @ step)
@@ -308,28 +322,29 @@ class Descent:
         )
 
     def _loss_and_status(self, x):
-        """Return the loss at a flat vector, and the status of the analysis."""
+        """Return the loss at flat parameters `x`, [n], and the status code of the analysis."""
         value, code = self.loss(self.back(x))
         return value.astype(x.dtype), code
 
     def evaluate(self, x: Float[Array, " n"]) -> Evaluation:
-        """Evaluate loss, gradient and status at a point."""
+        """Evaluate the loss, its gradient [n] and the status at flat parameters `x`, [n]."""
         (value, code), gradient = jax.value_and_grad(self._loss_and_status, has_aux=True)(x)
         return Evaluation(value, gradient, code)
 
     def _judge_trial(self, s, value, gradient, sound, begun):
-        """Judge whether to accept the trial point; return also the factor to shorten the step by.
+        """Return whether to accept the trial point, and the factor to shorten the step by if not.
 
-        With the line search the loss has to fall by a part of what the slope predicts (Armijo).
-        Where the loss has no digits left for that, it must not rise, and the slope must have become
-        flatter. With a given optimizer every point at which the analysis succeeds is accepted.
+        With the line search the loss has to fall by a part of what its slope predicts (Armijo).
+        Where rounding hides such a decrease, the loss must not rise, and its slope must have become
+        flatter. With the user's optimizer every point at which the analysis succeeds (`sound`) is
+        accepted, and with both the start (not `begun`).
         """
         if not self.has_line_search:
             return sound, 0.5
         moved = s.trial - s.current.x
         promised = s.current.inside @ moved
         rise = value - s.current.loss
-        level = rise <= self.loss_noise * jnp.abs(s.current.loss)
+        level = rise <= self.relative_loss_noise * jnp.abs(s.current.loss)
         level &= gradient @ moved <= -_FLATTER * promised
         falls = (promised < 0) & ((rise <= _ARMIJO * promised) | level)
         # curvature of the parabola through loss, slope and trial; the next trial is its minimum
@@ -338,11 +353,15 @@ class Descent:
         return sound & (falls | ~begun), jnp.where(sound & (bend > 0), shorter, 0.5)
 
     def _fresh_optimizer_state(self, x):
-        """Return the optimizer's state for a start at `x`, without memory of earlier steps."""
+        """Return the optimizer's state for a start at `x`, [n], without memory of earlier steps."""
         return self.effective_optimizer.init(self.back(x / self.scale))
 
-    def _new_step(self, s):
-        """Propose a new step; return it, the optimizer's state, and whether its memory is fresh."""
+    def _propose_step(self, s):
+        """Let the optimizer propose the next step, without its memory if that leads upward.
+
+        Returns the step [n], the optimizer's state, and whether it was without memory of earlier
+        steps.
+        """
         if not self.has_line_search:
             return *self._optimizer_step(s, s.optimizer), s.memory_is_fresh
         anew = self._fresh_optimizer_state(s.current.x)
@@ -354,7 +373,7 @@ class Descent:
         return step, state, s.memory_is_fresh | ~downward
 
     def _optimizer_step(self, s, state):
-        """Return the optimizer's step [n] and its new state."""
+        """Return the optimizer's step [n], zero where blocked, and its new state after `state`."""
 
         def value_of(scaled):  # for optimizers with a line search: infinite for a failed analysis
             value, code = self._loss_and_status(

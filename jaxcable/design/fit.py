@@ -17,26 +17,26 @@ from ..common.compilation import jit_program
 from ..common.progress import Trial, announce_compilation, as_listener, report_progress
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from .bounds import check_call_arguments, prepare_search, search_status
+from .bounds import check_call_arguments, check_search_arguments, search_or_input_status
 from .levenberg import FitHistory, LevenbergMarquardt, LevenbergState
 from .program_cache import ProgramCache, refuse_derivative
-from .returned_values import split_residuals
+from .returned_values import residuals_and_status
 from .trials import Evaluation, values_and_jacobian
 
 
 @pytree
 class Fit:
-    """Result of `fit`: parameters of least squares, residuals, Jacobian and status.
+    """Result of `fit`: the parameters of least squared residuals, with residuals and Jacobian.
 
     Attributes:
-        params: parameters found, in the shape of the start.
+        params: parameters found, a pytree like the start.
         residual: flattened residuals at `params`, [n_residual].
         jacobian: derivative of the flattened residuals with respect to the flattened parameters,
             [n_residual, n_param].
         misfit: Euclidean norm of the residuals.
-        free: True where no bound blocks the parameter, in the shape of `params`.
-        without_influence: True where the residuals do not depend on the parameter, to rounding, in
-            the shape of `params`; such a parameter stays where it is.
+        free: True where no bound blocks the parameter, a pytree like `params`.
+        without_influence: True where the residuals do not depend on the parameter, to rounding, a
+            pytree like `params`; such a parameter keeps its start value.
         history: `FitHistory`.
         status: 0 if it has converged; `describe` has the texts.
         steps: number of trial points after the start, accepted or not.
@@ -143,14 +143,17 @@ def fit(
         converged: 100142.9 N
     """
     args = check_call_arguments(residuals, args, steps, "residuals")
-    params, box, tol = prepare_search(params, bounds, tol)
+    params, box, tol = check_search_arguments(params, bounds, tol)
     listen = as_listener(progress)
     with announce_compilation(listen):  # most of the time before the first report
         return _programs(residuals, int(steps), listen)(params, args, box, tol)
 
 
 def _compile_fit(reference, steps, listen):
-    """Compile the search for the function of residuals that `reference()` returns."""
+    """Compile the search of `fit` for the function of residuals that `reference()` returns.
+
+    The program takes start, further arguments, `BoxBounds` and tolerance, and returns a `Fit`.
+    """
 
     @jax.jit
     def run(params, args, box, tol):
@@ -158,7 +161,7 @@ def _compile_fit(reference, steps, listen):
         start, back = ravel_pytree(params)
 
         def flattened(x):
-            values, code = split_residuals(reference()(back(x), *args))
+            values, code = residuals_and_status(reference()(back(x), *args))
             vector = ravel_pytree(values)[0]
             if vector.size == 0 or not jnp.issubdtype(vector.dtype, jnp.floating):
                 raise ValueError("residuals: expected arrays of floats")
@@ -187,15 +190,15 @@ def fit_on_host(
     tol: float | None,
     listen: Callable[[Trial], Any] | None,
 ) -> Fit:
-    """Fit as `fit` does, but by a loop in Python: `evaluate` is called and not traced.
+    """Search as `fit` does, in a Python loop: `evaluate` is called, not traced or compiled.
 
     Args:
-        evaluate: function of the flattened parameters to an `Evaluation`.
+        evaluate: function of the flat parameters [n] to an `Evaluation` of the residuals.
         params, bounds, steps, tol: as for `fit`.
-        listen: function of a `progress.Trial`, or None.
+        listen: function of a `progress.Trial` that is called after every trial point, or None.
     """
     checks.require_whole_number(steps, "steps")
-    params, box, tol = prepare_search(params, bounds, tol)
+    params, box, tol = check_search_arguments(params, bounds, tol)
     start, _ = ravel_pytree(params)
     search, found = LevenbergMarquardt(box, tol, int(steps)), evaluate(start)
     state = search.initial_state(start, found.values.size)
@@ -213,12 +216,12 @@ def fit_on_host(
 
 @jit_program
 def _advance_compiled(search, state, found):
-    """Return the state of a search after the evaluation `found`; a compiled program."""
+    """Return the next state of a search, ``search.advance(state, found)``; a compiled program."""
     return search.advance(state, found)
 
 
 def progress_numbers(s: LevenbergState) -> dict[str, Array]:
-    """Return the numbers of a `progress.Trial` for the trial point that was evaluated last."""
+    """Return the fields of a `progress.Trial` by name, for the trial point evaluated last."""
     return {"number": s.n_trial} | {
         name: getattr(s.history, name)[s.n_trial] for name in ("misfit", "accepted", "status")
     }
@@ -227,7 +230,7 @@ def progress_numbers(s: LevenbergState) -> dict[str, Array]:
 def make_fit(
     search: LevenbergMarquardt, end: LevenbergState, params: PyTree[Float[ArrayLike, " ..."]]
 ) -> Fit:
-    """Make the `Fit` from the last state of a search that started at `params`."""
+    """Convert the last state `end` of a search, which started at `params`, to a `Fit`."""
     start, back = ravel_pytree(params)
     blocked = search.box.blocked_entries(end.x, end.residual @ end.jacobian)
     no_influence = search.lacks_influence(end.x, end.residual, end.jacobian)
@@ -243,7 +246,7 @@ def make_fit(
         free=flags(~blocked),
         without_influence=flags(no_influence),
         history=end.history,
-        status=search_status(end.code, search.box, start, search.tol),
+        status=search_or_input_status(end.code, search.box, start, search.tol),
         steps=jnp.maximum(end.n_trial, 0),
     )
 

@@ -46,13 +46,15 @@ def influence(
     method: Newton | Incremental | None = None,
     start: Solution | State | None = None,
 ) -> PyTree[Float[Array, " ..."]]:
-    """Compute an influence matrix: the exact Jacobian of the final state, through all phases.
+    """Compute an influence matrix: the exact derivatives of final results by inputs of a phase.
+
+    The derivatives go through all phases that follow the input.
 
     Args:
         structure, phases: as for `solve`.
         of: results at the end that are differentiated: "tension", "displacement", "positions",
             "reactions" or "rest_length", or a function of the `Solution` to a pytree of arrays.
-        wrt: inputs that change:
+        wrt: inputs with respect to which they are differentiated:
 
             - "shortening" or "temperature": of every element, added to what the phases have; m, K.
               By default after the last phase, as turnbuckles adjusted in the final state.
@@ -104,7 +106,7 @@ def influence(
     ):  # a separate phase at the end, which changes nothing yet
         start = solve(structure, phases, method, start=start) if phases else start
         phases, phase = [Phase()], 0
-    value, set_input = _input_and_setter(structure, phases or [Phase()], wrt, phase, start)
+    value, set_input = _input_values_and_setter(structure, phases or [Phase()], wrt, phase, start)
 
     def final(value):
         solution = solve(*set_input(value), method, start=start)
@@ -125,12 +127,16 @@ def influence(
 
 
 def _count_entries(tree):
-    """Count the entries of all arrays of a pytree."""
+    """Return the number of entries of all arrays of a pytree together."""
     return sum(leaf.size for leaf in jax.tree.leaves(tree))
 
 
-def _input_and_setter(structure, phases, wrt, phase, start):
-    """Return the values that `wrt` names, and a function from others to (structure, phases)."""
+def _input_values_and_setter(structure, phases, wrt, phase, start):
+    """Return the present values of the input `wrt`, and a function that replaces them.
+
+    The function takes other values and returns (structure, phases). `wrt` is "shortening", "load",
+    "nodes" and so on, of phase number `phase`, or None for the default of `influence`.
+    """
     if not isinstance(wrt, str):
         raise ValueError(f"wrt: expected a name such as 'shortening', got {type(wrt).__name__}")
     if wrt == "nodes":
@@ -183,7 +189,10 @@ def _input_and_setter(structure, phases, wrt, phase, start):
 
 
 def _groups_with_present_elements(structure, phases, phase, start):
-    """Return for each group whether any of its elements is present in a phase."""
+    """Return, for each element group, whether any of its elements is present in phase `phase`.
+
+    A list of bool; True where that is traced and not known.
+    """
     last = start.last if isinstance(start, Solution) else start
     presence = make_activation(structure, phases, None if last is None else last.restart.states)
     if presence is None:
@@ -193,9 +202,10 @@ def _groups_with_present_elements(structure, phases, phase, start):
 
 
 def _prestress_input_values(phase, structure, name):
-    """Return the prestress input `name` of a phase, a list with an item per group.
+    """Return the prestress input `name` of a phase for each element group, as a list.
 
-    An item is an array [n_elem]; `Only` for an absolute input of some elements; None without one.
+    An item is None for a group without this input; an array [n_elem]; or `Only` where an absolute
+    input, such as a pretension, is given for some elements of the group.
     """
     stated = [own.get(name) for own in phase.statements(structure)]
     return [
@@ -209,21 +219,21 @@ def _prestress_input_values(phase, structure, name):
 
 
 def _replace_in_phase(phases, number, **changes):
-    """Return the phases with some fields of phase `number` replaced."""
+    """Return the list of phases, with fields of phase number `number` replaced by `changes`."""
     return [replace(p, **changes) if k == number else p for k, p in enumerate(phases)]
 
 
 def flat_matrix(
     jacobian: PyTree[Float[ArrayLike, " ..."]], wrt: PyTree[Float[ArrayLike, " ..."]]
 ) -> Float[Array, "n_of n_wrt"]:
-    """Flatten an influence matrix over several groups into one matrix [n_of, n_wrt].
+    """Flatten an influence matrix, a pytree of blocks for several groups, into one matrix.
 
     Args:
         jacobian: result of `influence`.
         wrt: any pytree of the shape of the inputs that `influence` differentiated by.
 
     Returns:
-        [n_of, n_wrt].
+        [n_of, n_wrt]: a row for each result, a column for each input, group after group.
 
     Raises:
         ValueError: the shape of `wrt` is not that of these inputs.
@@ -257,16 +267,16 @@ def adjustment(
     *,
     rcond: float = 1e-10,
 ) -> PyTree[Float[Array, " ..."]]:
-    """Find the smallest adjustments that achieve a wanted change, by least squares.
+    """Find the smallest adjustments of inputs that achieve wanted changes of results (linearized).
 
-    To retension a net take ``jacobian = influence(structure, phases)`` and
-    ``change = target - measured``: the adjustments are turnbuckle shortenings, in m, for one step.
-    A change that the net cannot follow (its tensions are not independent at given lengths) is
-    achieved as well as possible.
+    These solve ``jacobian x = change`` by least squares, so that a change that the structure cannot
+    follow is achieved as well as possible. To retension a net take ``jacobian =
+    influence(structure, phases)`` and ``change = target - measured``: the adjustments are the
+    turnbuckle shortenings, in m, of one linear step.
 
     Args:
         jacobian: result of `influence`.
-        change: wanted change of the results `of` of `influence`, a pytree of their shape.
+        change: wanted change of the results that `influence` differentiated, a pytree like these.
         like: a pytree of the shape of the adjustments; default that of `change`.
 
     Options:
@@ -305,18 +315,19 @@ def adjustment(
 def propagate_tolerances(
     jacobian: PyTree[Float[ArrayLike, " ..."]], tolerance: PyTree[Float[ArrayLike, " ..."]]
 ) -> tuple[PyTree[Float[Array, " ..."]], PyTree[Float[Array, " ..."]]]:
-    """Estimate the effect of tolerances on results, to first order: worst case and random.
+    """Estimate by how much results deviate if inputs have tolerances, to first order.
 
     Args:
         jacobian: result of `influence`, for example of tension by shortening in phase 0 for
             tolerances of the cutting lengths.
-        tolerance: tolerance of every input that `influence` differentiated by, a pytree of arrays
+        tolerance: tolerance t of every input that `influence` differentiated by, a pytree of arrays
             of their shape; for `worst` the largest deviation, for `random` the standard deviation.
 
     Returns:
-        (worst, random), each in the shape of the results `of` of `influence`:
-        ``sum_j |J_ij| t_j``, if all deviations add up, and ``sqrt(sum_j (J_ij t_j)^2)``, if they
-        are independent.
+        worst: deviations if those of all inputs add up, ``sum_j |J_ij| t_j``, a pytree like the
+            results that `influence` differentiated.
+        random: standard deviations if the inputs deviate independently, ``sqrt(sum_j (J_ij
+            t_j)^2)``, likewise.
 
     Raises:
         ValueError: `tolerance` does not have the shape of these inputs.

@@ -28,11 +28,11 @@ from .objectives import smooth_min
 def slack_distance(
     structure: Structure, solution: Solution | State
 ) -> PyTree[Float[Array, "... n_elem"] | None]:
-    """Return how far every cable is from slackening: its strain above that of zero force, -.
+    """Return how far every cable is from going slack: its strain minus its strain at zero force.
 
-    The distance is positive in a taut cable, negative in a slack one and zero at the kink. It is
-    smooth through zero, so that a bound on it can lead out of slackness; the tension, which is zero
-    in every slack cable, cannot.
+    The distance is positive in a taut cable, negative in a slack one, and zero where it goes slack.
+    It is smooth through zero, so that a constraint on it can make a slack cable taut; the tension,
+    which is zero in every slack cable, has no gradient for that.
 
     Args:
         structure: the `Structure` that was analysed.
@@ -70,16 +70,16 @@ def slack_distance(
     same = len(groups) == len(solution.restart.states)
     if not same or len(nodes) != len(solution.restart.motion):
         raise ValueError("solution: is of another structure")
-    thawed, arrays = split_indices(
+    without_indices, index_arrays = split_indices(
         (groups, solution.restart.states, nodes, solution.restart.motion)
     )
-    return structure.arrange(_strain_above_slack(thawed, arrays))
+    return structure.arrange(_strains_above_slackening(without_indices, index_arrays))
 
 
 @jax.jit
-def _strain_above_slack(thawed, arrays):
-    """Return the cables' strains minus their strains of zero force, [n_elem] or None by group."""
-    groups, states, nodes, motion = merge_indices(thawed, arrays)
+def _strains_above_slackening(without_indices, index_arrays):
+    """Return cables' strains minus their strains at zero force, [n_elem] or None by group."""
+    groups, states, nodes, motion = merge_indices(without_indices, index_arrays)
     found = []
     for group, state in zip(groups, states, strict=True):
         if not group.tension_only:
@@ -124,10 +124,10 @@ def nearest_kink(
     params: PyTree[Float[ArrayLike, " ..."]],
     direction: PyTree[Float[ArrayLike, " ..."]],
 ) -> PyTree[Float[Array, " ..."]]:
-    """Estimate the steps along a direction at which cables go slack or taut, to first order.
+    """Estimate the factors t at which cables go slack or taut along ``params + t direction``.
 
-    A gradient describes the response along ``params + t direction`` for t below the smallest of
-    these steps. They are first-order estimates: check them with an analysis.
+    These are kinks of the response: a gradient describes it for t below the smallest of them only.
+    They are estimates to first order: check them with an analysis.
 
     Args:
         distance: function of the parameters, for example

@@ -32,14 +32,14 @@ _LEAST_FACTOR = 0.1  # least factor on the damping after an accepted step; Niels
 
 @pytree
 class FitHistory:
-    """History of the trial points, the start first; NaN or -1 after the last one.
+    """History of the trial points of a `fit`, the start first; padded with NaN or -1.
 
     Attributes:
         misfit: Euclidean norm of the residuals at the point, NaN where the analysis failed,
             [steps + 1].
         accepted: 1 if the point was accepted, else 0, [steps + 1].
-        damping: damping of the step to the point, [steps + 1].
-        status: code of the inner analysis at the point, [steps + 1].
+        damping: damping ``mu`` of the step to the point, [steps + 1].
+        status: status code of the structural analysis at the point, [steps + 1].
 
     Example:
         >>> strain, force = jnp.array([1e-3, 2e-3, 3e-3]), jnp.array([101.0, 199.0, 301.0])  # -, N
@@ -56,20 +56,20 @@ class FitHistory:
 
 
 class LevenbergState(NamedTuple):
-    """State of the search between two evaluations.
+    """State of the search of `fit` between two evaluations.
 
     Attributes:
-        trial: point to be evaluated.
+        trial: flat parameters to be evaluated next, [n].
         x, residual, jacobian: the last accepted point, its residuals and its Jacobian.
-        size: largest norm that each column of the Jacobian has had.
-        damping: damping of the step to the trial point.
+        size: largest norm that each column of the Jacobian has had, [n].
+        damping: damping ``mu`` of the step to the trial point.
         growth: factor on the damping if the trial point is not accepted.
         promised: decrease of half the squared misfit that the linear model predicts.
         first: misfit at the start.
         least: sizes of the parameters below which steps cannot be told from zero, [n].
         n_trial: number of trial points after the start; -1 before the start is evaluated.
         history: `FitHistory`.
-        code, running: status, and whether the loop goes on.
+        code, running: status, and whether the search goes on.
     """
 
     trial: Float[Array, " n"]
@@ -90,11 +90,11 @@ class LevenbergState(NamedTuple):
 
 @pytree(static=("steps",))
 class LevenbergMarquardt:
-    """Search for the least squares of one problem, from one trial point to the next.
+    """The search of `fit` (Levenberg-Marquardt method), as a function from state to state.
 
     Args:
-        box: `BoxBounds` of the parameters.
-        tol: see `fit`.
+        box: `BoxBounds` of the flat parameters.
+        tol: tolerance of convergence, as in `fit`.
         steps: largest number of trial points after the start.
     """
 
@@ -103,7 +103,7 @@ class LevenbergMarquardt:
     steps: int
 
     def initial_state(self, x: Float[Array, " n"], count: int) -> LevenbergState:
-        """Return the state before the start `x`, [n], is evaluated; `count` residuals."""
+        """Return the state before the start `x`, [n], is evaluated; there are `count` residuals."""
         one, none = jnp.ones((), x.dtype), jnp.int32(0)
         real, whole = jnp.full(self.steps + 1, jnp.nan * one), jnp.full(self.steps + 1, none - 1)
         return LevenbergState(
@@ -124,7 +124,10 @@ class LevenbergMarquardt:
         )
 
     def advance(self, s: LevenbergState, found: Evaluation) -> LevenbergState:
-        """Accept or refuse the trial point, given its evaluation `found`; choose the next one."""
+        """Accept or refuse the trial point, evaluated as `found`; return the next state.
+
+        It has the next trial point, or `running` False and the final status.
+        """
         residual, jacobian, code = found.mark_nonfinite()
         sound, begun = code == status.OK, s.n_trial >= 0
         before, after = (0.5 * jnp.sum(r**2) for r in (s.residual, residual))
@@ -140,8 +143,8 @@ class LevenbergMarquardt:
         size = jnp.maximum(s.size, jnp.linalg.norm(jacobian, axis=0))
         blocked = self.box.blocked_entries(x, residual @ jacobian)
         no_influence = self.lacks_influence(x, residual, jacobian)
-        still = blocked | no_influence
-        trial = self._bounded_step(x, residual, jacobian, size, damping, still)
+        held = blocked | no_influence
+        trial = self._trial_point_within_bounds(x, residual, jacobian, size, damping, held)
         change = jacobian @ (trial - x)
         s = s._replace(
             trial=trial,
@@ -159,11 +162,11 @@ class LevenbergMarquardt:
         # a change within the noise of the analysis cannot be judged
         noise = max(_NOISE, 64 * float(jnp.finfo(x.dtype).eps)) * before
         refused = begun & sound & ~accepted
-        unseen = refused & (jnp.abs(before - after) <= noise) & (promised <= noise)
-        converged = (begun | sound) & self._has_converged(s, still, begun, refused, unseen)
+        only_noise = refused & (jnp.abs(before - after) <= noise) & (promised <= noise)
+        converged = (begun | sound) & self._has_converged(s, held, begun, refused, only_noise)
         # if no parameter can be changed, and none has been, this is no minimum
         moved = jnp.sum(jnp.maximum(s.history.accepted, 0)) > 1
-        useless = sound & ~moved & jnp.all(still) & jnp.any(no_influence & ~blocked)
+        useless = sound & ~moved & jnp.all(held) & jnp.any(no_influence & ~blocked)
         useless &= jnp.any(s.residual != 0)
         converged &= ~useless
         # a start without slope may as well be a maximum, but for one without a misfit
@@ -175,20 +178,21 @@ class LevenbergMarquardt:
             running=~converged & (begun | sound) & (s.n_trial < self.steps) & ~hopeless,
         )
 
-    def _has_converged(self, s, still, begun, refused, unseen):
-        """Whether the point has least squares, judged by the step that is not damped.
+    def _has_converged(self, s, held, begun, refused, only_noise):
+        """Return whether the last accepted point meets a criterion of convergence of `fit`.
 
-        A damped step may be short anywhere.
+        It is judged by the undamped step, since damping can make a step short anywhere.
 
         Args:
-            s: the state, with the last accepted point.
-            still: entries that do not move: blocked by a bound, or without influence.
+            s: state of the search.
+            held: parameters that do not move, [n] bool: blocked by a bound, or without influence.
             begun: whether a step has been tried.
             refused: whether the last trial point was not accepted although its analysis succeeded.
-            unseen: whether it changed the squared misfit by no more than noise, as was predicted.
+            only_noise: whether the squared misfit changed there by no more than noise, as
+                predicted.
         """
         size = jnp.linalg.norm(s.jacobian, axis=0)
-        whole = _solve_damped_step(s.residual, s.jacobian, size, _SINGULAR, still)
+        whole = _solve_damped_step(s.residual, s.jacobian, size, _SINGULAR, held)
         misfit = jnp.linalg.norm(s.residual)
         gain = jnp.linalg.norm(s.jacobian @ whole)  # over the misfit: cosine of r and range of J
         stationary = begun & (gain <= self.tol * misfit)
@@ -199,13 +203,14 @@ class LevenbergMarquardt:
         beside = jnp.minimum(s.first, jnp.max(size * jnp.abs(s.x)))
         zero = misfit <= jnp.maximum(self.tol**2, jnp.finfo(misfit.dtype).eps) * beside
         zero |= refused & (misfit <= _NOISE * beside)
-        return stationary | settled | zero | (unseen & (gain <= _COSINE_OF_NOISE * misfit))
+        return stationary | settled | zero | (only_noise & (gain <= _COSINE_OF_NOISE * misfit))
 
-    def _bounded_step(self, x, residual, jacobian, size, damping, blocked):
-        """Return the next trial point: a damped step, computed again while entries meet a bound.
+    def _trial_point_within_bounds(self, x, residual, jacobian, size, damping, blocked):
+        """Return the next trial point, [n]: `x` plus a damped step that stays within the bounds.
 
-        An entry that meets a bound stops there, and the step of the other entries is computed again
-        with that.
+        A parameter that meets a bound stops there; the step of the other ones is then computed
+        again. `size` and `damping` are as in `_solve_damped_step`; `blocked` parameters, [n] bool,
+        do not move.
         """
 
         def again(s):
@@ -228,12 +233,12 @@ class LevenbergMarquardt:
         residual: Float[Array, " n_residual"],
         jacobian: Float[Array, "n_residual n"],
     ) -> Bool[Array, " n"]:
-        """Whether the residuals do not depend on each parameter, to rounding, [n].
+        """Return which parameters have no influence on the residuals, to rounding, [n] bool.
 
-        A column of the Jacobian is rounding if a change by the whole size of the parameter (of its
-        array, or the range that its bounds leave, whichever is larger) changes the residuals by
-        less than 4096 eps of their norm and of what any other parameter contributes to them,
-        ``|J_k| |x_k|``. Units do not matter.
+        These are parameters whose change by their whole size (that of their array, or the range
+        between their bounds if it is larger) changes the residuals by less than 4096 eps of their
+        norm and of what any other parameter contributes to them, ``|J_k| |x_k|``. Units do not
+        matter.
         """
         columns = jnp.linalg.norm(jacobian, axis=0)
         span = self.box.upper - self.box.lower
@@ -243,14 +248,15 @@ class LevenbergMarquardt:
         return (columns == 0) | ((whole > 0) & little)
 
     def _array_norms(self, x):
-        """Return for every parameter the norm of its array, to which `tol` is relative."""
+        """Return, for every parameter, the norm of the array that contains it, [n]."""
         return self.box.norm_per_array(jnp.linalg.norm, x)
 
 
 def _solve_damped_step(residual, jacobian, size, damping, blocked):
-    """Solve ``(J^T J + mu D^2) d = -J^T r`` by QR of ``[J/D; sqrt(mu) I]``; zero where blocked.
+    """Solve ``(J^T J + mu D^2) d = -J^T r`` for the step d, [n], by QR of ``[J/D; sqrt(mu) I]``.
 
-    `size` is D, [n]. A column of zeros has size 0; 1 is used for it, and its step is zero.
+    `residual` is r, `jacobian` J, `damping` mu; `size` is D, [n], with 1 used in place of 0. The
+    step of `blocked` parameters, [n] bool, is zero.
     """
     size = jnp.where(size > 0, size, 1.0)
     scaled = jnp.where(blocked[None, :], 0.0, jacobian / size[None, :])

@@ -85,11 +85,14 @@ def solve_cases(
 
 @pytree
 class Envelope:
-    """Extreme values over load cases, with the governing cases; each in the shape of one case.
+    """Extreme values over load cases, and the cases in which they occur: result of `envelope`.
+
+    All are pytrees like the results of a single case.
 
     Attributes:
-        lowest, highest: extreme values; NaN where the analysis of a case has failed.
-        lowest_case, highest_case: indices of the governing cases.
+        lowest, highest: least and largest value over all cases; NaN where the analysis of a case
+            has failed.
+        lowest_case, highest_case: indices of the cases in which these occur.
 
     Example:
         >>> tension = jnp.array([[200.0, 250.0], [230.0, 210.0]])  # [n_case, n_elem], N
@@ -105,7 +108,7 @@ class Envelope:
 
 
 def envelope(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> Envelope:
-    """Find the extreme values over load cases, and the governing cases.
+    """Find the least and the largest values over load cases, and the cases in which they occur.
 
     Args:
         values: a pytree with the cases on the leading axes, such as ``solution.peak_tension``.

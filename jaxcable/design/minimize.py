@@ -16,11 +16,16 @@ from ..common import status
 from ..common.progress import Step, announce_compilation, as_listener
 from ..common.tree import pytree, select_tree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from .bounds import broadcast_to_params, check_call_arguments, prepare_search, search_status
+from .bounds import (
+    broadcast_to_params,
+    check_call_arguments,
+    check_search_arguments,
+    search_or_input_status,
+)
 from .descent import Descent, History
 from .minimum_criteria import MinimumCriteria
 from .program_cache import ProgramCache, refuse_derivative
-from .returned_values import split_loss
+from .returned_values import loss_and_status
 
 # Typical change of a parameter over its size, by which the default optimizer scales: the length of
 # its first step, before L-BFGS has learned the curvature.
@@ -29,16 +34,18 @@ _TYPICAL_CHANGE = 0.1
 
 @pytree
 class Design:
-    """Result of `minimize`: the best parameters, their loss, the status and the history.
+    """Result of `minimize`: the parameters of lowest loss, their loss, the status and the history.
 
     Attributes:
         params: parameters of the lowest loss found (if converged, those of the last accepted point,
-            whose loss is within 1e-9 of the lowest in float64), in the shape of the start.
+            whose loss is within 1e-9 of the lowest in float64), a pytree like the start.
         loss: loss at `params`.
-        gradient: gradient at `params`, in their shape; not projected.
-        gradient_norm: measure of the gradient at `params`, as in `History`.
-        history: `History`.
-        status: 0 if converged, as `minimize` says; `describe` has the texts.
+        gradient: gradient at `params`, a pytree like these, with the entries that bounds block.
+        gradient_norm: dimensionless size of the gradient at `params` without the blocked entries,
+            which `tol` limits.
+        history: `History` of the accepted points.
+        status: status code, 0 (OK) if converged by the criteria of `minimize`; `describe` has the
+            texts.
         steps: number of accepted steps.
         evaluations: number of evaluations of loss and gradient by the loop; a line search of the
             optimizer adds its own.
@@ -168,7 +175,7 @@ def minimize(
             "optimizer: expected an optax transformation such as optax.adam(0.1), got "
             f"{type(optimizer).__name__}"
         )
-    params, box, tol = prepare_search(params, bounds, tol)
+    params, box, tol = check_search_arguments(params, bounds, tol)
     if scale is not None or optimizer is not None:
         scale = broadcast_to_params(scale, params, "scale", absent=1.0, positive=True)
     listen = as_listener(progress)
@@ -178,7 +185,11 @@ def minimize(
 
 
 def _compile_minimize(reference, optimizer, steps, listen):
-    """Compile the search for the loss that `reference()` returns."""
+    """Compile the search of `minimize` for the loss that `reference()` returns.
+
+    The program takes start, further arguments, `BoxBounds`, scale and tolerance, and returns a
+    `Design`.
+    """
 
     @jax.jit
     def run(params, args, box, scale, tol):
@@ -188,7 +199,7 @@ def _compile_minimize(reference, optimizer, steps, listen):
         scale = _TYPICAL_CHANGE * floor if scale is None else ravel_pytree(scale)[0]
 
         def value(params):
-            return split_loss(reference()(params, *args))
+            return loss_and_status(reference()(params, *args))
 
         criteria = MinimumCriteria(box, floor, tol)
         descent = Descent(value, back, optimizer, steps, box, criteria, scale, listen)
@@ -206,7 +217,7 @@ def _compile_minimize(reference, optimizer, steps, listen):
                 gradient=back(point.gradient),
                 gradient_norm=point.measure,
                 history=end.history,
-                status=search_status(end.code, box, start, tol),
+                status=search_or_input_status(end.code, box, start, tol),
                 steps=jnp.maximum(end.n_accepted, 0),
                 evaluations=end.evaluations,
                 # of accepted steps, and of a last step that was never accepted

@@ -22,12 +22,12 @@ _FIRST = 0.1
 
 @dataclasses.dataclass(frozen=True)
 class MinimumCriteria:
-    """Criteria for a minimum of one problem, within bounds.
+    """Criteria by which `minimize` decides that a point is a minimum within the bounds.
 
     Args:
-        box: `BoxBounds` of the parameters.
-        floor: smallest sizes of the parameters: those at the start, [n].
-        tol: largest measure of the gradient at convergence.
+        box: `BoxBounds` of the flat parameters.
+        floor: typical sizes of the parameters at the start, [n]; sizes never count as smaller.
+        tol: largest dimensionless gradient (`measure_gradient`) at convergence.
     """
 
     box: BoxBounds
@@ -42,21 +42,22 @@ class MinimumCriteria:
         first: Float[Array, ""],
         steepest: Float[Array, " n"],
     ) -> tuple[Float[Array, ""], Bool[Array, ""], Bool[Array, ""]]:
-        """Measure the gradient `inside` the bounds, and judge whether it is small.
+        """Compute the dimensionless size of a gradient, and judge whether it is small.
 
-        Every entry has to be small, too. The loss at the start says nothing of parameters that
-        hardly contribute to it: each entry is compared with the present loss, unless that has
-        fallen to zero, or with the largest size that the entry has had.
+        It is the largest entry times the size of its parameter, over the size of the loss. Every
+        single entry must be small, too: compared with the present loss (unless that has fallen to
+        zero), or with the largest value that this entry has had. The loss at the start says nothing
+        of parameters that hardly contribute to it.
 
         Args:
             x: the point, [n].
-            inside: its gradient, zero where a bound blocks it, [n].
+            inside: gradient there, with zeros where a bound blocks the parameter, [n].
             value, first: loss there and at the start.
-            steepest: largest size that each entry of the gradient has had, [n].
+            steepest: largest absolute value that each entry of the gradient has had, [n].
 
         Returns:
-            The measure; whether the gradient is small in any case; whether it is small enough for
-            a minimum if, besides, no step lowers the loss.
+            The size; whether it is small enough for a minimum in any case; whether it is small
+                enough for a minimum provided that no step lowers the loss.
         """
         promises = jnp.abs(inside) * jnp.maximum(self.floor, self.box.largest_per_array(x))
         largest = jnp.max(promises)
@@ -74,14 +75,15 @@ class MinimumCriteria:
         return measure, small & surely, small & at_rest
 
     def loss_is_zero(self, value, first):
-        """Whether a loss is zero compared with that at the start."""
+        """Return whether a loss counts as zero: at most tol^3 of the loss `first` at the start."""
         return jnp.abs(value) <= self.tol**3 * jnp.abs(first)
 
     def step_is_short(self, step: Float[Array, " n"], x: Float[Array, " n"]) -> Bool[Array, ""]:
-        """Whether a step changes no parameter by more than a negligible amount.
+        """Return whether a step [n] from `x` [n] changes every parameter by a negligible amount.
 
-        Negligible is sqrt(tol) of their sizes now, as for a loss that is known to `tol` (Gill,
-        Murray and Wright, 1981, section 8.2.3), or tol^1.5 of those at the start.
+        Negligible is sqrt(tol) of the present size of the parameter, as for a loss that is known to
+        a relative precision of `tol` (Gill, Murray and Wright, 1981, section 8.2.3), or tol^1.5 of
+        its size at the start.
         """
         allowed = jnp.maximum(self.box.largest_per_array(x), self.tol * self.floor)
         return jnp.all(jnp.abs(step) <= jnp.sqrt(self.tol) * allowed)
@@ -89,7 +91,10 @@ class MinimumCriteria:
     def decrease_is_small(
         self, promised: Float[Array, ""], value: Float[Array, ""], first: Float[Array, ""]
     ) -> Bool[Array, ""]:
-        """Whether a predicted decrease is small compared with the loss, or the loss is zero."""
+        """Return whether a predicted decrease `promised` is negligible beside the loss `value`.
+
+        It is, too, if the loss is zero beside the loss `first` at the start.
+        """
         return (promised <= self.tol * jnp.abs(value)) | self.loss_is_zero(value, first)
 
     def minimum_is_near(
@@ -101,13 +106,13 @@ class MinimumCriteria:
         value: Float[Array, ""],
         first: Float[Array, ""],
     ) -> Bool[Array, ""]:
-        """Whether the minimum along the last step is near, by the slopes at its ends (secant).
+        """Return whether the minimum along the last step is near its end, by the secant method.
 
         Args:
-            x: the point at its end, [n].
+            x: point at the end of the step, [n].
             moved: the step, [n].
-            slope, before: change of the loss along the step, by the gradients at its end and start.
-            value, first: loss at its end and at the start of the search.
+            slope, before: derivative of the loss along the step, at its end and at its start.
+            value, first: loss at the end of the step, and at the start of the search.
         """
         bend = slope - before
         left = jnp.abs(slope) / jnp.where(bend > 0, bend, 1.0)

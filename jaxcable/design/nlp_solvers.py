@@ -22,13 +22,19 @@ _NO_BOUND = 2e19  # IPOPT takes what is beyond 1e19 for infinite
 
 
 def run_slsqp(problem: ScaledProblem, steps: int, tol: float) -> None:
-    """Run SciPy's SLSQP (Kraft 1988): dense, for up to some hundred parameters."""
+    """Run SciPy's SLSQP (Kraft 1988), for up to some hundred parameters.
+
+    The result is in `problem.best` and `problem.reached`; `tol` is that of the KKT residual.
+    """
     # a change of the loss says nothing of the gradient: in a valley it is small long before
     _call_scipy(problem, "SLSQP", problem.jacobian, {"ftol": tol**3, "maxiter": steps})
 
 
 def run_trust_constr(problem: ScaledProblem, steps: int, tol: float) -> None:
-    """Run SciPy's trust-constr (Byrd, Hribar, Nocedal 1999): interior points."""
+    """Run SciPy's interior-point method trust-constr (Byrd, Hribar and Nocedal 1999).
+
+    The result is in `problem.best` and `problem.reached`; `tol` is that of the KKT residual.
+    """
 
     def jacobian(y):
         # SciPy adds slack variables: a dense Jacobian would be factorized for seconds a step
@@ -42,7 +48,10 @@ def run_trust_constr(problem: ScaledProblem, steps: int, tol: float) -> None:
 
 
 def _call_scipy(problem, method: Any, jacobian: Any, options: Any, **more: Any) -> None:
-    """Call SciPy's `minimize` with the problem's loss, constraints and bounds."""
+    """Call `scipy.optimize.minimize` with the problem's loss, constraints and bounds.
+
+    `method`, `options` and `more` are arguments of it; `jacobian` is that of the constraints.
+    """
     limits = optimize.NonlinearConstraint(
         problem.constraints, -np.inf, 0.0, jac=jacobian, hess=optimize.BFGS()
     )
@@ -59,9 +68,10 @@ def _call_scipy(problem, method: Any, jacobian: Any, options: Any, **more: Any) 
 
 
 def run_ipopt(problem: ScaledProblem, steps: int, tol: float) -> None:
-    """Run IPOPT (Waechter, Biegler 2006): interior points, few evaluations.
+    """Run the interior-point method IPOPT (Waechter and Biegler 2006), with few evaluations.
 
-    A failed analysis is NaN here: IPOPT shortens the step then, also while it restores feasibility.
+    The result is in `problem.best` and `problem.reached`; `tol` is that of the KKT residual. Where
+    an analysis fails IPOPT gets NaN, so that it shortens the step.
     """
     import ipyopt
 
@@ -111,11 +121,11 @@ def run_ipopt(problem: ScaledProblem, steps: int, tol: float) -> None:
     search.solve(problem.start.copy())
 
 
-def solver_named(name: Any) -> Callable[[ScaledProblem, int, float], None]:
-    """Return the function of a solver by its name.
+def nlp_solver_by_name(name: Any) -> Callable[[ScaledProblem, int, float], None]:
+    """Return the function that runs the optimization library of this name: `run_slsqp` and so on.
 
     Raises:
-        ValueError: there is no such solver, or it is not installed.
+        ValueError: there is no such library here, or it is not installed.
     """
     known = {"slsqp": run_slsqp, "trust-constr": run_trust_constr, "ipopt": run_ipopt}
     if name not in known:

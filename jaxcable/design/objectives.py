@@ -15,13 +15,18 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import nan_if_broken, positive
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from .arguments import broadcast_to_elements, check_width, require_result, result_of_phase
+from .arguments import (
+    broadcast_to_elements,
+    checked_smoothing_width,
+    require_result,
+    result_of_phase,
+)
 
 
 def smooth_max(
     values: PyTree[Float[ArrayLike, " ..."]], width: Float[ArrayLike, ""]
 ) -> Float[Array, ""]:
-    """Return a smooth upper bound of the largest entry: ``width log sum exp(x / width)``.
+    """Return a smooth upper bound of the largest of n values x: ``width log sum exp(x / width)``.
 
     The bound is at most ``width log(n)`` above the largest entry.
 
@@ -44,12 +49,12 @@ def smooth_max(
     values = jax.tree.map(lambda v: checks.as_floats(v, "values"), values)
     if not any(np.size(v) for v in jax.tree.leaves(values)):
         raise ValueError("values: are empty; expected at least one number")
-    return _smooth_max_compiled(values, check_width(width))
+    return _smooth_max_compiled(values, checked_smoothing_width(width))
 
 
 @jax.jit
 def _smooth_max_compiled(values, width):
-    """Compute `smooth_max` of checked values; compiled."""
+    """Return `smooth_max` of values and a width that have been checked; a compiled program."""
     flat = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(values)])
     return width * jax.nn.logsumexp(flat / width)
 
@@ -57,7 +62,7 @@ def _smooth_max_compiled(values, width):
 def smooth_min(
     values: PyTree[Float[ArrayLike, " ..."]], width: Float[ArrayLike, ""]
 ) -> Float[Array, ""]:
-    """Return a smooth lower bound of the smallest entry; see `smooth_max`.
+    """Return a smooth lower bound of the smallest of n values: ``-smooth_max(-values, width)``.
 
     The bound is at most ``width log(n)`` below the smallest entry.
 
@@ -77,7 +82,7 @@ def smooth_min(
 
 
 def mean_over_cases(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> PyTree[Float[Array, " ..."]]:
-    """Return the mean over load cases.
+    """Return the mean of every result over load cases.
 
     Args:
         values: a pytree of arrays with the cases on their leading axis.
@@ -155,7 +160,7 @@ def tension_distance(
 
 
 def tension_spread(solution: Solution | State) -> Float[Array, ""]:
-    """Return the variance of the tensions over the square of their mean, -; 0 if all are equal.
+    """Return how unequal the tensions are: their variance over the square of their mean, -.
 
     Args:
         solution: `Solution`.
@@ -198,7 +203,7 @@ def largest_deflection(
         >>> print(solution.status, f"{1e3 * largest:.2f} mm, at most {1e3 * bound:.2f} mm")
         0 12.84 mm, at most 12.89 mm
     """
-    moved, width = result_of_phase(solution, phase).displacement, check_width(width)
+    moved, width = result_of_phase(solution, phase).displacement, checked_smoothing_width(width)
     return jnp.sqrt(smooth_max(jnp.sum(moved**2, axis=-1), width**2))
 
 
@@ -227,10 +232,11 @@ def total_prestress(solution: Solution, phase: int = 0) -> Float[Array, ""]:
 def material_use(
     solution: Solution | State, stress: PyTree[Float[ArrayLike, " ..."]]
 ) -> Float[Array, ""]:
-    """Return the volume of elements sized for their forces: ``sum |N| L0 / stress``, m3.
+    """Return the volume of elements sized for their axial forces N: ``sum |N| L0 / stress``, m3.
 
-    N is the largest force along an element, `peak_tension`. The volume is not smooth where another
-    load case, or the other end of a catenary, becomes the governing one.
+    N is the largest axial force along an element (`peak_tension`), L0 its unstressed length. The
+    volume is not smooth where another load case, or the other end of a catenary, becomes the
+    governing one.
 
     Args:
         solution: `Solution`; with several load cases the largest force of every element counts.
@@ -262,12 +268,15 @@ def material_use(
 
 
 def _sum_of_leaves(parts):
-    """Return the sum of the leaves of a pytree."""
+    """Return the sum of the leaves (arrays or scalars) of a pytree."""
     return sum(jax.tree.leaves(parts))
 
 
 def _sum_of_squared_differences(found, wanted):
-    """Sum the squared differences; wanted values of one case hold for every case of a batch."""
+    """Return the sum of ``(found - wanted)^2`` over all entries of two pytrees of one structure.
+
+    `found` may have a leading axis of load cases; `wanted` then holds for each of them.
+    """
     wanted = jnp.asarray(wanted)
     wanted = wanted.reshape((1,) * (found.ndim - wanted.ndim) + wanted.shape)
     return jnp.sum((found - wanted) ** 2)

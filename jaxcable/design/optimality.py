@@ -22,19 +22,21 @@ def solve_kkt_conditions(
     size: Float[np.ndarray, " n"],
     margin: float,
 ) -> tuple[Float[np.ndarray, " m"], float]:
-    """Find nonnegative multipliers that meet the KKT conditions best, in the least squares.
+    """Find the Lagrange multipliers with which the KKT conditions of a minimum hold best.
+
+    They are nonnegative, found by least squares. (KKT: Karush, Kuhn and Tucker.)
 
     Args:
-        point: the parameters, loss and constraints with their derivatives.
-        bounds: lower and upper bounds of the parameters; they have multipliers, too.
-        size: sizes of the parameters.
-        margin: constraints are active at minus this.
+        point: parameters [n], loss and constraints [m] with their derivatives.
+        bounds: lower and upper bounds of the parameters; they get multipliers, too.
+        size: typical sizes of the parameters, [n].
+        margin: a constraint counts as active at ``c = -margin``.
 
     Returns:
-        The multipliers of the constraints, [m], and the KKT residual: the largest entry of the
-        gradient of the Lagrangian, times the size of the parameter, or of a multiplier times the
-        distance from its limit. Both are changes of the loss to first order. NaN and infinity if
-        the analysis has failed.
+        The multipliers of the constraints, [m], and the KKT residual. This is the largest of two
+            kinds of terms, both changes of the loss to first order: an entry of the gradient of the
+            Lagrangian times the size of its parameter; a multiplier times the distance of its
+            constraint or bound from being active. NaN and infinity if the analysis has failed.
     """
     n, m = len(point.x), len(point.constraints)
     if point.failed:

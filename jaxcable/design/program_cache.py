@@ -12,13 +12,14 @@ from ..common.types import PyTree
 
 
 class ProgramCache:
-    """Compiled programs by function object, so that a second call does not compile again.
+    """Compiled programs of users' functions, so that a second call does not compile again.
 
-    The programs of a function are dropped when the function is deleted: they do not keep it alive.
+    A call ``cache(function, *options)`` returns the program of this function object. The cache does
+    not keep the function alive: its programs are dropped when the function is deleted.
 
     Args:
-        make: function ``make(reference, *options)`` that returns a program; the program calls
-            `reference()` to get the function.
+        make: function ``make(reference, *options)`` that compiles and returns a program; within it
+            `reference()` returns the user's function.
     """
 
     def __init__(self, make: Callable[..., Callable[..., Any]]):
@@ -37,12 +38,16 @@ class ProgramCache:
 
 @jax.custom_jvp
 def refuse_derivative(tree: PyTree[Any]) -> PyTree[Any]:
-    """Return the argument; its derivative is an error, instead of a silent NaN or zero."""
+    """Return the pytree unchanged, such that differentiating through it raises ValueError.
+
+    Without this, a derivative of a search would be a silent NaN or zero.
+    """
     return tree
 
 
 @refuse_derivative.defjvp
 def _raise_on_derivative(primals, tangents):
+    """Raise ValueError: this is the derivative rule of `refuse_derivative`."""
     raise ValueError(
         "a result of minimize or fit has no derivative; pass lax.stop_gradient of what it depends "
         "on, or differentiate its optimality conditions"

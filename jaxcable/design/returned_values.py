@@ -11,8 +11,11 @@ from ..common import status
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 
 
-def split_loss(result: Any) -> tuple[Float[Array, ""], Int[Array, ""]]:
-    """Return scalar and status from what a loss returned: a scalar, or (scalar, solutions)."""
+def loss_and_status(result: Any) -> tuple[Float[Array, ""], Int[Array, ""]]:
+    """Return the scalar loss and the worst status, from what a user's loss has returned.
+
+    That is a scalar, or a pair of it and a pytree of solutions or status codes; else ValueError.
+    """
     value, outcomes = result if isinstance(result, tuple) and len(result) == 2 else (result, ())
     if value is None or hasattr(value, "status"):
         got = "None; it needs a return" if value is None else f"a {type(value).__name__} first"
@@ -26,11 +29,12 @@ def split_loss(result: Any) -> tuple[Float[Array, ""], Int[Array, ""]]:
     return value, worst_status(outcomes, "loss")
 
 
-def split_residuals(result: Any) -> tuple[PyTree[Float[ArrayLike, " ..."]], Int[Array, ""]]:
-    """Return residuals and status from what was returned: residuals, or (residuals, solutions).
+def residuals_and_status(result: Any) -> tuple[PyTree[Float[ArrayLike, " ..."]], Int[Array, ""]]:
+    """Return the residuals and the worst status, from what a user's function has returned.
 
-    Status codes may stand for solutions. A pair is taken for the latter if its second part holds
-    solutions and integers only.
+    That is a pytree of floats, or a pair of it and a pytree of solutions or status codes. A pair
+    counts as residuals alone unless its second part has nothing but solutions and integers.
+    Solutions or texts among the residuals raise ValueError.
     """
     if isinstance(result, tuple) and len(result) == 2:
         leaves = jax.tree.leaves(result[1], is_leaf=_has_status)
@@ -40,7 +44,7 @@ def split_residuals(result: Any) -> tuple[PyTree[Float[ArrayLike, " ..."]], Int[
 
 
 def _require_residuals(residuals):
-    """Return the residuals; raise ValueError if there are solutions or texts among them."""
+    """Return the residuals; raise ValueError if any leaf is a solution or a text."""
     for leaf in jax.tree.leaves(residuals, is_leaf=_has_status):
         if _has_status(leaf) or isinstance(leaf, str):
             text = "expected floats, or (floats, solution), got a"
@@ -49,7 +53,10 @@ def _require_residuals(residuals):
 
 
 def worst_status(outcomes: PyTree[Any], name: str) -> Int[Array, ""]:
-    """Return the largest status code in a pytree of solutions and codes; OK if it is empty."""
+    """Return the largest status code in a pytree of solutions and status codes; OK if it is empty.
+
+    Raises ValueError with the `name` of the user's function if a leaf is neither.
+    """
     code = jnp.int32(status.OK)
     for item in jax.tree.leaves(outcomes, is_leaf=_has_status):
         codes = jnp.asarray(getattr(item, "status", item))
@@ -62,10 +69,10 @@ def worst_status(outcomes: PyTree[Any], name: str) -> Int[Array, ""]:
 
 
 def _holds_status_codes(item):
-    """Whether an item is an integer or an array of integers."""
+    """Return whether an object is an integer or an array of integers, as status codes are."""
     return not isinstance(item, str) and jnp.issubdtype(jnp.asarray(item).dtype, jnp.integer)
 
 
 def _has_status(item):
-    """Whether an item is a solution, or another result with a status."""
+    """Return whether an object has a status, as a `Solution` has."""
     return hasattr(item, "status")

@@ -32,7 +32,7 @@ _MAX_DIRECTIONS = 32
 """Largest number of directions in one run of the program: their results are in memory together."""
 
 
-def measure_with_jacobian(
+def measured_results_and_jacobian(
     structure: Structure,
     phases_of: Callable[[Float[Array, " n"]], Sequence[Phase]],
     measure: Callable[[Solution], Float[Array, " m"]],
@@ -41,14 +41,17 @@ def measure_with_jacobian(
     method: Newton | Incremental | None,
     start: Solution | State | None,
 ) -> tuple[Float[Array, " m"], Float[Array, "m n"], Int[Array, ""]]:
-    """Measure the results of phases: values, their Jacobian, and the status of the analysis.
+    """Solve the phases for inputs x; return quantities of the solution with their Jacobian.
 
     Args:
         structure, method, start: as for `solve`.
-        phases_of: function of the inputs [n] that returns the phases with them.
-        measure: function of the `Solution` to an array [m].
-        names: names of the results that `measure` uses: fewer compile faster.
+        phases_of: function of the inputs x [n] that returns the phases with these inputs.
+        measure: function of the `Solution` to the quantities, an array [m].
+        names: names of the results of phases that `measure` uses; few of them compile faster.
         x: the inputs, [n].
+
+    Returns:
+        The quantities [m], their Jacobian [m, n] by the inputs, and the status of the analysis.
     """
     task: Any = None
     tree: Any
@@ -58,12 +61,12 @@ def measure_with_jacobian(
         """Return the arguments of the analysis that are traced: they depend on the inputs."""
         nonlocal task, moving
         task = prepare(structure, phases_of(x), method, start, to_end=True)
-        leaves = jax.tree.leaves(_core_arguments(task))
+        leaves = jax.tree.leaves(_arguments_of_compiled_analysis(task))
         moving = tuple(k for k, leaf in enumerate(leaves) if isinstance(leaf, jax.core.Tracer))
         return [leaves[k] for k in moving]
 
     values, push = jax.linearize(moved, x)
-    leaves, tree = jax.tree.flatten(_core_arguments(task))
+    leaves, tree = jax.tree.flatten(_arguments_of_compiled_analysis(task))
     for k, value in zip(moving, values, strict=True):
         leaves[k] = value
     core, size = tree.unflatten(leaves), task.n_unknown
@@ -75,33 +78,35 @@ def measure_with_jacobian(
     for k in range(0, x.size, together):
         changes = jax.vmap(push)(every[k : k + together])
         given = {"bundles": task.bundles, "moving": moving, "names": names}
-        ends = _changes_of_ends(core, points, changes, **given, size=size)
+        ends = _derivatives_of_ends(core, points, changes, **given, size=size)
 
         def measured(phases, solution=solution):
             return measure(arrange_solution(structure, copy_with(solution, phases=phases), task))
 
-        found, column = _measure_with_derivatives(measured, names, solution.phases, ends)
+        found, column = _measured_values_and_derivatives(measured, names, solution.phases, ends)
         columns.append(column)
     return found, jnp.concatenate(columns)[: x.size].T, solution.status
 
 
-def _core_arguments(task):
-    """Return the arguments of the compiled core of an analysis, `phase_loop.analyse`."""
+def _arguments_of_compiled_analysis(task):
+    """Return the arrays and the method of a prepared analysis, for `phase_loop.analyse`."""
     return task.without_indices, task.arrays, task.method, task.code
 
 
 @functools.partial(jit_program, static=("bundles", "moving", "names"))
-def _changes_of_ends(core, points, changes, bundles, moving, names):
-    """Return the changes of `phases.ends` for given changes of the leaves `moving`.
+def _derivatives_of_ends(core, points, changes, bundles, moving, names):
+    """Compute the derivatives of the phases' end results in several directions.
 
     Args:
-        core: as from `_core_arguments`.
-        points: `ConvergedPoints` of the analysis.
-        changes: list of arrays, an axis of directions before those of the leaf.
-        bundles, moving, names: static.
+        core: arguments of the analysis, from `_arguments_of_compiled_analysis`.
+        points: its converged points, `ConvergedPoints`.
+        changes: directions: for each leaf of `core` that changes, an array [n_direction, ...].
+        bundles: how element groups are joined in the program (`mechanics.bundles`); static.
+        moving: indices of the leaves of `core` that change; static.
+        names: names of the results that are differentiated; static.
 
     Returns:
-        List of arrays for `_split_floats` of the `phases.ends`.
+        The derivatives, a list of arrays [n_direction, ...] for the floats of these results.
     """
     leaves, tree = jax.tree.flatten(core)
 
@@ -110,7 +115,7 @@ def _changes_of_ends(core, points, changes, bundles, moving, names):
         for k, value in zip(moving, values, strict=True):
             at[k] = value
         ends = recall_solution(*tree.unflatten(at), points, bundles).phases.ends
-        return _split_floats(ends, names)[0]
+        return _take_out_float_results(ends, names)[0]
 
     at = [leaves[k] for k in moving]
 
@@ -122,8 +127,11 @@ def _changes_of_ends(core, points, changes, bundles, moving, names):
     return jax.vmap(push)(changes)
 
 
-def _split_floats(ends, names):
-    """Return the floats among some results, and a function that puts others in their place."""
+def _take_out_float_results(ends, names):
+    """Return the float arrays among the results `names` of phases' `ends`, as a list.
+
+    Returns, too, a function from such a list to results with these arrays in their place.
+    """
     leaves, shape = jax.tree.flatten({name: getattr(ends, name) for name in names})
     real = [jnp.issubdtype(jnp.result_type(x), jnp.floating) for x in leaves]
 
@@ -135,9 +143,13 @@ def _split_floats(ends, names):
     return [x for own, x in zip(real, leaves, strict=True) if own], back
 
 
-def _measure_with_derivatives(measure, names, phases, changes):
-    """Return what is measured, [m], and its derivatives in all directions, [n_direction, m]."""
-    floats, back = _split_floats(phases.ends, names)
+def _measured_values_and_derivatives(measure, names, phases, changes):
+    """Return ``measure(phases)``, [m], and its derivatives in several directions, [n_direction, m].
+
+    `changes` are the derivatives of the results `names` at the ends of the phases in these
+    directions, a list of arrays [n_direction, ...]. All other results have no derivatives.
+    """
+    floats, back = _take_out_float_results(phases.ends, names)
 
     def value(floats):
         # paths have no derivatives (`solve`): those by the ends are NaN, too

@@ -37,7 +37,7 @@ _COMMON = "displacement", "positions", "tension", "peak_tension"
 
 @dataclasses.dataclass(frozen=True)
 class Target:
-    """Target for a result of a phase: its wanted value and tolerance; see `tune`.
+    """A wanted value, with tolerance, for a result of a phase: what `tune` is to achieve.
 
     Args:
         of: name of a result of a phase: "positions", "displacement", "tension", "reactions",
@@ -94,7 +94,7 @@ class Target:
         object.__setattr__(self, "within", owned_copy(nan_if_broken(rule)))
 
     def measured_values(self, solution: Solution) -> Float[Array, " n"]:
-        """Return the entries of a solution's result that the target concerns, [n]."""
+        """Return the entries of a solution's result that the target is set for, [n]."""
         found = self._find_result(solution.phases[self.phase])
         try:
             np.broadcast_to(0, found.shape)[self.at]  # jax would take the nearest number there is
@@ -109,7 +109,10 @@ class Target:
         return chosen
 
     def _find_result(self, result):
-        """Return the array of a phase's result; that of the target's group if it has several."""
+        """Return the array of the result `of` (for group `on`) from the results of a phase.
+
+        Raises ValueError if there is no such result or group, or if it is no array of floats.
+        """
         name = "of" if callable(self.of) else f"of = {self.of!r}"
         if callable(self.of):
             found = self.of(result)
@@ -146,7 +149,7 @@ class Target:
         return found
 
     def deviation(self, solution: Solution) -> Float[Array, " n"]:
-        """Return the entries minus their wanted value, [n]."""
+        """Return measured minus wanted values of this target in a solution, [n], in its unit."""
         measured = self.measured_values(solution)
         value = jnp.ravel(jnp.asarray(self.value, measured.dtype))
         if value.size not in (1, measured.size):
@@ -156,7 +159,7 @@ class Target:
 
 
 def deviations(targets: Sequence[Target], solution: Solution) -> list[Float[Array, " n"]]:
-    """Return the deviation of every target, a list of arrays [n]; errors name the target."""
+    """Return the deviation of every target in a solution, a list of [n]; errors name the target."""
     found = []
     for number, target in enumerate(targets):
         try:
@@ -167,21 +170,22 @@ def deviations(targets: Sequence[Target], solution: Solution) -> list[Float[Arra
 
 
 def _group_keys(groups):
-    """Return the keys of groups in a dict, list or tuple."""
+    """Return the keys of a dict of groups, or the indices of a list or tuple."""
     return list(groups) if isinstance(groups, dict) else range(len(groups))
 
 
-def results_of_targets(targets: Sequence[Target]) -> tuple[str, ...]:
-    """Return the names of results that are needed for targets: the common ones, or all.
+def result_names_for_targets(targets: Sequence[Target]) -> tuple[str, ...]:
+    """Return the names of the phase results that must be differentiated for these targets.
 
-    Derivatives of fewer results compile faster. Targets of common results share one program.
+    If all targets are of common results (positions, tensions ...) it is always the same tuple, so
+    that they share one compiled program; otherwise it has all results.
     """
     usual = all(target.of in _COMMON for target in targets)
     return _COMMON if usual else (*RESULT_NAMES, "began")
 
 
 def _check_index(at):
-    """Check an index, and turn lists in it into arrays; ValueError if it is none."""
+    """Return an array index with its lists converted to NumPy arrays; ValueError if it is none."""
     if isinstance(at, tuple):
         return tuple(map(_check_index, at))
     if at is ... or at is None or isinstance(at, slice):
@@ -193,7 +197,10 @@ def _check_index(at):
 
 
 def require_targets(targets: Sequence[Any], count: int) -> None:
-    """Raise ValueError unless all are a `Target` of one of `count` phases, and there are any."""
+    """Raise ValueError if `targets` is empty, or has any item but a `Target` of an existing phase.
+
+    `count` is the number of phases.
+    """
     if not targets:
         raise ValueError("targets: there are none; give at least one Target")
     for number, target in enumerate(targets):

@@ -27,9 +27,9 @@ _FAILED_LOSS = 1e10
 
 
 class Evaluation(NamedTuple):
-    """Result of an evaluation at a trial point: values, their derivatives, and the status code.
+    """Values of a function at a trial point with their derivatives and the status code.
 
-    Values are an array [m] with a Jacobian [m, n], or a scalar with a gradient [n].
+    Values are an array [m] with a Jacobian [m, n], or a scalar loss with a gradient [n].
     """
 
     values: Float[Array, " *m"]
@@ -37,29 +37,30 @@ class Evaluation(NamedTuple):
     code: Int[Array, ""]
 
     def mark_nonfinite(self) -> Evaluation:
-        """Return the same, with NONFINITE in place of OK if a number is not finite."""
+        """Return the evaluation, with NONFINITE in place of OK if a number is NaN or infinite."""
         finite = jnp.all(jnp.isfinite(self.values)) & jnp.all(jnp.isfinite(self.jacobian))
         code = jnp.where((self.code == status.OK) & ~finite, status.NONFINITE, self.code)
         return self._replace(code=code)
 
 
 def final_status(
-    sound: Bool[Array, ""],
-    blind: Bool[Array, ""],
+    start_ok: Bool[Array, ""],
+    stationary: Bool[Array, ""],
     converged: Bool[Array, ""],
     stalled: Bool[Array, ""],
 ) -> Int[Array, ""]:
-    """Return the status with which a search ends, if it ends now.
+    """Return the status that a search gets if it ends at this point.
 
     Args:
-        sound: whether the start could be evaluated.
-        blind: whether it has converged where nothing shows that this is a minimum: STATIONARY.
-        converged: whether it has converged.
-        stalled: whether no further step is possible.
+        start_ok: whether the analysis at the start has succeeded; if not: BAD_START.
+        stationary: whether it has converged where nothing tells a minimum from a maximum, as at a
+            start without slope: STATIONARY.
+        converged: whether it has converged: OK.
+        stalled: whether no further step is possible: STALLED, else OUT_OF_STEPS.
     """
     code = jnp.where(stalled, status.STALLED, status.OUT_OF_STEPS)
-    code = jnp.where(sound, code, status.BAD_START)
-    code = jnp.select([blind, converged], [status.STATIONARY, status.OK], code)
+    code = jnp.where(start_ok, code, status.BAD_START)
+    code = jnp.select([stationary, converged], [status.STATIONARY, status.OK], code)
     return code.astype(jnp.int32)
 
 
@@ -68,9 +69,9 @@ def values_and_jacobian(
     x: Float[Array, " n"],
     count: int,
 ) -> Evaluation:
-    """Evaluate a function, which returns (values [count], code), and its Jacobian at `x`.
+    """Evaluate a function of parameters `x` [n] to (values [count], status code) and its Jacobian.
 
-    The Jacobian is taken in forward mode for at most as many parameters as values, else in reverse.
+    Forward mode is used for at most as many parameters as values, else reverse mode.
     """
     if x.size <= count:
         # not `jax.linearize`: separate forward and linear parts make a program half as long again
@@ -85,9 +86,13 @@ def values_and_jacobian(
 
 
 class TrialPoint(NamedTuple):
-    """A trial point of a library: parameters, loss, gradient, constraints, Jacobian and status.
+    """A trial point of an optimization library: parameters, loss, constraints, derivatives, status.
 
-    All arrays are those of NumPy: [n], [n], [m], [m, n].
+    Attributes:
+        x: parameters, [n].
+        loss, gradient: loss, and its gradient, [n].
+        constraints, jacobian: constraints, [m], and their Jacobian, [m, n].
+        code: status code.
     """
 
     x: np.ndarray
@@ -99,39 +104,44 @@ class TrialPoint(NamedTuple):
 
     @property
     def failed(self) -> bool:
-        """Whether the analysis has failed here, or a number is not finite."""
+        """Whether the analysis at this point has failed, or a number of it is not finite."""
         return self.code != status.OK
 
     @property
     def violation(self) -> float:
-        """Largest constraint; minus infinity if there are no constraints."""
+        """The largest constraint, positive if one is violated; minus infinity if there are none."""
         return float(self.constraints.max(initial=-np.inf))
 
     def is_better_than(self, other: TrialPoint | None) -> bool:
-        """Whether this point has a lower loss within the constraints, or violates them less."""
+        """Return whether this point is better than another one (or than None).
+
+        Points that meet the constraints are better than others; among them the loss decides, among
+        others the violation.
+        """
         if other is None or min(self.violation, other.violation) > 0:
             return other is None or self.violation < other.violation
         return (self.violation > 0, self.loss) < (other.violation > 0, other.loss)
 
 
 class RunEnded(Exception):  # noqa: N818 - not an error
-    """Raised in a call from a library to end its run, at the last point that it has accepted."""
+    """Raised by a function that an optimization library calls, to end the run of the library."""
 
 
 class ScaledProblem:
-    """A problem as libraries see it: parameters and loss of size 1, and no failed analysis.
+    """A constrained problem in the form that optimization libraries get.
 
-    Every trial point is within the bounds, counted and remembered. Where an analysis fails, the
-    library gets the last point that succeeded with a loss that no search accepts, so that it
-    shortens the step. A library that asks for the gradient there has given up: its run ends.
+    Parameters and loss are scaled to a size of about 1. Every trial point is projected into the
+    bounds, counted and remembered. Where an analysis fails, the library gets a loss so high that it
+    shortens the step, and the constraints of the last point that succeeded. If it asks for the
+    gradient there, it has given up: its run ends.
 
     Args:
         evaluate: function of the parameters [n] to an `Evaluation` of loss and constraints, the
             loss first.
         bounds: lower and upper bounds, [n] each.
         margin: the library gets the constraints plus this.
-        on_accept: called with every `TrialPoint` that the library has accepted; if it returns True
-            the run ends.
+        on_accept: function called with every `TrialPoint` that the library has accepted; if it
+            returns True the run ends.
 
     Attributes:
         evaluations, failures: numbers of trial points, and of those that have failed.
@@ -157,16 +167,20 @@ class ScaledProblem:
         self.best: Any = None
 
     def begin_run(self, start: TrialPoint, size: np.ndarray, unit: float, most: int) -> None:
-        """Begin a run at a point, with parameters divided by `size` and the loss times `unit`.
+        """Set the start of the next run of a library, and the scales of what it gets.
 
-        The run ends after `most` evaluations.
+        These are parameters over `size` [n], and the loss times `unit`. After `most` evaluations
+        the run ends.
         """
         self.size, self.unit, self.most = size, unit, self.evaluations + most
         self.start, self.reached = start.x / size, start
         self.lower, self.upper = (bound / size for bound in self.bounds)
 
     def evaluate_at(self, x: Float[np.ndarray, " n"]) -> TrialPoint:
-        """Evaluate parameters, projected into the bounds; remember the last point."""
+        """Evaluate the problem at parameters x, [n], projected into the bounds; count the point.
+
+        Evaluating the last point again costs nothing.
+        """
         # libraries leave bounds by rounding; numbers belong to the point within, which is kept
         x = np.clip(x, *self.bounds)
         if self.last is not None and np.array_equal(x, self.last.x):
@@ -184,7 +198,10 @@ class ScaledProblem:
         return self.last
 
     def evaluate_scaled(self, y: Float[np.ndarray, " n"]) -> TrialPoint:
-        """Evaluate scaled parameters; at a bound they get exactly the value that the user gave."""
+        """Evaluate the problem at scaled parameters y, [n], at a bound with exactly that bound.
+
+        Raises RunEnded if the run has had its number of evaluations.
+        """
         if self.evaluations >= self.most:
             raise RunEnded
         lower, upper = self.bounds
@@ -192,12 +209,16 @@ class ScaledProblem:
         return self.evaluate_at(np.where(y >= self.upper, upper, x))
 
     def loss(self, y: Float[np.ndarray, " n"]) -> float:
-        """Return the scaled loss."""
+        """Return the scaled loss at scaled parameters y, [n]; huge if the analysis fails."""
         found = self.evaluate_scaled(y)
         return _FAILED_LOSS if found.failed else self.unit * found.loss
 
     def gradient(self, y: Float[np.ndarray, " n"]) -> np.ndarray:
-        """Return the gradient of the scaled loss, [n]; asked for at points that are accepted."""
+        """Return the gradient of the scaled loss, [n], at scaled parameters y, [n].
+
+        Libraries ask for it where they accept a point, so that it also reports the point. Raises
+        RunEnded if the analysis fails there, or if `on_accept` ends the run.
+        """
         found = self.evaluate_scaled(y)
         if found.failed:
             raise RunEnded
@@ -208,14 +229,14 @@ class ScaledProblem:
         return self.unit * found.gradient * self.size
 
     def constraints(self, y: Float[np.ndarray, " n"]) -> np.ndarray:
-        """Return the constraints, [m], plus `margin`; they are to be at most zero."""
+        """Return the constraints plus `margin`, [m], at scaled parameters y [n]; met if <= 0."""
         return self._sound_point(y).constraints + self.margin
 
     def jacobian(self, y: Float[np.ndarray, " n"]) -> np.ndarray:
-        """Return the Jacobian of the constraints by scaled parameters, [m, n]."""
+        """Return the Jacobian of the constraints by the scaled parameters, [m, n], at y, [n]."""
         return self._sound_point(y).jacobian * self.size
 
     def _sound_point(self, y):
-        """Return the trial point, or the last one whose analysis succeeded if this one fails."""
+        """Return the trial point at scaled parameters y; if it failed, the last that succeeded."""
         found = self.evaluate_scaled(y)
         return self.sound if found.failed else found

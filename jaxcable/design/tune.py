@@ -27,8 +27,8 @@ from ..equilibrium.newton import Newton
 from ..model.result_parts import named_groups_of, values_per_group
 from ..model.structure import Structure
 from .fit import fit, fit_on_host
-from .sensitivity import measure_with_jacobian
-from .targets import Target, deviations, require_targets, results_of_targets
+from .sensitivity import measured_results_and_jacobian
+from .targets import Target, deviations, require_targets, result_names_for_targets
 from .trials import Evaluation
 
 _SAME = 1e-3  # part of a target's tolerance within which cables and bars in their place agree
@@ -38,20 +38,21 @@ _NEARLY_SLACK = 0.05  # part of the largest force of a group below which a cable
 
 @pytree(static=("remarks",))
 class Tuned:
-    """Result of `tune`: phases with the prestress found, their solution, and what is met.
+    """Result of `tune`: phases with the prestress found, their solution, and which targets are met.
 
     Attributes:
-        phases: the phases with the values found.
-        values: the values found, a list with the prestress input of every unknown.
+        phases: the phases with the prestress inputs found.
+        values: the prestress inputs found, a list with an item for each pair in `unknowns`.
         solution: the `Solution` of these phases.
-        deviation: of every target, a list of arrays [n], m, N or N m.
+        deviation: deviation of every target, measured minus wanted, a list of arrays [n], m, N or
+            N m.
         met: whether each target is met within its tolerance, list of bool.
         influence: derivative of all targets, one after the other, by all unknowns, one after the
             other, [n_target, n_unknown].
-        free: True for values that no bound blocks, in the shape of `values`.
-        without_influence: True for values on which no target depends, to rounding, likewise; they
-            keep the values in the given phases.
-        status: 0 if it has converged; `describe` has the texts.
+        free: True for values that no bound blocks, a list like `values`.
+        without_influence: True for values on which no target depends, to rounding, a list like
+            `values`; they are as in the given phases.
+        status: status code of the search, 0 (OK) if it has converged; `describe` has the texts.
         steps: number of trial points after the start, of both searches if there were two.
         remarks: a sentence for every group of cables of which some are nearly slack in the first
             phase with a target or later: with less than 5 % of the largest force that the group
@@ -228,15 +229,22 @@ def tune(
 
 
 def _weighted_deviations(targets, solution):
-    """Return the deviations of all targets over their tolerances, [n_target]."""
+    """Return the deviations of all targets, each over its tolerance, as one array [n_target]."""
     found = deviations(targets, solution)
     return jnp.concatenate([d / t.within for d, t in zip(found, targets, strict=True)])
 
 
 def _make_search(phases_with, targets, bounds, method, start, options):
-    """Return the search: a function of a structure and the start values that returns a `Fit`."""
+    """Return a function of (structure, start values of the unknowns) that searches, to a `Fit`.
+
+    `phases_with` is a function of values of the unknowns to the phases with these; `options` are
+    the number of steps, the tolerance and a function of a `progress.Trial` or None.
+    """
     steps, tol, listen = options
-    measure, names = functools.partial(_weighted_deviations, targets), results_of_targets(targets)
+    measure, names = (
+        functools.partial(_weighted_deviations, targets),
+        result_names_for_targets(targets),
+    )
 
     def seek(structure, values):
         flat, back = ravel_pytree(values)
@@ -254,7 +262,7 @@ def _make_search(phases_with, targets, bounds, method, start, options):
                 return phases_with(back(x))
 
             given = measure, names, x, method, start
-            return Evaluation(*measure_with_jacobian(structure, phases, *given))
+            return Evaluation(*measured_results_and_jacobian(structure, phases, *given))
 
         return fit_on_host(evaluate, values, bounds, steps, tol, listen)
 
@@ -262,7 +270,10 @@ def _make_search(phases_with, targets, bounds, method, start, options):
 
 
 def _describe_nearly_slack(structure, solution, first):
-    """Describe the cables that are nearly slack in a phase from `first` on; () while traced."""
+    """Describe each group with cables that are nearly slack in phase `first` or later.
+
+    Returns a tuple of sentences, empty if the analysis failed or is traced.
+    """
     if isinstance(solution.status, jax.core.Tracer) or solution.status != status.OK:
         return ()
     stages = [values_per_group(structure, phase.tension) for phase in solution.phases]
@@ -283,7 +294,10 @@ def _describe_nearly_slack(structure, solution, first):
 
 
 def _with_bars_for_cables(structure):
-    """Return the structure with bars for its cables; None if it has only cables, or none."""
+    """Return the structure with its cables replaced by bars, which also bear compression.
+
+    None if it has no `Cables`, or nothing but groups that bear tension only.
+    """
     kinds = {type(group) for group in structure.groups}
     if Cables not in kinds or all(group.tension_only for group in structure.groups):
         return None
@@ -297,10 +311,10 @@ def _with_bars_for_cables(structure):
 
 
 def _cables_act_like_bars(targets, solution, found):
-    """Whether the solution with cables is that with bars in their place; False while traced.
+    """Return whether `solution`, with cables, equals the one with bars that the `Fit` has `found`.
 
-    The targets' deviations are the same, and no cable is slack at the end of any phase. Then the
-    influence matrix is also that of the cables.
+    It does if all deviations are the same and no cable is slack at the end of any phase; the
+    influence matrix of the bars then also is that of the cables. False while traced.
     """
     apart = _weighted_deviations(targets, solution) - found.residual
     slack = jnp.stack([phase.path.n_slack[-1] for phase in solution.phases])
@@ -309,7 +323,10 @@ def _cables_act_like_bars(targets, solution, found):
 
 
 def _check_unknowns(phases, unknowns):
-    """Check that each unknown is stated in its phase; return these values, pytrees of floats."""
+    """Check the unknowns, pairs (number of a phase, prestress input); return their start values.
+
+    These are a list of pytrees of floats; ValueError if a phase has no such input.
+    """
     if not isinstance(unknowns, list | tuple):
         got = type(unknowns).__name__
         raise ValueError(f"unknowns: expected a list of pairs such as (0, 'pretension'), got {got}")

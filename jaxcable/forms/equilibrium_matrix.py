@@ -27,6 +27,8 @@ def links_and_tension_only(
 ) -> tuple[Int[np.ndarray, "n_elem 2"], Bool[np.ndarray, " n_elem"]]:
     """Return the node numbers of all elements, [n_elem, 2], and whether each is a cable, [n_elem].
 
+    Groups follow each other.
+
     Raises:
         ValueError: a group whose elements are not straight bars or cables.
     """
@@ -39,7 +41,7 @@ def links_and_tension_only(
 def values_of_all_elements(
     structure: Structure, value: PyTree[Float[ArrayLike, " ..."]], name: str
 ) -> Float[Array | np.ndarray, " n_elem"]:
-    """Concatenate values of all elements to [n_elem].
+    """Return values of all elements of a structure, group after group, as one array [n_elem].
 
     Args:
         structure: `Structure`.
@@ -74,7 +76,7 @@ def values_of_all_elements(
 def arrange_as_elements(
     structure: Structure, values: Float[Array | np.ndarray, "... n_all"]
 ) -> PyTree[Float[Array | np.ndarray, "... n_elem"]]:
-    """Split values of all elements, [..., n_elem], into the pytree shape of the elements."""
+    """Split values of all elements, [..., n_all], by group; return the pytree of the elements."""
     ends = np.cumsum([len(group.links) for group in structure.groups])[:-1]
     parts = np.split(np.arange(values.shape[-1]), ends)
     return structure.arrange([values[..., part] for part in parts])
@@ -104,7 +106,10 @@ def nodes_as_numpy(structure: Structure, what: str) -> Float[np.ndarray, "n_node
 
 
 def rank_tolerance(structure: Structure, tol: float | None) -> float:
-    """Return `tol`, or its default: singular values up to `tol` times the largest count as zero."""
+    """Return `tol`, by default 1e-10, or 1e-5 for nodes in single precision.
+
+    Singular values up to `tol` times the largest one count as zero.
+    """
     if tol is not None:
         return tol
     return 1e-5 if np.dtype(structure.nodes.dtype) == np.float32 else 1e-10
@@ -113,7 +118,10 @@ def rank_tolerance(structure: Structure, tol: float | None) -> float:
 def incidence_matrix(
     links: Int[np.ndarray, "n_elem 2"], n_node: int
 ) -> Float[np.ndarray, "n_elem n_node"]:
-    """Return the branch-node matrix, [n_elem, n_node]: -1 at the first node, 1 at the second."""
+    """Return the incidence matrix of nodes and elements, [n_elem, n_node].
+
+    The row of an element has -1 at its first node, and 1 at its second node.
+    """
     matrix = np.zeros((len(links), n_node))
     every = np.arange(len(links))
     matrix[every, links[:, 0]], matrix[every, links[:, 1]] = -1.0, 1.0
@@ -125,8 +133,8 @@ def equilibrium_matrix(
 ) -> tuple[Float[Nodes, "3*n_node n_elem"], Float[Nodes, " n_elem"]]:
     """Return the equilibrium matrix of all nodes, [3 n_node, n_elem], and the lengths, [n_elem], m.
 
-    The matrix times the tensions is the load that they balance: x, y, z of one node after the
-    other. It is differentiable in the nodes if they are a jax array.
+    The matrix times the tensions is the load that they balance, with x, y and z of one node after
+    the other. It is differentiable in the nodes if they are a jax array.
 
     Raises:
         ValueError: the matrix and its singular vectors do not fit into memory.

@@ -83,17 +83,17 @@ def equivalent_prestress(structure: Structure, solution: Solution | State) -> Eq
         >>> print(solution.status, ratio)
         0 {'struts': -1.0, 'triangles': 0.57735, 'verticals': 1.0}
     """
-    thawed, arrays, _ = split_state(structure, solution)
-    per_group = _evaluate_prestress(thawed, arrays)
+    without_indices, index_arrays, _ = split_state(structure, solution)
+    per_group = _evaluate_prestress(without_indices, index_arrays)
     names = per_group[0].keys()
     values = {name: structure.arrange([group[name] for group in per_group]) for name in names}
     return EquivalentPrestress(**values)
 
 
 @jax.jit
-def _evaluate_prestress(thawed, arrays):
-    """Evaluate the prestress of every group; compiled. Returns a list of dicts by field."""
-    nodes, groups, restart = merge_state(thawed, arrays)
+def _evaluate_prestress(without_indices, index_arrays):
+    """Evaluate the prestress of every group: a list of dicts of [n_elem] by field; compiled."""
+    nodes, groups, restart = merge_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, None, None, restart.nodal_load)
     return [
         _prestress_of_group(group, state, nodes, restart.motion)
@@ -102,7 +102,7 @@ def _evaluate_prestress(thawed, arrays):
 
 
 def _prestress_of_group(group, state, nodes, motion):
-    """Return the fields of `EquivalentPrestress` for one group, a dict of arrays [n_elem]."""
+    """Return the fields of `EquivalentPrestress` for one group: [n_elem] each, NaN if unknown."""
     unknown = jnp.full(len(group.links), jnp.nan, nodes.dtype)
     values = dict.fromkeys(EquivalentPrestress.__dataclass_fields__, unknown)
     if state.rest_length is None:

@@ -40,8 +40,8 @@ class Prestress:
         group_tension: tension of every group, [n_group], N.
         unbalanced: largest unbalanced force at a free degree of freedom, relative to the largest
             tension; of the order of rounding if the geometry has the symmetry of the groups.
-        modes: integral prestress modes, an orthonormal basis, [n_mode, n_group]; None if the nodes
-            were traced.
+        modes: states of self-stress with equal tensions within groups (integral prestress modes),
+            an orthonormal basis, [n_mode, n_group]; None if the nodes were traced.
 
     Example:
         >>> structure, _ = jc.scenes.simplex()
@@ -59,7 +59,7 @@ class Prestress:
 
     @property
     def n_mode(self) -> int:
-        """Number of independent integral prestress modes."""
+        """Number of independent states of self-stress with equal tensions within groups."""
         return len(self.modes)  # type: ignore[arg-type]  # None of traced nodes
 
 
@@ -73,8 +73,8 @@ def feasible_prestress(
 ) -> Prestress:
     """Find tensions in self-equilibrium, equal within groups of elements, with every cable taut.
 
-    If there are several modes, a linear program combines them so that the smallest cable tension is
-    as large as possible relative to the largest force.
+    If there are several such states (modes), a linear program combines them so that the smallest
+    cable tension is as large as possible relative to the largest force.
 
     The result is differentiable with respect to the nodes and `tension`. Where the nodes are
     traced, give `group`. The number of modes and the signs are not checked there; check them once
@@ -113,7 +113,7 @@ def feasible_prestress(
         {'struts': -1541.4, 'triangles': 630.2, 'verticals': 1000.0}
     """
     links, cable = links_and_tension_only(structure)
-    group_number = _group_numbers(structure, groups, len(links))
+    group_number = _checked_group_numbers(structure, groups, len(links))
     n_group = group_number.max() + 1
     if group is not None and not 0 <= group < n_group:
         raise ValueError(f"group = {group}: there are groups 0 to {n_group - 1}")
@@ -131,7 +131,9 @@ def feasible_prestress(
     else:
         nodes = nodes_as_numpy(structure, "feasible_prestress")
         sums = equilibrium_matrix(nodes, links)[0][free] @ membership
-        modes = _null_space(sums / np.sqrt(membership.sum(0)), tol) / np.sqrt(membership.sum(0))
+        modes = _null_space_basis(sums / np.sqrt(membership.sum(0)), tol) / np.sqrt(
+            membership.sum(0)
+        )
         taut = _combine_to_taut_state(modes, pulled)
         if group is None:
             group = int(np.abs(taut).argmax())
@@ -157,8 +159,8 @@ def feasible_prestress(
     return _make_prestress(structure, free, links, group_number, solved, modes)
 
 
-def _group_numbers(structure, groups, n_elem):
-    """Check `groups`, and return the group number of every element, [n_elem]."""
+def _checked_group_numbers(structure, groups, n_elem):
+    """Return the group number of every element, [n_elem]; ValueError if `groups` is invalid."""
     if groups is None:
         return np.arange(n_elem)
     group_number = np.asarray(values_of_all_elements(structure, groups, "groups"))
@@ -173,8 +175,8 @@ def _group_numbers(structure, groups, n_elem):
     return group_number
 
 
-def _null_space(matrix, tol):
-    """Return an orthonormal basis of the null space, [n_mode, n_group]; refuse an empty one."""
+def _null_space_basis(matrix, tol):
+    """Return an orthonormal basis of the null space, [n_mode, n_group]; ValueError if empty."""
     _, values, right = np.linalg.svd(matrix)
     rank = int((values > tol * values[0]).sum())
     if rank == matrix.shape[1]:
@@ -187,18 +189,21 @@ def _null_space(matrix, tol):
 
 
 def _combine_to_taut_state(modes, cable):
-    """Combine prestress modes to a state with all cables taut.
+    """Combine states of self-stress to one in which all cables are in tension.
+
+    If there are several, the smallest cable tension becomes as large as possible beside the largest
+    force.
 
     Args:
-        modes: [n_mode, n_group].
+        modes: basis of the states of self-stress, tensions [n_mode, n_group].
         cable: whether a group has cables, [n_group].
 
     Returns:
-        Tensions of the groups, [n_group], scaled to a largest force of 1; the first mode if there
-        are no cables.
+        Tensions of the groups, [n_group], scaled to a largest force of 1; the first state if there
+            are no cables.
 
     Raises:
-        ValueError: no combination has all cables taut.
+        ValueError: no combination has all cables in tension.
     """
     if len(modes) == 1 or not cable.any():
         state = modes[0] / np.abs(modes[0]).max()
@@ -243,10 +248,11 @@ def _combine_to_taut_state(modes, cable):
 
 
 def _solve_other_groups(structure, free, links, membership, group, tension, tol):
-    """Return the tensions of all groups, [n_group], N, from that of one group: least squares by QR.
+    """Return the tensions of all groups, [n_group], N, from the `tension` of group number `group`.
 
-    The other tensions are NaN, with NaN derivatives, if the other groups alone have a state of
-    self-stress: then they are not unique.
+    They balance each other at the free degrees of freedom, by least squares (QR). They are NaN,
+    with NaN derivatives, if the other groups alone have a state of self-stress: then they are not
+    unique. `membership` [n_elem, n_group] is 1 where an element belongs to a group.
     """
     nodes, xp = _nodes_and_array_module(structure.nodes, tension)
     sums = equilibrium_matrix(nodes, links)[0][free] @ membership.astype(nodes.dtype)
@@ -262,14 +268,14 @@ def _solve_other_groups(structure, free, links, membership, group, tension, tol)
 
 
 def _nodes_and_array_module(nodes, tension):
-    """Return the nodes, and jax.numpy if nodes or tension are jax arrays, else numpy."""
+    """Return the nodes, and the module for computing: `jax.numpy` for jax arrays, else `numpy`."""
     if isinstance(nodes, jax.Array) or isinstance(tension, jax.Array):
         return jnp.asarray(nodes), jnp
     return nodes, np
 
 
 def _make_prestress(structure, free, links, group_number, group_tension, modes):
-    """Make the `Prestress` from the tensions of all groups."""
+    """Make the `Prestress` from the tensions of all groups, [n_group], N."""
     nodes, xp = _nodes_and_array_module(structure.nodes, group_tension)
     tension = xp.asarray(group_tension, nodes.dtype)[group_number]
     unbalanced = equilibrium_matrix(nodes, links)[0][free] @ tension

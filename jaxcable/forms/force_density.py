@@ -147,8 +147,8 @@ def force_density(
 
 
 @pytree(static=("axes",))
-class _AxisBlock:
-    """Coordinate axes along which supports leave the same nodes free; they share one matrix.
+class _AxesSharingMatrix:
+    """Coordinate axes along which supports leave the same nodes free, so that they share a matrix.
 
     Attributes:
         axes: these axes, of 0, 1, 2.
@@ -166,7 +166,7 @@ class _AxisBlock:
     def with_free_coordinates(
         self, positions: Float[Array, "n_node 3"], found: Float[Array, "n_free n_axis"]
     ) -> Float[Array, "n_node 3"]:
-        """Return positions [n_node, 3] with the free coordinates replaced by `found`."""
+        """Return `positions` with the coordinates `found` of free nodes along these axes."""
         at = positions.at[self.free[:, None], np.array(self.axes)]
         return at.set(found, unique_indices=True)
 
@@ -174,16 +174,16 @@ class _AxisBlock:
 @functools.lru_cache(maxsize=16)
 def number_unknowns_by_axis(
     fixed: Indices, links: tuple[Indices, ...], solver: str | None
-) -> tuple[Int[Array, "n_elem 2"], list[_AxisBlock]]:
-    """Number the unknown coordinates of each axis; cached.
-
-    Returns:
-        Links of all elements, [n_elem, 2], and the blocks of axes that share a matrix.
+) -> tuple[Int[Array, "n_elem 2"], list[_AxesSharingMatrix]]:
+    """Number the unknown coordinates, for each set of axes with the same free nodes; cached.
 
     Args:
         fixed: True where a coordinate is held, `Indices` [n_node, 3].
         links: links of every group, a tuple of `Indices`.
         solver: name of a linear solver, or None.
+
+    Returns:
+        Links of all elements, [n_elem, 2], and a list with an item for each set of axes.
     """
     mask, ends = fixed.array, np.concatenate([group_links.array for group_links in links])
     alike = {}
@@ -199,15 +199,17 @@ def number_unknowns_by_axis(
         number = number[ends]
         pattern = linear.make_pattern([number], len(free), True, solver)
         with jax.ensure_compile_time_eval():  # known arrays, even if a caller is being traced
-            blocks.append(_AxisBlock(tuple(axes), jnp.asarray(free), jnp.asarray(number), pattern))
+            blocks.append(
+                _AxesSharingMatrix(tuple(axes), jnp.asarray(free), jnp.asarray(number), pattern)
+            )
     with jax.ensure_compile_time_eval():
         return jnp.asarray(ends), blocks
 
 
 @jax.jit
-def _solve_with_nodal_loads(thawed, arrays, numbering):
-    """Solve for the positions under nodal loads: one linear solve per block of axes; compiled."""
-    parameters = merge_indices(thawed, arrays)
+def _solve_with_nodal_loads(without_indices, index_arrays, numbering):
+    """Find the positions [n_node, 3] under nodal loads, by linear solves per axis; compiled."""
+    parameters = merge_indices(without_indices, index_arrays)
     nodes, densities, loads = parameters
     nodes = jnp.asarray(nodes)
     q = jnp.concatenate([jnp.asarray(density, nodes.dtype) for density in densities])
@@ -221,12 +223,12 @@ def _solve_with_nodal_loads(thawed, arrays, numbering):
 
 
 @jax.jit
-def _solve_with_form_loads(thawed, arrays, numbering, dof_map, method):
-    """Solve for the positions under loads that depend on the form, by Newton's method; compiled.
+def _solve_with_form_loads(without_indices, index_arrays, numbering, dof_map, method):
+    """Find the positions, [n_node, 3], under loads that depend on the form, by Newton's method.
 
-    Elements are springs of unstressed length zero that pull with ``q l``; see `strings`.
+    Elements are springs of unstressed length zero that pull with ``q l``. Compiled.
     """
-    parameters = merge_indices(thawed, arrays)
+    parameters = merge_indices(without_indices, index_arrays)
     dtype = parameters[0].dtype
     nodes, densities, loads, groups, others = cast_floats(parameters, dtype)
     force_net = ForceElementNet(
@@ -242,7 +244,7 @@ def _solve_with_form_loads(thawed, arrays, numbering, dof_map, method):
     laws = lax.stop_gradient(groups)
 
     def begin(system):
-        return start_by_force_density(system, lambda _: q, numbering)
+        return start_displacements_by_force_density(system, lambda _: q, numbering)
 
     _, code, _, moved = force_net.find_equilibrium(begin, method, dof_map, allowed, laws)
     moved = implicit.nan_unless(code == status.OK, moved, parameters)
@@ -250,20 +252,19 @@ def _solve_with_form_loads(thawed, arrays, numbering, dof_map, method):
     return jnp.where(free, nodes + moved, nodes)
 
 
-def start_by_force_density(
+def start_displacements_by_force_density(
     system: System,
     densities: Callable[[Float[Array, "n_node 3"]], Float[Array, " n_elem"]],
-    numbering: tuple[Int[Array, "n_elem 2"], list[_AxisBlock]],
+    numbering: tuple[Int[Array, "n_elem 2"], list[_AxesSharingMatrix]],
 ) -> Float[Array, "n_node 3"]:
-    """Find start displacements for Newton's method, by some forms of given force densities.
+    """Find start displacements for Newton's method, [n_node, 3], m, by the force density method.
+
+    It is applied a few times, each with force densities and loads at the previous positions.
 
     Args:
-        system: `System` of a `ForceElementNet`; its loads are those at the previous form.
-        densities: function of the previous positions that returns force densities, [n_elem].
+        system: `System` of a `ForceElementNet`.
+        densities: function of positions [n_node, 3] that returns force densities, [n_elem].
         numbering: from `number_unknowns_by_axis`.
-
-    Returns:
-        Displacements from the nodes of the system, [n_node, 3], m.
     """
 
     def step(_, x):
@@ -279,12 +280,17 @@ def solve_positions(
     nodes: Float[Array, "n_node 3"],
     q: Float[Array, " n_elem"],
     load: Float[Array, "n_node 3"],
-    numbering: tuple[Int[Array, "n_elem 2"], list[_AxisBlock]],
+    numbering: tuple[Int[Array, "n_elem 2"], list[_AxesSharingMatrix]],
 ) -> Float[Array, "n_node 3"]:
-    """Solve for the positions [n_node, 3] that belong to force densities [n_elem].
+    """Solve for the positions [n_node, 3], m, in which given force densities are in equilibrium.
 
-    Not differentiable; NaN along axes whose matrix is singular. The numbering is from
-    `number_unknowns_by_axis`.
+    Not differentiable; NaN along axes whose matrix is singular.
+
+    Args:
+        nodes: positions of the supports; other rows do not count, [n_node, 3], m.
+        q: force densities, [n_elem], N/m.
+        load: nodal loads, [n_node, 3], N.
+        numbering: from `number_unknowns_by_axis`.
     """
     positions = nodes
     for block in numbering[1]:
@@ -295,21 +301,21 @@ def solve_positions(
 
 @pytree
 class AxisEquilibrium:
-    """Linear equations ``D_ff x_f = p_f - D_fs x_s`` along the axes of a block.
+    """Equilibrium ``D_ff x_f = p_f - D_fs x_s`` of free nodes (f) along axes that share a matrix.
 
     Attributes:
         q: force densities, [n_elem], N/m.
         held: difference of the coordinates of both ends of every element, [n_elem, n_axis], m, with
             zero in place of those of free ends.
         load: loads on the free nodes, [n_free, n_axis], N.
-        block: `_AxisBlock`.
+        block: the axes and the numbering of their unknowns.
         factor: factor of the matrix ``D_ff``, not differentiated.
     """
 
     q: Float[Array, " n_elem"]
     held: Float[Array, "n_elem n_axis"]
     load: Float[Array, "n_free n_axis"]
-    block: _AxisBlock
+    block: _AxesSharingMatrix
     factor: linear.OnDeviceFactor | linear.SparseFactor
 
     @classmethod
@@ -319,9 +325,13 @@ class AxisEquilibrium:
         q: Float[Array, " n_elem"],
         load: Float[Array, "n_node 3"],
         links: Int[Array, "n_elem 2"],
-        block: _AxisBlock,
+        block: _AxesSharingMatrix,
     ) -> AxisEquilibrium:
-        """Assemble the matrix and factorise it (sparse ones when they are first solved with)."""
+        """Assemble and factorise the matrix of the axes in `block`, and return the equations.
+
+        `nodes`, `q` and `load` are as in `solve_positions`; `links` has all elements, [n_elem, 2].
+        Sparse matrices are factorised when they are first solved with.
+        """
         axes = np.array(block.axes)
         held = nodes[:, axes].at[block.free].set(0.0, unique_indices=True)
         blocks = jnp.stack([q, -q, -q, q], axis=1).reshape(-1, 2, 2)
@@ -333,19 +343,22 @@ class AxisEquilibrium:
     def sum_at_free_nodes(
         self, difference: Float[Array, "n_elem n_axis"]
     ) -> Float[Array, "n_free n_axis"]:
-        """Sum the forces ``q (x_i - x_j)`` at the free nodes, from ``x_i - x_j``."""
+        """Sum the forces ``q (x_i - x_j)`` of the elements at the free nodes, [n_free, n_axis], N.
+
+        `difference` has the coordinate differences ``x_i - x_j``, [n_elem, n_axis], m.
+        """
         force = self.q[:, None] * difference
         ends = jnp.stack([force, -force], axis=1)
         zero = jnp.zeros((len(self.block.free), force.shape[1]), force.dtype)
         return zero.at[self.block.unknown_of_end].add(ends, mode="drop")
 
     def apply_matrix(self, x: Float[Array, "n_free n_axis"]) -> Float[Array, "n_free n_axis"]:
-        """Multiply the matrix by free coordinates: ``D_ff x``, [n_free, n_axis]."""
+        """Return ``D_ff x``, [n_free, n_axis], for coordinates x of the free nodes."""
         ends = x.at[self.block.unknown_of_end].get(mode="fill", fill_value=0.0)
         return self.sum_at_free_nodes(ends[:, 0] - ends[:, 1])
 
     def rhs(self) -> Float[Array, "n_free n_axis"]:
-        """Return the right side ``p_f - D_fs x_s``, [n_free, n_axis]."""
+        """Return ``p_f - D_fs x_s``, [n_free, n_axis], N: loads and the pull of supports."""
         return self.load - self.sum_at_free_nodes(self.held)
 
     def solve(self, rhs: Float[Array, "n_free n_axis"]) -> Float[Array, "n_free n_axis"]:
@@ -358,10 +371,10 @@ class AxisEquilibrium:
 
 
 def _solve_differentiably(balance):
-    """Solve for the free coordinates [n_free, n_axis], with implicit derivatives.
+    """Solve an `AxisEquilibrium` for the free coordinates [n_free, n_axis], differentiably.
 
-    They are NaN if the matrix is singular. The value is computed first, and the derivative attached
-    to it afterwards, so that a singular case does not make other cases of a batch NaN.
+    They are NaN if the matrix is singular. The implicit derivative is attached to a value computed
+    before, so that a singular case does not make other cases of a batch NaN.
     """
     start = lax.stop_gradient(balance.solve(balance.rhs()))
     ok = jnp.all(jnp.isfinite(start))

@@ -25,18 +25,18 @@ from ..equilibrium.newton import Newton
 from ..mechanics.assembly import System
 from ..numerics import implicit
 from ..spaces.dof_map import DofMap
-from .form_dependent_loads import FormDependentLoads, laws_can_carry
+from .form_dependent_loads import FormDependentLoads, laws_can_carry_tensions
 from .input_checks import system_with_fixed_supports
 
 
 @pytree
 class ForceElementState(ElementState):
-    """Prescribed forces and springs of the elements of a group: ``N = T + k (l - L)``.
+    """State of elements with a prescribed force T and a spring: ``N = T + k (l - L)``.
 
     Attributes:
         force: T, [n_elem], N.
-        stiffness: k, [n_elem], N/m.
-        excess: initial length minus L, [n_elem], m.
+        stiffness: stiffness k of the spring, [n_elem], N/m.
+        excess: initial length minus the unstressed length L of the spring, [n_elem], m.
     """
 
     force: Float[Array, " n_elem"]
@@ -46,7 +46,7 @@ class ForceElementState(ElementState):
 
 @pytree(static=("tension_only",), indices=("links",))
 class ForceElements(Axial):
-    """A group of elements with prescribed forces and springs; `Element` documents the methods.
+    """Elements for form finding that pull with a prescribed force and a spring, whatever their law.
 
     Attributes:
         links: node numbers, [n_elem, 2].
@@ -59,7 +59,7 @@ class ForceElements(Axial):
     monotone = True
 
     def start(self, ends):
-        """Return a state without forces and springs; form finding makes those that it uses."""
+        """Return a state with zero forces and springs, which form finding replaces by its own."""
         nothing = jnp.zeros(len(ends), ends.dtype)
         return ForceElementState(nothing, nothing, nothing)
 
@@ -68,13 +68,13 @@ class ForceElements(Axial):
         return state.force + state.stiffness * (state.excess + measure_chord(ends, motion)[2])
 
     def energy(self, state, ends, motion):
-        """Return the work of the prescribed force plus the energy of the spring, J."""
+        """Return work of the prescribed force plus energy of the spring of one element, J."""
         change = measure_chord(ends, motion)[2]
         elongation = state.excess + change
         return state.force * change + 0.5 * state.stiffness * elongation**2
 
     def is_slack(self, state, ends, motion):
-        """Return whether an element has neither force nor spring."""
+        """Return whether an element has neither force nor spring, so that it does nothing; bool."""
         return (state.force == 0) & (state.stiffness == 0)
 
 
@@ -83,14 +83,14 @@ class ForceElementNet:
     """A net of `ForceElements` under loads, which form finding brings to equilibrium.
 
     Attributes:
-        nodes: positions of the supports and of the start, [n_node, 3], m.
+        nodes: positions of the supports, and start positions of other nodes, [n_node, 3], m.
         links: node numbers of every group, a list of [n_elem, 2].
-        forces: T of every group, a list of [n_elem], N.
-        springs: pairs (k, L) of every group, each [n_elem], N/m and m; None for a group without
-            springs.
+        forces: prescribed forces of every group, a list of [n_elem], N.
+        springs: stiffness and unstressed length of the springs of every group, a list of pairs of
+            [n_elem], N/m and m; None for a group without springs.
         load: nodal loads, [n_node, 3], N.
         others: loads that depend on the form, or None.
-        tension_only: as in `ForceElements`.
+        tension_only: whether all forces are tensions and there are no springs.
     """
 
     nodes: Float[Array, "n_node 3"]
@@ -102,7 +102,7 @@ class ForceElementNet:
     tension_only: bool = False
 
     def make_system(self, dof_map: DofMap) -> System:
-        """Make the `System` of equations of the net, with this numbering of the unknowns."""
+        """Make the `System` of equilibrium equations, with the unknowns numbered by `dof_map`."""
         groups: list[Any] = [ForceElements(links, self.tension_only) for links in self.links]
         followers = None if self.others is None else [self.others]
         states: list[Any] = []
@@ -132,8 +132,10 @@ class ForceElementNet:
             laws: element groups whose laws must be able to carry the forces, with links as arrays.
 
         Returns:
-            The outcome of Newton's method; the status; the system, with derivatives only where the
-            status is OK; the displacements [n_node, 3], m, with their derivatives.
+            outcome: result of Newton's method, without derivatives.
+            status: status code of input, iteration and laws together.
+            system: the equations, with derivatives only where the status is OK.
+            displacements: [n_node, 3], m, with their derivatives.
         """
         frozen = lax.stop_gradient(self)
         system = frozen.make_system(dof_map)
@@ -141,7 +143,7 @@ class ForceElementNet:
         found, factored = newton.equilibrate(system, start, method, allowed == status.OK)
         code = status.first_failure(allowed, found.code)
         if laws:
-            carried = laws_can_carry(laws, system.tensions(found.x))
+            carried = laws_can_carry_tensions(laws, system.tensions(found.x))
             law_code = jnp.where(carried, status.OK, status.MATERIAL_FAILURE)
             code = status.first_failure(code, law_code)
         valid = code == status.OK

@@ -14,7 +14,7 @@ from ..common.types import Array, Float, Int, PyTree
 from ..elements.bar import Straight
 from ..model.structure import Structure
 from ..numerics import implicit, scaled
-from .form_dependent_loads import laws_can_carry
+from .form_dependent_loads import laws_can_carry_tensions
 
 
 @pytree
@@ -29,10 +29,10 @@ class Form:
     Attributes:
         positions: positions of all nodes, [n_node, 3], m.
         tension: axial force per element in the shape of `elements`, each [n_elem], N.
-        length: distance of an element's ends, likewise, m.
-        rest_length: unstressed length, likewise, m: `length` over one plus the strain that the
-            group's law gives for the tension.
-        force_density: tension over length, likewise, N/m.
+        length: distance of an element's ends, in the shape of `elements`, m.
+        rest_length: unstressed length, in the shape of `elements`, m: `length` over one plus the
+            strain that the group's law gives for the tension.
+        force_density: tension over length, in the shape of `elements`, N/m.
         status: status code; `describe` has the texts.
         residual: largest unbalanced force at a free degree of freedom, N.
         relative_residual: `residual` over a scale: the sum of absolute end forces plus the load at
@@ -99,8 +99,8 @@ def make_form(
 ) -> Form:
     """Make a `Form` from a shape and its forces, whose values per element are lists of groups.
 
-    The status is MATERIAL_FAILURE if a law cannot carry its force. `arrange_form` gives the lists
-    the shape of the elements.
+    The status is MATERIAL_FAILURE if a law cannot carry its force. `arrange_form_as_elements` gives
+    the lists the pytree structure of the elements.
 
     Args:
         groups: element groups, with links as arrays.
@@ -113,7 +113,7 @@ def make_form(
         met: from `most_shortened_element`, [2].
         rests: unstressed lengths per group, [n_elem], m; None: they follow from the tensions.
     """
-    carried = laws_can_carry(*lax.stop_gradient((groups, tensions)))
+    carried = laws_can_carry_tensions(*lax.stop_gradient((groups, tensions)))
     law_code = jnp.where(carried, status.OK, status.MATERIAL_FAILURE)
     code = status.first_failure(code, law_code).astype(jnp.int32)
     ok = code == status.OK
@@ -134,7 +134,7 @@ def make_form(
     return Form(*arrays, code, residual, relative, iterations, met)
 
 
-def arrange_form(form: Form, structure: Structure) -> Form:
-    """Bring the lists per group of a `Form` into the shape of the structure's elements."""
+def arrange_form_as_elements(form: Form, structure: Structure) -> Form:
+    """Return a `Form` from `make_form` with its lists per group in the pytree of the elements."""
     names = ("tension", "length", "rest_length", "force_density")
     return copy_with(form, **{name: structure.arrange(getattr(form, name)) for name in names})

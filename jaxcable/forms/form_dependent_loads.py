@@ -27,10 +27,10 @@ from ..model.structure import Structure
 def split_loads(
     structure: Structure, loads: Load | Sequence[Load] | None, nodal_only: bool = False
 ) -> tuple[list[NodalLoads], list[SelfWeight | LineLoads | AreaLoads]]:
-    """Check loads, and split them into `NodalLoads` and loads that depend on the form.
+    """Check loads, and split them into nodal loads and loads that depend on the form.
 
-    Raises:
-        ValueError: a load of another kind; with `nodal_only` any load but `NodalLoads`.
+    With `nodal_only` all loads but `NodalLoads` are refused. Raises ValueError for a load of
+    another kind, or one that does not fit the structure.
     """
     given: list[Any] = as_list(loads)  # their kinds are checked below
     nodal, others = [], []
@@ -60,11 +60,12 @@ def split_loads(
 def nodes_coupled_by_loads(
     structure: Structure, others: Sequence[Load]
 ) -> tuple[tuple[Indices, int, tuple[()]], ...]:
-    """Return the nodes that each load couples, in the order of `FormDependentLoads`.
+    """Return, for each load in `others`, the nodes whose positions determine its nodal forces.
+
+    Such nodes need places for each other in a sparse tangent stiffness.
 
     Returns:
-        Triples (nodes [n, k], 3, ()) as `make_dof_map` takes them: the derivative of the load on
-        a node by the other nodes of its element or face needs places in a sparse matrix.
+        Triples (nodes of every element or face [n, k], 3, ()), as `make_dof_map` takes them.
     """
     nodes = []
     for load in others:
@@ -76,7 +77,7 @@ def nodes_coupled_by_loads(
 
 
 def _loaded_groups(load, groups):
-    """Generate (index, group) of the element groups that a load along elements acts on."""
+    """Generate (index, group) for each element group on which a load along elements acts."""
     for index, group in enumerate(groups):
         weightless = isinstance(load, SelfWeight) and group.weight is None
         if not weightless and index in load.on:
@@ -85,11 +86,11 @@ def _loaded_groups(load, groups):
 
 @pytree
 class FormDependentLoads:
-    """Loads that depend on the form, as one follower load for the system of equations.
+    """Loads that depend on the form, as one follower load in the equations of form finding.
 
     Attributes:
         groups: element groups of the structure, with links as arrays; their laws give the
-            unstressed lengths.
+            unstressed lengths on which such loads depend.
         loads: `SelfWeight`, `LineLoads` and `AreaLoads`, as `split_loads` returns them.
     """
 
@@ -97,14 +98,17 @@ class FormDependentLoads:
     loads: list[SelfWeight | LineLoads | AreaLoads]
 
     def _force_functions(self, states, moved):
-        """Generate, for each load and group, the force function of one element or face.
+        """Generate, for each load and group, a function for the forces of one element or face.
 
         Args:
-            states: per group the `force_elements.ForceElementState`.
+            states: state of each group, `ForceElementState`.
             moved: positions of all nodes, [n_node, 3], m.
 
         Yields:
-            The function, its arguments for all elements or faces, and their nodes [n, k].
+            function: function of the positions of k nodes, [k, 3], and arguments to forces on them,
+                N.
+            arguments: its arguments, with a leading axis of elements or faces.
+            nodes: node numbers of every element or face, [n, k].
         """
         for load in self.loads:
             if isinstance(load, AreaLoads):
@@ -118,7 +122,7 @@ class FormDependentLoads:
 
     @property
     def acts(self) -> Bool[Array, ""]:
-        """Whether the load acts: always True."""
+        """Whether the load acts, always True here; the equations ask each follower load."""
         return jnp.ones((), bool)
 
     def following_forces(
@@ -141,10 +145,11 @@ class FormDependentLoads:
         nodes: Float[Array, "n_node 3"] | None,
         moved: Float[Array, "n_node 3"],
     ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]:
-        """Return the derivative of the forces by the positions, for the tangent stiffness.
+        """Return the derivative of the nodal forces by the positions `moved`, in blocks.
 
         Returns:
-            A list of (blocks [n, k, 3, k, 3], N/m, nodes [n, k]).
+            For each load and group a pair: blocks [n, k, 3, k, 3], N/m, of its n elements or faces,
+                and their node numbers [n, k].
         """
         return [
             (jax.vmap(jax.jacfwd(function))(moved[links], *arguments), links)
@@ -153,7 +158,7 @@ class FormDependentLoads:
 
 
 def _face_force_function(load):
-    """Return the function from a face's corners [k, 3] and load [3], N/m2, to corner forces, N."""
+    """Return the function from corners [k, 3], m, and load [3], N/m2, of a face to corner loads."""
 
     def force(corners, forces):
         alone = copy_with(load, faces=jnp.arange(len(corners))[None], forces=forces)
@@ -185,10 +190,10 @@ def _element_force_function(load, index, group):
     return force
 
 
-def laws_can_carry(
+def laws_can_carry_tensions(
     groups: Sequence[Straight], tensions: Sequence[Float[Array, " n_elem"]]
 ) -> Bool[Array, ""]:
-    """Return whether the law of every element can carry its force: a strain exists, bool."""
+    """Return whether the laws of all groups can carry axial forces [n_elem], N: a strain exists."""
     carried = jnp.ones((), bool)
     for group, tension in zip(groups, tensions, strict=True):
         low, high = group.capacity()

@@ -33,15 +33,18 @@ _MAX_TRIALS = 12
 
 
 @pytree
-class SaddleNumbering:
-    """Numbers of the unknowns: free displacements first, then forces of elements of given length.
+class SaddlePointNumbering:
+    """Numbers of the unknowns of a form with given lengths.
+
+    The free displacements come first, then the forces of the elements whose length is given: these
+    are Lagrange multipliers.
 
     Attributes:
         unknown_of_dof: number of the unknown of every degree of freedom, [n_node, 3]; n_all if a
             support holds it.
-        given_elements: per group the numbers of its elements of given length, or None.
-        unknowns: per group the unknowns of both ends and of the force of these elements,
-            [n_given, 7], or None.
+        given_elements: for each group the numbers of its elements of given length, or None.
+        unknowns: for each group the numbers of the six end displacements and the force of these
+            elements, [n_given, 7], or None.
         pattern: `linear.Pattern` of the Hessian.
         zeros: n_all zeros; their shape tells the number of unknowns where the rest is traced.
     """
@@ -54,19 +57,16 @@ class SaddleNumbering:
 
 
 @functools.lru_cache(maxsize=16)
-def number_saddle_unknowns(
+def number_saddle_point_unknowns(
     fixed: Indices, links: tuple[Indices, ...], sought: tuple[Indices, ...], solver: str | None
-) -> SaddleNumbering:
+) -> SaddlePointNumbering:
     """Number the unknowns of a form with given lengths; cached.
 
     Args:
         fixed: True where a coordinate is held, `Indices` [n_node, 3].
         links: links of every group, a tuple of `Indices`.
-        sought: where the length is given and the force sought, a tuple of `Indices`, [n_elem] bool.
+        sought: True where the length is given and the force sought, a tuple of `Indices` [n_elem].
         solver: name of a linear solver, or None.
-
-    Returns:
-        `SaddleNumbering`.
 
     Raises:
         ValueError: the named solver does not exchange distant rows (pivoting), which zeros on the
@@ -90,33 +90,38 @@ def number_saddle_unknowns(
     numbers = [of_freedom[group_links.array].reshape(-1, 6) for group_links in links]
     numbers += [unknowns for unknowns in ends if unknowns is not None]
     pattern = linear.make_pattern(numbers, n_all, True, solver, exchanges_rows=True)
-    return SaddleNumbering(of_freedom, elements, ends, pattern, np.zeros(n_all))
+    return SaddlePointNumbering(of_freedom, elements, ends, pattern, np.zeros(n_all))
 
 
 @pytree
-class SaddleSystem:
-    """Equations of equilibrium and of given lengths: the gradient of the Lagrangian is zero.
+class SaddlePointSystem:
+    """Equations of equilibrium and of given lengths: the gradient of a Lagrangian is zero.
 
-    Its unknowns z [n_all] are the free displacements, m, then forces over `unit`.
+    The unknowns z [n_all] are the free displacements, m, then the forces of the elements of given
+    length, divided by `unit`.
 
     Attributes:
-        system: `System` of elements that keep their forces; zero where the length is given.
-        given: per group the lengths L of all elements, m, with any value where none is given; None
-            for a group without given lengths.
-        unit: force that one unit of an unknown stands for, N; it makes the matrix entries of
-            displacements and of forces about equally large.
-        numbering: `SaddleNumbering`.
+        system: `System` of elements that keep their forces; these are zero where the length is
+            given.
+        given: for each group the given lengths L of its elements, [n_elem], m, with any value where
+            none is given; None for a group without given lengths.
+        unit: force in N by which forces are divided; it makes the matrix entries of displacements
+            and of forces about equally large.
+        numbering: `SaddlePointNumbering`.
     """
 
     system: System
     given: list[Float[Array, " n_elem"] | None]
     unit: Float[Array, ""]
-    numbering: SaddleNumbering
+    numbering: SaddlePointNumbering
 
     def split_unknowns(
         self, z: Float[Array, " n_all"]
     ) -> tuple[Float[Array, " n_free"], list[Float[Array, " n_given"]]]:
-        """Split z into free displacements [n_free] and forces of given-length elements, N."""
+        """Split z into free displacements, [n_free], m, and forces of given-length elements, N.
+
+        The forces are a list of [n_given], one array for each group.
+        """
         n_free = self.system.dof_map.free.shape[0]
         parts, at = [], n_free
         for chosen in self.numbering.given_elements:
@@ -126,21 +131,24 @@ class SaddleSystem:
         return z[:n_free], parts
 
     def nodal_motion(self, z: Float[Array, " n_all"]) -> Float[Array, "n_node 3"]:
-        """Return the displacements of all nodes, [n_node, 3], m."""
+        """Return the displacements of all nodes, [n_node, 3], m, from the unknowns z."""
         prescribed: Any = self.system.space.prescribed  # never None here
         return self.system.move(prescribed, self.split_unknowns(z)[0])
 
     def join_unknowns(
         self, motion: Float[Array, "n_node 3"], forces: Sequence[Float[Array, " n_elem"]]
     ) -> Float[Array, " n_all"]:
-        """Join displacements [n_node, 3] and the forces of all elements, per group, N, to z."""
+        """Return the unknowns z from displacements [n_node, 3], m, and all forces per group, N.
+
+        The forces of elements without given length do not enter.
+        """
         x = motion.reshape(-1)[self.system.dof_map.free]
         pairs = zip(forces, self.numbering.given_elements, strict=True)
         given = [force[chosen] / self.unit for force, chosen in pairs if chosen is not None]
         return jnp.concatenate([x, *given])
 
     def axial_forces(self, z: Float[Array, " n_all"]) -> list[Float[Array, " n_elem"]]:
-        """Return the axial forces of all elements, per group [n_elem], N."""
+        """Return the axial forces of all elements from z, a list of [n_elem], N, per group."""
         states: Sequence[Any] = self.system.states  # of `force_elements.ForceElementState`
         pairs = zip(states, self.numbering.given_elements, self.split_unknowns(z)[1], strict=True)
         return [
@@ -151,7 +159,7 @@ class SaddleSystem:
     def system_with_forces(
         self, z: Float[Array, " n_all"]
     ) -> tuple[System, Float[Array, "n_node 3"]]:
-        """Return the system with the axial forces of `z`, and the displacements of `z`."""
+        """Return the `System` whose elements have the forces of z, and the displacements of z."""
         pairs = zip(self.system.states, self.axial_forces(z), strict=True)
         system = copy_with(
             self.system, states=[copy_with(state, force=force) for state, force in pairs]
@@ -159,7 +167,11 @@ class SaddleSystem:
         return system, self.nodal_motion(z)
 
     def _given_length_groups(self, motion):
-        """Generate (initial ends, displacements, L, unknowns) of each group with given lengths."""
+        """Generate, for each group with given lengths, the data of these elements.
+
+        `motion` has the displacements [n_node, 3]. Yields initial positions of the ends [n_given,
+        2, 3], their displacements, lengths L [n_given], and numbers of the unknowns [n_given, 7].
+        """
         n = self.numbering
         for group, chosen, unknowns, lengths in zip(
             self.system.groups, n.given_elements, n.unknowns, self.given, strict=True
@@ -169,7 +181,10 @@ class SaddleSystem:
                 yield self.system.nodes[links], motion[links], lengths[chosen], unknowns
 
     def residual(self, z: Float[Array, " n_all"]) -> Float[Array, " n_all"]:
-        """Return the gradient of the Lagrangian, [n_all]: unbalanced forces, length errors."""
+        """Return the gradient of the Lagrangian, [n_all]: unbalanced forces, N, then length errors.
+
+        The errors l - L are multiplied by `unit`.
+        """
         system, motion = self.system_with_forces(z)
         errors = [
             self.unit * jax.vmap(_length_error)(*data)
@@ -180,7 +195,11 @@ class SaddleSystem:
     def convergence_measures(
         self, z: Float[Array, " n_all"]
     ) -> tuple[Float[Array, " n_free"], Float[Array, ""], Float[Array, " n_given"]]:
-        """Return unbalanced forces [n_free], their scale, and relative length errors [n_given]."""
+        """Return the quantities by which convergence is judged, for unknowns z.
+
+        These are the unbalanced forces [n_free], N, the force that they are compared with, N, and
+        the relative errors of the given lengths, (l - L) / L, [n_given].
+        """
         system, motion = self.system_with_forces(z)
         errors = [
             jax.vmap(_length_error)(*data) / data[2]
@@ -191,7 +210,7 @@ class SaddleSystem:
     def tangent(
         self, z: Float[Array, " n_all"]
     ) -> Float[Array, "n_all n_all"] | linear.SparseMatrix:
-        """Return the Hessian of the Lagrangian, a matrix of `linear`."""
+        """Return the Hessian of the Lagrangian, [n_all, n_all], dense or sparse."""
         system, motion = self.system_with_forces(z)
         dof_map = copy_with(system.dof_map, unknown_of_dof=self.numbering.unknown_of_dof)
         system = copy_with(system, space=copy_with(system.space, dof_map=dof_map))
@@ -199,7 +218,10 @@ class SaddleSystem:
         return self._assemble_hessian(parts, motion)
 
     def _assemble_hessian(self, parts, motion):
-        """Assemble blocks of the displacements, and the couplings of displacements and forces."""
+        """Assemble the Hessian from blocks of the displacements and the constraints' own blocks.
+
+        `parts` are pairs (blocks, numbers of unknowns); `motion` has the displacements [n_node, 3].
+        """
         couple = jax.vmap(functools.partial(_constraint_hessian, self.unit))
         parts = parts + [
             (couple(*data), unknowns) for *data, unknowns in self._given_length_groups(motion)
@@ -209,10 +231,11 @@ class SaddleSystem:
     def unknowns_of_least_residual(
         self, motion: Float[Array, "n_node 3"]
     ) -> Float[Array, " n_all"]:
-        """Return z with given displacements [n_node, 3] and the forces of the smallest residual.
+        """Return the unknowns z with given displacements, and with those forces that balance best.
 
-        These are weighted least squares, solved with the Hessian whose element stiffnesses are
-        replaced by identity blocks.
+        `motion` has the displacements, [n_node, 3], m. The forces of elements of given length
+        follow from weighted least squares, solved with the Hessian with identity blocks as element
+        stiffnesses.
         """
         states: Sequence[Any] = self.system.states
         none = [jnp.zeros_like(state.force) for state in states]
@@ -229,13 +252,13 @@ class SaddleSystem:
 
 
 def _length_error(ends, moved, length):
-    """Return ``l - L``, without cancellation if L is the initial length."""
+    """Return an element's length minus its given `length`, m, without cancellation at the start."""
     _, _, change, start = measure_chord(ends, moved)
     return (start - length) + change
 
 
 def _constraint_hessian(unit, ends, moved, length):
-    """Return the Hessian of ``N (l - L)`` at N = 0 by both ends and N over the unit, [7, 7].
+    """Return the Hessian of ``N (l - L)`` at N = 0, [7, 7], by six end displacements and N / unit.
 
     The part that grows with N is in the tangent of the elements, which keep this force.
     """
@@ -246,8 +269,8 @@ def _constraint_hessian(unit, ends, moved, length):
     return jax.hessian(lagrangian)(jnp.append(moved.reshape(-1), 0.0))
 
 
-def solve_saddle(
-    saddle: SaddleSystem,
+def solve_saddle_point(
+    saddle: SaddlePointSystem,
     z: Float[Array, " n_all"],
     tol: Float[Array, ""],
     limit: Int[Array, ""] | int,
@@ -259,19 +282,20 @@ def solve_saddle(
     Float[Array, " n_free"],
     Float[Array, ""],
 ]:
-    """Solve for a form with given lengths by Newton's method from `z`; not differentiable.
+    """Solve for a form with given lengths by Newton's method; not differentiable.
 
     A line search halves steps until the largest relative residual falls.
 
     Args:
-        saddle: `SaddleSystem`.
-        z: start, [n_all].
+        saddle: the equations.
+        z: unknowns at the start, [n_all].
         tol: relative residual of forces and relative error of lengths at convergence.
         limit: largest number of steps.
         active: False to return at once.
 
     Returns:
-        The last point, its status, the number of steps, unbalanced forces [n_free], their scale.
+        The unknowns z; the status; the number of steps; the unbalanced forces [n_free], N; the
+            force that they are compared with, N.
     """
 
     def worst(z):
@@ -313,13 +337,13 @@ def solve_saddle(
     return z, code, steps, residual, scale
 
 
-def attach_saddle_derivative(
-    saddle: SaddleSystem, z: Float[Array, " n_all"], valid: Bool[Array, ""]
+def attach_saddle_point_derivative(
+    saddle: SaddlePointSystem, z: Float[Array, " n_all"], valid: Bool[Array, ""]
 ) -> Float[Array, " n_all"]:
-    """Return the solution `z` with its implicit derivative, as `implicit.attach_derivative` does.
+    """Return the solution `z` with its implicit derivative by the numbers in `saddle`.
 
-    `valid` says whether the solution has converged; the caller has stopped the derivatives of
-    `saddle` elsewhere (`implicit.stop_gradient_unless`).
+    `valid` says whether the solution has converged. If not, the caller must have stopped the
+    derivatives of `saddle` (`implicit.stop_gradient_unless`).
     """
     z = lax.stop_gradient(z)
     frozen = lax.stop_gradient(saddle)

@@ -90,29 +90,34 @@ def end_tensions(
 
 
 def _evaluate_catenaries(structure, solution, method, absent, *arguments):
-    """Evaluate a method of the catenaries, in the shape of `elements`; None for other groups.
+    """Call a method of all catenaries of a structure; return its values in the elements' pytree.
 
     Args:
         structure: `Structure`.
         solution: `Solution` or `State`.
-        method: name of a method of `Catenaries`, called for one element.
-        absent: value for elements that are not there.
+        method: name of a method of `Catenaries` for one element.
+        absent: value for elements that are absent in this phase.
         arguments: further arguments of the method.
+
+    Raises:
+        ValueError: the structure has no catenaries.
     """
     if not any(isinstance(group, Sagging) for group in structure.groups):
         raise ValueError(
             "structure: has no catenaries; this function is for elements of the kind Catenaries"
         )
-    thawed, arrays, _ = split_state(structure, solution)
+    without_indices, index_arrays, _ = split_state(structure, solution)
     return structure.arrange(
-        _evaluate_catenary_groups(thawed, arrays, *arguments, method=method, absent=absent)
+        _evaluate_catenary_groups(
+            without_indices, index_arrays, *arguments, method=method, absent=absent
+        )
     )
 
 
 @functools.partial(jax.jit, static_argnames=("method", "absent"))
-def _evaluate_catenary_groups(thawed, arrays, *arguments, method, absent):
-    """Evaluate a method for all elements of every catenary group, None for others; compiled."""
-    nodes, groups, restart = merge_state(thawed, arrays)
+def _evaluate_catenary_groups(without_indices, index_arrays, *arguments, method, absent):
+    """Call a method for all elements of the catenary groups; a list, None for others; compiled."""
+    nodes, groups, restart = merge_state(without_indices, index_arrays)
     states = make_system(nodes, groups, restart, None, None, restart.nodal_load).states
 
     def of_group(group, state):
@@ -185,17 +190,18 @@ def hanging_chain(
     text = "first, second: the ends lie above each other; the chain has no midspan"
     refuse_if_broken([Rule("second", chord[:2], lambda v: (v == 0).all(), lambda *_: text)])
     sag, weight, stiffness = (jnp.asarray(v, dtype) for v in numbers.values())
-    relative, rest_length = _solve_chain(chord, sag, weight, stiffness, n=n)
+    relative, rest_length = _solve_hanging_chain(chord, sag, weight, stiffness, n=n)
     return jnp.asarray(first)[None] + relative, jnp.full(n, rest_length / n)
 
 
 @functools.partial(jax.jit, static_argnames=("n",))
-def _solve_chain(chord, sag, weight, stiffness, n):
-    """Solve for the positions relative to the first node, [n + 1, 3], and the unstressed length.
+def _solve_hanging_chain(chord, sag, weight, stiffness, n):
+    """Solve for the nodes of a hanging chain relative to the first, [n + 1, 3], m, and its length.
 
     The unknowns are the horizontal and vertical force in the middle, and the unstressed length L of
-    the chain. Under its force F an element is the vector ``(L/n) (F/|F| + F/EA)``. Newton's method
-    starts from the catenary with the same sag.
+    the whole chain. Under its force F an element is the vector ``(L/n) (F/|F| + F/EA)``. Newton's
+    method starts from the catenary with the same sag. `chord` is the vector from the first to the
+    last node, [3], m; `stiffness` is EA; the rest is as in `hanging_chain`.
     """
     level = jnp.sqrt(chord[0] ** 2 + chord[1] ** 2)
     offset = jnp.arange(n, dtype=chord.dtype) - (n - 1) / 2

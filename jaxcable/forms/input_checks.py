@@ -39,9 +39,9 @@ def require_straight_elements(structure: Structure) -> None:
 def input_status(
     nodes: Float[Array, "n_node 3"], groups: Sequence[Element], *others: Any
 ) -> Int[Array, ""]:
-    """Return INVALID_INPUT if numbers of a structure or of `others` break their rules, else OK.
+    """Return INVALID_INPUT if traced numbers of a structure break their rules, else OK.
 
-    The numbers can be traced.
+    `others` are further objects that have rules, such as the method.
     """
     rules = [
         *collect_rules([groups, others]),
@@ -53,7 +53,7 @@ def input_status(
 def sum_nodal_loads(
     loads: Sequence[NodalLoads], shape: tuple[int, int], dtype: np.dtype
 ) -> Float[Array, "n_node 3"]:
-    """Sum nodal loads at every node, `shape` [n_node, 3], N."""
+    """Return the sum of nodal loads at every node, [n_node, 3], N; `shape` is (n_node, 3)."""
     forces: Iterable[Any] = (load.nodal_forces(shape, dtype) for load in loads)
     return sum(forces, start=jnp.zeros(shape, dtype))
 
@@ -67,7 +67,7 @@ def values_by_group(
     """Check forces, force densities or lengths of elements, and return them group by group.
 
     Forces and force densities of cables must not be negative, lengths must be positive: known
-    values are refused, traced ones become NaN.
+    values raise ValueError, traced ones become NaN.
 
     Args:
         value: a scalar, [n_elem], `only(...)`, or a prefix pytree of the elements.
@@ -76,9 +76,9 @@ def values_by_group(
         is_length: whether the values are lengths.
 
     Returns:
-        values: per group floats [n_elem], zero for elements without a value, or None if no element
-            of the group has a value.
-        chosen: per group the elements that have a value, [n_elem] bool, NumPy.
+        values: for each group floats [n_elem], zero for elements without a value; or None if no
+            element of the group has one.
+        chosen: for each group which elements have a value, [n_elem] bool, NumPy.
     """
     values, chosen = [], []
     names = named_groups_of(structure)
@@ -105,12 +105,12 @@ def values_by_group(
 
 
 def _negative_forces(values, meant):
-    """Return which of the elements that are `meant` have a negative force, [n_elem] bool."""
+    """Return which elements have a negative force, among those that are `meant`, [n_elem] bool."""
     return meant & (values < 0)
 
 
 def _nonpositive_lengths(values, meant):
-    """Return which of the elements that are `meant` have no positive length, [n_elem] bool."""
+    """Return which elements have a length that is not positive, among those `meant`, [n_elem]."""
     return meant & (values <= 0)
 
 
@@ -120,12 +120,12 @@ def require_single_input(
     chosen: Sequence[Sequence[Bool[np.ndarray, " n_elem"]]],
     missing: str | None = None,
 ) -> None:
-    """Raise ValueError for an element that has several of the inputs, or none of them.
+    """Raise ValueError if an element has several of some inputs (tension, length ...), or none.
 
     Args:
         structure: `Structure`.
-        names: names of the inputs (tension, length ...).
-        chosen: which elements each of them concerns, from `values_by_group`.
+        names: names of the inputs.
+        chosen: for each input and group, which elements have it, [n_elem] bool.
         missing: end of the message for an element without input; None if elements may have none.
     """
     for k, masks in enumerate(zip(*chosen, strict=True)):
@@ -150,6 +150,10 @@ def system_with_fixed_supports(
     dof_map: DofMap,
     followers: list[Any] | None = None,
 ) -> System:
-    """Make the `System` of elements between nodes whose supports do not move."""
+    """Make a `System` of element groups with given states, in which no support moves.
+
+    `nodes` are positions, [n_node, 3], m; `load` has the nodal loads, [n_node, 3], N; `dof_map`
+    numbers the unknowns; `followers` are follower loads.
+    """
     space = Translations(dof_map, jnp.zeros_like(nodes))
     return System(nodes, groups, states, load, space, followers)

@@ -33,9 +33,9 @@ from ..model.supports import FixedDofs
 from ..numerics import implicit
 from ..spaces.dof_map import make_dof_map
 from . import given_lengths
-from .force_density import number_unknowns_by_axis, start_by_force_density
+from .force_density import number_unknowns_by_axis, start_displacements_by_force_density
 from .force_elements import ForceElementNet
-from .form import Form, arrange_form, make_form, most_shortened_element
+from .form import Form, arrange_form_as_elements, make_form, most_shortened_element
 from .form_dependent_loads import FormDependentLoads, nodes_coupled_by_loads, split_loads
 from .input_checks import (
     input_status,
@@ -148,26 +148,31 @@ def find_form(
     coupled = (*((ends, 3, ()) for ends in links), *nodes_coupled_by_loads(structure, others))
     dof_map = make_dof_map(fixed, None, coupled, solver, not others)
     saddle_numbering = (
-        given_lengths.number_saddle_unknowns(fixed, links, tuple(map(Indices, sought)), solver)
+        given_lengths.number_saddle_point_unknowns(
+            fixed, links, tuple(map(Indices, sought)), solver
+        )
         if mixed
         else None
     )
     convex = not mixed and all(group.tension_only for group in structure.groups)
     axis_numbering = number_unknowns_by_axis(fixed, links, solver) if convex else None
     problem = (structure.nodes, structure.groups, tensions, given, loads, others or None)
-    thawed, arrays = split_indices(problem)
+    without_indices, index_arrays = split_indices(problem)
     numberings = dof_map, saddle_numbering, axis_numbering
-    return arrange_form(_solve_form(thawed, arrays, *numberings, method, convex), structure)
+    return arrange_form_as_elements(
+        _solve_form(without_indices, index_arrays, *numberings, method, convex), structure
+    )
 
 
 def tensions_and_lengths(structure, tension, stress, length):
     """Check that every element has one of tension, stress and length; return forces and lengths.
 
     Returns:
-        tensions: prescribed forces per group, [n_elem], zero where the length is given, N.
-        sought: whether the length is given and the force sought, per group [n_elem] bool, NumPy.
-        given: per group the pair (lengths [n_elem], m, 1 where none is given; where they are given,
-            [n_elem] bool), or None for a group without lengths.
+        tensions: for each group the prescribed forces, [n_elem], N; zero where the length is given.
+        sought: for each group whether the length is given and the force sought, [n_elem] bool,
+            NumPy.
+        given: for each group the pair (lengths [n_elem], m, with 1 where none is given; whether the
+            length is given, [n_elem] bool), or None for a group without lengths.
     """
     (pulls, pulled), (stresses, stressed), (wanted, sought) = (
         values_by_group(tension, structure, "tension"),
@@ -195,9 +200,15 @@ def tensions_and_lengths(structure, tension, stress, length):
 
 
 @functools.partial(jax.jit, static_argnames=("convex",))
-def _solve_form(thawed, arrays, dof_map, saddle_numbering, axis_numbering, method, convex):
-    """Find the form; compiled. Results per element are lists with one item per group."""
-    parameters = merge_indices(thawed, arrays)
+def _solve_form(
+    without_indices, index_arrays, dof_map, saddle_numbering, axis_numbering, method, convex
+):
+    """Find the form with prescribed forces and lengths, a `Form` with lists per group; compiled.
+
+    `dof_map`, `saddle_numbering` (None if no lengths are given) and `axis_numbering` (None unless
+    `convex`) number the unknowns. `convex` says that there are tensions only, and no lengths.
+    """
+    parameters = merge_indices(without_indices, index_arrays)
     dtype = parameters[0].dtype
     nodes, groups, tensions, given, loads, others = cast_floats(parameters, dtype)
     force_net = ForceElementNet(
@@ -221,7 +232,7 @@ def _solve_form(thawed, arrays, dof_map, saddle_numbering, axis_numbering, metho
         def densities(x):
             return _force_densities(frozen.forces, x[links])
 
-        return start_by_force_density(system, densities, axis_numbering)
+        return start_displacements_by_force_density(system, densities, axis_numbering)
 
     if saddle_numbering is None:
         found, code, attached, motion = force_net.find_equilibrium(begin, method, dof_map, allowed)
@@ -235,11 +246,11 @@ def _solve_form(thawed, arrays, dof_map, saddle_numbering, axis_numbering, metho
         )
         code = status.first_failure(allowed, code)
         valid = code == status.OK
-        saddle = _make_saddle(
+        saddle = _make_saddle_point_system(
             *implicit.stop_gradient_unless(valid, (force_net, given)), dof_map, saddle_numbering
         )
         reached = saddle.nodal_motion(z)
-        z = given_lengths.attach_saddle_derivative(saddle, z, valid)
+        z = given_lengths.attach_saddle_point_derivative(saddle, z, valid)
         forces, motion = saddle.axial_forces(z), saddle.nodal_motion(z)
         attached = saddle.system
     # without a form take the start, so that lengths and their derivatives stay finite
@@ -257,24 +268,24 @@ def _solve_form(thawed, arrays, dof_map, saddle_numbering, axis_numbering, metho
 
 
 def _force_densities(forces, ends):
-    """Return the force densities T/l of all elements, for `force_density.start_by_force_density`.
+    """Return the force densities T/l of all elements, [n_elem], N/m, for given end positions.
 
-    The form of these force densities minimises a parabola that lies above ``sum T l - p.x`` and
-    touches it at the given ends (Weiszfeld 1937): it decreases the function from any shape.
-    Newton's method is faster near the minimum.
+    The form with these force densities minimises a parabola that lies above ``sum T l - p.x`` and
+    touches it at these ends (Weiszfeld 1937): it decreases this function from any shape. Newton's
+    method is faster near the minimum.
     """
     return jnp.concatenate(forces) / jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
 
 
-def _make_saddle(force_net, given, dof_map, saddle_numbering):
-    """Make the `given_lengths.SaddleSystem`.
+def _make_saddle_point_system(force_net, given, dof_map, saddle_numbering):
+    """Make the `SaddlePointSystem` of a net in which some lengths are given.
 
-    Its unit of force makes the matrix entries of displacements and of forces about equally large.
+    `given` has for each group the pair of lengths and where they are given, or None.
     """
     made = force_net.make_system(dof_map)
     given = [None if pair is None else pair[0] for pair in given]
     unit = lax.stop_gradient(jnp.sqrt(_force_scale(force_net) / made.length_scale()))
-    return given_lengths.SaddleSystem(made, given, unit, saddle_numbering)
+    return given_lengths.SaddlePointSystem(made, given, unit, saddle_numbering)
 
 
 def _force_scale(force_net):
@@ -284,30 +295,31 @@ def _force_scale(force_net):
 
 
 def _solve_with_lengths(force_net, given, start, dof_map, saddle_numbering, method, struts):
-    """Find the form with given lengths: a point of the `given_lengths.SaddleSystem`.
+    """Find the form with given lengths: a solution of the `SaddlePointSystem`.
 
-    For cables alone, stiff springs come first, which lead close to the form from nearly any start;
-    then Newton's method on the saddle meets the lengths. With bars, springs may lead away from the
-    form sought (a tensegrity under constant forces): then the saddle comes first, from the forces
-    that leave the smallest residual at the start, and springs only if that fails.
+    For cables alone, stiff springs in place of the lengths lead close to the form from nearly any
+    start; then Newton's method on the system meets the lengths. With bars, springs may lead away
+    from the form (a tensegrity under constant forces): then the system is solved first, from the
+    forces that leave the smallest residual at the start, and springs are used only if that fails.
 
     Args:
         force_net: `ForceElementNet` without springs.
-        given: per group lengths and where they are given, from `tensions_and_lengths`.
+        given: for each group lengths and where they are given, from `tensions_and_lengths`.
         start: displacements at the start, [n_node, 3], m.
         dof_map: numbering of the free displacements.
-        saddle_numbering: `given_lengths.SaddleNumbering`.
+        saddle_numbering: `SaddlePointNumbering`.
         method: `Newton`.
         struts: whether there are bars.
 
     Returns:
-        The unknowns [n_all], status, number of steps, unbalanced forces [n_free] and their scale.
+        The unknowns [n_all]; the status; the number of steps; the unbalanced forces [n_free], N;
+            the force that they are compared with, N.
     """
     tol = newton.residual_tolerance(method, start.dtype)
-    saddle = _make_saddle(force_net, given, dof_map, saddle_numbering)
+    saddle = _make_saddle_point_system(force_net, given, dof_map, saddle_numbering)
     known = jnp.zeros((), bool)
     if struts:
-        first = given_lengths.solve_saddle(
+        first = given_lengths.solve_saddle_point(
             saddle, saddle.unknowns_of_least_residual(start), tol, method.max_steps, ~known
         )
         known = first[1] == status.OK
@@ -321,7 +333,9 @@ def _solve_with_lengths(force_net, given, start, dof_map, saddle_numbering, meth
     z = saddle.join_unknowns(near.x, sprung.tensions(near.x))
     active = ~known & (near.code == status.OK)
     limit = method.max_steps - near.steps
-    z, code, steps, residual, scale = given_lengths.solve_saddle(saddle, z, tol, limit, active)
+    z, code, steps, residual, scale = given_lengths.solve_saddle_point(
+        saddle, z, tol, limit, active
+    )
     second = z, jnp.where(active, code, near.code), near.steps + steps, residual, scale
     if not struts:
         return second

@@ -37,7 +37,7 @@ from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from ..numerics import implicit, scaled
 from ..spaces.dof_map import make_dof_map
-from .form import Form, arrange_form, make_form, most_shortened_element
+from .form import Form, arrange_form_as_elements, make_form, most_shortened_element
 from .form_dependent_loads import split_loads
 from .input_checks import (
     input_status,
@@ -127,18 +127,22 @@ def dynamic_relaxation(
                 f"start: expected shape {structure.nodes.shape}, got {tuple(start.shape)}"
             )
     dof_map = make_dof_map(FixedDofs(structure.held_displacements()))
-    thawed, arrays = split_indices((structure.nodes, structure.groups, forces, rests, loads, start))
-    return arrange_form(_relax(thawed, arrays, dof_map, tol, max_steps), structure)
+    without_indices, index_arrays = split_indices(
+        (structure.nodes, structure.groups, forces, rests, loads, start)
+    )
+    return arrange_form_as_elements(
+        _relax_to_equilibrium(without_indices, index_arrays, dof_map, tol, max_steps), structure
+    )
 
 
-def _start_state(group, ends, force, rest):
-    """Return the state of a group at the start of the relaxation.
+def _start_element_states(group, ends, force, rest):
+    """Return the states of the elements of a group at the start of the relaxation.
 
     Args:
         group: element group.
         ends: initial positions of the ends, [n_elem, 2, 3], m.
-        force: `StatedValues` forces that elements keep, or None.
-        rest: `StatedValues` unstressed lengths, or None.
+        force: forces that some elements keep, `StatedValues` (values and which elements), or None.
+        rest: unstressed lengths of some elements, `StatedValues`, or None.
     """
     state = group.start(ends)
     if rest is not None:
@@ -149,9 +153,9 @@ def _start_state(group, ends, force, rest):
 
 
 def _forces_and_stiffness_bound(element, state, ends, motion):
-    """Return the end forces of an element, N, and an upper bound of its stiffness, N/m.
+    """Return the end forces of an element, [2, 3], N, and an upper bound of its stiffness, N/m.
 
-    The bound holds in any direction; a slack element has that of a taut one.
+    The bound holds in any direction; a slack element has the bound of a taut one.
     """
 
     def along():
@@ -167,8 +171,7 @@ def _forces_and_stiffness_bound(element, state, ends, motion):
 def _unstressed_length(element, state, ends, motion):
     """Return the unstressed length of an element, m.
 
-    If the force is prescribed, it is the length after lock-off: with the element's law it has this
-    force.
+    If its force is prescribed, this is the length with which its law gives the force.
     """
     if state.jack_force is None:
         return state.rest_length
@@ -178,17 +181,17 @@ def _unstressed_length(element, state, ends, motion):
 
 @pytree
 class _RelaxationState:
-    """State of the moving net at its free degrees of freedom.
+    """State of the moving net in dynamic relaxation, at its free degrees of freedom.
 
     Attributes:
         x: displacements, [n_free], m.
-        v: velocity half a time step ago, [n_free].
+        v: velocity half a time step ago, [n_free], m per time step.
         force: unbalanced force at x, [n_free], N.
-        mass: mass of every degree of freedom, [n_free].
-        energy: kinetic energies of the last two half steps, the latest first, [2]; zero at rest.
+        mass: fictitious mass of every degree of freedom, [n_free].
+        energy: kinetic energies at the last two half steps, the latest first, [2]; zero at rest.
         steps: number of time steps so far.
-        relative_residual: largest unbalanced force over its scale.
-        scale: scale of the unbalanced forces, N.
+        relative_residual: largest unbalanced force over `scale`.
+        scale: force that unbalanced forces are compared with, N.
     """
 
     x: Float[Array, " n_free"]
@@ -202,14 +205,14 @@ class _RelaxationState:
 
 
 @jax.jit
-def _relax(thawed, arrays, dof_map, tol, max_steps):
-    """Relax the net to equilibrium; compiled. Results per element are lists, an item per group."""
-    parameters = merge_indices(thawed, arrays)
+def _relax_to_equilibrium(without_indices, index_arrays, dof_map, tol, max_steps):
+    """Find the equilibrium by dynamic relaxation, a `Form` with a list item per group; compiled."""
+    parameters = merge_indices(without_indices, index_arrays)
     dtype = parameters[0].dtype
     nodes, groups, forces, rests, loads, start = lax.stop_gradient(cast_floats(parameters, dtype))
     groups = [group.extrapolated() if group.has_rupture else group for group in groups]
     states = [
-        _start_state(group, nodes[group.links], force, rest)
+        _start_element_states(group, nodes[group.links], force, rest)
         for group, force, rest in zip(groups, forces, rests, strict=True)
     ]
     system = system_with_fixed_supports(

@@ -51,23 +51,23 @@ _WORDS = {False: "determinate", True: "indeterminate"}
 class SelfStress:
     """States of self-stress and mechanisms of a structure: the result of `self_stress`.
 
-    Values of elements have the shape of the structure's elements, as in all results. Only the
-    columns of `matrix` are all elements, group after group.
+    Values of elements have the shape of the structure's elements, as in all results; the columns of
+    `matrix` are the elements of all groups, one group after the other.
 
     Attributes:
         tensions: states of self-stress, in the shape of the elements, each [s, n_elem]; a basis
             that is orthonormal over the elements of all groups.
-        force_densities: `tensions` over the lengths, likewise, 1/m.
-        mechanisms: displacements without elongation and without rigid motion, an orthonormal basis,
-            [m, n_node, 3].
+        force_densities: `tensions` over the lengths, in the shape of the elements, 1/m.
+        mechanisms: infinitesimal mechanisms, which are displacements without elongation; without
+            rigid motions, an orthonormal basis, [m, n_node, 3].
         rigid: rigid motions that the supports allow, an orthonormal basis, [n_rigid, n_node, 3].
         singular_values: singular values of the equilibrium matrix in descending order,
             [min(n_free, n_elem of all groups)].
         rank: number of singular values that do not count as zero.
         matrix: equilibrium matrix of the free degrees of freedom, [n_free, n_elem of all groups].
         length: lengths of the elements, in their shape, each [n_elem], m.
-        tension_only: which elements are cables, likewise, each [n_elem] bool.
-        links: node numbers, likewise, each [n_elem, 2].
+        tension_only: which elements are cables, in their shape, each [n_elem] bool.
+        links: node numbers, in the shape of the elements, each [n_elem, 2].
         structure: the `Structure`.
 
     Example:
@@ -104,7 +104,7 @@ class SelfStress:
 
     @property
     def kind(self) -> str:
-        """Kind I to IV of Pellegrino and Calladine (`KINDS`); rigid motions do not count."""
+        """Kind "I" to "IV" of the structure by s and m, after Pellegrino and Calladine: `KINDS`."""
         return KINDS[self.s > 0, self.m > 0]
 
     @property
@@ -142,7 +142,9 @@ class SelfStress:
         )
 
     def unbalanced(self, tension: PyTree[Float[ArrayLike, " ..."]]) -> float:
-        """Return the largest unbalanced force of a prestress, over its largest tension.
+        """Return by how much a prestress is not in equilibrium: unbalanced force over tension.
+
+        These are the largest ones, each in absolute value.
 
         Args:
             tension: tensions, N, of all elements group after group [n_elem], or in the shape of the
@@ -165,9 +167,10 @@ class SelfStress:
     def mechanism_stiffness(
         self, tension: PyTree[Float[ArrayLike, " ..."]]
     ) -> Float[np.ndarray, " m"]:
-        """Return the eigenvalues of the geometric stiffness of a prestress in the mechanisms.
+        """Return the stiffness that a prestress gives to the mechanisms: its eigenvalues.
 
-        The prestress stiffens every mechanism if all of them are positive.
+        It is the geometric stiffness, restricted to displacements that are combinations of the m
+        mechanisms. The prestress stiffens every mechanism if all eigenvalues are positive.
 
         Args:
             tension: tensions, N, of all elements group after group [n_elem], or in the shape of the
@@ -213,12 +216,12 @@ class SelfStress:
         return bool((self.mechanism_stiffness(tension) > tol * density).all())
 
     def _force_densities_of_all(self, tension):
-        """Return the force densities of all elements, group after group, [n_elem], N/m."""
+        """Return force densities [n_elem], N/m, of all groups; input as for `unbalanced`."""
         length = np.concatenate([np.asarray(leaf) for leaf in jax.tree.leaves(self.length)])
         return self._tensions_of_all(tension) / length
 
     def _tensions_of_all(self, tension):
-        """Return the tensions of all elements, group after group, [n_elem], N."""
+        """Return tensions as one array [n_elem], N, of all groups; input as for `unbalanced`."""
         return np.asarray(values_of_all_elements(self.structure, tension, "tension"), float)
 
 
@@ -292,7 +295,7 @@ def rigid_motions(nodes: Float[np.ndarray, "n_node 3"]) -> Float[np.ndarray, "n_
 
 
 def _allowed_rigid_motions(nodes, free, tol):
-    """Return an orthonormal basis of the rigid motions that supports allow, [n_rigid, n_free]."""
+    """Return an orthonormal basis of those rigid motions that supports allow, [n_rigid, n_free]."""
     basis = rigid_motions(nodes)
     _, values, mixes = np.linalg.svd(basis[:, ~free].T, full_matrices=True)
     n_held = int((values > max(tol, 1e-10)).sum())
@@ -300,7 +303,7 @@ def _allowed_rigid_motions(nodes, free, tol):
 
 
 def _orthogonal_complement(space, part):
-    """Return an orthonormal basis of the complement of a subspace within a space.
+    """Return an orthonormal basis of what is orthogonal to a subspace within a space, [k, n_free].
 
     Args:
         space: orthonormal basis of the space, [n, n_free].

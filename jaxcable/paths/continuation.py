@@ -39,13 +39,13 @@ def follow_path(
     code: Int[ArrayLike, ""],
     capacity: tuple[int, int],
 ) -> PathState:
-    """Follow the equilibrium path of a phase to its end; return the last `PathState`.
+    """Follow the equilibrium path of a phase to its end; return the last `PathState` with records.
 
     Args:
         ramp: the phase as a function of its load factor; not differentiated.
         method: `Newton`.
         settings: `PathSettings`.
-        code: status of what came before; after a failure nothing is done.
+        code: status of the earlier phases and the input; unless it is OK nothing is done.
         capacity: largest number of recorded points, and of recorded events.
     """
     problem = PathProblem(ramp, method, settings, capacity)
@@ -54,7 +54,7 @@ def follow_path(
         step = StepDecision(problem, current)
         (rows, n_point), (event_records, n_event) = record_point(step), record_events(step)
         after = copy_with(
-            step.next_state(),
+            step.state_after_step(),
             point_records=rows,
             n_point=n_point,
             event_records=event_records,
@@ -66,7 +66,7 @@ def follow_path(
 
 
 def _initial_state(problem, code):
-    """Return the `PathState` before the first step, at load factor 0."""
+    """Return the `PathState` before the first step, at load factor 0, with empty records."""
     ramp, begin, settings = problem.ramp, problem.begin, problem.settings
     n_point, n_event = problem.capacity
     dtype = ramp.start.motion.dtype

@@ -34,14 +34,14 @@ _MAX_ITERATIONS = 12
 
 @pytree
 class CorrectorState:
-    """The state of the corrector's iteration; at its end, the result.
+    """State of the corrector's iteration onto the path; after the last iteration, its result.
 
     Attributes:
-        x: motion of all rows.
+        x: displacement, and rotation where there is one, of each node, [n_row, n_motion].
         moved: sum of the increments since the origin of the condition, u - u0, [n_free].
-        factor: load factor.
-        direction, rise: tangent of the path, du [n_free] and df, scaled so that
-            ``row . du + rise df = 1`` with `row` and `rise` of the condition.
+        factor: load factor f.
+        direction, rise: tangent of the path, du [n_free] and df, scaled so that ``row . du + rise
+            df = 1`` with `row` and `rise` of the condition.
         residual_by_factor: derivative of the residual by the load factor, [n_free], N.
         matrix: tangent stiffness, dense or `linear.SparseMatrix`.
         converged: whether x is in equilibrium.
@@ -49,8 +49,8 @@ class CorrectorState:
         failed: whether the iteration has broken down.
         steps: number of iterations without the last one, which gives the tangent.
         residual, scale: largest residual force, and the force that it is compared with, N.
-        rounding: largest residual that the rounding of displacements leaves, N, here or at the
-            guess; 0 if no element tells its own.
+        rounding: largest residual that rounding of the displacements can cause, N; 0 if no element
+            estimates it.
     """
 
     x: Float[Array, "n_row n_motion"]
@@ -78,16 +78,21 @@ def correct_onto_path(
     tol: Float[Array, ""],
     active: Bool[Array, ""],
 ) -> CorrectorState:
-    """Correct a guess onto the equilibrium path, by Newton's method with a linear condition.
+    """Correct a guess onto the equilibrium path, by Newton's method with one linear condition.
+
+    The condition is ``row . (u - u0) + rise (f - f0) = target`` for unknowns u and load factor f.
 
     Args:
-        ramp: the phase; not differentiated.
+        ramp: the phase as a function of its load factor; not differentiated.
         memory: history variables at the last accepted point, or None.
-        guess: motion, increment from the origin of the condition u - u0, load factor.
-        origin: load factor at the origin of the condition, f0.
-        condition: `row`, `rise` and `target` of the condition.
+        guess: guessed motion [n_row, n_motion], its increment u - u0 [n_free], and load factor.
+        origin: load factor f0.
+        condition: (row [n_free], rise, target).
         tol: relative residual that counts as equilibrium.
         active: False to return at once.
+
+    Returns:
+        The point on the path, with its tangent.
     """
     x, moved, factor = guess
     row, rise, target = condition
@@ -155,5 +160,5 @@ def correct_onto_path(
 def unknowns_without_stiffness(
     system: System, x: Float[Array, "n_row n_motion"]
 ) -> Bool[Array, " n_free"]:
-    """Return which unknowns belong to nodes that touch only slack elements, [n_free] bool."""
+    """Return which unknowns belong to nodes that have only slack elements, [n_free] bool."""
     return system.nodes_without_stiffness(x)[system.dof_map.row_of_unknown]

@@ -31,23 +31,23 @@ FAILURES = (LIMIT_POINT, BIFURCATION, MATERIAL_FAILURE)
 
 @pytree
 class Events:
-    """Events on a path, in its order: every array has one entry for each event.
+    """Events on an equilibrium path (limit points, bifurcations ...), in the order of the path.
 
-    ``len(events)`` is their number, ``events[k]`` the event k.
-
-    An event lies between the last point before it and the first point after it, whose load factors
-    are `lower` and `upper`. Along the path these points are within the tolerance of `trace_path`,
-    except at smooth bifurcations: there they are some 5e-4 of `step` apart, since nearer points are
-    lost in rounding. `load_factor` is then interpolated to zero stiffness on a straight line; its
-    error is of the order of the square of that distance.
+    Every array has one entry for each event; ``len(events)`` is their number, ``events[k]`` is the
+    event k. The load factors `lower` and `upper` are those of two points, just before and just
+    after the event. Along the path these points are within the tolerance of `trace_path`, except at
+    smooth bifurcations: there they are some 5e-4 of `step` apart, since nearer points are lost in
+    rounding. `load_factor` is then interpolated linearly to zero stiffness; its error is of the
+    order of the square of that distance.
 
     Attributes:
         kind: `LIMIT_POINT`, `BIFURCATION`, `SLACKENING`, `TIGHTENING` or `MATERIAL_FAILURE` of
             `jc.paths`, [n] int; 0 in places that are not used (under a transformation).
-        load_factor: [n]. Differentiable at smooth limit points: ``-phi.R_p / (phi.R_f)``.
+        load_factor: load factor of the event, [n]; differentiable at smooth limit points.
         lower, upper: load factors of the points before and after the event, in this order, [n].
         row: index of the point of the path that follows the event, [n] int.
-        displacement: from the geometry in which the phase began, [n, n_node, 3], m.
+        displacement: displacements of the nodes at the event, from the geometry in which the phase
+            began, [n, n_node, 3], m.
         mode: null vector of the tangent at limit points and bifurcations as displacements, the
             largest of a node 1, [n, n_node, 3]; where stiffness jumps below zero (a corner of a
             law) the softest mode; NaN at other events.

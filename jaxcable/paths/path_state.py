@@ -9,7 +9,14 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 
 @pytree
 class PathSettings:
-    """Options of `trace_path` that the compiled program takes: range, step lengths, tolerance."""
+    """Options of `trace_path` that the compiled program takes.
+
+    Attributes:
+        until, down_to: load factors at which the path ends.
+        step, largest: first and largest step, as changes of the load factor.
+        tol: length of path within which events are located.
+        through: whether to go on beyond limit points and bifurcations.
+    """
 
     until: Float[ArrayLike, ""]
     down_to: Float[ArrayLike, ""]
@@ -19,7 +26,7 @@ class PathSettings:
     through: Bool[ArrayLike, ""]
 
     def rules(self) -> list[Rule]:
-        """Return the rules of the settings; NaN breaks them, since the path would not end."""
+        """Return the rules that the settings must satisfy; NaN breaks them (no path would end)."""
         text = "must be positive; the path starts at 0"
         below = "must be negative; the path starts at 0"
         steps = [
@@ -38,15 +45,15 @@ class PathPoint:
     """A point of the equilibrium path, with its tangent.
 
     Attributes:
-        x, factor: motion of all rows, and load factor.
-        direction, rise: parts of the unit tangent: the unknowns, over
-            `PathState.displacement_scale`, and the load factor.
+        x, factor: displacements (and rotations) of the nodes, and load factor.
+        direction, rise: unit tangent of the path: its part in the unknowns, [n_free], over
+            `PathState.displacement_scale`, and its part in the load factor.
         memory: history variables with which a step from here begins, or None.
         n_negative: number of negative eigenvalues of the tangent stiffness.
-        stiffness, phi, left_phi: eigenvalue nearest to zero, its right and its left eigenvector, as
-            from `linear.inertia_and_nearest_mode`.
+        stiffness, phi, left_phi: eigenvalue nearest to zero, and its right and left eigenvectors,
+            [n_free].
         residual_by_factor: derivative of the residual by the load factor, [n_free], N.
-        is_slack: which elements are slack, all groups one after the other, bool.
+        is_slack: which elements are slack, those of all groups one after the other, bool.
     """
 
     x: Float[Array, "n_row n_motion"]
@@ -64,11 +71,11 @@ class PathPoint:
 
 @pytree
 class BracketEnd:
-    """Values at the far end of the bracket, the step that contains an event to be located.
+    """Values at the far end of the bracket: of the step that contains an event to be located.
 
     Attributes:
         rise, stiffness, n_negative: as of a `PathPoint`.
-        smooth: whether only `rise` and `n_negative` change at the event, and no element its state.
+        smooth: whether the event is smooth: no element goes slack, becomes taut or fails in it.
         has_bifurcation: whether the event is a bifurcation, as far as known.
     """
 

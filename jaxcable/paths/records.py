@@ -12,13 +12,13 @@ from ..common.types import Array, Bool, Int, PyTree
 from ..mechanics.element_output import evaluate_output
 from ..mechanics.load_ramp import LoadRamp
 from . import events
-from .negative_eigenvalues import count_crossings
+from .negative_eigenvalues import count_sign_changes
 from .path_state import PathPoint
 from .step_decision import StepDecision
 
 
 def record_point(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Array, ""]]:
-    """Add the end of a step to the recorded points, if wanted; return them and their number."""
+    """Write the end of a step into the point records if wanted; return them and their number."""
     current, corrected = step.current, step.corrected
     shown = select_tree(step.ends_in_failure, current.anchor, step.point)
     row = make_point_record(step.problem.ramp, shown, current.anchor.memory)
@@ -31,7 +31,11 @@ def record_point(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Arra
 def make_point_record(
     ramp: LoadRamp, p: PathPoint, memory: list[PyTree[Array]] | None
 ) -> dict[str, PyTree[Array]]:
-    """Return the results at a point as a record; those of its correction are added later."""
+    """Return the record of a point `p`: its load factor, displacements, element results and so on.
+
+    `memory` has the history variables at the last accepted point. Residual and iterations of the
+    corrector are added by `record_point`.
+    """
     seen = evaluate_output(ramp.system_at(p.factor, memory), p.x)
     return {
         "load_factor": p.factor,
@@ -46,15 +50,15 @@ def make_point_record(
 
 
 def record_events(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Array, ""]]:
-    """Add the located events of a step to the records; return them and their number.
+    """Write the events that were located in a step into the records of events.
 
-    Events that there is no room for are counted, too.
+    Returns the records, a dict of arrays, and the number of events, which can exceed their length.
     """
     current, a, p = step.current, step.current.anchor, step.point
     event_records, count, whole = current.event_records, current.n_event, ~step.has_failure
     fork = (step.has_bifurcation | step.on_other_branch) & ~step.has_limit_point & whole
     beside = select_tree(step.on_other_branch, current.bracket_end, step.bracket_end)
-    crossing, at_limit = count_crossings(beside, a, step.is_first)
+    crossing, at_limit = count_sign_changes(beside, a, step.is_first)
     zero = jnp.where(step.interpolated, _factor_at_zero_stiffness(a, p), p.factor)
     none, no_element = jnp.int32(0), jnp.zeros_like(p.is_slack)
     event = {
@@ -79,20 +83,20 @@ def record_events(step: StepDecision) -> tuple[dict[str, PyTree[Array]], Int[Arr
 
 
 def _factor_at_zero_stiffness(a, p):
-    """Return the load factor of zero stiffness, by linear interpolation between two points."""
+    """Return the load factor at which the stiffness is zero between points `a` and `p` (linear)."""
     part = a.stiffness / jnp.where(a.stiffness == p.stiffness, 1.0, a.stiffness - p.stiffness)
     return a.factor + part * (p.factor - a.factor)
 
 
 def allocate_records(count: int, record: PyTree[Any]) -> PyTree[Array]:
-    """Return arrays of zeros for `count` records with the shapes of a given one."""
+    """Return records of `count` points or events: zeros [count, ...] like every array of one."""
     return jax.tree.map(lambda a: jnp.zeros((count, *a.shape), a.dtype), record)
 
 
 def _write_record(
     rows: PyTree[Array], number: Int[Array, ""], row: PyTree[Array], wanted: Bool[Array, ""]
 ) -> PyTree[Array]:
-    """Write the record `row` at index `number` of `rows` if it is `wanted` and there is room."""
+    """Return the records `rows` with `row` at index `number`, if `wanted` and if there is room."""
 
     def one(column, value):
         at = jnp.where(wanted, number, len(column))  # beyond the end: dropped

@@ -21,16 +21,16 @@ class TracedPath(Path):
     their full length, with NaN in floats and -1 in counts behind the last point and event.
 
     Attributes:
-        load_factor, displacement, tension, peak_tension: as of a `Path`, one entry per point.
-        residual, relative_residual, rounding: likewise.
-        n_slack, n_loose, strain: likewise.
+        load_factor, displacement, tension, peak_tension: as in a `Path`, one entry per point.
+        residual, relative_residual, rounding: as in a `Path`, one entry per point.
+        n_slack, n_loose, strain: as in a `Path`, one entry per point.
         status: outcome, scalar: OK if the path reached the last load factor; LIMIT_POINT or
             BIFURCATION if it ends there (``through=False``); MATERIAL_FAILURE, MECHANISM; PATH_LOST
             if no next point is found; OUT_OF_EVENTS; OUT_OF_POINTS, or EXCESSIVE_DEFORMATION if the
             load still rises then but little stiffness is left; or the status of the phases before.
-        iterations: iterations of the correction onto the path, [n].
-        factorizations: None.
-        equilibrated: None.
+        iterations: number of iterations of the corrector, [n].
+        factorizations: None here.
+        equilibrated: None here.
         n_negative: number of negative eigenvalues of the tangent stiffness, [n]: 0 is stable. If
             the tangent is not symmetric to rounding (pressure that does not keep its direction
             where it has no potential, nodal moments), the number of eigenvalues with negative real
@@ -84,7 +84,11 @@ class TracedPath(Path):
 
 @jax.jit
 def _first_failure_load(kind, of_events, of_points):
-    """Return the load factor of the first event that is a failure; NaN if there is none."""
+    """Return the load factor of the first event that is a failure; NaN if there is none.
+
+    `kind` and `of_events` are kinds and load factors of events; a NaN gets its NaN derivatives from
+    `of_points`, the load factors of the path.
+    """
     fails = jnp.isin(kind, jnp.asarray(FAILURES))
     if kind.shape[0] == 0:
         return jnp.nan * jnp.sum(of_points)

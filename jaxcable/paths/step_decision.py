@@ -8,7 +8,7 @@ from ..common import status
 from ..common.tree import copy_with, select_tree
 from .path_state import PathState
 from .step_events import NEAR, StepEvents
-from .step_length import bracketing_step_length, cosine_between_tangents, soft_step_length
+from .step_length import bracketing_step_length, cosine_between_tangents, low_stiffness_step_length
 from .trial_step import ARC, FINISH, LOAD, PathProblem
 
 _EASY = 3  # iterations after which the next step has the same length (Crisfield 1991, ch. 9)
@@ -18,17 +18,19 @@ _MAX_TRIES = 30  # tried steps per recorded point, on average, before the path c
 
 
 class StepDecision(StepEvents):
-    """A tried step with its events, and what is decided about it; all attributes are bool.
+    """A tried step of a continuation, whether it is accepted, and what comes next (all bool).
 
     Attributes:
-        overshoots: it passes the last load factor; next, a step onto that load factor is tried.
-        accepted: its end is the next point to start from.
-        completes_path: with this step the path is complete.
-        stops_at_event: the path stops at the event in this step.
+        overshoots: the step passes the last load factor; a step onto that load factor is tried
+            next.
+        accepted: the end of the step is the point from which the next step starts.
+        completes_path: the path is complete with this step.
+        stops_at_event: the path ends at the event in this step, as the user wants
+            (``through=False``).
         records_point: a point is recorded: the end of the step, or its start if an element fails.
-        retry: it has failed, and a shorter one is tried next.
-        cannot_shorten: it has failed and cannot be shortened any more.
-        retry_by_load: it cannot be shortened, and a step of the load factor is tried next.
+        retry: the step has failed, and a shorter one is tried next.
+        cannot_shorten: the step has failed and cannot be shortened any more.
+        retry_by_load: such a step is followed by one with a prescribed load factor.
         is_soft: little stiffness along the path is left.
     """
 
@@ -54,8 +56,8 @@ class StepDecision(StepEvents):
         self.retry_by_load = self.cannot_shorten & ~by_load & problem.begin.always_convex
         self.is_soft = (p.rise > 0) & (p.rise < _SOFT) & (p.n_negative == 0)
 
-    def next_state(self) -> PathState:
-        """Return the `PathState` after the step; its records and status are not yet updated."""
+    def state_after_step(self) -> PathState:
+        """Return the `PathState` from which the next step is tried, without its new records."""
         current, settings = self.current, self.problem.settings
         a, p = current.anchor, self.point
         anchor = select_tree(self.accepted, self._commit_end_point(), a)
@@ -105,13 +107,13 @@ class StepDecision(StepEvents):
         )
 
     def _commit_end_point(self):
-        """Commit the history variables at the end of the step; return this `PathPoint`."""
+        """Return the `PathPoint` at the end of the step, with its history variables committed."""
         if not self.system.has_memory:
             return self.point
         return copy_with(self.point, memory=self.system.commit_memory(self.point.x, self.strains))
 
     def _next_nominal_length(self):
-        """Return the length of the next ordinary step, longer after few iterations."""
+        """Return the length of the next ordinary step, longer after few corrector iterations."""
         current, settings, p = self.current, self.problem.settings, self.point
         ease = jnp.sqrt(_EASY / jnp.maximum(self.corrected.steps, 1).astype(current.ds.dtype))
         plain = self.accepted & ~current.locating & ~self.located & (current.mode == ARC)
@@ -120,14 +122,14 @@ class StepDecision(StepEvents):
         nominal_ds = jnp.where(self.accepted & first, jnp.sqrt(2.0) * settings.step, nominal_ds)
         longest = jnp.sqrt(2.0) * settings.largest
         straight = plain & self.is_soft & (cosine_between_tangents(current.anchor, p) > _STRAIGHT)
-        wide_step = soft_step_length(
+        wide_step = low_stiffness_step_length(
             p, self.displacement_scale, self.problem.extent, settings.largest
         )
         longest = jnp.where(straight, jnp.maximum(longest, wide_step), longest)
         return jnp.minimum(nominal_ds, longest)
 
     def with_status(self, current: PathState) -> PathState:
-        """Return the `PathState` with its status set, and with `done` if the path has ended."""
+        """Return `current` with the status after this step, and `done` if the path has ended."""
         n_point, n_event = self.problem.capacity
         code = self.newton_code
         done = self.completes_path | self.stops_at_event | self.ends_in_failure

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from .negative_eigenvalues import eigenvalue_crossed, is_unstable, load_alignment
+from .negative_eigenvalues import eigenvalue_changed_sign, is_unstable, load_mode_alignment
 from .path_state import BracketEnd, PathState
 from .trial_step import PathProblem, TrialStep
 
@@ -23,22 +23,24 @@ of the square of this.
 
 
 class StepEvents(TrialStep):
-    """A tried step, and the events that were found in it; attributes are bool unless stated.
+    """A tried step of a continuation, and the events in it; attributes are bool unless stated.
 
     Attributes:
-        usable: its end is valid; the path can go on from there unless `on_other_branch`.
-        newly_slack, newly_taut, ruptured: elements that go slack, that become taut, that are
-            strained beyond their rupture strain, all groups one after the other.
+        usable: the end of the step is valid; the path can go on there unless `on_other_branch`.
+        newly_slack, newly_taut, ruptured: elements that go slack, that become taut, and that are
+            strained beyond their rupture strain in the step, those of all groups one after the
+            other.
         has_limit_point, has_bifurcation, has_slackening, has_tightening, has_failure: the step
             contains an event of this kind.
-        on_other_branch: close to a bifurcation, the step has ended on the other branch.
-        too_long: the step contains an event and is too long to locate it.
-        located: the step contains an event and is short enough.
-        ends_in_failure: the path ends in the step with an element that has failed.
-        interpolated: the event is a bifurcation that is located by linear interpolation.
-        has_null_vector: the eigenvector of the smallest eigenvalue is a null vector.
-        stiffness: the larger `PathPoint.stiffness` of both ends, in size, N/m.
-        bracket_end: `BracketEnd` at the end of the step.
+        on_other_branch: the step has ended on the other branch, close to a bifurcation.
+        too_long: the step contains an event but is too long to locate it.
+        located: the step contains an event and is short enough to locate it.
+        ends_in_failure: the path ends in this step, in which an element fails.
+        interpolated: the event is a bifurcation whose load factor is interpolated linearly.
+        has_null_vector: the eigenvalue nearest to zero is small enough for its eigenvector to be a
+            null vector.
+        stiffness: the larger absolute `PathPoint.stiffness` of both ends, N/m.
+        bracket_end: `BracketEnd` with the values at the end of the step.
     """
 
     def __init__(self, problem: PathProblem, current: PathState):
@@ -54,8 +56,8 @@ class StepEvents(TrialStep):
         known = self.usable & ~self.is_first & ~on_other_branch
         self.has_limit_point = known & ~self.is_load_step & ((p.rise > 0) != (a.rise > 0))
         # the inertia changes at a limit point, too, by rounding just before or after the rise does
-        of_limit = (jnp.abs(p.rise) < _FLAT) & (load_alignment(p) > _ALIGNED)
-        crossed = known & self.corrected.regular & eigenvalue_crossed(p, a) & ~of_limit
+        of_limit = (jnp.abs(p.rise) < _FLAT) & (load_mode_alignment(p) > _ALIGNED)
+        crossed = known & self.corrected.regular & eigenvalue_changed_sign(p, a) & ~of_limit
         unstable_start = self.usable & self.is_first & is_unstable(p)
         self.has_bifurcation = crossed | unstable_start
         self.newly_slack, self.newly_taut = p.is_slack & ~a.is_slack, a.is_slack & ~p.is_slack

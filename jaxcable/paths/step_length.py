@@ -15,27 +15,33 @@ _SOFT_DISPLACEMENT = 0.02
 
 
 def displacement_per_load(found: CorrectorState, system: System) -> Float[Array, ""]:
-    """Return the displacement per unit of the load factor where the path begins, m."""
+    """Return the norm of the displacements per unit of the load factor, m, where the path begins.
+
+    It follows from the tangent in `found`. Where that is zero or infinite, a typical length of the
+    elements in `system` is returned.
+    """
     scale = jnp.linalg.norm(found.direction) / jnp.where(found.rise == 0, 1.0, jnp.abs(found.rise))
     usable = (scale > 0) & jnp.isfinite(scale)
     return jnp.where(usable, scale, system.length_scale())
 
 
 def cosine_between_tangents(a: PathPoint, p: PathPoint) -> Float[Array, ""]:
-    """Return the cosine of the angle between the tangents at two points."""
+    """Return the cosine of the angle between the tangents of the path at points `a` and `p`."""
     return a.direction @ p.direction + a.rise * p.rise
 
 
-def soft_step_length(
+def low_stiffness_step_length(
     p: PathPoint,
     displacement_scale: Float[Array, ""],
     extent: Float[Array, ""],
     largest: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """Return the length of a step along a straight path with little stiffness.
+    """Return the length of a step from point `p` on a straight path with little stiffness.
 
-    It is `largest` in load, or 2 % of the size of the structure in displacement, whichever is
-    shorter: where hardly any load is added, as in plastic collapse, that of displacement.
+    Such a step adds `largest` to the load factor, or 2 % of the size of the structure (`extent`, m)
+    to a displacement, whichever is shorter: the latter where hardly any load is added, as in
+    plastic collapse. `displacement_scale` is the displacement in m that counts as much as a unit of
+    load factor.
     """
     shift = jnp.max(jnp.abs(p.direction), initial=0.0) * displacement_scale
     by_shift = _SOFT_DISPLACEMENT * extent / jnp.where(shift > 0, shift, 1.0)
@@ -55,7 +61,7 @@ def bracketing_step_length(
         anchor: `PathPoint` before the event.
         bracket_end: `BracketEnd` beyond the event.
         bracket: length of the step between them.
-        tries: number of steps tried so far; every third one is a bisection.
+        n_tried: number of steps tried so far; every third one is a bisection.
         tol: length within which the event counts as located.
     """
     rise, stiffness = bracket_end.rise, bracket_end.stiffness

@@ -29,7 +29,7 @@ from ..model.structure import Structure
 from ..numerics import implicit, scaled
 from .continuation import follow_path
 from .events import BIFURCATION, LIMIT_POINT, Events
-from .negative_eigenvalues import load_alignment
+from .negative_eigenvalues import load_mode_alignment
 from .path_state import PathSettings
 from .result import TracedPath
 
@@ -150,12 +150,12 @@ def trace_path(
 
 @functools.partial(jax.jit, static_argnames=("count",))
 def _first_entries(tree, count):
-    """Return the first `count` entries of all arrays of a pytree."""
+    """Return a pytree of arrays, each cut to its first `count` entries."""
     return jax.tree.map(lambda a: a[:count], tree)
 
 
 def check_path_settings(structure, until, down_to, step, largest, tol, through):
-    """Check the options of `trace_path`; return them as `PathSettings`."""
+    """Check the options of `trace_path`; return them as `PathSettings`. ValueError if invalid."""
     dtype = jnp.asarray(structure.nodes).dtype
     if tol is None:
         tol = 1e-9 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
@@ -165,9 +165,9 @@ def check_path_settings(structure, until, down_to, step, largest, tol, through):
 
 
 @functools.partial(jit_program, static=("capacity", "bundles"))
-def _trace_compiled(thawed, arrays, method, settings, code, capacity, bundles):
-    """Trace a path, compiled; return `TracedPath` of full length, numbers of points and events."""
-    parameters = merge_indices(thawed, arrays)
+def _trace_compiled(without_indices, index_arrays, method, settings, code, capacity, bundles):
+    """Trace a path; return `TracedPath` of full length, numbers of points and events; compiled."""
+    parameters = merge_indices(without_indices, index_arrays)
     code = status.first_failure(code, traced_input_status(parameters, method, settings)[1][0])
     nodes, groups, restart, schedule = complete_input(parameters, bundles)
     # rounding limits how short a bracket can be
@@ -179,7 +179,10 @@ def _trace_compiled(thawed, arrays, method, settings, code, capacity, bundles):
     final = lax.stop_gradient(follow_path(ramp, method, settings, code, capacity))
     happened = jnp.arange(capacity[1]) < final.n_event
     reached = jnp.arange(capacity[0]) < final.n_point
-    rows, event_records = _mask_unreached(final.point_records, reached), dict(final.event_records)
+    rows, event_records = (
+        _nan_where_unreached(final.point_records, reached),
+        dict(final.event_records),
+    )
     found = {name: bundles.split(value, axis=1) for name, value in rows.pop("found").items()}
     point, has_null_vector, factor, elements = (
         event_records.pop(name) for name in ("point", "null", "load_factor", "elements")
@@ -187,9 +190,9 @@ def _trace_compiled(thawed, arrays, method, settings, code, capacity, bundles):
     between = {name: event_records.pop(name) for name in ("lower", "upper", "row")}
     between["displacement"] = jax.vmap(lambda p: (p.x - ramp.start.motion)[:, :3])(point)
     modes = {"mode": jax.vmap(lambda p: _mode_shape(ramp, p))(point)}
-    modes["alignment"] = jax.vmap(load_alignment)(point)
+    modes["alignment"] = jax.vmap(load_mode_alignment)(point)
     critical = (event_records["kind"] == LIMIT_POINT) | (event_records["kind"] == BIFURCATION)
-    known = _mask_unreached(between, happened) | _mask_unreached(modes, critical)
+    known = _nan_where_unreached(between, happened) | _nan_where_unreached(modes, critical)
     path = TracedPath(
         status=final.code,
         factorizations=None,
@@ -200,12 +203,14 @@ def _trace_compiled(thawed, arrays, method, settings, code, capacity, bundles):
         **fields_of_element_results(found),
     )
     path = implicit.with_nan_derivative(path, parameters)
-    located = jax.vmap(lambda *event: _event_load_factor(*event, ramp, problem, parameters))
+    located = jax.vmap(
+        lambda *event: _differentiable_event_load_factor(*event, ramp, problem, parameters)
+    )
     counts = np.cumsum([0, *(len(group.links) for group in ramp.groups)])
     parts = [elements[:, a:b] for a, b in itertools.pairwise(counts)]
     events = copy_with(
         path.events,
-        load_factor=_mask_unreached(
+        load_factor=_nan_where_unreached(
             located(event_records["kind"], factor, point, has_null_vector), happened
         ),
         elements=bundles.split(parts, axis=1),
@@ -213,19 +218,19 @@ def _trace_compiled(thawed, arrays, method, settings, code, capacity, bundles):
     return copy_with(path, events=events), final.n_point, final.n_event
 
 
-def _mask_unreached(values, there):
-    """Replace entries of arrays where `there` is False: by NaN in floats, by -1 in counts."""
+def _nan_where_unreached(values, reached):
+    """Replace entries of arrays [n, ...] where `reached` [n] is False, by NaN, or -1 in counts."""
 
     def one(a):
         missing = jnp.nan if jnp.issubdtype(a.dtype, jnp.floating) else -1
-        mask = there.reshape(-1, *(1,) * (a.ndim - 1))
+        mask = reached.reshape(-1, *(1,) * (a.ndim - 1))
         return jnp.where(mask, a, jnp.asarray(missing, a.dtype))
 
     return jax.tree.map(one, values)
 
 
 def _mode_shape(ramp, point):
-    """Return the null vector of a point as displacements [n_node, 3], the largest 1."""
+    """Return the null vector at a point as displacements of all nodes, [n_node, 3], scaled to 1."""
     space = ramp.system_at(point.factor, point.memory).space
 
     def moved(step):
@@ -235,11 +240,15 @@ def _mode_shape(ramp, point):
     return scaled.normalize_mode_shapes(shape[None], point.phi[None])[0]
 
 
-def _event_load_factor(kind, factor, point, has_null_vector, ramp, problem, parameters):
-    """Return the load factor of an event, with its derivative at a smooth limit point, else NaN.
+def _differentiable_event_load_factor(
+    kind, factor, point, has_null_vector, ramp, problem, parameters
+):
+    """Return the load factor of an event, with derivatives if it is a smooth limit point, else NaN.
 
     At a limit point the left null vector phi of the tangent eliminates the unknowns from the
-    derivative of R(u, f, p) = 0: ``phi.R_f df + phi.R_p dp = 0``.
+    derivative of R(u, f, p) = 0: ``phi.R_f df + phi.R_p dp = 0``. `kind`, `factor` and `point` are
+    those of the event; `problem` has the arguments of `LoadRamp.build`, and `parameters` everything
+    that the path depends on.
     """
     factor = implicit.with_nan_derivative(factor, parameters)
     if ramp.memory is not None:  # history variables depend on all points before

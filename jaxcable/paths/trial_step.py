@@ -30,7 +30,7 @@ _MECHANISM = 100.0
 
 
 class PathProblem:
-    """The path to be followed: the phase, the method and the limits, the same for all steps.
+    """The path to be followed: the phase, the method, the options; the same for all steps.
 
     Args:
         ramp: the phase as a function of its load factor.
@@ -54,7 +54,7 @@ class PathProblem:
 
 
 class TrialStep:
-    """A step tried from the last accepted point: prediction along the tangent, then correction.
+    """One step of a continuation, tried from the last accepted point: predicted, then corrected.
 
     Args:
         problem: the path.
@@ -63,15 +63,15 @@ class TrialStep:
     Attributes:
         problem, current: as given.
         is_first: whether the step leads to the first point of the path.
-        is_load_step: whether the step is one of the load factor (`LOAD`), by Newton's method.
+        is_load_step: whether the load factor of its end is prescribed (`LOAD`), and Newton's method
+            finds the equilibrium there.
         newton_code: status of Newton's method in such a step; OK where the energy is not convex,
             because only corrections are made there.
-        corrected: `CorrectorState` at its end.
-        system: `System` at the end of the step.
-        point: `PathPoint` at the end of the step.
+        corrected: result of the corrector.
+        system, point: `System` and `PathPoint` at the end of the step.
         strains: section strains there; empty if no law has a rupture strain or history variables.
         sound: whether an equilibrium was found, not too far away, with a tangent to the path. (With
-            a convex energy a step of the load factor needs no tangent.)
+            a convex energy a step of prescribed load factor needs no tangent.)
         turns_sharply: whether the direction of the path changes sharply in the step.
         too_far: whether displacements are so large that the structure counts as a mechanism.
         displacement_scale: `PathState.displacement_scale` after the step.
@@ -103,7 +103,7 @@ class TrialStep:
         self.displacement_scale = jnp.where(corrected.regular, scale, known)
 
     def _predict_and_correct(self):
-        """Predict the end of the step by the tangent, or by Newton's method, and correct it."""
+        """Predict and correct the end of the step, and set `corrected` and `newton_code`."""
         ramp, settings, is_load_step = self.problem.ramp, self.problem.settings, self.is_load_step
         current, a, ds = self.current, self.current.anchor, self.current.ds
         free = current.mode == ARC
@@ -128,7 +128,10 @@ class TrialStep:
         self.corrected = correct_onto_path(ramp, a.memory, guess, a.factor, condition, tol, active)
 
     def _end_point(self, scale):
-        """Return the `PathPoint` at the end of the step; `scale` is its displacement scale, m."""
+        """Return the `PathPoint` at the end of the step, with its eigenvalues and unit tangent.
+
+        `scale` is the displacement that counts as much as a unit of the load factor, m.
+        """
         a, corrected, system = self.current.anchor, self.corrected, self.system
         direction, rise = corrected.direction / scale, corrected.rise
         size = jnp.sqrt(direction @ direction + rise**2)

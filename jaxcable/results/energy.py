@@ -48,15 +48,16 @@ class EnergyBalance:
         dead: work of dead loads, on the displacements of nodes, on deflections within elements, and
             on the sliding of ropes, [n_phase].
         following: work of follower loads, [n_phase].
-        supports: work of supports that are moved, and of reactions that are ramped out where
-            supports are released, [n_phase].
+        supports: work of supports that are moved, and of the reactions of released supports, which
+            decrease to zero in the phase, [n_phase].
         prestress: work of jacks and turnbuckles, of heat, and of all other changes of unstressed
             lengths, on the elements, [n_phase].
         stored: change of the stored energy of the elements, [n_phase]. It does not include the
             potential of weight, which counts as work.
         dissipated: energy dissipated by laws with history variables (plasticity), [n_phase].
         level: stored energy at the end of each phase, or where the phase failed, [n_phase].
-        increments: the imbalance of every increment, a tuple of [n_inc].
+        increments: work minus stored and dissipated energy in every increment, a tuple with an
+            array [n_inc] for each phase.
 
     Example:
         600 N on a cable of 5 m and EA = 100 kN, whose force is linear in the displacement, so that
@@ -83,7 +84,7 @@ class EnergyBalance:
 
     @property
     def work(self) -> Float[np.ndarray, " n_phase"]:
-        """Total work, [n_phase], J."""
+        """Work of dead and follower loads, supports and prestress together, [n_phase], J."""
         return sum(getattr(self, name) for name in WORKS)
 
     @property
@@ -103,7 +104,7 @@ class EnergyBalance:
 
     @property
     def relative(self) -> Float[np.ndarray, " n_phase"]:
-        """Former name of `relative_imbalance`, until the next release."""
+        """Old name of `relative_imbalance`, with a warning; it will be removed."""
         text = "EnergyBalance.relative is called relative_imbalance now"
         warnings.warn(text, DeprecationWarning, stacklevel=2)
         return self.relative_imbalance

@@ -30,22 +30,23 @@ _SMALL = 1e-6
 
 
 @functools.partial(jit_program, static=("bundles",))
-def increment_works(thawed, arrays, paths, bundles):
-    """Compute works and energies of all increments; compiled.
+def increment_works(without_indices, index_arrays, paths, bundles):
+    """Compute works and energies of all increments of an analysis; a compiled program.
 
     Args:
-        thawed, arrays: structure and phases, as `preparation.prepare` gives them.
-        paths: for each phase the codes of its increments, [n_inc], and their displacements, or
-            their motions in a structure with beams.
-        bundles: as `preparation.prepare` gives them.
+        without_indices, index_arrays, bundles: structure and phases, from `preparation.prepare`.
+        paths: for each phase the status codes of its increments, [n_inc], and the displacements at
+            their ends, [n_inc, n_node, 3] (with beams, also rotations).
 
     Returns:
-        phase_terms: for each phase the terms of its increments, [6, n_inc], J: work of dead loads,
-            of follower loads, of supports, of prestress, change of stored energy, dissipated
-            energy; and the stored energy at the end of the phase.
-        end: `end_fingerprint` of the analysis, by which its end is compared with a solution.
+        phase_terms: for each phase a pair. The terms of its increments, [6, n_inc], J, are the work
+            of dead loads, of follower loads, of supports and of prestress, the change of stored
+            energy, and the dissipated energy. The second item is the stored energy at the end, J.
+        end: arrays that identify the end of the analysis (`end_fingerprint`).
     """
-    nodes, groups, restart, schedule = complete_input(merge_indices(thawed, arrays), bundles)
+    nodes, groups, restart, schedule = complete_input(
+        merge_indices(without_indices, index_arrays), bundles
+    )
 
     def marks_of(restart):
         return end_fingerprint(copy_with(restart, states=bundles.split(restart.states)))
@@ -54,7 +55,7 @@ def increment_works(thawed, arrays, paths, bundles):
     for k, (codes, path) in enumerate(paths):
         before = with_loads_until(restart, loads, k)
         ramp = LoadRamp.build(nodes, groups, before, schedule.phase(k))
-        terms, stored_energy, restart = _phase_works(ramp, codes, path)
+        terms, stored_energy, restart = _work_terms_of_phase(ramp, codes, path)
         reached = jnp.any(codes == status.OK)
         end = jax.tree.map(lambda a, b, ok=reached: jnp.where(ok, a, b), marks_of(restart), end)
         phase_terms.append((terms, stored_energy))
@@ -67,18 +68,24 @@ def end_fingerprint(restart: RestartState) -> list[Array]:
     return jax.tree.leaves((restart.motion, restart.nodal_load, lengths))
 
 
-def _phase_works(ramp, codes, path):
-    """Return terms of a phase's increments [6, n_inc], final stored energy and `RestartState`."""
+def _work_terms_of_phase(ramp, codes, path):
+    """Return the terms [6, n_inc] of one phase for `increment_works`, and its end.
+
+    `codes` and `path` are status codes and displacements of its increments. The end is the stored
+    energy, J, and the `RestartState`.
+    """
     begin, n_inc, space = ramp.start.motion, len(codes), space_of(ramp.groups)
     good, n_good = codes == status.OK, jnp.sum(codes == status.OK)
     path = path if space.stored_motion(path) is not None else begin[None] + path
     path = jnp.where(good[:, None, None], path, begin[None])
     motions = jnp.concatenate([begin[None], path])
     factors = jnp.arange(n_inc + 1, dtype=begin.dtype) / n_inc
-    memories = None if ramp.memory is None else _memory_history(ramp, factors, motions)
-    small = _small_loads(ramp, factors)
+    memories = (
+        None if ramp.memory is None else _history_variables_along_phase(ramp, factors, motions)
+    )
+    small = _nearly_zero_element_loads(ramp, factors)
     points = lax.map(
-        lambda point: _evaluate_load_factor(ramp, small, *point), (factors, motions, memories)
+        lambda point: _state_at_load_factor(ramp, small, *point), (factors, motions, memories)
     )
     old, new = (jax.tree.map(lambda x, s=s: x[s], points) for s in (np.s_[:-1], np.s_[1:]))
     moved = jax.vmap(space.displacement_between)(old.motion, new.motion)
@@ -105,8 +112,11 @@ def _phase_works(ramp, codes, path):
     return jnp.where(good, terms, 0.0), points.stored_energy[n_good], ramp.commit(*end)
 
 
-def _memory_history(ramp, factors, motions):
-    """Return the history variables at the beginning of a phase and after every increment."""
+def _history_variables_along_phase(ramp, factors, motions):
+    """Return the history variables at the start and after every increment, arrays [n_inc + 1, ...].
+
+    `factors` and `motions` are load factors and displacements at these points.
+    """
 
     def follow(memory, increment):
         factor, motion = increment
@@ -123,18 +133,18 @@ class _LoadFactorState:
     """Forces and energies of the structure at one load factor of a phase.
 
     The energy E of an element includes the potential of the loads q along it, as far as they work
-    on deflections between its ends (`elements`). Its stored energy is ``U = E - q dE/dq``. Then
-    ``dU = dE/dm dm + dE/ds ds - q d(dE/dq)`` is the sum of the work at its ends (motion m), of the
-    work of changes of its unstressed length s, and of the work of the loads q. Here q is the load
-    on the whole element, which does not depend on s. A pressure is taken as it is.
+    on deflections between its ends. Its stored energy is ``U = E - q dE/dq``. Then ``dU = dE/dm dm
+    + dE/ds ds - q d(dE/dq)`` is the sum of the work at its ends (displacements m), of the work of
+    changes of its unstressed length s, and of the work of the loads q. Here q is the load on the
+    whole element, which does not depend on s. A pressure enters as it is.
 
     Attributes:
-        motion: of all rows.
-        load: dead loads on every row, without reactions that are ramped out, N and N m.
-        following: follower loads, or None.
-        supports: forces of supports that move, and reactions that are ramped out, or None.
-        states: of the elements, with jacks locked off at this load factor, so that their unstressed
-            lengths include what the jacks have pulled in.
+        motion: displacements (and rotations) of the nodes, [n_row, n_motion].
+        load: dead loads on the nodes, without reactions of released supports, N and N m.
+        following: follower loads on the nodes, or None.
+        supports: forces of supports that move, and reactions of released supports, or None.
+        states: states of the element groups, with jacks locked off at this load factor, so that
+            their unstressed lengths include what the jacks have pulled in.
         element_loads: loads q along the elements of each group, or None.
         slopes: dE/dq, in the same form as `element_loads`.
         energies: E of each group, J.
@@ -151,18 +161,19 @@ class _LoadFactorState:
 
     @property
     def stored_energy(self):
-        """Stored energy U of all elements, J; an array if load factors are stacked."""
+        """Stored energy U of all elements, J; [n_point] if several load factors are stacked."""
         total = sum(self.energies)
         for along, slopes in zip(self.element_loads, self.slopes, strict=True):
             if along is not None:
-                total = total - sum(_summed_products(along, slopes))
+                total = total - sum(_sums_of_load_times_slope(along, slopes))
         return total
 
 
-def _small_loads(ramp, factors):
-    """Return a small part of the largest load along each element, as `_element_loads` does.
+def _nearly_zero_element_loads(ramp, factors):
+    """Return a millionth of the largest load along each element in a phase, per group.
 
-    The shape of an element without load is that under it.
+    It stands for no load where an element has none, since it has a direction, which gives the
+    shape. `factors` are the load factors of the phase that are searched.
     """
 
     def small(load):
@@ -170,15 +181,16 @@ def _small_loads(ramp, factors):
         return _SMALL * load[jnp.argmax(size, axis=0), jnp.arange(load.shape[1])]
 
     def loads_at(factor):
-        return [_element_loads(state) for state in ramp.system_at(factor).states]
+        return [_total_element_loads(state) for state in ramp.system_at(factor).states]
 
     return jax.tree.map(small, lax.map(loads_at, factors))
 
 
-def _evaluate_load_factor(ramp, small, factor, motion, memory):
-    """Evaluate forces and energies at a load factor, given the motion and history variables.
+def _state_at_load_factor(ramp, small, factor, motion, memory):
+    """Evaluate forces and energies at a load factor, as a `_LoadFactorState`.
 
-    `small` is what `_small_loads` returns.
+    `motion` and `memory` are displacements and history variables there; `small` are the element
+    loads that stand for none, from `_nearly_zero_element_loads`.
     """
     system = ramp.system_at(factor, memory)
     load, following, supports = system.load, None, None
@@ -193,7 +205,7 @@ def _evaluate_load_factor(ramp, small, factor, motion, memory):
     for group, state, least in zip(system.groups, system.states, small, strict=True):
         if state.jack_force is not None:
             state = evaluate_elements("lock_off", group, state, system.nodes, motion)
-        along, slopes = _element_loads(state), None
+        along, slopes = _total_element_loads(state), None
         if along is None:
             energy = _group_energy(group, state, system.nodes, motion)
         else:
@@ -212,12 +224,16 @@ def _evaluate_load_factor(ramp, small, factor, motion, memory):
 
 
 def _group_energy(group, state, nodes, motion):
-    """Return the energy E of a group, J, see `_LoadFactorState`."""
+    """Return the energy E of all elements of a group (see `_LoadFactorState`), J, scalar."""
     return jnp.sum(evaluate_elements("energy", group, state, nodes, motion))
 
 
 def _work_within_elements(old, new):
-    """Return the work of dead loads, and of pressures, on deflections within elements, [n_inc]."""
+    """Return the work of loads along elements on deflections between their ends, [n_inc], J.
+
+    `old` and `new` are the `_LoadFactorState` before and after the increments. The two items of the
+    list are for dead loads and for pressures.
+    """
     works = [0.0, 0.0]
     for before, after, *slopes in zip(
         old.element_loads, new.element_loads, old.slopes, new.slopes, strict=True
@@ -226,16 +242,17 @@ def _work_within_elements(old, new):
             change = jax.tree.map(lambda a, b: b - a, *slopes)
             mean = jax.tree.map(lambda a, b: 0.5 * (a + b), before, after)
             works = [
-                w - part for w, part in zip(works, _summed_products(mean, change), strict=True)
+                w - part
+                for w, part in zip(works, _sums_of_load_times_slope(mean, change), strict=True)
             ]
     return works
 
 
 def _prestress_work_and_dissipation(ramp, points):
-    """Return the work of changes of unstressed lengths, and the dissipated energy, [n_inc] each.
+    """Return the work of changes of unstressed lengths and the dissipated energy, [n_inc] each, J.
 
-    The force that works on a change of length is the derivative of E with the history variables
-    from before the increment.
+    `points` are the stacked `_LoadFactorState` of the phase. The force that works on a change of
+    length is the derivative of E with the history variables from before the increment.
     """
     n = len(points.motion) - 1
     old, new = np.arange(n), np.arange(1, n + 1)
@@ -248,7 +265,7 @@ def _prestress_work_and_dissipation(ramp, points):
         sources = [(new, old, old), (old, new, old)] if changes else []
         sources += [(new, new, old)] if group.has_memory else []
         indices = (np.concatenate(source) for source in zip(*sources, strict=True))
-        mixed = _energy_of_mixed_points(ramp, points, k, *indices)
+        mixed = _group_energies_of_mixed_points(ramp, points, k, *indices)
         energies = points.energies[k]
         last = mixed[-n:] if group.has_memory else energies[1:]
         if changes:
@@ -258,52 +275,55 @@ def _prestress_work_and_dissipation(ramp, points):
     return prestress, dissipated
 
 
-def _energy_of_mixed_points(ramp, points, k, lengths, motions, memory):
-    """Return E of a group with lengths, motions and history variables of different points, J.
+def _group_energies_of_mixed_points(ramp, points, k, lengths, motions, memory):
+    """Return the energy E of a group for states mixed from several points of a phase, [n], J.
 
     Args:
         ramp: the phase.
         points: stacked `_LoadFactorState`.
         k: index of the group.
         lengths, motions, memory: indices of the points from which to take unstressed lengths,
-            motions with their loads, and history variables, [n] each.
+            displacements with their loads, and history variables, [n] each.
     """
     states, along = points.states[k], points.element_loads[k]
 
     def of_increment(indices):
         from_length, from_motion, from_memory = indices
-        state, load = _entry_of_each(states, from_length), _entry_of_each(along, from_motion)
-        state = copy_with(state, memory=_entry_of_each(states.memory, from_memory))
+        state, load = (
+            _entry_of_all_arrays(states, from_length),
+            _entry_of_all_arrays(along, from_motion),
+        )
+        state = copy_with(state, memory=_entry_of_all_arrays(states.memory, from_memory))
         state = state if load is None else _with_element_loads(state, load)
         return _group_energy(ramp.groups[k], state, ramp.nodes, points.motion[from_motion])
 
     return lax.map(of_increment, tuple(map(jnp.asarray, (lengths, motions, memory))))
 
 
-def _entry_of_each(tree, k):
-    """Return entry `k` of all arrays of a pytree."""
+def _entry_of_all_arrays(tree, k):
+    """Return a pytree with the entry `k` of each array of a pytree."""
     return jax.tree.map(lambda x: x[k], tree)
 
 
-def _element_loads(state):
-    """Return the loads along the elements of a group, `TotalLoads`; None if none act."""
+def _total_element_loads(state):
+    """Return the loads on whole elements of a group, `TotalLoads`; None if none act."""
     acting = state.element_load
     return None if acting is None else acting.total_loads(state.rest_length)
 
 
 def _with_element_loads(state, along):
-    """Return the state of a group with other loads along its elements."""
+    """Return the state of a group with the `TotalLoads` `along` in place of its loads."""
     acting = state.element_load.with_total_loads(along, state.rest_length)
     return copy_with(state, element_load=acting)
 
 
 def _is_unloaded(load):
-    """Whether each element has no load, in a shape that broadcasts against `load`."""
+    """Return whether each element has no load, in a shape that broadcasts against `load`."""
     return load == 0 if load.ndim == 1 else jnp.all(load == 0, axis=-1, keepdims=True)
 
 
-def _summed_products(loads, slopes):
-    """Sum load times slope at every point, [n_point], for dead loads and for pressures."""
+def _sums_of_load_times_slope(loads, slopes):
+    """Return the sums of load times slope dE/dq, [n_point], J, of dead loads and of pressures."""
 
     def product(load, slope):
         return jnp.sum(load * slope, axis=tuple(range(1, load.ndim)))

@@ -94,14 +94,16 @@ def section_forces(
         forces = items_per_group(structure, state.section_forces)
         at = state.positions, np.asarray(places)
         return structure.arrange(interpolate_recorded_forces(structure.groups, forces, *at))
-    thawed, arrays, dof_map = split_state(structure, state)
-    return structure.arrange(_section_forces_at(thawed, arrays, dof_map.without_unknowns, places))
+    without_indices, index_arrays, dof_map = split_state(structure, state)
+    return structure.arrange(
+        _section_forces_at(without_indices, index_arrays, dof_map.without_unknowns, places)
+    )
 
 
 @jax.jit
-def _section_forces_at(thawed, arrays, dof_map, places):
-    """Compute section forces [n_elem, n_place, 6] of each group of beams; None for others."""
-    nodes, groups, restart = merge_state(thawed, arrays)
+def _section_forces_at(without_indices, index_arrays, dof_map, places):
+    """Compute section forces of all groups, [n_elem, n_place, 6], None if no beams; compiled."""
+    nodes, groups, restart = merge_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
     places = places.astype(nodes.dtype)
 

@@ -25,16 +25,16 @@ def interpolation_matrices(
 ) -> tuple[Float[np.ndarray, "n_data n_place"], Float[np.ndarray, "n_data n_place"]]:
     """Return matrices that interpolate from `count` Gauss-Lobatto points to places from 0 to 1.
 
-    They evaluate the polynomial through the values at the points; through more than six points
-    cubics from point to point instead.
+    They evaluate the polynomial through the values at the points; with more than six points, cubics
+    between neighbouring points instead.
 
     Args:
         count: number of points.
-        sloped: whether the data are values and then slopes at the points, or values only.
+        sloped: True if the data are the values and then the slopes at all points; False for values.
         places: from 0 to 1.
 
     Returns:
-        Matrices from the data to values, and to slopes, at the places.
+        Two matrices [n_data, n_place]: ``data @ matrix`` are values, and slopes, at the places.
     """
     points = gauss_lobatto(count)[0]
     if count > _MOST_POINTS:
@@ -93,16 +93,20 @@ def interpolate_recorded_forces(
     positions: Float[Array, "n_node 3"],
     places: Float[np.ndarray, " n_place"],
 ) -> list[Any]:
-    """Interpolate the section forces of every group that a result has; None for other groups.
+    """Interpolate recorded section forces of all groups to other places along the elements.
 
     Args:
-        parts: groups, or what else has their `links`.
-        forces: of every group, as a `State` and a `PhaseResult` have them.
-        positions: of the nodes, m.
+        parts: for each group an object that has its `links`, such as the group.
+        forces: for each group the section forces at points of the elements, [n_elem, n_point, 6],
+            as in a `State` or `PhaseResult`; None for groups that are no beams.
+        positions: positions of the nodes, [n_node, 3], m.
         places: from 0 to 1, [n_place].
 
+    Returns:
+        List with [n_elem, n_place, 6], N and N m, for each group; None for groups without forces.
+
     Raises:
-        ValueError: a group has another number of elements.
+        ValueError: a group has another number of elements than the result.
     """
     found: list[Any] = []
     for number, (values, part) in enumerate(zip(forces, parts, strict=True)):

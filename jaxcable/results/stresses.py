@@ -30,7 +30,7 @@ def fibre_stress(
     Raises:
         ValueError: `phase` is not the results of a phase.
 
-    Differentiable if the analysis was run with `differentiate_path`, else its derivative is NaN.
+    Differentiable if `solve` was called with `differentiate_path`, else its derivative is NaN.
     Laws with history variables are followed through the increments, from their values at the
     beginning of the phase.
 
@@ -56,10 +56,12 @@ def fibre_stress(
 
 
 @jax.jit
-def _stresses_of_groups(thawed, arrays):
-    """Compute the stresses of every group, None without a section or law; compiled."""
+def _stresses_of_groups(without_indices, index_arrays):
+    """Compute the fibre stresses of all groups, Pa, None without a section or law; compiled."""
     stresses = []
-    for group, strain, tension, memory in zip(*merge_indices(thawed, arrays), strict=True):
+    for group, strain, tension, memory in zip(
+        *merge_indices(without_indices, index_arrays), strict=True
+    ):
         if strain is not None:
             stresses.append(_stress_history(group, strain, memory))
         else:  # no strains are recorded for a linear law: its stress follows from the tension
@@ -69,7 +71,10 @@ def _stresses_of_groups(thawed, arrays):
 
 
 def _stress_history(group, strain, memory):
-    """Return stresses [n_inc, n_elem, ...] from strains and the initial history variables."""
+    """Return the stresses of a group after every increment, [n_inc, n_elem, ...], Pa.
+
+    `strain` has the section strains, [n_inc, n_elem, ...], `memory` the initial history variables.
+    """
 
     def of_all(method, strain, memory):
         def of_element(properties, strain, memory):

@@ -76,10 +76,11 @@ def accuracy_cable(
 def inextensible_polygon(
     span: float, length: float, n_links: int
 ) -> Float[np.ndarray, "n_links+1 3"]:
-    """Return the corners [n_links + 1, 3], m, of a chain of equal rigid links under equal loads.
+    """Return the nodes [n_links + 1, 3], m, of a chain of equal rigid links under equal loads.
 
-    The loads P act at the inner corners; all links carry the same horizontal force H. The slope of
-    link k is ``V_k / H`` with ``V_k = P ((n - 1)/2 - k)``; the ratio P/H follows from the span.
+    The chain hangs between level supports at a distance of `span`; its links have the total
+    `length`, m. With loads P at the inner nodes all links carry the same horizontal force H; the
+    slope of link k is ``P ((n_links - 1)/2 - k) / H``, where P/H follows from the span.
     """
     shear = (n_links - 1) / 2 - np.arange(n_links)
 

@@ -41,13 +41,16 @@ class Scene(NamedTuple):
 def two_phase_scene(
     structure: Structure, increments: tuple[int, int], then: Load | list[Load], **first: Any
 ) -> Scene:
-    """Make a scene of two phases: one with the arguments `first`, one that adds loads (`then`)."""
+    """Make a scene of two phases: `first` are the fields of phase 0; phase 1 adds the loads `then`.
+
+    `increments` are the numbers of increments of both.
+    """
     phases = Phase(increments=increments[0], **first), Phase(loads=then, increments=increments[1])
     return Scene(structure, list(phases))
 
 
 def downward_loads(nodes: ArrayLike, load: ArrayLike) -> NodalLoads:
-    """Make nodal loads that act downward, N: a number for all nodes, or [n] for each of them."""
+    """Return `NodalLoads` that act downward on nodes: `load` is one force for all, or [n], N."""
     if np.ndim(load) == 0:
         return NodalLoads(nodes, (0.0, 0.0, -load))
     return NodalLoads(nodes, np.outer(load, [0.0, 0.0, -1.0]))
@@ -69,7 +72,7 @@ def points_on_circle(
 
 
 def require_positive(**values: float) -> None:
-    """Raise ValueError for the first of the named values that is not positive."""
+    """Raise ValueError if one of the values, given by name, is not positive."""
     for name, value in values.items():
         if not value > 0:
             raise ValueError(f"{name} = {value}: must be positive")

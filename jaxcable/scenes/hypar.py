@@ -45,7 +45,7 @@ Source: Mihanovic, Trogrlic, Zivaljic (2011), Table 3, with its reference number
 def identified_plan() -> tuple[
     Float[np.ndarray, "26 3"], Int[np.ndarray, "31 2"], Int[np.ndarray, " 12"]
 ]:
-    """Return the identified plan: nodes [26, 3], m, links [31, 2], free node numbers [12]."""
+    """Return the plan of the net: nodes [26, 3], m, links [31, 2], free node numbers [12]."""
     places, links, free = orthogonal_grid(3, 4)
     nodes = add_zero_height(0.4 * places)
     nodes[places[:, 0] == 4, 0] = 1.2 + 0.795
@@ -54,10 +54,10 @@ def identified_plan() -> tuple[
 
 
 def start_disturbance(places: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
-    """Return the offsets by which nodes start away from the plan, [n, 3], m.
+    """Return the offsets from the plan at which the nodes of the net start, [n, 3], m.
 
-    At the grid point (i, j) they are 30 mm in plan and 40 mm in height, times waves:
-    ``0.03 sin(2 i + 3 j), 0.03 cos(3 i + j), 0.04 sin(i + 2 j + 1)``.
+    At the grid point (i, j), a row of `places`, they are waves of 30 mm in plan and 40 mm in
+    height: ``0.03 sin(2 i + 3 j), 0.03 cos(3 i + j), 0.04 sin(i + 2 j + 1)``.
     """
     i, j = places.T
     return np.column_stack(

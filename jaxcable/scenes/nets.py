@@ -17,9 +17,9 @@ def orthogonal_grid(
     """Return the topology of an orthogonal net of `n_x` by `n_y` free nodes, without corner nodes.
 
     Returns:
-        places: grid coordinates (i, j) of every node, [n_node, 2]; i grows first.
+        places: grid coordinates (i, j) of every node, [n_node, 2]; i varies fastest.
         links: cables along x first, then cables along y, [n_elem, 2].
-        free: numbers of the free nodes, [n_x n_y]; i grows first.
+        free: numbers of the free nodes, [n_x n_y]; i varies fastest.
     """
     corners = {(0, 0), (n_x + 1, 0), (0, n_y + 1), (n_x + 1, n_y + 1)}
     places = [(i, j) for j in range(n_y + 2) for i in range(n_x + 2) if (i, j) not in corners]
@@ -31,14 +31,14 @@ def orthogonal_grid(
 
 
 def add_zero_height(plan: Float[np.ndarray, "n_node 2"]) -> Float[np.ndarray, "n_node 3"]:
-    """Add the height z = 0 to positions in plan, [n_node, 2]."""
+    """Return positions [n_node, 3] with height z = 0 for positions in plan, [n_node, 2]."""
     return np.column_stack([plan, np.zeros(len(plan))])
 
 
 def make_anchored_net(
     nodes: Float[np.ndarray, "n_node 3"], cables: Cables, free: Int[np.ndarray, " n_free"]
 ) -> Structure:
-    """Make the structure of a net whose nodes are all pinned except for the free ones."""
+    """Return a `Structure` of cables in which all nodes are pinned except for those in `free`."""
     return Structure(nodes, cables, supports=pinned(np.setdiff1d(np.arange(len(nodes)), free)))
 
 

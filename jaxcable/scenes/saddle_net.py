@@ -38,7 +38,7 @@ def saddle_net(
 
     Options:
         rise: as in `saddle`.
-        pretension: in the initial geometry, N.
+        pretension: of every cable in the initial geometry, N.
         load: downward force on every free node, N.
         increments: number of increments of the two phases.
         shape: number of cells of the section, a pair, see `Section.disc`.

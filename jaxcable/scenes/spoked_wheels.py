@@ -91,7 +91,7 @@ def roof_ring(
     nodes = np.concatenate([points_on_circle(r, angle, z) for r, z in rings])
     number = np.arange(n)
     upper, lower, inner = number, n + number, 2 * n + number
-    parts, short = _wheel_statics(n, radius, hub, height, pretension)
+    parts, short = _wheel_element_properties(n, radius, hub, height, pretension)
     compressed = np.concatenate([chain_links(upper, closed=True), chain_links(lower, closed=True)])
     elements = {
         "rings": Bars(compressed, **parts["rings"]),
@@ -119,12 +119,12 @@ def roof_ring(
     return Scene(structure, [hanging, *[lift] * lifts, *joined, roof])
 
 
-def _wheel_statics(n, radius, hub, height, pretension):
-    """Find forces and lengths by statics.
+def _wheel_element_properties(n, radius, hub, height, pretension):
+    """Find stiffness and lengths of a wheel in equilibrium under own weight, by statics.
 
     Returns:
-        For each group by name the arguments stiffness, unstressed length and weight; and the
-        unstressed lengths of all groups by name, m.
+        For each group by name a dict of arguments (axial stiffness, unstressed length, weight); and
+            the unstressed lengths of all groups by name, m.
     """
     spoke = np.hypot(radius - hub, 0.5 * height)
     sine, cosine = 0.5 * height / spoke, (radius - hub) / spoke

@@ -84,7 +84,7 @@ def suspension_footbridge(
         raise ValueError(f"n = {n}: must be even, and at least 4")
     require_positive(span=span, sag=sag, dead=dead, planks=planks)
     x = np.linspace(-span / 2, span / 2, n + 1)
-    height, posts, strands, hung = _bridge_statics(x, span, sag, dead)
+    height, posts, strands, hung = _bridge_heights_and_properties(x, span, sag, dead)
     back = x[-1] + span / 3
     nodes = np.zeros((2 * n + 6, 3))
     nodes[:6, 0] = [-back, back, x[0], x[-1], x[0], x[-1]]
@@ -123,12 +123,16 @@ def suspension_footbridge(
     return Scene(structure, [*phases, Phase(adds="girder"), Phase(loads=laid)])
 
 
-def _bridge_statics(x, span, sag, dead):
-    """Find the shape and the lengths by statics.
+def _bridge_heights_and_properties(x, span, sag, dead):
+    """Find the shape of the cables, and lengths and stiffness of the elements, by statics.
+
+    Args:
+        x: positions of the hangers and the pylons, [n + 1], m.
+        span, sag, dead: as for `suspension_footbridge`.
 
     Returns:
-        Heights of the nodes of the cables, [n + 1], m, then dicts with stiffness, unstressed length
-        and weight of pylons, cables and hangers.
+        Heights of the nodes of the cables, [n + 1], m; then for pylons, cables and hangers a dict
+            of arguments each: axial stiffness, unstressed length, weight.
     """
     a = x[1] - x[0]
     load = dead * a * np.ones(len(x) - 2)

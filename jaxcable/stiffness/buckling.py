@@ -35,7 +35,7 @@ _ROUNDING_FACTOR = 64
 
 @pytree
 class Buckling:
-    """Linear buckling factors and buckling shapes, lowest factor first.
+    """Linear buckling factors and shapes, lowest factor first: the result of `buckling_factor`.
 
     Attributes:
         factor: factor on the loads at which the tangent is singular, [n], -; inf where there is no
@@ -135,21 +135,24 @@ def buckling_factor(
     """
     checks.require_whole_number(n, "n")
     require_symmetric_elements(structure, "buckling_factor")
-    thawed, arrays, dof_map = split_state(structure, state, fixed)
+    without_indices, index_arrays, dof_map = split_state(structure, state, fixed)
     require_dense_memory(dof_map, _DENSE_MATRICES, "buckling_factor")
-    _refuse_follower_loads(thawed[2], "state")
+    _refuse_follower_loads(without_indices[2], "state")
     catenary = any(isinstance(group, Sagging) for group in structure.groups)
-    if reference is None and catenary and thawed[2].loads:
+    if reference is None and catenary and without_indices[2].loads:
         raise ValueError(
             "reference: missing; loads change the stiffness of catenaries, so that there is no "
             "unstressed state to compare with; give the state before the loads to be multiplied"
         )
-    after, slack = compiled_tangent(thawed, arrays, dof_map), _slack_elements(thawed, arrays)
+    after, slack = (
+        compiled_tangent(without_indices, index_arrays, dof_map),
+        _slack_elements(without_indices, index_arrays),
+    )
     alike: Bool[ArrayLike, ""]
     if reference is None:
         alike = _can_be_unstressed(structure, slack)
-        bare = _unstressed_with_zero_loads(thawed, arrays, slack)
-        before = compiled_tangent((*thawed[:2], bare), arrays, dof_map)
+        bare = _unstressed_state_with_zero_loads(without_indices, index_arrays, slack)
+        before = compiled_tangent((*without_indices[:2], bare), index_arrays, dof_map)
     else:
         if not isinstance(reference, Solution | State):
             raise ValueError(
@@ -164,10 +167,10 @@ def buckling_factor(
         before = compiled_tangent(reference_frame, reference_arrays, reference_freedoms)
         pairs = zip(_slack_elements(reference_frame, reference_arrays), slack, strict=True)
         alike = jnp.all(jnp.stack([jnp.all(a == b) for a, b in pairs]))
-        alike &= _same_elements_present(reference_frame[2], thawed[2])
+        alike &= _same_elements_present(reference_frame[2], without_indices[2])
     symmetric = linear.is_symmetric(before) & linear.is_symmetric(after)
     if checks.array_if_known(symmetric) is not None and not symmetric:
-        if not _nodal_moments_act(thawed, arrays):
+        if not _nodal_moments_act(without_indices, index_arrays):
             raise ValueError(
                 "state: its tangent stiffness is unsymmetric although no moments act on nodes; if "
                 "an element class of your own is the cause, declare symmetric = False in it "
@@ -180,13 +183,13 @@ def buckling_factor(
         )
     factor, vectors = _solve_buckling_problem(before, after, min(n, len(after)))
     factor = jnp.where(alike, factor, jnp.nan)
-    moved = displacement_jacobian(thawed, arrays, dof_map)[: structure.n_node]
+    moved = displacement_jacobian(without_indices, index_arrays, dof_map)[: structure.n_node]
     shapes = jnp.moveaxis(jnp.tensordot(moved, vectors, 1), -1, 0)
     return Buckling(factor, normalize_mode_shapes(shapes, vectors.T))
 
 
 def _refuse_follower_loads(restart, name):
-    """Raise ValueError if follower loads act in a state; `name` is the argument that it is."""
+    """Raise ValueError if follower loads act in a state; `name` is its argument in the message."""
     if any(stack.follows for stack in restart.loads):
         raise ValueError(
             f"{name}: follower loads act on it; linear buckling multiplies loads that keep their "
@@ -195,10 +198,12 @@ def _refuse_follower_loads(restart, name):
 
 
 def _can_be_unstressed(structure, slack):
-    """Whether all slack elements have an unstressed state in which they are slack.
+    """Return whether all slack elements have a known unstressed state in which they are slack.
+
+    `slack` has a boolean array [n_elem] for each group.
 
     Raises:
-        ValueError: an element is slack, and its class has no method `unstressed`.
+        ValueError: an element is slack, and its class has no method `unstressed_state`.
     """
     sound = jnp.ones((), bool)
     for (where, group), own in zip(structure.named_groups(), slack, strict=True):
@@ -216,16 +221,16 @@ def _can_be_unstressed(structure, slack):
 
 
 @jax.jit
-def _nodal_moments_act(thawed, arrays):
-    """Whether moments act on nodes in a state; scalar bool, compiled."""
-    nodes, groups, restart = merge_state(thawed, arrays)
+def _nodal_moments_act(without_indices, index_arrays):
+    """Return whether any node carries an external moment in a state; scalar bool, compiled."""
+    nodes, groups, restart = merge_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, None, None)
     moments = system.space.moments(system.load)
     return jnp.any(jnp.zeros(()) if moments is None else moments != 0)
 
 
 def _same_elements_present(first, second):
-    """Whether the same elements are present in two states (`RestartState`); scalar bool."""
+    """Return whether the same elements are present in two `RestartState`; scalar bool."""
     same: Bool[ArrayLike, ""] = True
     for a, b in zip(first.states, second.states, strict=True):
         if a.present is not None or b.present is not None:
@@ -236,26 +241,30 @@ def _same_elements_present(first, second):
 
 
 @jax.jit
-def _slack_elements(thawed, arrays):
-    """Return which elements are slack in a state, one boolean array [n_elem] per group."""
-    nodes, groups, restart = merge_state(thawed, arrays)
+def _slack_elements(without_indices, index_arrays):
+    """Return which elements are slack in a state, a boolean array [n_elem] for each group."""
+    nodes, groups, restart = merge_state(without_indices, index_arrays)
     return make_system(nodes, groups, restart, None, None).slack(restart.motion)
 
 
-def _unstressed_with_zero_loads(thawed, arrays, slack):
-    """Return the `RestartState` of the unstressed structure: lengths of chords, or slack.
+def _unstressed_state_with_zero_loads(without_indices, index_arrays, slack):
+    """Return the `RestartState` of the structure without stress, with loads times zero.
 
-    It has the loads of the state times zero, so that one compiled program serves both tangents.
+    It keeps the loads' arrays, so that one compiled program gives both tangents. Slack elements
+    remain slack; others get the distance of their initial nodes as unstressed length.
     """
-    bare, restart = _unstressed_without_loads(thawed, arrays, slack), thawed[2]
+    bare, restart = (
+        _unstressed_state_without_loads(without_indices, index_arrays, slack),
+        without_indices[2],
+    )
     amounts = [copy_with(amount, factors=0.0 * amount.factors) for amount in restart.load_factors]
     return copy_with(bare, loads=restart.loads, load_factors=amounts)
 
 
 @jax.jit
-def _unstressed_without_loads(thawed, arrays, slack):
-    """Return the `RestartState` of the unstressed structure without loads; compiled."""
-    nodes, groups, restart = merge_state(thawed, arrays)
+def _unstressed_state_without_loads(without_indices, index_arrays, slack):
+    """Return the `RestartState` of the structure without stress and without loads; compiled."""
+    nodes, groups, restart = merge_state(without_indices, index_arrays)
     bare = initial_restart_state(nodes, groups)
     states = []
     present = [state.present for state in restart.states]
@@ -267,17 +276,20 @@ def _unstressed_without_loads(thawed, arrays, slack):
 
 @jax.jit
 def _is_positive_definite(matrix):
-    """Whether a symmetric matrix is positive definite beyond its rounding."""
+    """Return whether the lowest eigenvalue of a symmetric matrix is positive beyond rounding."""
     values = unbatched.eigvalsh(jax.lax.stop_gradient(matrix))
     return values[0] > 4 * len(values) * jnp.finfo(matrix.dtype).eps * values[-1]
 
 
 @functools.partial(jax.jit, static_argnames=("n",))
 def _solve_buckling_problem(before, after, n):
-    """Solve for the lowest `n` buckling factors and their vectors [n_free, n].
+    """Find the lowest `n` factors f at which ``K_ref + f (K_state - K_ref)`` is singular.
 
-    M is K_ref if that is stable, else K_state. With ``(K_state - K_ref) phi = kappa M phi``, K(f)
-    is singular at ``f = -1 / kappa`` if M is K_ref, and at ``f = 1 - 1 / kappa`` if M is K_state.
+    Solves ``(K_state - K_ref) phi = kappa M phi``. If K_ref (`before`) is positive definite, M is
+    K_ref and ``f = -1 / kappa``; else M is K_state (`after`) and ``f = 1 - 1 / kappa``.
+
+    Returns:
+        The factors, [n], inf or NaN where there is none, and their vectors phi, [n_free, n].
     """
     before, after = 0.5 * (before + before.T), 0.5 * (after + after.T)
     change = after - before

@@ -25,10 +25,12 @@ def flexibility(
     axes: str = "xyz",
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
 ) -> Float[Array, "m m"]:
-    """Compute displacements of a loaded state by small unit forces: a part of ``K^-1``.
+    """Compute the flexibility matrix of some nodes: their displacements by small unit forces.
 
-    Symmetric unless follower loads act. Differentiable like the solution. NaN where the tangent
-    stiffness is singular (a mechanism without prestress, a loose node, a limit point).
+    These are added to a loaded state; the matrix is a part of ``K^-1`` with the tangent stiffness
+    K. It is symmetric unless follower loads act, and differentiable like the solution. It is NaN
+    where K is singular (a mechanism without prestress, a node with slack cables only, a limit
+    point).
 
     Args:
         structure: the `Structure` that was analysed.
@@ -66,12 +68,15 @@ def flexibility(
     require_dense_memory(at[2], _DENSE_MATRICES, "flexibility")
     moved = displacement_jacobian(*at)
     unit = moved[nodes][:, np.array([_AXIS_INDEX[a] for a in axes])].reshape(-1, moved.shape[2])
-    return _apply_unit_forces(compiled_tangent(*at), unit)
+    return _displacements_by_unit_forces(compiled_tangent(*at), unit)
 
 
 @jax.jit
-def _apply_unit_forces(stiffness, unit):
-    """Solve for displacements by unit forces; `unit` [m, n_free] maps unknowns to displacements."""
+def _displacements_by_unit_forces(stiffness, unit):
+    """Return the displacements by unit forces, [m, m], m/N: ``unit K^-1 unit^T``.
+
+    `unit` [m, n_free] maps the unknowns to the m displacements; `stiffness` is K.
+    """
     factor = linear.factorize(stiffness)
     given = jax.vmap(lambda b: factor.solve(b, lambda v: stiffness @ v), out_axes=1)(unit)
     free = jnp.any(unit != 0, axis=1)

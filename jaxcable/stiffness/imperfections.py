@@ -31,11 +31,11 @@ _DENSE_MATRICES = 10
 
 @pytree
 class Modes:
-    """Eigenmodes of the tangent stiffness, softest first.
+    """Eigenmodes of the tangent stiffness, softest first: the result of `modes`.
 
     Attributes:
-        stiffness: eigenvalues, [n], N/m: force over displacement along a unit vector of all
-            unknowns. If all are positive, the state is stable.
+        stiffness: eigenvalues of the tangent stiffness, [n], N/m. If all are positive, the state is
+            stable.
         shapes: displacements, scaled to 1 at the node that moves most, [n, n_node, 3].
 
     Example:

@@ -35,7 +35,7 @@ def tangent_of(
     stiffness, and that of follower loads.
 
     A state is stable if its tangent is positive definite. Slack cables give no stiffness. This is a
-    pure function, which can be transformed like `solve`.
+    pure function, which jit, vmap and grad can transform.
 
     Args:
         structure: the `Structure` that was analysed.
@@ -69,19 +69,22 @@ def tangent_of(
 
 
 @jax.jit
-def compiled_tangent(thawed, arrays, dof_map):
-    """Compute the tangent stiffness from the results of `split_state`, [n_free, n_free], N/m."""
-    nodes, groups, restart = merge_state(thawed, arrays)
+def compiled_tangent(without_indices, index_arrays, dof_map):
+    """Return the tangent stiffness, [n_free, n_free], N/m, from what `split_state` returns."""
+    nodes, groups, restart = merge_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
     return system.tangent(restart.motion)
 
 
 @jax.jit
 def displacement_jacobian(
-    thawed: _SplitModel, arrays: _IndexArrays, dof_map: DofMap
+    without_indices: _SplitModel, index_arrays: _IndexArrays, dof_map: DofMap
 ) -> Float[Array, "n_row 3 n_free"]:
-    """Return the derivative of all displacements by the unknowns, [n_row, 3, n_free]."""
-    nodes, groups, restart = merge_state(thawed, arrays)
+    """Return the derivative of all displacements by the unknowns, [n_row, 3, n_free], compiled.
+
+    The arguments are what `split_state` returns. Hinged ends of beams are rows behind the nodes.
+    """
+    nodes, groups, restart = merge_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
     return system.displacement_jacobian(restart.motion)
 
@@ -91,18 +94,21 @@ def split_state(
     state: Solution | State,
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
 ) -> tuple[_SplitModel, _IndexArrays, DofMap]:
-    """Prepare the state of a solution for compiled functions such as `compiled_tangent`.
+    """Split the state of a solution into what compiled functions such as `compiled_tangent` take.
+
+    Args:
+        structure, state, fixed: as for `tangent_of`.
 
     Returns:
-        Nodes, groups and `RestartState` of the state without their index arrays; these index
-        arrays, which `merge_state` puts back; the numbering of the unknowns.
+        Nodes, element groups and `RestartState`, all without their integer index arrays; these
+            index arrays, which `merge_state` puts back; the numbering of the unknowns.
     """
     state = state.last if isinstance(state, Solution) else state
     if not isinstance(state, State):
         raise ValueError(f"state: expected a Solution or its .last, got {type(state).__name__}")
     require_same_topology(structure, state.topology, "state")
     rows, groups = structure.motion_rows()
-    held = state.fixed[-1] if fixed is not None else _fixed_in_phase_of(state)
+    held = state.fixed[-1] if fixed is not None else _fixed_dofs_in_phase_of(state)
     fixed = held if fixed is None else FixedDofs(np.asarray(fixed, bool), held.axes)
     idle = inactive_dofs_of(structure, state.restart.states)
     if idle is not None:
@@ -117,11 +123,11 @@ def split_state(
 
 
 def require_symmetric_elements(structure: Structure, what: str) -> None:
-    """Raise ValueError if elements of a structure have an unsymmetric tangent.
+    """Raise ValueError if a group of elements declares that its tangent is not symmetric.
 
     Args:
         structure: `Structure`.
-        what: name of the caller, for the message.
+        what: name of the calling function, for the message.
     """
     for where, group in structure.named_groups():
         if not group.symmetric:
@@ -132,12 +138,12 @@ def require_symmetric_elements(structure: Structure, what: str) -> None:
 
 
 def require_dense_memory(dof_map: DofMap, count: int, what: str) -> None:
-    """Raise ValueError if dense matrices of all unknowns do not fit into memory.
+    """Raise ValueError if `count` dense matrices of all unknowns do not fit into memory.
 
     Args:
         dof_map: numbering of the unknowns.
         count: how many matrices there are at once.
-        what: name of the caller, for the message.
+        what: name of the calling function, for the message.
     """
     n = len(dof_map.free)
     memory_limit.require_memory(
@@ -147,14 +153,17 @@ def require_dense_memory(dof_map: DofMap, count: int, what: str) -> None:
     )
 
 
-def merge_state(thawed: _SplitModel, arrays: _IndexArrays) -> _SplitModel:
-    """Put the index arrays of `split_state` back; cast all floats to the dtype of the nodes."""
-    frame = merge_indices(thawed, arrays)
+def merge_state(without_indices: _SplitModel, index_arrays: _IndexArrays) -> _SplitModel:
+    """Return nodes, element groups and `RestartState` from what `split_state` returns.
+
+    All floats get the float type of the nodes.
+    """
+    frame = merge_indices(without_indices, index_arrays)
     return cast_floats(frame, jnp.asarray(frame[0]).dtype)
 
 
-def _fixed_in_phase_of(state):
-    """Return the degrees of freedom held in the phase that a state belongs to, `FixedDofs`."""
+def _fixed_dofs_in_phase_of(state):
+    """Return the degrees of freedom that supports hold in the phase that ended in `state`."""
     if all(fixed == state.fixed[-1] for fixed in state.fixed):
         return state.fixed[-1]
     if isinstance(state.phase, jax.core.Tracer):

@@ -47,11 +47,11 @@ STANDARD_GRAVITY = 9.80665
 
 @pytree
 class Vibration:
-    """Natural frequencies and vibration modes, slowest first.
+    """Natural frequencies and modes, slowest first: the result of `natural_frequencies`.
 
     Attributes:
-        frequency: [n], Hz; NaN for a mode without positive stiffness (the state is unstable or
-            a mechanism: see `squared`).
+        frequency: natural frequencies, [n], Hz; NaN for a mode without positive stiffness (the
+            state is unstable or a mechanism: see `squared`).
         squared: squared circular frequencies, [n], 1/s2; negative where the state is unstable.
         shapes: displacements, scaled to 1 at the node that moves most, [n, n_node, 3].
 
@@ -145,7 +145,7 @@ def natural_frequencies(
         masses = jnp.broadcast_to(checks.as_floats(masses, "masses"), structure.n_node)
         masses = nan_if_broken(not_negative("masses", masses))
     require_symmetric_elements(structure, "natural_frequencies")
-    thawed, arrays, dof_map = split_state(structure, state, fixed)
+    without_indices, index_arrays, dof_map = split_state(structure, state, fixed)
     require_dense_memory(dof_map, _DENSE_MATRICES, "natural_frequencies")
     weights = [group.weight for group in structure.groups]
     known = [checks.array_if_known(amount) for amount in (*weights, masses) if amount is not None]
@@ -153,15 +153,15 @@ def natural_frequencies(
         raise ValueError(
             "masses: no element group has a weight; give weight=... in N/m, or masses=... in kg"
         )
-    stiffness = compiled_tangent(thawed, arrays, dof_map)
+    stiffness = compiled_tangent(without_indices, index_arrays, dof_map)
     symmetric = linear.is_symmetric(stiffness)
     if checks.array_if_known(symmetric) is not None and not symmetric:
         raise ValueError(
             "state: follower loads or nodal moments make its tangent stiffness unsymmetric; "
             "frequencies may be complex, and only symmetric problems are solved"
         )
-    moved = displacement_jacobian(thawed, arrays, dof_map)[: structure.n_node]
-    mass = _mass_matrix(thawed, arrays, dof_map, gravity, distribution=distribution)
+    moved = displacement_jacobian(without_indices, index_arrays, dof_map)[: structure.n_node]
+    mass = _mass_matrix(without_indices, index_arrays, dof_map, gravity, distribution=distribution)
     if masses is not None:
         mass = mass + jnp.einsum("nci,n,ncj->ij", moved, masses.astype(mass.dtype), moved)
     if not (checks.array_if_known(jnp.trace(mass)) is None or jnp.trace(mass) > 0):
@@ -173,24 +173,24 @@ def natural_frequencies(
     found = _without_massless_modes(
         _solve_vibration_problem(stiffness, mass, moved, min(n, len(stiffness)))
     )
-    _warn_of_modes_within_spans(structure, thawed, arrays, gravity, found)
+    _warn_of_modes_within_spans(structure, without_indices, index_arrays, gravity, found)
     return found
 
 
 @functools.partial(jax.jit, static_argnames=("distribution",))
-def _mass_matrix(thawed, arrays, dof_map, gravity, distribution):
-    """Assemble the mass matrix of the elements, [n_free, n_free], kg."""
-    nodes, groups, restart = merge_state(thawed, arrays)
+def _mass_matrix(without_indices, index_arrays, dof_map, gravity, distribution):
+    """Assemble the mass matrix of the elements' weights, [n_free, n_free], kg; compiled."""
+    nodes, groups, restart = merge_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
     return system.mass_matrix(restart.motion, jnp.asarray(gravity, nodes.dtype), distribution)
 
 
-def _warn_of_modes_within_spans(structure, thawed, arrays, gravity, found):
-    """Warn of catenaries that vibrate within their span more slowly than a mode that was found."""
+def _warn_of_modes_within_spans(structure, without_indices, index_arrays, gravity, found):
+    """Warn if a catenary vibrates within its span more slowly than one of the modes `found`."""
     highest = checks.array_if_known(jnp.nanmax(jnp.append(found.frequency, -jnp.inf)))
     if highest is None:
         return
-    nodes, groups, restart = merge_state(thawed, arrays)
+    nodes, groups, restart = merge_state(without_indices, index_arrays)
     named = structure.named_groups()
     for number, (group, state) in enumerate(zip(groups, restart.states, strict=True)):
         where = named[number][0]
@@ -219,11 +219,12 @@ def _warn_of_modes_within_spans(structure, thawed, arrays, gravity, found):
 
 @functools.partial(jax.jit, static_argnames=("n",))
 def _solve_vibration_problem(stiffness, mass, moved, n):
-    """Solve for the slowest `n` modes; `moved` are displacements per unknown [n_node, 3, n_free].
+    """Solve ``(K - w^2 M) phi = 0`` for the slowest `n` modes; return them as a `Vibration`.
 
-    ``M v = mu (K + s M) v`` with ``mu = 1 / (w^2 + s)``: unknowns without mass have mu = 0 and need
-    no special treatment, and slow modes, with the largest mu, are the most exact. The shift s is
-    zero where K is definite.
+    It is solved as ``M v = mu (K + s M) v`` with ``mu = 1 / (w^2 + s)``: unknowns without mass have
+    mu = 0 and need no special treatment, and slow modes, with the largest mu, are the most precise.
+    The shift s is zero where K is positive definite. `moved` has the derivatives of displacements
+    by unknowns, [n_node, 3, n_free].
     """
     stiffness = 0.5 * (stiffness + stiffness.T)
     size = jnp.sum(jnp.abs(jnp.diagonal(stiffness))) / jnp.trace(mass)
@@ -256,7 +257,7 @@ def _solve_vibration_problem(stiffness, mass, moved, n):
 
 
 def _without_massless_modes(found):
-    """Return the modes that have mass; all modes if traced."""
+    """Return the `Vibration` without modes of infinite frequency; unchanged while traced."""
     known = checks.array_if_known(found.squared)
     if known is None:
         return found

@@ -195,7 +195,7 @@ def test_limits_that_contradict_each_other(solver):
 def test_a_library_is_not_believed(monkeypatch):
     """Negative controls: one that does nothing, and one that says so of a point that is none."""
     start = jnp.array([0.3, 0.1])
-    monkeypatch.setattr(constrained, "solver_named", lambda _: lambda *_: None)
+    monkeypatch.setattr(constrained, "nlp_solver_by_name", lambda _: lambda *_: None)
     found = design.minimize_subject_to(disc, start, args=(2.0,))
     assert int(found.status) == status.STALLED and found.kkt_residual > 0.1
     assert (np.asarray(found.params) == np.asarray(start)).all()
@@ -205,7 +205,7 @@ def test_a_library_is_not_believed(monkeypatch):
             y = np.array(place) / problem.size
             problem.loss(y), problem.gradient(y)
 
-    monkeypatch.setattr(constrained, "solver_named", lambda _: accepts)
+    monkeypatch.setattr(constrained, "nlp_solver_by_name", lambda _: accepts)
     found = design.minimize_subject_to(disc, start, args=(2.0,))
     assert int(found.status) == status.STALLED and found.kkt_residual > 1e-3
     assert np.allclose(found.params, [-0.85, -1.8])  # the best of them
@@ -218,7 +218,7 @@ def test_a_library_that_goes_on_for_ever_is_ended(monkeypatch):
             problem.loss(problem.start + 1e-3 * np.sin(endless.calls))
 
     endless.calls = 0
-    monkeypatch.setattr(constrained, "solver_named", lambda _: endless)
+    monkeypatch.setattr(constrained, "nlp_solver_by_name", lambda _: endless)
     found = design.minimize_subject_to(disc, jnp.array([0.3, 0.1]), args=(2.0,), steps=7, rounds=3)
     assert int(found.status) in (status.STALLED, status.OUT_OF_STEPS)
     assert found.evaluations <= 1 + 3 * 7 * constrained._MAX_TRIALS
@@ -320,4 +320,4 @@ def test_wrong_arguments(monkeypatch):
             design.minimize_subject_to(problem, jnp.ones(2), args=args, **given)
     monkeypatch.setitem(sys.modules, "ipyopt", None)
     with pytest.raises(ValueError, match=r"solver = 'ipopt': .*pip install 'jaxcable\[ipopt\]'"):
-        nlp_solvers.solver_named("ipopt")
+        nlp_solvers.nlp_solver_by_name("ipopt")

@@ -126,7 +126,7 @@ def test_nothing_is_compiled_or_traced_again(monkeypatch):
     """Not by other numbers of structure, phases and targets, nor by the same call."""
     tune(MAST, STAGES, FORCES, [UPRIGHT])
     fit = importlib.import_module("jaxcable.design.fit")  # beside the function of that name
-    programs = [phase_loop.analyse, sensitivity._changes_of_ends, fit._advance_compiled]
+    programs = [phase_loop.analyse, sensitivity._derivatives_of_ends, fit._advance_compiled]
     before = [set(run.known) for run in programs]
     monkeypatch.setattr(
         compilation, "_compile_or_load", None

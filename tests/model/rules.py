@@ -15,7 +15,7 @@ from jaxcable import design, forms
 from jaxcable.analysis.preparation import prepare, traced_input_status
 from jaxcable.analysis.solution import State
 from jaxcable.common.tree import merge_indices, split_indices
-from jaxcable.design.arguments import check_tolerance, check_width, is_valid_tolerance
+from jaxcable.design.arguments import check_tolerance, checked_smoothing_width, is_valid_tolerance
 from jaxcable.design.bounds import broadcast_to_params
 from jaxcable.mechanics.restart_state import initial_restart_state
 from jaxcable.paths.trace import check_path_settings
@@ -234,7 +234,7 @@ def used(v):
     return design.material_use(STRESSED, v)
 
 
-width = check_width
+width = checked_smoothing_width
 STRESSED = jc.solve(net(), jc.Phase(pretension=1.0))
 
 
