@@ -11,7 +11,7 @@ from ..analysis.phases import all_statements
 from ..analysis.preparation import prepare
 from ..elements import Bars, Cables
 from ..elements.abilities import STATEMENTS, statements_of
-from ..files.net_doubts import describe_doubts, format_position, pluralize
+from ..files.net_doubts import describe_likely_mistakes, format_position, pluralize
 from ..loads import LineLoads, SelfWeight, as_list
 from ..loads.faces import face_areas
 from ..model.result_parts import named_groups_of
@@ -209,7 +209,7 @@ def _print_net(net):
     _print_nodes("end nodes", net, np.flatnonzero(single))
     corners = np.setdiff1d(_group_corners(net), np.flatnonzero(single))
     _print_nodes("corners of groups in plan", net, corners)
-    for text in describe_doubts(net.nodes, net.links, held):
+    for text in describe_likely_mistakes(net.nodes, net.links, held):
         print(f"doubtful: {text}")
 
 

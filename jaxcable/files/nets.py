@@ -250,11 +250,14 @@ class Net:
         )
 
     def _values_by_group(self, name, given, chosen):
-        """Return the values of a property by group, from the file or else from `given`.
+        """Return the values of a property by group: a dict from group name to [n_elem] values.
 
-        Groups without a value are missing in the dict.
+        Values in the file come first; `given`, a scalar or a dict by group, fills those that are
+        missing. Groups without any value are not in the dict.
 
         Args:
+            name: name of the property, such as "axial_stiffness".
+            given: what the user gives for it, or None.
             chosen: dict from names of groups to their elements, [n_elem] bool.
         """
         values = self.values.get(name)
@@ -276,7 +279,14 @@ class Net:
         return found
 
     def _make_group(self, label, mask, values, bars):
-        """Make the `Cables` or `Bars` of a label, from the elements in a mask, [n_elem]."""
+        """Make the `Cables`, or with `bars` the `Bars`, of a group.
+
+        Args:
+            label: name of the group.
+            mask: its elements, [n_elem] bool.
+            values: dict from property to the values by group, as of `_values_by_group`.
+            bars: whether the group is bars, whatever the file says.
+        """
         kinds = {self.kinds[k] for k in np.flatnonzero(mask)} if self.kinds else {"cable"}
         kinds = {"bar"} if bars else kinds
         if len(kinds) > 1:
@@ -289,7 +299,7 @@ class Net:
         return ELEMENT_CLASSES[kinds.pop()](self.links[mask], **properties)
 
     def _supports_with_anchors(self, anchors):
-        """Return the supports of the file with the anchors; warn of what is doubtful in the net."""
+        """Return the `Supports` of the file and of the user's anchors; warn of likely mistakes."""
         fixed = self.fixed.copy()
         words = [anchors] if isinstance(anchors, str) else anchors
         ends = False
@@ -302,7 +312,7 @@ class Net:
         if words is not None:
             fixed |= pinned(checks.as_indices(words, "anchors")).fixed(len(self.nodes))[:, :3]
         if ends:
-            self._refuse_gaps(fixed)
+            self._refuse_unjoined_ends(fixed)
             fixed[np.bincount(self.links.ravel(), minlength=len(self.nodes)) == 1] = True
         if not fixed.any():
             raise ValueError('anchors: the file names no supports; give node numbers or "ends"')
@@ -311,8 +321,8 @@ class Net:
             return pinned(np.flatnonzero(fixed.any(axis=1)))
         return Supports(mask=fixed)
 
-    def _refuse_gaps(self, fixed):
-        """Raise ValueError for an end that is no anchor but touches another node or link."""
+    def _refuse_unjoined_ends(self, fixed):
+        """Raise ValueError for an end without a support that touches another node or link."""
         gaps = net_doubts.unjoined_ends(self.nodes, self.links)
         gaps = [gap for gap in gaps if not fixed[gap.node].any()]
         if gaps:
@@ -326,8 +336,8 @@ class Net:
             )
 
     def _require_connection_to_supports(self, held):
-        """Raise ValueError if nodes are not linked to a support; warn of what is doubtful."""
-        told = net_doubts.describe_doubts(self.nodes, self.links, held)
+        """Raise ValueError if a part of the net has no support; warn of other likely mistakes."""
+        told = net_doubts.describe_likely_mistakes(self.nodes, self.links, held)
         graph = coo_matrix((np.ones(len(self.links)), self.links.T), shape=(len(self.nodes),) * 2)
         part = connected_components(graph, directed=False)[1]
         adrift = ~np.isin(part, part[held])
@@ -345,7 +355,7 @@ class Net:
 
 
 def _require_known_groups(names, groups, what):
-    """Raise ValueError if a name is not that of a group."""
+    """Raise ValueError if one of `names` is no group; `what` names the argument in the message."""
     for name in names:
         if name not in groups:
             raise ValueError(f"{what}: no group {name!r}; there are {', '.join(groups) or 'none'}")
