@@ -219,7 +219,7 @@ def report(
         counted, failed = states.converged_phases(solution, names)
     else:
         good, failed = states.converged_cases(cases, names)
-        counted = states.case_ends(good)
+        counted = states.envelope_states_of_cases(good)
     heads = [f"phase {k}" for k in range(1, len(labels) + 1)]
     if own_names is not None:
         heads = [f"{head}, {name}" for head, name in zip(heads, labels, strict=True)]
@@ -247,7 +247,7 @@ def report(
 
 
 def _check_phases(phases, solution):
-    """Return the phases of an analysis as a list, or None; ValueError for another number."""
+    """Return the phases of an analysis as a list, or None; refuse another number of phases."""
     if phases is None:
         return None
     phases = list(phases) if isinstance(phases, list | tuple) else [phases]
@@ -260,12 +260,12 @@ def _check_phases(phases, solution):
 
 
 def _make_tables(structure, solution, counted, cases, labels):
-    """Return the tables of a report but for the energies, a dict.
+    """Return the tables of a report by name, without the energies.
 
     Args:
         structure, solution: as for `report`.
-        counted: `EnvelopeState` of every phase or case that counts, by name.
-        cases: `Solution` of every case, by name; None if phases count.
+        counted: `EnvelopeState` of every phase or case of the envelopes, by name.
+        cases: `Solution` of every case, by name; None for envelopes over phases.
         labels: names of all phases.
     """
     state, end = solution.last, states.last_state(solution)
