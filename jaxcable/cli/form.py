@@ -276,11 +276,9 @@ def _find_form_with_lengths(structure, densities, lengths, loads):
 
 
 def _print_group_tensions(found, stated):
-    """Print the tensions and lengths of each group in a form.
+    """Print the tensions and lengths of each group of a structure in its form.
 
-    Args:
-        found: `Structure` in the form.
-        stated: its prestress, {"force_density": ...} or {"pretension": ...}.
+    `stated` is its prestress, {"force_density": ...} or {"pretension": ...}.
     """
     (values,) = stated.values()
     given = value_per_group(values, found, "form")

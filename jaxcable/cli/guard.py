@@ -77,7 +77,7 @@ def run_guarded(command: Callable[[Namespace], int | None], options: Namespace) 
 
 
 def _report_error(error):
-    """Print an error in one line and return the exit status; raise it again if it is a defect."""
+    """Print an error in one line and return the exit status; raise again what is a defect."""
     if isinstance(error, AnalysisError):
         print_message(str(error))
         return FAILED

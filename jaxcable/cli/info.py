@@ -161,14 +161,9 @@ def _vector_text(values):
 
 
 def _describe_statement(field, statements, structure):
-    """Return what a phase states in one field, such as `pretension`: values by group, in words.
+    """Return what a phase states in one `field`, such as "pretension", in words: values by group.
 
-    Groups without a value are named, too.
-
-    Args:
-        field: name of the field of `Phase`.
-        statements: for each group its stated values, or None.
-        structure: `Structure`.
+    `statements` has the stated values of each group, or None; groups without values are named, too.
     """
     parts: dict[str, list[str]] = {}
     without, cold = [], []

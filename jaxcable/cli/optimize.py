@@ -53,7 +53,7 @@ def run(options: Namespace) -> None:
     number = next((k for k, p in enumerate(phases) if p.pretension is not None), None)
     if number is None:
         raise BadInput(f"{options.scene}: no phase has a pretension to optimize")
-    start, pretension_of = _search_parameters(structure, phases[number], options)
+    start, pretension_of = _parametrize_pretension(structure, phases[number], options)
 
     def phases_with(pretension):
         phase = replace(phases[number], pretension=pretension)
@@ -113,11 +113,11 @@ def run(options: Namespace) -> None:
         status.raise_if_failed(found)
 
 
-def _search_parameters(structure, phase, options):
-    """Return the parameters at the start of the search, [n], N, and a function of parameters.
+def _parametrize_pretension(structure, phase, options):
+    """Return the start of the search, [n], N, and a function from such vectors to pretensions.
 
-    The function returns pretensions in the shape of the elements. With `options.same_in_group`
-    there is one parameter for each group, otherwise one for each element.
+    Pretensions have the shape of the elements. With `options.same_in_group` there is one parameter
+    for each group, otherwise one for each element.
     """
     given = [statements.get("pretension") for statements in phase.statements(structure)]
     if any(statement is not None and statement.chosen is not None for statement in given):

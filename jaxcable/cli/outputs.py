@@ -75,7 +75,7 @@ _ADVICE = {
 def check_suffix(path: str | None, known: Sequence[str], option: str) -> None:
     """Raise `BadInput`, naming the option, if a path has none of the known suffixes.
 
-    None, no path, is right.
+    No path (None) is accepted.
     """
     if path is not None and Path(path).suffix.lower() not in known:
         raise BadInput(f"{option} {path}: expected a name that ends with {', '.join(known)}")

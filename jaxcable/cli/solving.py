@@ -18,9 +18,9 @@ _Shown = TypeVar("_Shown")
 def solve_and_show(
     options: Namespace, show: Callable[[Structure, Solution], _Shown]
 ) -> tuple[Solution, _Shown]:
-    """Analyse the scene of a command; return the solution, and what `show` makes of it.
+    """Analyse the scene of a command; return the solution and `show(structure, solution)`.
 
-    `show` is a function of structure and solution; its ValueErrors name the scene.
+    A ValueError of either becomes a message with the name of the scene.
     """
     structure, phases = inputs.read_scene(options)
     with refuse_value_errors(options.scene):

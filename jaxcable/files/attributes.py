@@ -127,7 +127,7 @@ def read_flag(attributes: Mapping[str, Any], key: str, where: str, absent: bool 
 
 
 def with_defaults(attributes: Any, defaults: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Return the attributes of a node, edge or face, those that are missing from `defaults`."""
+    """Return the attributes of a node, edge or face as a dict, completed by `defaults`."""
     attributes = {} if attributes is None else attributes
     if not isinstance(attributes, dict):
         raise FileError(f"{where}: expected an object of attributes")

@@ -325,13 +325,10 @@ EXPLICIT_CLASSES: dict[type, tuple[tuple[str, ...], str]] = {
 
 
 def _refuse_missing_type(value, base, example, where):
-    """Raise FileError for a dict without "type" where the file must name a class, also in lists.
+    """Raise FileError for a dict without "type" where the file must name a class.
 
-    Args:
-        value: decoded value; dicts of groups are allowed where `base` is `Element`.
-        base: class from which the object must derive.
-        example: what is expected, in words, for the message.
-        where: place in the file, in words.
+    The class derives from `base`, and `example` says so in words. Lists of such objects, and where
+    `base` is `Element` dicts of groups, are searched, too.
     """
     if isinstance(value, list | tuple):
         for k, item in enumerate(value):

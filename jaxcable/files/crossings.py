@@ -87,9 +87,9 @@ def find_nodes_on_links(
 ) -> NodesOnLinks:
     """Find the nodes that lie on a link in plan, and not at its ends.
 
-    A node lies on a link if its distance in plan is at most `tolerance`, m, plus `share` times its
-    `length_scale`, and if it is farther than that from both ends of the link. On a vertical link
-    the position of a node is measured by its height.
+    Such a node is at most `tolerance`, m, plus `share` times the link's length away from the link,
+    and farther than that from its ends; the length is that of the shortest link at the node if
+    this is shorter. On a vertical link the position of a node is measured by its height.
     """
     length, shortest = link_lengths(nodes, links)
     tree, owner, step = _tree_of_link_pieces(nodes[:, :2], links)
@@ -128,9 +128,8 @@ def find_crossings(
     nodes, such as anchors and the lower chord of a plane truss, have their height for a reason.
 
     Args:
-        nodes: positions, [n_node, 3], m.
-        links: node numbers, [n_elem, 2].
-        held: whether a support holds a node, [n_node] bool.
+        nodes, links: positions, m, and node numbers of the links.
+        held: whether a support holds a node.
         tolerance: distance in plan within which a node lies on a link, m.
         gap: largest difference in height, over the length of the shorter link, of what is joined.
     """
@@ -180,8 +179,7 @@ def split_links(
     A node on a link stays where it is. Of pieces that coincide, the one of the first link stays.
 
     Args:
-        nodes: positions, [n_node, 3], m.
-        links: node numbers, [n_elem, 2].
+        nodes, links: positions, m, and node numbers of the links.
         found: what `find_crossings` has found for this net.
         tolerance: distance in plan of crossings that become one node, m.
     """
@@ -212,17 +210,11 @@ def split_links(
 
 
 def _tree_of_link_pieces(plan, links):
-    """Cut the links in plan into pieces of about equal length, so that neighbors are found fast.
+    """Cut links into short pieces, so that a search for crossings compares neighbors only.
 
-    Two pieces that cross have middles no farther apart than the longest piece.
-
-    Args:
-        plan: nodes in plan, [n_node, 2], m.
-        links: node numbers, [n_elem, 2].
-
-    Returns:
-        k-d tree of the middles of all pieces, index of the link of each piece, and the length of
-        the longest piece, m.
+    `plan` are the nodes in plan, [n_node, 2], m. Return a k-d tree of the middles of the pieces,
+    the link of each piece, and the largest length of a piece, m: pieces whose middles are farther
+    apart do not cross.
     """
     first, way = plan[links[:, 0]], plan[links[:, 1]] - plan[links[:, 0]]
     length = np.linalg.norm(way, axis=1)

@@ -236,14 +236,10 @@ def _external_references(document):
 
 
 def _net_of_entities(entities, metres, tol, supports, table):
-    """Make the `Net` of the entities of a drawing: lines become links, POINTs supports or marks.
+    """Make the `Net` of a list of `_Entity`: lines become links, POINTs supports or marks.
 
-    Args:
-        entities: list of `_Entity`.
-        metres: metres per unit of the drawing.
-        tol: largest distance of points that become one node, m.
-        supports: layer whose POINTs are supports, "*" for all layers, None for none.
-        table: table of omissions, which counts what is left out.
+    `metres` are the metres per unit of the drawing, and `table` counts what is left out; `tol`, m,
+    and `supports` are those of `read_dxf`.
     """
     places, lines, marks = [], [], []
     for kind, where, layer, points, _ in entities:

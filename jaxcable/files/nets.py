@@ -253,12 +253,8 @@ class Net:
         """Return the values of a property by group: a dict from group name to [n_elem] values.
 
         Values in the file come first; `given`, a scalar or a dict by group, fills those that are
-        missing. Groups without any value are not in the dict.
-
-        Args:
-            name: name of the property, such as "axial_stiffness".
-            given: what the user gives for it, or None.
-            chosen: dict from names of groups to their elements, [n_elem] bool.
+        missing. Groups without any value are not in the dict. `chosen` has the elements of each
+        group, [n_elem] bool, by name.
         """
         values = self.values.get(name)
         values = np.full(len(self.links), np.nan) if values is None else np.asarray(values, float)
@@ -279,13 +275,9 @@ class Net:
         return found
 
     def _make_group(self, label, mask, values, bars):
-        """Make the `Cables`, or with `bars` the `Bars`, of a group.
+        """Make the `Cables`, or with `bars` the `Bars`, of the group with the name `label`.
 
-        Args:
-            label: name of the group.
-            mask: its elements, [n_elem] bool.
-            values: dict from property to the values by group, as of `_values_by_group`.
-            bars: whether the group is bars, whatever the file says.
+        `mask` are its elements, [n_elem] bool, and `values` the values by group of each property.
         """
         kinds = {self.kinds[k] for k in np.flatnonzero(mask)} if self.kinds else {"cable"}
         kinds = {"bar"} if bars else kinds
@@ -322,7 +314,7 @@ class Net:
         return Supports(mask=fixed)
 
     def _refuse_unjoined_ends(self, fixed):
-        """Raise ValueError for an end without a support that touches another node or link."""
+        """Raise ValueError for an end that touches another node or link, unless it is `fixed`."""
         gaps = net_doubts.unjoined_ends(self.nodes, self.links)
         gaps = [gap for gap in gaps if not fixed[gap.node].any()]
         if gaps:
@@ -336,7 +328,7 @@ class Net:
             )
 
     def _require_connection_to_supports(self, held):
-        """Raise ValueError if a part of the net has no support; warn of other likely mistakes."""
+        """Raise ValueError if a part of the net has no `held` node; warn of likely mistakes."""
         told = net_doubts.describe_likely_mistakes(self.nodes, self.links, held)
         graph = coo_matrix((np.ones(len(self.links)), self.links.T), shape=(len(self.nodes),) * 2)
         part = connected_components(graph, directed=False)[1]

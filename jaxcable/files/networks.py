@@ -123,15 +123,10 @@ def _net_from_data(found: FoundNet, table: Omissions) -> Net:
 
 
 def _select_edges_of_net(attributes, defaults, names):
-    """Select the edges that their flags ``_is_edge`` and ``is_edge`` do not exclude from the net.
+    """Return the edges that their flags ``_is_edge`` and ``is_edge`` do not exclude from the net.
 
-    Args:
-        attributes: dict from pairs of node numbers to attributes.
-        defaults: default attributes of edges.
-        names: names of the nodes.
-
-    Returns:
-        Node numbers of the edges, [n_edge, 2], and for each its place in words and its attributes.
+    They are node numbers, [n_edge, 2], and for each edge its place in words and its attributes.
+    `attributes` is a dict by pairs of node numbers, and `defaults` are those of all edges.
     """
     pairs, edges = [], []
     for pair, given in attributes.items():
@@ -203,7 +198,10 @@ def _edge_kinds_and_groups(edges, densities, table):
 
 
 def _face_loads(data, faces, table):
-    """Return the loads of faces per area, [n_face, 3], N/m2; count attributes that are not read."""
+    """Return the loads of faces per area, [n_face, 3], N/m2; count attributes that are not read.
+
+    `faces` has the node numbers around each face by its name.
+    """
     defaults = _default_attributes(data, "face", "dfa")
     given = _require_object(data, "facedata", "")
     for name in given.keys() - faces.keys():
@@ -281,7 +279,10 @@ def _mesh_faces(data, names, inside):
 
 
 def _mesh_edges(data, faces, names, table):
-    """Return the sides of the faces, each once: a dict from pairs of node numbers to attributes."""
+    """Return the sides of the faces, each once: a dict from pairs of node numbers to attributes.
+
+    `faces` has the node numbers around each face by its name, and `names` the number of each node.
+    """
     of_pair = {}
     for key, given in _require_object(data, "edgedata", "").items():
         words = key.replace("(", "").replace(")", "").replace(",", "-").split("-")

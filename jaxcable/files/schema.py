@@ -194,11 +194,8 @@ def _number_bounds(cls):
 def _field_schema(cls, field, descriptions, bounds, defs):
     """Return the schema of one field of a class: its description, examples and allowed values.
 
-    Args:
-        cls, field: the class and its dataclass field.
-        descriptions: text by field, as of `field_descriptions`.
-        bounds: bounds of numbers by field, as of `_number_bounds`.
-        defs: definitions of the whole schema, to which those of arrays are added.
+    `descriptions` and `bounds` are those of all fields, as of `field_descriptions` and
+    `_number_bounds`; schemas of arrays are added to the definitions `defs`.
     """
     annotation = _field_annotation(cls, field)
     text = descriptions.get(field.name) or f"of the {cls.__name__}"

@@ -139,10 +139,8 @@ def _union_members(annotation):
 def _array_shapes(kind, axes, each):
     """Return the shapes that an array can have, a list of tuples of axes such as ("n_elem", "3").
 
-    Args:
-        kind: "Float", "Int" or "Bool".
-        axes: axes of the annotation, as "n_elem 3".
-        each: whether one value can stand for the values of all elements.
+    `kind` is "Float", "Int" or "Bool", and `axes` are those of the annotation, "n_elem 3". `each`
+    says whether one value can stand for the values of all elements.
     """
     shapes = [()]
     for axis in axes.split():
@@ -157,12 +155,8 @@ def _array_shapes(kind, axes, each):
 def _define_array_schema(kind, shapes, bound, defs, null=()):
     """Add the schema of arrays of some shapes to the definitions `defs`; return a reference to it.
 
-    Args:
-        kind: "Float", "Int" or "Bool".
-        shapes: list of tuples of axes; () is a single number.
-        bound: bound of the numbers, or None.
-        defs: definitions of the whole schema.
-        null: ["null"] if the field may be null.
+    `kind` is "Float", "Int" or "Bool", and `shapes` are tuples of axes, () for a single number.
+    Null is allowed if `null` is ["null"].
     """
     word, item = _ITEMS[kind]
     item = {**item, **(bound or {})}
@@ -191,7 +185,10 @@ def _define_array_schema(kind, shapes, bound, defs, null=()):
 
 
 def _describe_shape(word, lengths):
-    """Return a shape in words, such as "a list [n, 3] of numbers", for messages of editors."""
+    """Return a shape in words, such as "a list [n, 3] of numbers", for messages of editors.
+
+    `word` says what the items are, and `lengths` has the lengths of axes, as of `_axis_length`.
+    """
     if not lengths:
         return {"number": "a number", "whole": "a whole number"}.get(word, "true or false")
     of = {"number": "numbers", "whole": "whole numbers"}.get(word, "true or false")

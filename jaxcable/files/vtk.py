@@ -101,12 +101,8 @@ def _write_increments(path, structure, solution, open_file):
 def _write_unstructured_grid(stream, structure, points, vectors, scalars):
     """Write nodes and elements to a stream as an unstructured grid of VTK.
 
-    Args:
-        stream: text file.
-        structure: `Structure`.
-        points: positions of the nodes, [n_node, 3], m.
-        vectors: dict from name to vectors of nodes, [n_node, 3].
-        scalars: dict from name to values of elements by group, [n_elem] or None.
+    `points` are the positions of the nodes, [n_node, 3], m. `vectors` of nodes, [n_node, 3], and
+    `scalars` of elements, [n_elem] or None for each group, are dicts by name.
     """
     cells, element, group = _collect_cells(structure.groups)
     names = ", ".join(

@@ -97,18 +97,10 @@ def animation(
 
 
 def _draw_frames(snapshots, start, shots, seen, everything, dpi):
-    """Draw a frame for each snapshot; all have one palette, so that colors do not flicker.
+    """Draw a frame for each `Snapshot` in `shots`, and return the images, a list.
 
-    Args:
-        snapshots: `Snapshots` of the solution.
-        start: `Snapshot` before the first phase, drawn dashed behind each frame.
-        shots: `Snapshot` of every frame.
-        seen: `View` of the frames.
-        everything: points that the limits of the axes include, [n, 3], m.
-        dpi: pixels per inch.
-
-    Returns:
-        A list of `PIL.Image.Image`.
+    All have one palette, so that colors do not flicker, and axes that show `everything`, points
+    [n, 3], m, in the `View` `seen`. The `Snapshot` `start` is drawn dashed behind.
     """
     palette = Image.new("P", (1, 1))
     palette.putpalette(_shared_palette())

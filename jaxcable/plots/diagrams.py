@@ -123,7 +123,7 @@ def diagram(
 
 
 class ForceDiagrams:
-    """ForceDiagrams of a section force on all beams: a picture for each instant, in one scale.
+    """Diagrams of a section force on all beams: a picture for each instant, in one scale.
 
     Args:
         found: `Snapshots` of the solution.
@@ -307,10 +307,8 @@ def forces_along_beams(
 def _positive_side_directions(axes, ends, of):
     """Return unit vectors across the beams, to which positive values are drawn, [n_beam, 3].
 
-    Args:
-        axes: section axes x, y and z of the beams, in rows, [n_beam, 3, 3].
-        ends: positions of their ends, [n_beam, 2, 3], m.
-        of: name of the section force.
+    `axes` are the section axes of the beams, in rows, [n_beam, 3, 3], `ends` the positions of their
+    ends, [n_beam, 2, 3], m, and `of` is the name of the section force.
     """
     chord = ends[:, 1] - ends[:, 0]
     chord = chord / np.linalg.norm(chord, axis=1, keepdims=True)
@@ -334,10 +332,8 @@ def _default_section_axes(ends):
 def _side_directions_in_picture(sides, chord, view):
     """Turn directions across beams into the plane of a flat picture, at right angles to the beams.
 
-    Args:
-        sides: directions in space, [n_beam, 3], as of `_positive_side_directions`.
-        chord: vectors from start to end of the beams, [n_beam, 3], m.
-        view: `View` of the picture; in space `sides` are returned.
+    `sides`, [n_beam, 3], are directions as of `_positive_side_directions`, which stay unchanged in
+    space; `chord` are the vectors from start to end of the beams, [n_beam, 3], m.
     """
     if not view.flat:
         return sides
@@ -357,15 +353,8 @@ def _choose_values_to_write(
 ) -> list[tuple[Float[np.ndarray, " 3"], float]]:
     """Choose the values to write: the largest of ends and extremes, not too close together.
 
-    Args:
-        tips: ends of the ordinates, [n_beam, n_place, 3], m.
-        values: the values, [n_beam, n_place].
-        apart: least distance between written values, m.
-        most: largest number of written values.
-        least: least size of a written value.
-
-    Returns:
-        A list of pairs: position in space, m, and value.
+    `tips` are the ends of the ordinates, m; `apart` is the least distance of written values, m,
+    `most` their largest number and `least` their least size. Return pairs: position, m, and value.
     """
     beam: Int[np.ndarray, " n_beam"] = np.arange(len(values))
     at = np.stack(

@@ -190,7 +190,7 @@ class SolutionCurves:
         return split_state(self.structure, self.solution.last)[:2]
 
     def _sag_in_state(self, state):
-        """Return the vectors from chord to cable in a state, [n_sag, n_place - 2, 3], m."""
+        """Return the vectors from chords to hanging cables in a state, in the form of `Curves.sag`."""
         found, positions = [np.zeros((0, self.places - 2, 3))], np.asarray(state.positions)
         if any(isinstance(group, Sagging) for group in self.groups):
             curves = values_per_group(
@@ -266,13 +266,9 @@ def hermite_cubic(
 def _deflected_beams(thawed, arrays, motion):
     """Return slopes, section axes and chord lengths of the beams of each group; None for others.
 
-    Args:
-        thawed, arrays: traced and static parts of the structure, of `split_state`.
-        motion: displacements and rotations of all nodes, as in `RestartState`.
-
-    Returns:
-        For each group of beams: slopes against the chord at both ends, [n_elem, 2, 3], section axes
-        in rows, [n_elem, 3, 3], and lengths of the chords, [n_elem], m.
+    `thawed` and `arrays` are the parts of the structure from `split_state`, and `motion` is that of
+    `RestartState`. Slopes are against the chord at both ends, [n_elem, 2, 3], section axes in rows,
+    [n_elem, 3, 3], lengths in m, [n_elem].
     """
     nodes, groups, restart = merge_state(thawed, arrays)
     motion = motion.astype(nodes.dtype)
@@ -295,11 +291,7 @@ def _deflected_beams(thawed, arrays, motion):
 def _restart_after_phase(last, structure, phase, end):
     """Return the `RestartState` at the end of a phase, as far as shapes of elements depend on it.
 
-    Args:
-        last: last `State` of the solution.
-        structure: `Structure`.
-        phase: index of the phase.
-        end: `PhaseResult` of the phase.
+    `last` is the last `State` of the solution, `phase` the index of the phase, `end` its result.
     """
     restart: Any = last.restart
     amounts = [

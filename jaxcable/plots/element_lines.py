@@ -141,7 +141,9 @@ def line_width(n: int) -> float:
 def line_legend(
     forces: Sequence[ElementForces], before: bool = False, counted: bool = True
 ) -> list[Line2D]:
-    """Return legend entries for how elements are drawn: slack, compressed, before, without a value.
+    """Return legend entries for the ways in which elements are drawn in some pictures.
+
+    These are an earlier geometry, slack and compressed elements, and elements without a value.
 
     Args:
         forces: `ElementForces` of the pictures; slack elements are counted in the last one.

@@ -67,12 +67,9 @@ def history(
 
 
 def _draw_minimize_steps(record, n, upper, lower):
-    """Draw loss and gradient norm of the accepted steps of `minimize`; mark failed trials.
+    """Draw the history of a `Design`: loss above, gradient norm below, failed trials marked.
 
-    Args:
-        record: history of a `Design`.
-        n: number of steps.
-        upper, lower: axes for the loss and for the gradient norm.
+    `record` is the history, with `n` steps; `upper` and `lower` are the axes.
     """
     loss, norm, failures = (
         np.asarray(values, float)[: n + 1]
@@ -92,12 +89,10 @@ def _draw_minimize_steps(record, n, upper, lower):
 
 
 def _draw_fit_trials(record, n, upper, lower):
-    """Draw misfit and damping of all trial points of `fit`; mark those not accepted and failed.
+    """Draw the history of a `Fit`: misfit of trial points above, damping below.
 
-    Args:
-        record: history of a `Fit`.
-        n: number of trials.
-        upper, lower: axes for the misfit and for the damping.
+    Trials that are not accepted or have failed are marked. `record` is the history, with `n`
+    trials; `upper` and `lower` are the axes.
     """
     misfit, damping = (np.asarray(v, float)[: n + 1] for v in (record.misfit, record.damping))
     accepted = np.asarray(record.accepted)[: n + 1] > 0

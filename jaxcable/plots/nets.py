@@ -215,14 +215,9 @@ def _choose_views(stages, view):
 
 
 def _force_arrows(snapshot, shown, view, links, loads, reactions):
-    """Return the `ForceArrows` of loads and reactions that are asked for, a list.
+    """Return the `ForceArrows` of loads and reactions of the `State` `shown`, if asked for, a list.
 
-    Args:
-        snapshot: `Snapshot` of the picture.
-        shown: `State` with the loads and reactions.
-        view: `View` of the picture.
-        links: node numbers of all pieces, and the element of each.
-        loads, reactions: whether to draw these.
+    `loads` and `reactions` say what is asked for, `links` are those of `Snapshots`.
     """
     pairs = links[0][snapshot.forces.present[links[1]]]
     asked = ("load", shown.load, loads, True), ("reaction", shown.reactions, reactions, False)

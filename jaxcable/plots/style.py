@@ -164,7 +164,10 @@ def format_force(force: float) -> str:
 def legend_below(
     axes: Axes, columns: int, handles: Sequence[Any] | None = None, drop: float = 0.62
 ) -> None:
-    """Put a legend `drop` inches below axes, unless it has no entries."""
+    """Put a legend `drop` inches below axes, in at most this number of columns.
+
+    `handles` are its entries, None for those of the axes; without entries there is no legend.
+    """
     handles = axes.get_legend_handles_labels()[0] if handles is None else handles
     if handles:
         lower = -drop / (axes.get_position().height * axes.figure.get_size_inches()[1])

@@ -99,9 +99,9 @@ class ForceArrows:
             there, too, it is drawn under the elements.
 
     Attributes:
-        tails, vectors: of the arrows, [n_arrow, 3], m.
+        tails, vectors: start points and vectors of the arrows, [n_arrow, 3], m.
         under: which arrows are drawn under the elements, [n_arrow] bool.
-        ends: tails and tips, [2 n_arrow, 3], m.
+        ends: start points and tips, [2 n_arrow, 3], m.
         largest: size of the largest force, N.
         count: number of forces.
     """
@@ -158,13 +158,10 @@ class ForceArrows:
 
 
 def _arrow_scale(forces, view, points, extent):
-    """Return the length of arrows per force, m/N, so that the longest one has a suitable size.
+    """Return the length of arrows over the force, m/N, such that the longest has a suitable size.
 
-    Args:
-        forces: forces with an arrow, [n, 3], N.
-        view: `View` of the picture.
-        points: all points of the structure that are drawn, [n, 3], m.
-        extent: largest side of the bounding box of these points, m.
+    `forces` are those that get an arrow, [n, 3], N; `points` all points of the structure that are
+    drawn, [n, 3], m; `extent` is the largest side of their bounding box, m.
     """
     longest = extent * min(_ARROW, 0.8 / np.sqrt(max(len(forces), 1)))
     seen = np.ptp(view.project(points), axis=0)
@@ -177,10 +174,7 @@ def _arrow_scale(forces, view, points, extent):
 def _largest_forces_in_cells(positions, size, node):
     """Return the nodes with the largest force in each cell of a grid, at most 250.
 
-    Args:
-        positions: positions of all nodes, [n_node, 3], m.
-        size: size of the force at each node, [n_node], N.
-        node: nodes with a force, [n].
+    `positions` and `size` (of the force, N) are those of all nodes; `node` are nodes with a force.
     """
     place = positions[node] - positions.min(axis=0)
     node, place = (x[np.argsort(-size[node], kind="stable")] for x in (node, place))

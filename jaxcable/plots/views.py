@@ -160,7 +160,10 @@ def choose_view(
 
 
 def _elevation_direction(points):
-    """Return the horizontal unit vector of an elevation, [3], and whether all points lie in it."""
+    """Return the horizontal unit vector of an elevation, [3], and whether the structure is plane.
+
+    It is plane if all points lie in one vertical plane, which then has this direction.
+    """
     level = points[:, :2] - points[:, :2].mean(axis=0)
     size = np.ptp(level, axis=0)
     spread, directions = np.linalg.svd(level, full_matrices=False)[1:]

@@ -90,13 +90,10 @@ def _displacements_within_phases(solution, names):
 
 
 def _displacement_envelope_columns(nodes, names, moved, sizes):
-    """Return the columns of the table of the displacement envelope, a list of `Column`.
+    """Return the columns of the displacement envelope, a list of `Column`.
 
-    Args:
-        nodes: indices of the nodes that move, [n].
-        names: names of the states.
-        moved: displacements from the start, [n_state, n, 3], m.
-        sizes: their sizes, [n_state, n], m.
+    `nodes` are those that move, [n], `moved` their displacements from the start in each of the
+    states `names`, [n_state, n, 3], m, and `sizes` the sizes of these, [n_state, n], m.
     """
     columns = [Column("node", "", nodes)]
     for k, axis in enumerate(_AXES):

@@ -82,15 +82,10 @@ def element_result_tables(
 
 
 def _result_components(structure, name, state, states):
-    """Return what the table of a result shows.
+    """Return the columns that name the rows of a result's table, and its `_ResultComponent`s.
 
-    Args:
-        structure, state, states: as for `element_result_tables`.
-        name: name of the result.
-
-    Returns:
-        The columns that name element and place of each row, and a `_ResultComponent` for each
-        component: two lists.
+    A row is an element, or a place in an element; `name` is that of the result, and other arguments
+    are those of `element_result_tables`.
     """
 
     def columns_of(result):
@@ -138,12 +133,8 @@ def _result_components(structure, name, state, states):
 def _extremes_row(name, one, where, over, states):
     """Return a row of the table ``results``: the extremes of a component, and where they are.
 
-    Args:
-        name: name of the result.
-        one: its `_ResultComponent`.
-        where: columns that name element and place of each value.
-        over: values in the states, [n_state, n_row].
-        states: names of the states.
+    `one` is the `_ResultComponent`, `where` the columns that name element and place of each value,
+    and `over` the values in the named states, [n_state, n_row].
     """
     line = [name if one.name == name else f"{name} {one.name}", one.unit]
     places = {column.name: column.values for column in where}

@@ -87,11 +87,10 @@ def cubic_derivatives(
 def fit_parabola(
     values: Float[np.ndarray, "*shape n_point"], places: Float[np.ndarray, " n_point"]
 ) -> Float[np.ndarray, "*shape 1 4"]:
-    """Return the parabola on which all values at `places` lie, by least squares.
+    """Return the parabola that fits the values at `places`, from 0 to 1, by least squares.
 
-    Returns:
-        Coefficients of 1, t, t^2, t^3, where t is the place from 0 to 1: a single piece, as of
-        `hermite_cubics`.
+    It is a single piece of `hermite_cubics`: the coefficients of 1, t, t^2 and t^3, the last zero,
+    where t is the place.
     """
     powers = np.linalg.pinv(places[:, None] ** np.arange(3))
     quadratic = values @ powers.T
@@ -105,7 +104,7 @@ def polynomial_extremes(
     """Return the `Extremes` of piecewise cubics.
 
     Args:
-        coefficients: those of each piece, as of `hermite_cubics`.
+        coefficients: coefficients of each piece, as of `hermite_cubics`.
         places: ends of the pieces, ascending.
     """
     _, one, two, three = np.moveaxis(coefficients, -1, 0)

@@ -141,14 +141,9 @@ def stress_points(group: Element) -> SectionPoints | None:
 def _group_stresses(structure, points, phase):
     """Return the stresses of each group in all increments of a phase, Pa, a list.
 
-    Args:
-        structure: `Structure`.
-        points: `SectionPoints` of every group, or None.
-        phase: `PhaseResult`.
-
-    Returns:
-        For every group [n_inc, n_elem, n_fibre], of beams [n_inc, n_elem, n_point, n_fibre]; None
-        for a group without stresses.
+    They are [n_inc, n_elem, n_fibre], of beams [n_inc, n_elem, n_point, n_fibre], or None for a
+    group without stresses. `points` are the `SectionPoints` of each group, `phase` is the
+    `PhaseResult`.
     """
     strain = phase.path.strain
     strains = [None] * len(points) if strain is None else values_per_group(structure, strain)

@@ -73,7 +73,10 @@ class Report:
     tables: Mapping[str, Table]
 
     def text(self, rows: int = _LONG) -> str:
-        """Return the report as text; of a table with more than `rows` rows those that govern."""
+        """Return the report as text, with at most `rows` rows of each table.
+
+        Of a longer table these are the rows with the largest values.
+        """
         parts = ["\n".join(self.summary)]
         scales = common_scales(list(self.tables.values()))
         parts += [table_text(table, rows, scales) for table in self.tables.values()]

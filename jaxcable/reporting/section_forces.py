@@ -186,10 +186,8 @@ def _force_columns(name, values, here, others, states, rounding):
 def _section_force_notes(zero, parts, kind):
     """Return the notes on all tables of section forces, a tuple of sentences.
 
-    Args:
-        zero: names of the forces that are zero everywhere.
-        parts: `_group_section_forces` of each state.
-        kind: what the states of the envelope are, in words; None without an envelope.
+    `zero` names the forces that are zero everywhere, `parts` has the `_group_section_forces` of
+    each state, and `kind` says what the states of the envelope are; None without an envelope.
     """
     notes = [
         "sign convention: N > 0 is tension; forces and moments act along the axes of the section, "

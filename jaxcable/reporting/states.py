@@ -89,11 +89,7 @@ def _separate_failed(names, codes, results):
 def _checked_names(names, count, kind, first):
     """Return the names of cases or phases, a list; ValueError for a wrong number of names.
 
-    Args:
-        names: the names, or None for "case 0" or "phase 1" and so on.
-        count: number of cases or phases.
-        kind: "case" or "phase".
-        first: number of the first one, if there are no names.
+    Without names they are "case 0" or "phase 1" and so on, by `kind` and the number of the `first`.
     """
     if names is None:
         return [f"{kind} {k}" for k in range(first, first + count)]

@@ -26,7 +26,7 @@ def stress_tables(
     cases: Mapping[str, Solution] | None,
     phases: Sequence[str],
 ) -> dict[str, Table]:
-    """Return the stresses in the final state and their envelope, a dict of `Table`.
+    """Return the tables ``stresses``, in the final state, and ``stress_envelope``, a dict.
 
     Groups that have only a stiffness EA have no stresses; if all are such, there is no table.
 

@@ -56,11 +56,7 @@ def summary_sentences(
 def _phase_sentence(structure, last, head, phase):
     """Return the sentence on a phase: increments, residual, slack cables, activation, stability.
 
-    Args:
-        structure: `Structure`.
-        last: last `State` of the solution.
-        head: how the sentence begins, such as "phase 1, prestress".
-        phase: `PhaseResult`.
+    `last` is the last `State` of the solution; the sentence begins with `head`, "phase 1".
     """
     path = phase.path
     good = np.asarray(path.status) == status.OK

@@ -161,12 +161,10 @@ def common_scales(tables: Sequence[Table]) -> Scales:
 
 
 def table_text(table: Table, most: int, scales: Scales) -> str:
-    """Return a table as text; of a long table the rows with the largest governing values.
+    """Return a table as text of at most `most` rows.
 
-    Args:
-        table: `Table`.
-        most: largest number of rows that are shown.
-        scales: prefixes and factors of units, as of `common_scales`.
+    These are the rows with the largest values in the columns `table.governing`, or else the first
+    ones. `scales` are the prefixes and factors of units, as of `common_scales`.
     """
     rows, notes = table.rows, list(table.notes)
     if len(rows) > most:
@@ -236,7 +234,7 @@ def _break_heading_in_two(heading):
 
 
 def _governing_size(table, row):
-    """Return the largest absolute value of a row in the columns that govern a long table."""
+    """Return the largest absolute value of a row in the columns `table.governing`."""
     columns = table.governing if isinstance(table.governing, tuple) else (table.governing,)
     return max(abs(row[k] or 0.0) for k in columns)
 
