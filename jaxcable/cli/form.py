@@ -98,7 +98,7 @@ def run(options: Namespace) -> None:
 def _select_form_loads(options, phases, table):
     """Return the `_FormLoads` of the phases in ``--loads``, or else of the first phase with loads.
 
-    Loads that form finding cannot take are counted in the table of omissions.
+    Loads that form finding cannot take stay in their phase, and are counted in `table`.
     """
     words, per_phase = options.loads, [as_list(phase.loads) for phase in phases]
     if words is None:
@@ -166,7 +166,7 @@ def _form_force_densities(options, structure, phases, lengths, table):
         some = "" if all(used) else ", " + ", ".join(itertools.compress(names, used))
         print(f"force densities: those of phase {own + 1}{some}")
     whole_phase = used == [q is not None for q in scene]
-    _note_replaced_inputs(phases, own if whole_phase else None, table)
+    _count_replaced_inputs(phases, own if whole_phase else None, table)
     if options.tension is not None:
         return None
     if not any(used):
@@ -176,10 +176,10 @@ def _form_force_densities(options, structure, phases, lengths, table):
     )
 
 
-def _note_replaced_inputs(phases, own, table):
-    """Count in `table` the prestress that the form replaces.
+def _count_replaced_inputs(phases, own, table):
+    """Count in `table` what the form replaces: prestress of the scene, and additions of elements.
 
-    This is all prestress of the scene but the force density of the phase with index `own`.
+    The force density of the phase with index `own` is kept; None keeps none.
     """
     for k, phase in enumerate(phases):
         for field in ABSOLUTE_STATEMENTS:

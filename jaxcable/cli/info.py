@@ -98,7 +98,7 @@ def _print_scene(structure, phases):
 def _print_activation(k, structure, presence):
     """Print which elements the phase of index `k` adds and removes, and how many are active in it.
 
-    `presence` says which elements are active in each phase, as of `make_activation`.
+    `presence` is the result of `make_activation`: which elements are active in each phase.
     """
     for word, change in (("adds", 1), ("removes", -1)):
         parts = []

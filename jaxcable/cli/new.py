@@ -24,7 +24,7 @@ _SCHEMA = "scene.schema.json"  # as the scenes name it
 
 
 def run(options: Namespace) -> None:
-    """Write a scene of the kind in `options.kind`, its script and the schema."""
+    """Write a scene of the kind in `options.kind`, its Python script, and the schema of scenes."""
     scene = Path(f"{options.kind}.json" if options.save is None else options.save)
     outputs.check_suffix(str(scene), (".json",), "--save")
     script = scene.with_suffix(".py")

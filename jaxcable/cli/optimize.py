@@ -172,7 +172,8 @@ def _target_is_met(found, start, options):
 def _minimize_pretension(analyse, start, bounds, options):
     """Find the smallest sum of pretensions that keeps deflections and tensions within limits.
 
-    Args, Returns: as of `_match_target_tension`; the limits are those in `options`.
+    The limits are `options.deflection`, m, and `options.lowest`, N. Other arguments and results are
+    those of `_match_target_tension`.
     """
     limits = options.deflection, options.lowest
 

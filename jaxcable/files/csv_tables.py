@@ -102,13 +102,10 @@ def read_table(
 
 
 def _lines_and_separator(text):
-    """Return the lines of a table, without empty ones and comments, and its separator.
+    """Return the lines of a table as pairs (line number, line), and the character between fields.
 
-    Spreadsheets write rows of empty fields, ``;;;``, and name the separator in a line of its own
-    before the header, ``sep=;``.
-
-    Returns:
-        List of pairs (line number, line), and the character that separates fields.
+    Empty lines and comments are left out. Spreadsheets write rows of empty fields, ``;;;``, and name
+    the separator in a line of its own before the header, ``sep=;``.
     """
     lines = list(enumerate(io.StringIO(text, newline=None), 1))
     stated = _SEPARATOR.fullmatch(lines[0][1].rstrip("\r\n")) if lines else None
@@ -125,7 +122,7 @@ def _lines_and_separator(text):
 def _column_names(place, header, known, needed, aliases, table):
     """Return our name of each column in a header, None for a column that is left out.
 
-    Arguments are those of `read_table`; unknown, missing and repeated columns raise FileError.
+    Unknown, missing and repeated columns raise FileError; arguments are those of `read_table`.
     """
     words = [word.strip().lower() for word in header]
     named = aliases or {}

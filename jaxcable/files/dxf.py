@@ -129,7 +129,8 @@ def read_dxf(
 def _read_visible_entities(document, sagitta, hidden, table):
     """Return the `_Entity` of each visible entity in model space; count the hidden ones in `table`.
 
-    Arguments `sagitta` and `hidden` are those of `read_dxf`, the sagitta in units of the drawing.
+    With `hidden` they are read, too. `sagitta` is the largest distance of arcs from the chords that
+    replace them, in units of the drawing, or None to leave out arcs.
     """
     layers, files = _hidden_layers(document), _external_references(document)
     found = []
@@ -238,8 +239,9 @@ def _external_references(document):
 def _net_of_entities(entities, metres, tol, supports, table):
     """Make the `Net` of a list of `_Entity`: lines become links, POINTs supports or marks.
 
-    `metres` are the metres per unit of the drawing, and `table` counts what is left out; `tol`, m,
-    and `supports` are those of `read_dxf`.
+    `metres` are the metres per unit of the drawing, `tol` is the largest distance of points that
+    become one node, m, and `supports` the layer whose POINTs are supports ("*" for all), or None.
+    What is left out is counted in `table`.
     """
     places, lines, marks = [], [], []
     for kind, where, layer, points, _ in entities:

@@ -96,8 +96,7 @@ def describe_likely_mistakes(
     almost touch a link.
 
     Args:
-        nodes: positions, [n_node, 3], m.
-        links: node numbers, [n_elem, 2].
+        nodes, links: positions, m, and node numbers of the links.
         held: whether a node is supported, [n_node] bool.
     """
     told = []

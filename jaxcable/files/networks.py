@@ -143,7 +143,7 @@ def _select_edges_of_net(attributes, defaults, names):
 def _edge_densities_and_loads(edges, lengths, table):
     """Return the force densities, [n_edge], N/m, and line loads, [n_edge, 3], N/m, of edges.
 
-    Attributes of edges that are not read are counted in the table of omissions.
+    `lengths` are those of the edges, m. Attributes that are not read are counted in `table`.
     """
     densities, loads = [], []
     for (where, edge), length in zip(edges, lengths, strict=True):

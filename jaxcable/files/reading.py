@@ -32,11 +32,7 @@ class FileError(ValueError):
 
 
 def number(word: str) -> float:
-    """Parse a number as `float` does, but refuse underscores and characters that are not ASCII.
-
-    Raises:
-        ValueError: the word is no number.
-    """
+    """Parse a number as `float` does; raise ValueError also for underscores and non-ASCII digits."""
     if not word.isascii() or "_" in word:  # float("1_0") is 10
         raise ValueError(f"{word!r} is not a number")
     try:
@@ -46,11 +42,7 @@ def number(word: str) -> float:
 
 
 def parse_integer(word: str) -> int:
-    """Parse a whole number as `int` does, but refuse underscores and characters that are not ASCII.
-
-    Raises:
-        ValueError: the word is no whole number.
-    """
+    """Parse a whole number as `int` does; raise ValueError also for underscores and non-ASCII digits."""
     if not word.isascii() or "_" in word:
         raise ValueError(f"{word!r} is not a whole number")
     return int(word)

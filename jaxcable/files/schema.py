@@ -141,9 +141,9 @@ def scene_schema() -> dict[str, Any]:
 
 
 def _class_schema(cls, defs):
-    """Return the schema of the objects of a class; the summary of the class is at its field "type".
+    """Return the schema of the objects of a class, with the summary of the class at "type".
 
-    `defs` are the definitions of the whole schema, to which those of arrays are added.
+    Schemas of arrays are added to `defs`, the definitions of the whole schema.
     """
     name, descriptions, bounds = cls.__name__, field_descriptions(cls, TYPES), _number_bounds(cls)
     fields = {

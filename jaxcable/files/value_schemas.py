@@ -197,18 +197,17 @@ def _describe_shape(word, lengths):
 
 
 def _axis_length(axis):
-    """Return the length of an axis as text: a number, "n1" for any but zero, or "n" for any."""
+    """Return the length of an axis as text: "3" or "2+", "n1" for any but zero, or "n" for any."""
     return axis if axis[0].isdigit() else "n1" if axis[:2] == "n_" else "n"
 
 
 def _nested_list_schema(shapes, item):
-    """Return the schema of nested lists that have one of the shapes.
+    """Return the schema of nested lists that have one of the shapes; other values pass.
 
-    Shapes are told apart by the depth of the lists, and those of one depth by their width. Values
-    that are no lists pass.
+    Shapes are told apart by the depth of the lists, and those of one depth by their width.
 
     Args:
-        shapes: tuples of lengths of axes, as of `_axis_length`.
+        shapes: tuples of lengths of axes: "3", "2+", "n1" (at least one) or "n" (any).
         item: schema of the numbers.
     """
     first = max(shapes, key=lambda shape: (len(shape), [-int(n) for n in shape if n.isdigit()]))
@@ -228,7 +227,7 @@ def _nested_list_schema(shapes, item):
 
 
 def _list_length_limits(axis):
-    """Return ``minItems`` and ``maxItems`` of a list along an axis, given as of `_axis_length`."""
+    """Return ``minItems`` and ``maxItems`` of a list of length `axis`: "3", "2+", "n1" or "n"."""
     if axis == "n":
         return {}
     if axis == "n1":

@@ -194,7 +194,7 @@ class ForceDiagrams:
         ]
 
     def color_bar(self) -> tuple[None, str]:
-        """Return (None, ""): no lines that a color bar explains, and no label of one."""
+        """Return (None, ""), because these pictures have no color bar, and so no label of one."""
         return None, ""
 
 

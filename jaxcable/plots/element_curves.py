@@ -72,7 +72,7 @@ class Curves:
         return points_on_chords(positions[self.ends], apart.shape[1]) + apart
 
     def indices_of_elements(self, elements: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """Return the indices in the arrays of this class, [n], of elements given by their index."""
+        """Return the index of the curve of each element, [n], for elements given by their index."""
         order = np.argsort(self.element)
         return order[np.searchsorted(self.element, elements, sorter=order)]
 
@@ -167,7 +167,7 @@ class SolutionCurves:
     def _make_curves(self, motion, sag):
         """Make the `Curves` for displacements and rotations of all nodes and a sag of cables.
 
-        `sag` is as in `Curves`, and `motion` as in `RestartState`.
+        `sag` has the shape of `Curves.sag`.
         """
         numbers, slopes, axes = [np.zeros(0, int)], [np.zeros((0, 2, 3))], [np.zeros((0, 3, 3))]
         if any(isinstance(group, Bending) for group in self.groups):
@@ -190,7 +190,7 @@ class SolutionCurves:
         return split_state(self.structure, self.solution.last)[:2]
 
     def _sag_in_state(self, state):
-        """Return the vectors from chords to hanging cables in a state, in the form of `Curves.sag`."""
+        """Return the vectors from chords to hanging cables in a state, shaped as `Curves.sag`."""
         found, positions = [np.zeros((0, self.places - 2, 3))], np.asarray(state.positions)
         if any(isinstance(group, Sagging) for group in self.groups):
             curves = values_per_group(
@@ -222,13 +222,8 @@ def picture_lines(
     """Return the line of each piece of an element, in coordinates of the picture.
 
     If all lines are straight, the result is an array [n_line, 2, 2 or 3]; else it is a list of
-    arrays [n_point, 2 or 3], in which beams and hanging cables are curves.
-
-    Args:
-        view: `View` of the picture.
-        positions: positions of the nodes, [n_node, 3], m.
-        links: node numbers of all pieces, and the element of each.
-        curves: `Curves` at this instant, or None.
+    arrays [n_point, 2 or 3], in which beams and hanging cables are curves. `positions` are those of
+    the nodes, m; `links` are the node numbers of all pieces, and the element of each.
     """
     pairs, owner = links
     straight = view.project(positions)[pairs]
@@ -266,9 +261,9 @@ def hermite_cubic(
 def _deflected_beams(thawed, arrays, motion):
     """Return slopes, section axes and chord lengths of the beams of each group; None for others.
 
-    `thawed` and `arrays` are the parts of the structure from `split_state`, and `motion` is that of
-    `RestartState`. Slopes are against the chord at both ends, [n_elem, 2, 3], section axes in rows,
-    [n_elem, 3, 3], lengths in m, [n_elem].
+    `thawed` and `arrays` are the parts of the structure from `split_state`, and `motion` has the
+    displacements and rotations of all nodes. Slopes are against the chord at both ends,
+    [n_elem, 2, 3], section axes in rows, [n_elem, 3, 3], lengths in m, [n_elem].
     """
     nodes, groups, restart = merge_state(thawed, arrays)
     motion = motion.astype(nodes.dtype)

@@ -69,7 +69,7 @@ def history(
 def _draw_minimize_steps(record, n, upper, lower):
     """Draw the history of a `Design`: loss above, gradient norm below, failed trials marked.
 
-    `record` is the history, with `n` steps; `upper` and `lower` are the axes.
+    `record` is the history of `n` steps.
     """
     loss, norm, failures = (
         np.asarray(values, float)[: n + 1]
@@ -91,8 +91,7 @@ def _draw_minimize_steps(record, n, upper, lower):
 def _draw_fit_trials(record, n, upper, lower):
     """Draw the history of a `Fit`: misfit of trial points above, damping below.
 
-    Trials that are not accepted or have failed are marked. `record` is the history, with `n`
-    trials; `upper` and `lower` are the axes.
+    Trials that are not accepted or have failed are marked. `record` is the history of `n` trials.
     """
     misfit, damping = (np.asarray(v, float)[: n + 1] for v in (record.misfit, record.damping))
     accepted = np.asarray(record.accepted)[: n + 1] > 0

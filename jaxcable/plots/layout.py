@@ -60,9 +60,7 @@ def arrange_pictures(
 def _slots_of_one_or_two(ratios, flat):
     """Return the slots (left, top, width, height, inches) of one or two pictures.
 
-    Args:
-        ratios: height over width of each picture.
-        flat: whether each picture is plane, rather than in space.
+    `ratios` are height over width of each, and `flat` says which are plane, not in space.
     """
     if len(ratios) == 2 and all(r >= 0.6 or not f for r, f in zip(ratios, flat, strict=True)):
         widths = [3.2, 3.2] if flat[0] == flat[1] else [2.8 if f else 3.6 for f in flat]

@@ -170,7 +170,7 @@ class StagePicture(NamedTuple):
 def _stages_before_and_after(snapshots, state, magnify):
     """Return a `StagePicture` before loading and one after, in which displacements are magnified.
 
-    `state` is the `State` after loading; `magnify` is that of `net`.
+    `state` is the `State` after loading, and `magnify` the factor, or None for a round one.
     """
     end, title = snapshots.of_state(state), snapshots.title(int(state.phase), state)
     if end.phase < 1:  # a single phase: both pictures are of its end
@@ -195,9 +195,7 @@ def round_magnification(
 ) -> float:
     """Return a round factor that makes the largest displacement about a tenth of the structure.
 
-    Args:
-        moved: displacements, [n_node, 3], m.
-        places: points whose extent is the size of the structure, [n, 3], m.
+    `moved` are displacements, [n_node, 3], m, and `places` points of the structure, [n, 3], m.
     """
     largest = np.linalg.norm(moved, axis=1).max()
     wanted = 0.1 * np.ptp(places, axis=0).max() / max(largest, 1e-300)
@@ -208,7 +206,10 @@ def round_magnification(
 
 
 def _choose_views(stages, view):
-    """Return the `View`s of the pictures before and after loading; `view` is that of `net`."""
+    """Return the `View`s of the pictures before and after loading.
+
+    `view` is the kind of the first one, "plan", "elevation" or "space", or None to choose it.
+    """
     everything = np.concatenate([stage.points() for stage in stages])
     first, second = choose_view(stages[0].points(), view), choose_view(everything, space=True)
     return [second if second.plane and view is None else first, second]

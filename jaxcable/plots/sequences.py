@@ -125,7 +125,7 @@ def sequence(
 def _stages_of_phases(snapshots, magnify):
     """Return a `StagePicture` of the end of each phase that has converged, a list.
 
-    `magnify` is that of `sequence`.
+    `magnify` is the factor on displacements from the initial geometry.
     """
     stages: list[StagePicture] = []
     for k, phase in enumerate(snapshots.solution.phases):
@@ -145,10 +145,7 @@ def _stages_of_phases(snapshots, magnify):
 class _ColoredElementPictures:
     """The pictures of a sequence with colored elements; it has the methods of `ForceDiagrams`.
 
-    Args:
-        stages: `StagePicture` of every picture.
-        snapshots: `Snapshots` of the solution.
-        view: `View` of the pictures.
+    It is made of the `StagePicture` and the `View` of every picture, and the `Snapshots`.
     """
 
     def __init__(self, stages, snapshots, view):

@@ -222,7 +222,7 @@ class Snapshots:
         return found
 
     def _make_snapshot(self, place, displacement, element_results, curves, end):
-        """Make a `Snapshot`; `place` is its phase, increment and load factor."""
+        """Make a `Snapshot`; `place` is a tuple of its phase, increment and load factor."""
         forces = ElementForces(element_results, self.parts, self.structure, self.color)
         fixed = self.solution.last.fixed[place[0] + 1].array[: len(displacement)]
         within = (

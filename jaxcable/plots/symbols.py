@@ -56,7 +56,7 @@ def draw_supports(
 ) -> list[Line2D]:
     """Draw marks at the supports, and return these marks.
 
-    `kinds` are the nodes that are clamped, pinned and partially supported, as of `support_kinds`.
+    `kinds` says which nodes are clamped, pinned and partially supported, [3, n_node] bool.
     """
     marks = []
     seen, size = view.project(positions), mark_size(len(positions))
@@ -72,7 +72,10 @@ def draw_supports(
 
 
 def support_legend(kinds: Bool[np.ndarray, "3 n_node"]) -> list[Line2D]:
-    """Return legend entries of the kinds of supports that occur, given as of `support_kinds`."""
+    """Return legend entries of the kinds of supports that occur.
+
+    `kinds` says which nodes are clamped, pinned and partially supported, [3, n_node] bool.
+    """
     return [
         Line2D([], [], linestyle="", marker=mark, markerfacecolor=filling, markeredgecolor=INK,
                markersize=6, label=name)

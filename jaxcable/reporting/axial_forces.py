@@ -112,7 +112,7 @@ def group_tables(table: Table) -> dict[str, Table]:
     """Return the extreme forces and the largest utilization of every group, {"groups": `Table`}.
 
     Args:
-        table: the `axial_force_table`, whose envelope counts where there is one, else its final
+        table: the `axial_force_table`. Its envelope counts where it has one, otherwise its final
             force.
 
     Returns:

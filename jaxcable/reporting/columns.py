@@ -56,10 +56,7 @@ def concatenate_groups_of_states(
 ) -> Float[np.ndarray, "n_state n"]:
     """Return the element values of some groups in each of several states, [n_state, n].
 
-    Args:
-        structure: `Structure`.
-        states: for each state what `concatenate_groups` takes as `parts`.
-        groups: indices of the groups that the result has.
+    `states` has for each state what `concatenate_groups` takes as `parts`.
     """
     count = sum(len(structure.groups[k].links) for k in groups)
     arrays = [concatenate_groups(structure, parts, groups) for parts in states]

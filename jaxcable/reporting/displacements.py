@@ -59,7 +59,7 @@ def displacement_tables(
         _displacement_column("u", sizes.T.ravel())._replace(heading="total u", governs=True),
     ]
     if not cases:
-        within = _displacements_within_phases(solution, names)[:, nodes]
+        within = _displacement_sizes_within_phases(solution, names)[:, nodes]
         columns.append(
             _displacement_column("u in phase", within.T.ravel())._replace(heading="u of this phase")
         )
@@ -79,10 +79,10 @@ def _displacement_column(name, values):
     return Column(name, "m", values, millimeters=True)
 
 
-def _displacements_within_phases(solution, names):
+def _displacement_sizes_within_phases(solution, names):
     """Return the sizes of displacements since the phase began, [n_phase, n_node], m.
 
-    Only phases that have converged count, and these are as many as `names`.
+    Phases are those that have converged, as many as `names`.
     """
     good = [phase for phase in solution.phases if int(phase.status) == status.OK]
     assert len(good) == len(names)

@@ -35,7 +35,7 @@ def cutting_list_table(structure: Structure, solution: Solution) -> Table:
     lengths, chained = _lengths_and_chains(structure, solution)
     kept = [k for k, length in enumerate(lengths) if length is not None]
     marks = [np.full((len(group.links), 3), np.nan) for group in structure.groups]
-    notes = [_reference_temperature(solution)]
+    notes = [_reference_temperature_sentence(solution)]
     if not all(isinstance(structure.groups[k], Cables) for k in kept):
         notes.append("beams and bars: length between nodes, without connections")
     for k, (label, _) in enumerate(named_groups_of(structure)):
@@ -86,13 +86,13 @@ def cable_tables(structure: Structure, solution: Solution) -> dict[str, Table]:
         for name, values in zip(names, zip(*rows, strict=True), strict=True)
     ]
     notes = (
-        _reference_temperature(solution),
+        _reference_temperature_sentence(solution),
         "a cable: consecutive elements of a group whose direction changes by less than 60 degrees",
     )
     return {"cables": make_table("Whole cables: fabrication lengths", columns, notes)}
 
 
-def _reference_temperature(solution):
+def _reference_temperature_sentence(solution):
     """Return a sentence that says at which temperature the unstressed lengths hold."""
     states = solution.last.restart.states
     added = any(state.present is not None and state.thermal_stretch is not None for state in states)

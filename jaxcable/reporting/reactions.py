@@ -68,7 +68,7 @@ def reaction_table(
 
 
 def _supported_components(structure, fixed):
-    """Return whether a support takes forces and moments along x, y, z, [n_node, 6] bool."""
+    """Return whether supports take forces (3) and moments (3) along x, y, z, [n_node, 6] bool."""
     held = np.zeros((structure.n_node, 6), bool)
     array = fixed.array[: structure.n_node]
     held[:, : array.shape[1]] = array
@@ -81,7 +81,7 @@ def _supported_components(structure, fixed):
 
 
 def _rounding_limits(values):
-    """Return the largest size of rounding errors in reactions, [3 or 6], N and N m.
+    """Return the size up to which reactions are rounding errors, [3 or 6], N and N m.
 
     `values` are the reactions of all nodes, [n_node, 3 or 6].
     """

@@ -143,7 +143,7 @@ def _extremes_along(
 
 
 def _rounding_limits(structure, parts):
-    """Return the largest size of rounding errors in N, Vy, Vz, T, My, Mz, [6], N and N m.
+    """Return the size up to which N, Vy, Vz, T, My, Mz are rounding errors, [6], N and N m.
 
     `parts` has the `_group_section_forces` of each state.
     """

@@ -26,7 +26,7 @@ def slack_cable_table(structure: Structure, states: Mapping[str, EnvelopeState])
 
 
 def loose_node_table(structure: Structure, states: Mapping[str, EnvelopeState]) -> Table:
-    """Return the table of the nodes that only slack cables hold, and of the states in which.
+    """Return the table of nodes that only slack cables hold, with the states where this is so.
 
     Pinned nodes, and inactive nodes of construction stages, do not count.
     """

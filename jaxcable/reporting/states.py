@@ -102,5 +102,5 @@ def _checked_names(names, count, kind, first):
 
 
 def envelope_states_of_cases(cases: dict[str, Solution]) -> dict[str, EnvelopeState]:
-    """Return the end of each load case as an `EnvelopeState`, by name."""
+    """Return the end of each converged load case as an `EnvelopeState`, by name."""
     return {name: EnvelopeState(case, case.last.fixed[-1]) for name, case in cases.items()}

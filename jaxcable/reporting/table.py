@@ -144,7 +144,7 @@ def finite_or_none(value: Cell) -> Cell:
 
 
 def common_scales(tables: Sequence[Table]) -> Scales:
-    """Return prefix and factor with which the text of all tables shows numbers of a unit, by unit.
+    """Return prefix and factor with which texts show numbers of a unit: a dict by unit.
 
     Forces are in kN, and then moments in kN m, if one of either is at least 10 kN (kN m); works
     likewise in kJ; stresses are in MPa. An example is ``{"N": ("k", 1e-3)}``.
