@@ -104,8 +104,8 @@ def read_table(
 def _lines_and_separator(text):
     """Return the lines of a table as pairs (line number, line), and the character between fields.
 
-    Empty lines and comments are left out. Spreadsheets write rows of empty fields, ``;;;``, and name
-    the separator in a line of its own before the header, ``sep=;``.
+    Empty lines and comments are left out. Spreadsheets write rows of empty fields, ``;;;``, and
+    name the separator in a line of its own before the header, ``sep=;``.
     """
     lines = list(enumerate(io.StringIO(text, newline=None), 1))
     stated = _SEPARATOR.fullmatch(lines[0][1].rstrip("\r\n")) if lines else None

@@ -32,7 +32,7 @@ class FileError(ValueError):
 
 
 def number(word: str) -> float:
-    """Parse a number as `float` does; raise ValueError also for underscores and non-ASCII digits."""
+    """Parse a number as `float` does, but raise ValueError for underscores and non-ASCII."""
     if not word.isascii() or "_" in word:  # float("1_0") is 10
         raise ValueError(f"{word!r} is not a number")
     try:
@@ -42,7 +42,7 @@ def number(word: str) -> float:
 
 
 def parse_integer(word: str) -> int:
-    """Parse a whole number as `int` does; raise ValueError also for underscores and non-ASCII digits."""
+    """Parse a whole number as `int` does, but raise ValueError for underscores and non-ASCII."""
     if not word.isascii() or "_" in word:
         raise ValueError(f"{word!r} is not a whole number")
     return int(word)
