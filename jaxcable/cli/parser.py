@@ -112,7 +112,10 @@ def _add_flag(command, name, text):
 
 
 def _add_input_files(command, scene=True):
-    """Add the arguments of a command that reads a scene; with ``scene=False`` a scene or a net."""
+    """Add to a command the files that it reads: a scene, or with ``scene=False`` a scene or a net.
+
+    For nets the options of reading, such as ``--scale``, are added, too.
+    """
     if scene:
         text = "scene, JSON (written by save_scene or by hand; `jaxcable schema` describes it)"
         command.add_argument("scene", help=text)

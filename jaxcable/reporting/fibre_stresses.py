@@ -237,7 +237,7 @@ def _stress_utilization(group, stress):
 def _stress_limits(group):
     """Return the smallest and largest stress before rupture, Pa; infinite without rupture.
 
-    Both are scalars, or [n_elem, 1, 1] for areas of elements, or [n_fibre] for a section.
+    Both are [n_elem, 1, 1] for elements with an area, [n_fibre] for a section, or scalars.
     """
     none = np.array(-np.inf), np.array(np.inf)
     if not group.has_rupture:

@@ -37,7 +37,7 @@ _LONG = 30
 
 @dataclasses.dataclass(frozen=True)
 class Report:
-    """A report: `text()`, `csv()`, `dict()`, `save(path)`; `report` makes it.
+    """Tables and sentences on a result, from `report`; as text, CSV, dicts, or written to files.
 
     Attributes:
         status: status code of the analysis.

@@ -15,8 +15,8 @@ def buckling_sentence(
 ) -> str:
     """Return a sentence on the lowest buckling factor of a state, by linear theory.
 
-    Args:
-        structure, state, reference: as for `stiffness.buckling_factor`.
+    The factor multiplies the loads since the `reference`, a state of prestress, or all loads and
+    forces if there is none.
     """
     factor = float(buckling_factor(structure, state, reference).factor[0])
     before = np.asarray(structure.nodes)
