@@ -21,14 +21,16 @@ _OMITTED = {
 
 
 def run(options: Namespace) -> None:
-    """Read the net or scene that `options` name and write it in the format of the suffix."""
+    """Read a net or scene and write it in another format, that of the suffix of `options.save`."""
     outputs.check_output_file(options.save, (".json", ".dxf"), inputs=options.files)
     name, scale = options.save.lower(), 1.0
     if name.endswith((".dxf", ".compas.json")) and inputs.is_scene_file(options):
         others = ("anchors", "bars", "split", "tol", "supports", "sagitta", "hidden", "columns")
-        inputs.refuse_idle_options(options, (*PROPERTIES, *others), "is for nets, not for scenes")
+        inputs.refuse_options_without_effect(
+            options, (*PROPERTIES, *others), "is for nets, not for scenes"
+        )
         if not name.endswith(".dxf"):
-            inputs.refuse_idle_options(options, ("scale",), "is for drawings (.dxf)")
+            inputs.refuse_options_without_effect(options, ("scale",), "is for drawings (.dxf)")
         options.scene, scale = options.files[0], options.scale or 1.0
         scene = inputs.read_scene(options)
     else:
@@ -46,7 +48,7 @@ def run(options: Namespace) -> None:
 
 
 def _scene_of_net(options):
-    """Return the scene made of the net and the properties that `options` name."""
+    """Return the `Scene` of the net in `options.files`, with the properties that options give."""
     net = inputs.read_net(options)
     properties = {name: getattr(options, name) for name in PROPERTIES}
     properties = {

@@ -18,7 +18,7 @@ _PICTURE = "hypar_net.png"
 
 
 def run(options: Namespace) -> None:
-    """Prestress and load the net, print a table of deflections, write a picture."""
+    """Analyse the published hypar net, print its deflections beside published ones, plot it."""
     picture = outputs.check_output_file(options.plot, outputs.PICTURES, "--plot", usual=_PICTURE)
     structure, phases = scenes.hypar_net()
     free = hypar.identified_plan()[2]

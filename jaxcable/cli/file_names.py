@@ -42,7 +42,7 @@ _UNITLESS = "summary", "slack", "loose"  # no column has a unit: the whole line 
 
 
 def path_beside(path: str, suffix: str) -> Path:
-    """Return the path with another suffix, for a file beside that of a scene.
+    """Return the path of a file beside a scene, with the same name and another suffix.
 
     Raises:
         BadInput: the path has no file name, as "." has none.
@@ -54,11 +54,11 @@ def path_beside(path: str, suffix: str) -> Path:
 
 
 def files_to_write(path: str | None, tables: Mapping[str, str]) -> list[Path]:
-    """Return the files that are written for a path: itself, or the tables of a CSV.
+    """Return the files that are written for a path: itself, or of a CSV path one for each table.
 
     Args:
-        path: as on the command line; None is no file.
-        tables: `RESULT` or `REPORT`.
+        path: path on the command line; None writes no file.
+        tables: `RESULT` or `REPORT`, dicts from the name of a table to how its first line begins.
 
     Raises:
         BadInput: a table would replace a file that this program has not written.
@@ -79,7 +79,10 @@ def files_to_write(path: str | None, tables: Mapping[str, str]) -> list[Path]:
 
 
 def _is_own_table(file, begin, whole_line):
-    """Return whether the first line of a file is that of a table of this program."""
+    """Return whether the first line of a file is, or begins with, the text `begin`.
+
+    Then this program has written the file. `whole_line` says whether nothing may follow.
+    """
     with file.open("rb") as stream:
         line = stream.readline(10_000).decode("utf-8", "replace").rstrip("\r\n")
     return line == begin if whole_line else line.startswith(begin) and " (" in line

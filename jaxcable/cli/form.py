@@ -36,8 +36,8 @@ class _FormLoads(NamedTuple):
     """The loads that act while a form is found.
 
     Attributes:
-        loads: these loads.
-        remaining: for each phase the loads that do not act then, a list of lists.
+        loads: loads that act in the form.
+        remaining: for each phase the list of its other loads, which act after the form.
         description: where the loads come from, in words.
     """
 
@@ -47,14 +47,14 @@ class _FormLoads(NamedTuple):
 
 
 def run(options: Namespace) -> None:
-    """Find the form that `options` ask for, print its numbers, write it."""
+    """Find the form of a net that the options ask for, print its numbers, write it as a scene."""
     outputs.check_output_file(options.save, (".json",), inputs=[options.scene])
     structure, phases = inputs.read_scene(options)
     table = Omissions(options.scene)
     if phases[0].supports is not None:
         structure = replace(structure, supports=phases[0].supports)
-    acting = _select_loads(options, phases, table)
-    lengths = _given_lengths(options.length, structure)
+    acting = _select_form_loads(options, phases, table)
+    lengths = _parse_lengths(options.length, structure)
     densities = _form_force_densities(options, structure, phases, lengths, table)
     print(f"loads in the form: {acting.description}")
     stated: dict[str, Any]
@@ -95,8 +95,11 @@ def run(options: Namespace) -> None:
         print(f"wrote {options.save}: the form, its prestress and loads, and the other phases")
 
 
-def _select_loads(options, phases, table):
-    """Return the `_FormLoads` of the phases in ``--loads``, or else of the first that has any."""
+def _select_form_loads(options, phases, table):
+    """Return the `_FormLoads` of the phases in ``--loads``, or else of the first phase with loads.
+
+    Loads that form finding cannot take stay in their phase, and are counted in `table`.
+    """
     words, per_phase = options.loads, [as_list(phase.loads) for phase in phases]
     if words is None:
         chosen = [k for k, loads in enumerate(per_phase) if loads][:1]
@@ -104,7 +107,7 @@ def _select_loads(options, phases, table):
     elif words == ["none"]:
         chosen, text = [], "none"
     else:
-        chosen, text = _phase_indices(words, len(phases)), "those of {}"
+        chosen, text = _parse_phase_numbers(words, len(phases)), "those of {}"
     kinds = FORM_LOADS if options.length is None else (NodalLoads,)
     acting, remaining = [], []
     for k, loads in enumerate(per_phase):
@@ -121,8 +124,11 @@ def _select_loads(options, phases, table):
     return _FormLoads(acting, remaining, description)
 
 
-def _phase_indices(words, count):
-    """Parse phase numbers such as "1"; return their indices from 0, sorted, each once."""
+def _parse_phase_numbers(words, count):
+    """Return the indices, from 0, of phases written as "1", "2" and so on, sorted, each once.
+
+    Raise `BadInput` for a number that is not from 1 to `count`.
+    """
     try:
         numbers = {parse_integer(word) for word in words}
     except ValueError:
@@ -133,11 +139,11 @@ def _phase_indices(words, count):
 
 
 def _form_force_densities(options, structure, phases, lengths, table):
-    """Return the force densities of the form, or None if tensions are given.
+    """Return the force densities of the form in the shape of the elements; None with tensions.
 
     They are those of ``--force-density``, and for groups that it does not name those of the first
-    phase that has any; in the shape of the elements. All other prestress in the scene is replaced
-    by that of the form, and noted in `table`.
+    phase that has any. All other prestress in the scene is replaced by that of the form, and noted
+    in `table`.
     """
     names = [name for name, _ in named_groups_of(structure)]
     own = next((k for k, phase in enumerate(phases) if phase.force_density is not None), None)
@@ -160,7 +166,7 @@ def _form_force_densities(options, structure, phases, lengths, table):
         some = "" if all(used) else ", " + ", ".join(itertools.compress(names, used))
         print(f"force densities: those of phase {own + 1}{some}")
     whole_phase = used == [q is not None for q in scene]
-    _note_replaced_inputs(phases, own if whole_phase else None, table)
+    _count_replaced_inputs(phases, own if whole_phase else None, table)
     if options.tension is not None:
         return None
     if not any(used):
@@ -170,8 +176,11 @@ def _form_force_densities(options, structure, phases, lengths, table):
     )
 
 
-def _note_replaced_inputs(phases, own, table):
-    """Note in `table` the prestress that the form replaces; phase `own` keeps its force density."""
+def _count_replaced_inputs(phases, own, table):
+    """Count in `table` what the form replaces: prestress of the scene, and additions of elements.
+
+    The force density of the phase with index `own` is kept; None keeps none.
+    """
     for k, phase in enumerate(phases):
         for field in ABSOLUTE_STATEMENTS:
             if getattr(phase, field) is not None and (field, k) != ("force_density", own):
@@ -183,14 +192,17 @@ def _note_replaced_inputs(phases, own, table):
 
 
 def _is_planar(positions):
-    """Return whether all nodes lie in a plane, but for rounding."""
+    """Return whether all nodes, [n_node, 3], lie in a plane up to rounding."""
     places = np.asarray(positions, float)
     sizes = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     return len(sizes) < 3 or sizes[2] <= 1e-9 * sizes[0]
 
 
 def _remaining_phases(phases, remaining):
-    """Return the phases after the form, without what it has of them and without empty ones."""
+    """Return the phases that follow the form, with their `remaining` loads, and without empty ones.
+
+    Their prestress is left out, as are elements that they add, because the form has both.
+    """
     later, removed = [], False
     for k, (phase, loads) in enumerate(zip(phases, remaining, strict=True)):
         if removed and phase.adds is not None:
@@ -207,8 +219,8 @@ def _remaining_phases(phases, remaining):
     return later
 
 
-def _given_lengths(words, structure):
-    """Return the lengths of ``--length`` in the shape of the elements; None if not given."""
+def _parse_lengths(words, structure):
+    """Return the lengths that ``--length`` gives, m, in the shape of the elements, or None."""
     if words is None:
         return None
     drawn = inputs.element_lengths(structure)
@@ -216,7 +228,10 @@ def _given_lengths(words, structure):
 
 
 def _force_density_positions(structure, densities, loads):
-    """Return the positions for force densities; raise `AnalysisError` if there are none."""
+    """Return the positions of the nodes that force densities give, [n_node, 3], m.
+
+    Raise `AnalysisError` if these force densities have no equilibrium shape.
+    """
     positions = force_density(structure, densities, loads)
     if not np.isfinite(np.asarray(positions)).all():
         raise status.AnalysisError(
@@ -229,8 +244,9 @@ def _force_density_positions(structure, densities, loads):
 def _find_form_with_lengths(structure, densities, lengths, loads):
     """Find the `Form` of a net by force densities, and of its masts and guys by lengths.
 
-    First the nodes of elements with given lengths are fixed, and the net takes its shape. Then its
-    tensions are kept, and the forces in the masts and guys are found.
+    First the ends of elements with given lengths are fixed, and force densities give the shape of
+    the net. Then the tensions of the net are kept, and `find_form` finds the forces in the masts
+    and guys.
     """
     given = value_per_group(lengths, structure, "--length")
     values = value_per_group(densities, structure, "--force-density")
@@ -260,7 +276,10 @@ def _find_form_with_lengths(structure, densities, lengths, loads):
 
 
 def _print_group_tensions(found, stated):
-    """Print tensions and lengths of a form, group by group."""
+    """Print the tensions and lengths of each group of a structure in its form.
+
+    `stated` is its prestress, {"force_density": ...} or {"pretension": ...}.
+    """
     (values,) = stated.values()
     given = value_per_group(values, found, "form")
     named = named_groups_of(found)

@@ -29,12 +29,12 @@ _MARKS = MADE_BY.encode(), b'<meta name="generator" content="jaxcable">'  # of p
 
 
 class BadInput(Exception):  # noqa: N818 - the input is at fault, not the program
-    """Raised for input that a command cannot use; the text is the line to print."""
+    """Input that a command cannot use; the text of the exception is the line to print."""
 
 
 @contextlib.contextmanager
 def refuse_value_errors(place: str | Path) -> Iterator[None]:
-    """Turn a `ValueError` of the block into `BadInput`, with `place` before its text."""
+    """Turn a `ValueError` in the ``with`` block into `BadInput`, with `place` before its text."""
     try:
         yield
     except FileError:
@@ -44,9 +44,10 @@ def refuse_value_errors(place: str | Path) -> Iterator[None]:
 
 
 def run_guarded(command: Callable[[Namespace], int | None], options: Namespace) -> int:
-    """Run a command; return the exit status: 0, 1 (analysis failed) or 2 (bad input).
+    """Run a command; print any error in one line, and return the exit status.
 
-    With `options.quiet` nothing is printed but errors: no results, no warnings, no progress.
+    The status is 0 (done), 1 (the analysis failed) or 2 (bad input). With `options.quiet` nothing
+    is printed but errors: no results, no warnings, no progress.
 
     The command runs in another thread, because compiled programs do not react to Ctrl-C: the main
     thread waits for it meanwhile.
@@ -76,7 +77,7 @@ def run_guarded(command: Callable[[Namespace], int | None], options: Namespace) 
 
 
 def _report_error(error):
-    """Print an error in one line and return the exit status; raise errors of the program."""
+    """Print an error in one line and return the exit status; raise again what is a defect."""
     if isinstance(error, AnalysisError):
         print_message(str(error))
         return FAILED
@@ -97,7 +98,7 @@ def _report_error(error):
 
 
 def _print_warning(message, category, *_, **__):
-    """Print a warning without its line of code: one line, and one for each row of its table."""
+    """Print a warning in one line without its line of code; rows of its table in further lines."""
     ours = issubclass(category, InputWarning | UnstableWarning)
     first, *rows = str(message).splitlines() or [""]
     print_message(f"warning: {first}" if ours else first)
@@ -106,7 +107,7 @@ def _print_warning(message, category, *_, **__):
 
 
 def print_message(line: str) -> None:
-    """Print one line on stderr; after ``phases[0]``, counted from 0, it also says phase 1."""
+    """Print one line on stderr; a place like ``phases[0]``, counted from 0, becomes "phase 1"."""
     line = _PHASE.sub(lambda found: f"phase {int(found[1]) + 1} ({found[0]})", line)
     print(f"jaxcable: {' '.join(line.split())}", file=sys.stderr)
 
@@ -141,7 +142,11 @@ def _is_same_file(path, other):
 
 
 def require_own_file(path: str | Path, option: str = "--save") -> None:
-    """Raise `BadInput` if a file whose name the user has not given was not written by jaxcable."""
+    """Raise `BadInput` if a file exists that this program has not written.
+
+    It is for default names of outputs, which the user has not given; `option` names the option that
+    gives another one.
+    """
     path = Path(path)
     if not path.is_file():
         return

@@ -11,7 +11,7 @@ from ..analysis.phases import all_statements
 from ..analysis.preparation import prepare
 from ..elements import Bars, Cables
 from ..elements.abilities import STATEMENTS, statements_of
-from ..files.net_doubts import describe_doubts, format_position, pluralize
+from ..files.net_doubts import describe_likely_mistakes, format_position, pluralize
 from ..loads import LineLoads, SelfWeight, as_list
 from ..loads.faces import face_areas
 from ..model.result_parts import named_groups_of
@@ -37,7 +37,7 @@ _PROPERTIES = {
 
 
 def run(options: Namespace) -> None:
-    """Print the contents of the files that `options` name."""
+    """Print the contents of the scene or net in `options.files`."""
     if inputs.is_scene_file(options):
         options.scene = options.files[0]
         inputs.refuse_options_of_other_formats(options)
@@ -46,7 +46,7 @@ def run(options: Namespace) -> None:
 
 
 def _print_scene(structure, phases):
-    """Print what is in a scene."""
+    """Print the size, supports, groups and phases of a scene."""
     prepare(structure, phases, None, None)  # checks the scene and issues its warnings
     nodes = np.asarray(structure.nodes)
     print(
@@ -78,7 +78,7 @@ def _print_scene(structure, phases):
             value = getattr(group, field, None)
             if value is not None:
                 per_area = field == "weight" and group.face is not None
-                print(f"  {name} {_with_prefix(value, 'N/m2' if per_area else own_unit)}")
+                print(f"  {name} {_range_with_unit(value, 'N/m2' if per_area else own_unit)}")
         if group.face is not None and group.weight is not None:
             weight = float(group.weights(group.start(nodes[group.links.array])).sum())
             mass = inputs.format_number(weight / STANDARD_GRAVITY / float(sizes.sum()))
@@ -96,7 +96,10 @@ def _print_scene(structure, phases):
 
 
 def _print_activation(k, structure, presence):
-    """Print which elements phase `k` adds and removes, and how many are active in it."""
+    """Print which elements the phase of index `k` adds and removes, and how many are active in it.
+
+    `presence` is the result of `make_activation`: which elements are active in each phase.
+    """
     for word, change in (("adds", 1), ("removes", -1)):
         parts = []
         names = [label for label, _ in named_groups_of(structure)]
@@ -114,7 +117,7 @@ def _print_activation(k, structure, presence):
 
 
 def _print_phase(number, phase, structure):
-    """Print what is in a phase."""
+    """Print the increments, prestress, loads and new supports of phase `number`, from 1."""
     print(f"phase {number}: {pluralize(phase.increments, 'increment')}")
     stated = phase.statements(structure)
     for name in all_statements(phase):
@@ -136,13 +139,13 @@ def _describe_load(load):
         return f"self-weight{where}" + ("" if plain else f", times {_vector_text(direction)}")
     if isinstance(load, LineLoads):
         forces = np.asarray(load.forces, float) * np.asarray(load.factor, float)[..., None]
-        size = _with_prefix(forces, "N/m", is_vector=forces.ndim == 1)
+        size = _range_with_unit(forces, "N/m", is_vector=forces.ndim == 1)
         return f"line load {size}{where} (per {load.per} length)"
     return str(load)
 
 
-def _with_prefix(values, unit, is_vector=False):
-    """Return the range of some numbers, or one vector, with its unit; forces in kN or MN."""
+def _range_with_unit(values, unit, is_vector=False):
+    """Return the range of some numbers, or one vector, as text with unit; forces in kN or MN."""
     values = np.asarray(values, float)
     largest = np.abs(values).max(initial=0.0)
     prefix, factor = "", 1.0
@@ -153,12 +156,15 @@ def _with_prefix(values, unit, is_vector=False):
 
 
 def _vector_text(values):
-    """Return the components of a vector as text."""
+    """Return a vector as text, such as "(0, 0, -1)"."""
     return f"({', '.join(inputs.format_number(float(value)) for value in values)})"
 
 
 def _describe_statement(field, statements, structure):
-    """Return an input of a phase in words: its values by group, and the groups without it."""
+    """Return what a phase states in one `field`, such as "pretension", in words: values by group.
+
+    `statements` has the stated values of each group, or None; groups without values are named, too.
+    """
     parts: dict[str, list[str]] = {}
     without, cold = [], []
     for (label, group), stated in zip(named_groups_of(structure), statements, strict=True):
@@ -184,7 +190,7 @@ def _describe_statement(field, statements, structure):
 
 
 def _print_net(net):
-    """Print what is in a net."""
+    """Print the size, supports, groups, loads and likely mistakes of a `Net`."""
     kinds = {kind: net.kinds.count(kind) for kind in dict.fromkeys(net.kinds)}
     counts = ", ".join(f"{count} {kind}s" for kind, count in kinds.items())
     print(f"net of {len(net.nodes)} nodes, {len(net.links)} links: {counts}")
@@ -209,12 +215,15 @@ def _print_net(net):
     _print_nodes("end nodes", net, np.flatnonzero(single))
     corners = np.setdiff1d(_group_corners(net), np.flatnonzero(single))
     _print_nodes("corners of groups in plan", net, corners)
-    for text in describe_doubts(net.nodes, net.links, held):
+    for text in describe_likely_mistakes(net.nodes, net.links, held):
         print(f"doubtful: {text}")
 
 
 def _print_nodes(what, net, nodes):
-    """Print the indices and positions of some nodes; supports are marked."""
+    """Print the number of some nodes, and the first ones with index and position.
+
+    `what` says what these nodes are; supports are marked.
+    """
     print(f"{what}: {len(nodes)}")
     for k in nodes[:_MOST].tolist():
         print(
@@ -225,7 +234,10 @@ def _print_nodes(what, net, nodes):
 
 
 def _group_corners(net):
-    """Find the nodes at which the links of a group lie within `_SIDE` degrees in plan, [n]."""
+    """Return the nodes at the corners of groups in plan, [n].
+
+    At a corner all links of a group lie within an angle of 135 degrees.
+    """
     labels = np.array(net.groups or [""] * len(net.links))
     found = []
     for label in dict.fromkeys(labels.tolist()):
@@ -245,5 +257,5 @@ def _group_corners(net):
 
 
 def _bounding_box_text(nodes):
-    """Return the sides of the bounding box of nodes as text."""
+    """Return the sides of the bounding box of nodes as text: "8 x 6 x 2 m"."""
     return " x ".join(inputs.format_number(float(v)) for v in np.ptp(nodes, axis=0)) + " m"

@@ -35,10 +35,10 @@ A net of 8 m whose nodes are in mm has 8000.
 
 
 def read_scene(options: Namespace) -> Scene:
-    """Read the scene of a command; warn of an extent that looks like millimeters.
+    """Read the scene file of a command; warn if it is so large that nodes may be in millimeters.
 
     Raises:
-        BadInput: the results of all its increments need too much memory.
+        BadInput: the results of all increments would need too much memory.
     """
     found = load_scene(options.scene, int(options.largest * 1e6))
     bytes_needed = sum(phase.increments for phase in found.phases) * (
@@ -59,7 +59,7 @@ def read_scene(options: Namespace) -> Scene:
 
 
 def is_scene_file(options: Namespace) -> bool:
-    """Return whether the files of a command are a single scene file."""
+    """Return whether `options.files` is a single scene file."""
     name, largest = options.files[0], int(options.largest * 1e6)
     if len(options.files) != 1 or not name.lower().endswith(".json"):
         return False
@@ -67,7 +67,7 @@ def is_scene_file(options: Namespace) -> bool:
 
 
 def read_net(options: Namespace) -> Net:
-    """Read the net of a command, split where its links cross if `options.split` is given."""
+    """Read the net in `options.files`; with `options.split` split links where they cross."""
     found = _read_net_files(options)
     if options.split is None:
         return found
@@ -93,24 +93,29 @@ _FORMATS_OF_OPTIONS = {
 """Suffixes of the files for which each option of reading is meant."""
 
 
-def refuse_idle_options(options: Namespace, names: Sequence[str], why: str) -> None:
-    """Raise `BadInput` if one of some options is given, which would have no effect."""
+def refuse_options_without_effect(options: Namespace, names: Sequence[str], why: str) -> None:
+    """Raise `BadInput` if one of the named options is given, because it would have no effect.
+
+    `why` ends the message.
+    """
     for name in names:
         if getattr(options, name, None) not in (None, False, ()):
             raise BadInput(f"--{name.replace('_', '-')}: {why}")
 
 
 def refuse_options_of_other_formats(options: Namespace) -> None:
-    """Raise `BadInput` for options of other file formats, such as --scale with CSV."""
+    """Raise `BadInput` for options that belong to other file formats, such as --scale with CSV."""
     suffix = Path(options.files[0]).suffix.lower()
     for name, suffixes in _FORMATS_OF_OPTIONS.items():
         takes_split = name == "tol" and options.split is not None
         if suffix not in suffixes and not takes_split:
-            refuse_idle_options(options, [name], f"is for files {', '.join(suffixes)} only")
+            refuse_options_without_effect(
+                options, [name], f"is for files {', '.join(suffixes)} only"
+            )
 
 
 def _parse_column_names(words):
-    """Parse names of columns such as ``x=X_COORD y=...``, a dict; None if none are given."""
+    """Return names of columns such as ``x=X_COORD y=...`` as a dict; None if `words` is None."""
     if words is None:
         return None
     pairs = [part.partition("=") for word in words for part in word.split(",") if part]
@@ -121,7 +126,7 @@ def _parse_column_names(words):
 
 
 def _read_net_files(options):
-    """Read the net of a command: OBJ, DXF, JSON of compas or jax_fdm, or two CSV tables."""
+    """Read the `Net` in `options.files`: OBJ, DXF, JSON of compas or jax_fdm, or two CSV tables."""
     paths, largest = [Path(path) for path in options.files], int(options.largest * 1e6)
     suffixes = [path.suffix.lower() for path in paths]
     refuse_options_of_other_formats(options)
@@ -163,8 +168,11 @@ def parse_numbers(
 
     Args:
         words: the words after the option.
-        name: of the option, for messages.
+        name: name of the option, for messages.
         read: function that parses the text of a number.
+
+    Returns:
+        A number, or a dict from group to number.
     """
     try:
         if len(words) == 1 and "=" not in words[0]:
@@ -182,10 +190,10 @@ def parse_group_values(
 
     Args:
         words: the words after the option.
-        structure: whose groups are meant.
-        name: of the option, for messages.
-        drawn: the value that ``group=drawn`` means for each group; one number for all is then
-            refused.
+        structure: `Structure` that has the groups.
+        name: name of the option, for messages.
+        drawn: for each group the value that ``group=drawn`` means; one number for all groups is
+            then refused.
 
     Returns:
         A float, or a prefix pytree of the structure's elements.
@@ -206,7 +214,7 @@ def parse_group_values(
 
 
 def element_lengths(structure: Structure) -> list[Float[np.ndarray, " n_elem"]]:
-    """Return the initial lengths of the elements of every group, [n_elem], m, a list."""
+    """Return the initial lengths of the elements of each group, a list of [n_elem], m."""
     nodes = np.asarray(structure.nodes)
     return [
         np.linalg.norm(np.diff(nodes[group.links.array], axis=1), axis=2).sum(axis=1)
@@ -215,7 +223,7 @@ def element_lengths(structure: Structure) -> list[Float[np.ndarray, " n_elem"]]:
 
 
 def parse_anchors(words: Sequence[str] | None) -> list[int | str] | None:
-    """Parse the supported nodes of an option: "ends", node numbers, ranges such as 0 3 5-8."""
+    """Return the supported nodes of an option such as ``0 3 5-8 ends``: numbers and "ends"."""
     if not words:
         return None
     found: list[int | str] = []
@@ -240,7 +248,7 @@ def format_number(value: float) -> str:
 
 
 def format_range(arrays: PyTree[Float[ArrayLike, " ..."]]) -> str:
-    """Return the range of the numbers in arrays as text; a single number if all are equal."""
+    """Return the range of the numbers in arrays as text, "1 to 2"; one number if all are equal."""
     if not jax.tree.leaves(arrays):
         return "none"
     flat = np.concatenate([np.ravel(np.asarray(a, float)) for a in jax.tree.leaves(arrays)])
@@ -249,7 +257,7 @@ def format_range(arrays: PyTree[Float[ArrayLike, " ..."]]) -> str:
 
 
 def largest_displacement(displacement: Float[ArrayLike, "n_node 3"]) -> tuple[float, str]:
-    """Return the largest displacement, m, and the same with its node as text."""
+    """Return the largest displacement, m, and a text such as "0.03 m at node 5"."""
     moved = np.linalg.norm(np.asarray(displacement), axis=1)
     node = int(moved.argmax())
     return float(moved[node]), f"{format_number(float(moved[node]))} m at node {node}"

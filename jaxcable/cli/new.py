@@ -24,7 +24,7 @@ _SCHEMA = "scene.schema.json"  # as the scenes name it
 
 
 def run(options: Namespace) -> None:
-    """Write scene, script and schema of the kind that `options` name; say what to type next."""
+    """Write a scene of the kind in `options.kind`, its Python script, and the schema of scenes."""
     scene = Path(f"{options.kind}.json" if options.save is None else options.save)
     outputs.check_suffix(str(scene), (".json",), "--save")
     script = scene.with_suffix(".py")
@@ -35,8 +35,8 @@ def run(options: Namespace) -> None:
             f"--save {scene}: is the name of the schema that is written beside the scene"
         )
     texts = {
-        scene: _template_text(f"{options.kind}.json"),
-        script: _template_text(f"{options.kind}.py.txt"),
+        scene: _read_template(f"{options.kind}.json"),
+        script: _read_template(f"{options.kind}.py.txt"),
     }
     there = [str(path) for path in texts if path.exists()]
     if there and not options.force:
@@ -58,13 +58,13 @@ def run(options: Namespace) -> None:
 
 
 def _is_scene_schema(schema):
-    """Return whether a file is a schema of scenes, of any version of jaxcable."""
+    """Return whether a file is a JSON Schema of scenes, of any version of jaxcable."""
     try:
         return '"urn:jaxcable:scene:' in schema.read_text("utf-8")[:1000]
     except (OSError, UnicodeDecodeError):
         return False
 
 
-def _template_text(name):
-    """Return the text of a file in `templates`."""
+def _read_template(name):
+    """Return the text of a file in the folder `templates` of this package."""
     return (resources.files(__package__) / "templates" / name).read_text("utf-8")

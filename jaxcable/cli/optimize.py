@@ -37,7 +37,7 @@ _MEANING = (
 
 
 def run(options: Namespace) -> None:
-    """Optimize the pretension of the first phase that has one.
+    """Optimize the pretension of the first phase that has one, print it, and write the scene.
 
     If the search does not converge, or a limit is violated, the best values found are printed with
     the cause, and the exit status is 1; they are written with `options.keep` only. If the analysis
@@ -53,7 +53,7 @@ def run(options: Namespace) -> None:
     number = next((k for k, p in enumerate(phases) if p.pretension is not None), None)
     if number is None:
         raise BadInput(f"{options.scene}: no phase has a pretension to optimize")
-    start, pretension_of = _search_parameters(structure, phases[number], options)
+    start, pretension_of = _parametrize_pretension(structure, phases[number], options)
 
     def phases_with(pretension):
         phase = replace(phases[number], pretension=pretension)
@@ -89,7 +89,7 @@ def run(options: Namespace) -> None:
     lines = [
         f"status {code}: {status.describe(code)}",
         f"{description}, {int(found.evaluations)} analyses",
-        f"pretension {inputs.format_range(_without_rounding(found.params, start))} N",
+        f"pretension {inputs.format_range(_zero_rounding_errors(found.params, start))} N",
         f"final axial forces {inputs.format_range(solution.last.peak_tension)} N",
         *_describe_limits(solution, options),
         *_describe_exceeded_strength(structure, solution),
@@ -113,8 +113,12 @@ def run(options: Namespace) -> None:
         status.raise_if_failed(found)
 
 
-def _search_parameters(structure, phase, options):
-    """Return the start of the search, a vector, and a function from vectors to pretensions."""
+def _parametrize_pretension(structure, phase, options):
+    """Return the start of the search, [n], N, and a function from such vectors to pretensions.
+
+    Pretensions have the shape of the elements. With `options.same_in_group` there is one parameter
+    for each group, otherwise one for each element.
+    """
     given = [statements.get("pretension") for statements in phase.statements(structure)]
     if any(statement is not None and statement.chosen is not None for statement in given):
         raise BadInput(f"{options.scene}: a pretension of only some elements cannot be optimized")
@@ -136,13 +140,13 @@ def _search_parameters(structure, phase, options):
 
 
 def _match_target_tension(analyse, start, bounds, options):
-    """Find the pretension with which the final tensions are nearest to a target.
+    """Find the pretension with which the final tensions are nearest to `options.target`.
 
     Args:
         analyse: function from parameters to a `Solution`.
-        start: parameters at the start, [n].
-        bounds: smallest and largest parameter.
-        options: of the command.
+        start: parameters at the start, [n], N.
+        bounds: smallest and largest parameter, N.
+        options: options of the command.
 
     Returns:
         The `Design` found, and the outcome in words.
@@ -159,7 +163,7 @@ def _match_target_tension(analyse, start, bounds, options):
 
 
 def _target_is_met(found, start, options):
-    """Return whether the tensions are the target but for rounding, so that no search can go on."""
+    """Return whether the tensions equal the target up to rounding, so that no search can go on."""
     if options.target is None:
         return False
     return float(found.loss) <= start.size * (_ROUNDING * options.target) ** 2
@@ -168,7 +172,8 @@ def _target_is_met(found, start, options):
 def _minimize_pretension(analyse, start, bounds, options):
     """Find the smallest sum of pretensions that keeps deflections and tensions within limits.
 
-    Args, Returns: as of `_match_target_tension`.
+    The limits are `options.deflection`, m, and `options.lowest`, N. Other arguments and results are
+    those of `_match_target_tension`.
     """
     limits = options.deflection, options.lowest
 
@@ -215,14 +220,14 @@ def _describe_limits(solution, options):
     return lines
 
 
-def _without_rounding(pretension, start):
-    """Return pretensions, [n], N; zero for those that are rounding beside the start."""
+def _zero_rounding_errors(pretension, start):
+    """Return pretensions, [n], N, with zero for those that are rounding errors beside the start."""
     pretension = np.asarray(pretension, float)
     return np.where(np.abs(pretension) <= _NO_PRESTRESS * np.abs(start).max(), 0.0, pretension)
 
 
 def _describe_exceeded_strength(structure, solution):
-    """Return a line on elements above their strength in the final state; none if there are none."""
+    """Return a line on elements above their strength in the final state, in a list; or []."""
     try:
         used = design.utilization(structure, solution.last)
     except ValueError:  # no group has a strength
@@ -236,5 +241,5 @@ def _describe_exceeded_strength(structure, solution):
 
 
 def _limit_verdict(excess):
-    """Return whether a limit is met, in words; `excess` over the limit is relative to it."""
+    """Return "met" or "violated by 4.9 %"; `excess` is the excess over the limit, divided by it."""
     return "met" if excess <= _ROUNDING else f"violated by {100 * excess:.2g} %"

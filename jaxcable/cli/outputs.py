@@ -73,7 +73,10 @@ _ADVICE = {
 
 
 def check_suffix(path: str | None, known: Sequence[str], option: str) -> None:
-    """Raise `BadInput`, naming the option, if a path has none of the known suffixes."""
+    """Raise `BadInput`, naming the option, if a path has none of the known suffixes.
+
+    No path (None) is accepted.
+    """
     if path is not None and Path(path).suffix.lower() not in known:
         raise BadInput(f"{option} {path}: expected a name that ends with {', '.join(known)}")
 
@@ -88,15 +91,15 @@ def check_output_file(
 ) -> str:
     """Return the path of the file that a command writes; raise before long work if it cannot.
 
-    The path is empty if no file is named.
+    The path is "" if there is neither a given nor a usual one.
 
     Args:
         given: path on the command line, or None.
-        known: suffixes that it can have.
-        option: that names it.
+        known: suffixes that the path can have.
+        option: option that names the file.
 
     Options:
-        usual: path if none is given; the file replaces only one that this program has written.
+        usual: path if none is given; it replaces only a file that this program has written.
         inputs: files that the command reads.
     """
     path = usual if given is None else given
@@ -110,12 +113,15 @@ def check_output_file(
 
 
 def save_picture(figure: Figure, path: str) -> None:
-    """Save a figure as a file of moderate size."""
+    """Save a figure in the format of the suffix, with 130 pixels per inch."""
     style.save_figure(figure, path, dpi=130)
 
 
 def save_solution(path: str | Path, structure: Structure, solution: Solution) -> list[Path]:
-    """Save a result in the format of the path's suffix; return the paths of the files."""
+    """Save a result in the format of the path's suffix; return the paths of the files.
+
+    An OpenSees script of a failed analysis is not written, and a message says so.
+    """
     save = next((own for end, own in _WRITERS if str(path).lower().endswith(end)), save_result)
     if save is save_opensees and int(solution.status) != OK:
         print_message(
@@ -127,7 +133,7 @@ def save_solution(path: str | Path, structure: Structure, solution: Solution) ->
 
 
 def report_failure(options: Namespace, solution: Solution) -> int | None:
-    """Return the exit status of a command after its analysis; if that failed, print why.
+    """Print why an analysis has failed; return exit status 1, or None if it has not failed.
 
     The texts of `status` name arguments of Python; here they name what a user of the command line
     can change.

@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _import_and_run(options):
-    """Import the modules of the user's own classes that `options` name, then run the command."""
+    """Import the modules in `options.modules`, which register a user's classes; run the command."""
     sys.path.insert(0, str(Path.cwd()))  # where scripts, unlike `python -m`, do not look
     try:
         for name in options.modules:
@@ -82,7 +82,11 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _add_command(commands, module, example):
-    """Add the command of a module, whose docstring begins with its help; return its parser."""
+    """Add the command of a module, and return its parser.
+
+    Its help is the first paragraph of the docstring of the module, and `example` is what follows
+    the name of the command in an example.
+    """
     name = module.__name__.split(".")[-1]
     text = " ".join((module.__doc__ or "").split("\n\n")[0].split()).removeprefix(f"``{name}``: ")
     command = commands.add_parser(
@@ -98,17 +102,20 @@ def _add_command(commands, module, example):
 
 
 def _add_save_option(command, text, **settings):
-    """Add the option that names the file to write."""
+    """Add the option ``--save`` of the file to write; `text` is its help."""
     command.add_argument("--save", metavar="FILE", help=text, **settings)
 
 
 def _add_flag(command, name, text):
-    """Add an option without a value."""
+    """Add an option without a value; `text` is its help."""
     command.add_argument(name, action="store_true", help=text)
 
 
 def _add_input_files(command, scene=True):
-    """Add the arguments of a command that reads a scene, or else a scene or a net."""
+    """Add to a command the files that it reads: a scene, or with ``scene=False`` a scene or a net.
+
+    For nets the options of reading, such as ``--scale``, are added, too.
+    """
     if scene:
         text = "scene, JSON (written by save_scene or by hand; `jaxcable schema` describes it)"
         command.add_argument("scene", help=text)
@@ -143,7 +150,7 @@ def _add_input_files(command, scene=True):
 
 
 def _add_new(commands):
-    """Add the command ``new``."""
+    """Add the command ``new`` and its options."""
     command = _add_command(commands, new, "bridge --save my_bridge.json")
     text = "; ".join(f"{kind}: {about}" for kind, about in new.KINDS.items())
     command.add_argument("kind", choices=new.KINDS, help=text)
@@ -154,14 +161,14 @@ def _add_new(commands):
 
 
 def _add_demo(commands):
-    """Add the command ``demo``."""
+    """Add the command ``demo`` and its options."""
     command = _add_command(commands, demo, "--plot hypar.png")
     text = "picture to write (png, pdf, svg; default hypar_net.png)"
     command.add_argument("--plot", metavar="FILE", help=text)
 
 
 def _add_solve(commands):
-    """Add the command ``solve``."""
+    """Add the command ``solve`` and its options."""
     example = "net.json --plot net.png --save result.json --save net.vtk --report net.txt"
     command = _add_command(commands, solve, example)
     _add_input_files(command)
@@ -185,7 +192,7 @@ def _add_solve(commands):
 
 
 def _add_plot(commands):
-    """Add the command ``plot``."""
+    """Add the command ``plot`` and its options."""
     command = _add_command(commands, plot, "mast.json --of My --save moments.pdf")
     _add_input_files(command)
     text = "picture to write (png, pdf, svg; default: beside the scene, with its name, .png)"
@@ -204,7 +211,7 @@ def _add_plot(commands):
 
 
 def _add_view(commands):
-    """Add the command ``view``."""
+    """Add the command ``view`` and its options."""
     command = _add_command(commands, view, "net.json --save net.html")
     _add_input_files(command)
     _add_save_option(
@@ -214,7 +221,7 @@ def _add_view(commands):
 
 
 def _add_form(commands):
-    """Add the command ``form``."""
+    """Add the command ``form`` and its options."""
     command = _add_command(commands, form, "net.json --force-density 50 --save formed.json")
     _add_input_files(command)
     method = command.add_mutually_exclusive_group()
@@ -239,7 +246,7 @@ def _add_form(commands):
 
 
 def _add_optimize(commands):
-    """Add the command ``optimize``."""
+    """Add the command ``optimize`` and its options."""
     example = "net.json --deflection 0.03 --lowest 80 --bounds 0 5000 --save tuned.json"
     command = _add_command(commands, optimize, example)
     _add_input_files(command)
@@ -268,12 +275,12 @@ def _add_optimize(commands):
 
 
 def _add_info(commands):
-    """Add the command ``info``."""
+    """Add the command ``info`` and its options."""
     _add_input_files(_add_command(commands, info, "net.json"), scene=False)
 
 
 def _add_convert(commands):
-    """Add the command ``convert``."""
+    """Add the command ``convert`` and its options."""
     example = "net.obj --scale 0.001 --anchors ends --axial-stiffness 1e6 --save net.json"
     command = _add_command(commands, convert, example)
     _add_input_files(command, scene=False)
@@ -296,13 +303,13 @@ def _add_convert(commands):
 
 
 def _add_schema(commands):
-    """Add the command ``schema``."""
+    """Add the command ``schema`` and its options."""
     command = _add_command(commands, schema, "--save scene.schema.json")
     _add_save_option(command, "file to write instead of the screen (.json)")
 
 
 def _parse_positive(word):
-    """Parse a positive number."""
+    """Return a word as a positive number; raise argparse's error for any other."""
     value = number(word)
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{word}: expected a positive number")

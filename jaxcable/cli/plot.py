@@ -18,7 +18,7 @@ from .solving import solve_and_show
 
 
 def run(options: Namespace) -> int | None:
-    """Draw the scene that `options` name; return the exit status, 1 if the analysis fails."""
+    """Analyse the scene that options name and draw it; return 1 if the analysis fails."""
     diagram = options.of in SECTION_FORCES.components
     for name in ("sequence", "magnify", "reactions"):
         if diagram and getattr(options, name):

@@ -12,7 +12,7 @@ from . import outputs
 
 
 def run(options: Namespace) -> None:
-    """Print the schema, or write it to the file that `options` name."""
+    """Print the JSON Schema of scene files, or write it to the file in `options.save`."""
     outputs.check_output_file(options.save, (".json",))
     text = format_json(scene_schema())
     if options.save is None:

@@ -17,7 +17,9 @@ _PRECISION = "jax_enable_x64"
 
 @contextlib.contextmanager
 def command_settings(quiet: bool, whole_process: bool) -> Iterator[None]:
-    """Set precision, kept programs and warnings for a command; restore all at the end.
+    """Set double precision, the store of compiled programs and warnings for the ``with`` block.
+
+    All are restored at its end.
 
     Args:
         quiet: whether to leave out warnings.

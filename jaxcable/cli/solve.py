@@ -21,7 +21,10 @@ _STAGED = "energy check not available with construction stages (adds, removes)"
 
 
 def run(options: Namespace) -> int | None:
-    """Analyse the scene that `options` name; return the exit status, 1 if the analysis fails."""
+    """Analyse the scene in `options.scene`, print a summary and write the files that options name.
+
+    Return exit status 1 if the analysis fails, else None.
+    """
     for path in options.save:
         outputs.check_suffix(path, outputs.RESULTS, "--save")
     outputs.check_suffix(options.plot, outputs.PICTURES, "--plot")
@@ -48,14 +51,14 @@ def run(options: Namespace) -> int | None:
         findings = replace(findings, summary=(*findings.summary, _STAGED))
     # before anything is printed, because the reader of a pipe may end
     wrote = _write_files(options, structure, solution, findings)
-    findings = replace(findings, summary=_without_cause(findings.summary, solution))
+    findings = replace(findings, summary=_summary_without_cause(findings.summary, solution))
     print(findings.text() if options.report == "-" else "\n".join(findings.summary))
-    print("\n".join([*largest_values(solution), *(f"wrote {path}" for path in wrote)]))
+    print("\n".join([*describe_largest_values(solution), *(f"wrote {path}" for path in wrote)]))
     return outputs.report_failure(options, solution)
 
 
 def _write_files(options, structure, solution, findings):
-    """Write the files that the options ask for; return their paths."""
+    """Write report, results and picture to the files that options name; return their paths."""
     wrote = [] if options.report in (None, "-") else findings.save(options.report)
     for path in options.save:
         wrote += outputs.save_solution(path, structure, solution)
@@ -69,14 +72,14 @@ def _write_files(options, structure, solution, findings):
 
 
 def _choose_method(options):
-    """Return the method of analysis that the options ask for."""
+    """Return the method that options ask for: `Incremental` with corrections, or `Newton`."""
     if options.corrections is not None:
         return Incremental(options.corrections, linear_solver=options.linear_solver)
     return Newton(tol=options.tol, linear_solver=options.linear_solver)
 
 
-def _without_cause(summary, solution):
-    """Return the summary of a failed analysis without the cause, which follows on stderr."""
+def _summary_without_cause(summary, solution):
+    """Return the summary of a failed analysis without the cause, which stderr gets later."""
     code = int(solution.status)
     if code == status.OK:
         return summary
@@ -84,8 +87,8 @@ def _without_cause(summary, solution):
     return (f"status {code}: the analysis failed in phase {failed[0]}", *summary[1:])
 
 
-def largest_values(solution: Solution) -> list[str]:
-    """Return lines with the largest displacements, in the last phase and in all, and the forces."""
+def describe_largest_values(solution: Solution) -> list[str]:
+    """Return lines on the largest displacements, of the last phase and of all, and axial forces."""
     if int(solution.status) != status.OK:
         return []
     last = len(solution.phases)

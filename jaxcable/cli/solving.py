@@ -18,7 +18,10 @@ _Shown = TypeVar("_Shown")
 def solve_and_show(
     options: Namespace, show: Callable[[Structure, Solution], _Shown]
 ) -> tuple[Solution, _Shown]:
-    """Analyse the scene of a command; return the solution, and `show(structure, solution)`."""
+    """Analyse the scene of a command; return the solution and `show(structure, solution)`.
+
+    A ValueError of either becomes a message with the name of the scene.
+    """
     structure, phases = inputs.read_scene(options)
     with refuse_value_errors(options.scene):
         solution = solver.solve(structure, phases, progress=not options.quiet)

@@ -12,7 +12,7 @@ from .solving import solve_and_show
 
 
 def run(options: Namespace) -> int | None:
-    """Write and open the page; return the exit status, 1 if the analysis fails."""
+    """Analyse a scene, write its interactive page, and open it; return 1 if the analysis fails."""
     usual = file_names.path_beside(options.scene, ".html").name
     out = outputs.check_output_file(
         options.save, outputs.PAGES, usual=usual, inputs=[options.scene]

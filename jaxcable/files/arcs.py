@@ -16,10 +16,11 @@ def arcs_to_chords(
     """Return the points (x, y) along a plane polyline, with each arc replaced by equal chords.
 
     Args:
-        points: x, y and bulge of its points: the tangent of a quarter of the angle of the arc to
-            the next point, positive anticlockwise; zero for a straight piece.
-        closed: whether it goes on to its first point.
-        sagitta: largest distance of an arc from its chords; at most 1000 chords are made of an arc.
+        points: (x, y, bulge) of its points; the bulge of a point is the tangent of a quarter of the
+            angle of the arc to the next point, positive anticlockwise, zero for a straight piece.
+        closed: whether a last piece joins the last point to the first one.
+        sagitta: largest distance of an arc from its chords, in the unit of the points; at most 1000
+            chords are made of an arc.
     """
     way: list[tuple[float, float]] = []
     following = [*points[1:], *points[:1]] if closed else points[1:]
@@ -46,8 +47,8 @@ def points_along_entity(entity: Any, sagitta: float) -> list[tuple[float, float,
     """Return the points (x, y, z) along an ARC, or a plane POLYLINE or LWPOLYLINE, as a list.
 
     Args:
-        entity: of ezdxf.
-        sagitta: largest distance of an arc from its chords, in units of the drawing.
+        entity: the entity of a drawing, an object of the library ezdxf.
+        sagitta: largest distance of an arc from its chords, in units of the drawing, as the points.
     """
     kind = entity.dxftype()
     if kind == "ARC":

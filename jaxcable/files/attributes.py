@@ -37,17 +37,19 @@ REASONS = {
 _EMPTY: tuple[Any, ...] = (None, False, 0, "", [], {})
 
 
-def count_unread(
+def count_unread_attributes(
     attributes: Mapping[str, Any], read: frozenset[str], kind: str, where: str, table: Omissions
 ) -> None:
-    """Count the attributes that are neither read nor known to be of no meaning.
+    """Add a row to the table of omissions for each attribute that a reader does not know.
+
+    Attributes that are read, empty, of appearance only, or results of programs get no row.
 
     Args:
-        attributes: of a node, an edge, a face, or the whole.
-        read: names of those that are read.
-        kind: what has them, in words.
-        where: its place in the file, in words.
-        table: what is left out.
+        attributes: of a node, an edge, a face, or the whole net.
+        read: names of the attributes that are read.
+        kind: what has the attributes, in words, such as "a node".
+        where: place in the file, in words.
+        table: table to which the rows are added.
     """
     for key, value in attributes.items():
         known = key in read or key in APPEARANCE_KEYS or key in RESULT_KEYS or key.startswith("_")
@@ -56,7 +58,7 @@ def count_unread(
 
 
 def edge_force_density(attributes: Mapping[str, Any], length: float, where: str) -> float:
-    """Return the force density of an edge, N/m: ``q``, or its force over its length; else 0."""
+    """Return the force density of an edge, N/m: ``q``, else its force over its `length`, else 0."""
     stated = finite_number(attributes, "q", where)
     if stated == 0 and length > 0:
         for key in ("f", "force"):
@@ -68,9 +70,10 @@ def edge_force_density(attributes: Mapping[str, Any], length: float, where: str)
 def count_conflicting_results(
     attributes: Mapping[str, Any], density: float, length: float, where: str, table: Omissions
 ) -> None:
-    """Count force and length of an edge that disagree with its force density and its nodes.
+    """Add rows to the table of omissions where force or length of an edge disagree with the net.
 
-    Then they were prescribed to another program, and are not its results. A deviation of a
+    The force is compared with `density` (N/m) times `length` (m), the length with `length`. If they
+    disagree, they were prescribed to another program, and are not its results. A deviation of a
     thousandth is allowed, because files hold rounded numbers.
     """
     expected = {"f": density * length, "force": density * length, "l": length, "length": length}
@@ -88,7 +91,7 @@ def is_empty(value: Any) -> bool:
 
 
 def finite_number(attributes: Mapping[str, Any], key: str, where: str) -> float:
-    """Return the number under a key, 0 if there is none; refuse what is not a finite number."""
+    """Return the number under `key`, 0 if there is none; raise FileError if it is not finite."""
     value = attributes.get(key)
     value = 0.0 if value is None else value
     known = not isinstance(value, bool) and isinstance(value, int | float)
@@ -98,7 +101,7 @@ def finite_number(attributes: Mapping[str, Any], key: str, where: str) -> float:
 
 
 def node_coordinates(attributes: Mapping[str, Any], where: str) -> list[float]:
-    """Return the position of a node; a missing coordinate is zero, unless all three are missing."""
+    """Return x, y, z of a node; one or two missing ones are zero, three raise FileError."""
     given = [axis for axis in "xyz" if axis in attributes]
     if not given:
         raise FileError(f"{where}: has no coordinates x, y, z")
@@ -109,12 +112,12 @@ def node_coordinates(attributes: Mapping[str, Any], where: str) -> list[float]:
 
 
 def load_vector(attributes: Mapping[str, Any], where: str) -> list[float]:
-    """Return the load of a node, an edge or a face along x, y, z; zero where none is given."""
+    """Return the load ``px, py, pz`` of a node, an edge or a face as a list; zero where none is."""
     return [finite_number(attributes, "p" + axis, where) for axis in "xyz"]
 
 
 def read_flag(attributes: Mapping[str, Any], key: str, where: str, absent: bool = False) -> bool:
-    """Return whether a flag (true, false, 1 or 0) is set; `absent` if there is none."""
+    """Return whether the flag under `key` is set (true or 1); if there is none, return `absent`."""
     value = attributes.get(key)
     if value is None:
         return absent
@@ -124,7 +127,7 @@ def read_flag(attributes: Mapping[str, Any], key: str, where: str, absent: bool 
 
 
 def with_defaults(attributes: Any, defaults: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Return the attributes of an item, completed by the defaults of the file."""
+    """Return the attributes of a node, edge or face as a dict, completed by `defaults`."""
     attributes = {} if attributes is None else attributes
     if not isinstance(attributes, dict):
         raise FileError(f"{where}: expected an object of attributes")

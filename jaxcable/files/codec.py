@@ -137,7 +137,10 @@ def encode(value: Any, where: str, implied: type | None = None) -> Any:
 
 
 def _encode_object(value, where, implied):
-    """Return the fields of an object as a dict; fields that equal their defaults are left out."""
+    """Return the fields of an object as a dict; fields that equal their defaults are left out.
+
+    The class is named under "type", unless it is `implied`, the class that a reader expects here.
+    """
     cls = type(value)
     fields = {} if cls is implied else {"type": cls.__name__}
     for field in user_fields(cls):
@@ -157,20 +160,23 @@ def _encode_object(value, where, implied):
 
 
 def user_fields(cls: type) -> list[dataclasses.Field]:
-    """Return the fields of a class that users give; the program fills the others."""
+    """Return the fields of a class that users give, without those that the program computes."""
     others = cls.worked_out if issubclass(cls, Load | Law) else ()
     return [field for field in dataclasses.fields(cls) if field.name not in others]
 
 
 def _collapse_equal_values(values):
-    """Return the value of one element if all have the same, which constructors take; else all."""
+    """Return the first value of an array [n_elem] if all are equal, otherwise the array.
+
+    Constructors of element groups take one value for all elements.
+    """
     if len(values) > 1 and values.tobytes() == values[:1].tobytes() * len(values):
         return values[0]
     return values
 
 
 def _encode_numbers(value, where):
-    """Turn a number or an array into numbers in nested lists; arrays of float32 are marked."""
+    """Return numbers as nested lists; float32 as {"type": "float32", "values": ...}."""
     array = np.asarray(value)
     if not np.issubdtype(array.dtype, np.number) and array.dtype != bool:
         raise ValueError(f"{where}: an array of {array.dtype} cannot be written to a file")
@@ -225,8 +231,8 @@ def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -
 
 
 def _decode_float32(data, where):
-    """Turn an object marked as float32 into an array or a number of this type."""
-    _require_keys(data, "values", where)
+    """Return the array or number that {"type": "float32", "values": ...} stands for."""
+    _require_only_key(data, "values", where)
     values = _decode_numbers(data["values"], where)
     if np.abs(values).max(initial=0.0) > np.finfo(np.float32).max:
         raise FileError(f"{where}: the number is too large for float32")
@@ -234,8 +240,8 @@ def _decode_float32(data, where):
 
 
 def _decode_sequence(data, where, name, depth):
-    """Turn an object marked as list or tuple into one."""
-    _require_keys(data, "items", where)
+    """Return the list or tuple that {"type": "list" or "tuple", "items": [...]} stands for."""
+    _require_only_key(data, "items", where)
     items = data["items"]
     if not isinstance(items, list):
         raise FileError(f"{where}.items: expected a list, got {items!r:.40}")
@@ -244,8 +250,8 @@ def _decode_sequence(data, where, name, depth):
     )
 
 
-def _require_keys(data, key, where):
-    """Refuse an object of a marked type unless it has one key beside its "type"."""
+def _require_only_key(data, key, where):
+    """Raise FileError unless an object has `key`, beside its "type", and no other field."""
     if key not in data:
         raise FileError(f'{where}: "{key}" is missing; {{"type": "{data["type"]}"}} needs it')
     for other in data.keys() - {"type", key}:
@@ -254,7 +260,10 @@ def _require_keys(data, key, where):
 
 
 def _decode_object(data, where, implied, depth):
-    """Make an object of a class in `TYPES`; raise FileError for unknown keys and refused values."""
+    """Return the object of a class in `TYPES` that a dict describes.
+
+    Raise FileError for unknown keys, and for values that the constructor refuses.
+    """
     name = data.get("type", implied.__name__ if implied else None)
     if not isinstance(name, str) or name not in TYPES:
         raise FileError(f"{where}: unknown type {name!r}{_suggest_name(name, TYPES)}")
@@ -291,13 +300,16 @@ def _decode_object(data, where, implied, depth):
 
 
 def _require_field_type(value, kind, where):
-    """Raise FileError for values of a wrong type that the constructor would not notice."""
+    """Raise FileError if a decoded value does not fit the annotation `kind` of its field.
+
+    This concerns wrong types that the constructor of the class would not notice.
+    """
     numbers = isinstance(value, np.ndarray | np.generic | list | tuple | str | int | float | None)
     if kind.startswith(("Float[", "Int[", "Bool[")) and not numbers:
         raise FileError(f"{where}: expected numbers, got {type(value).__name__}")
     for base, (words, example) in EXPLICIT_CLASSES.items():
         if kind.startswith(words):
-            _refuse_untyped(value, base, example, where)
+            _refuse_missing_type(value, base, example, where)
     if kind == "bool" and not isinstance(value, bool):
         raise FileError(f"{where}: expected true or false, got {value!r:.40}")
     if kind == "Key" and (isinstance(value, bool) or not isinstance(value, str | int | None)):
@@ -312,33 +324,37 @@ EXPLICIT_CLASSES: dict[type, tuple[tuple[str, ...], str]] = {
 """Classes of objects that name theirs: annotations of fields, and words for a message."""
 
 
-def _refuse_untyped(value, base, example, where):
-    """Raise FileError for an object without a "type" where the class must be named."""
+def _refuse_missing_type(value, base, example, where):
+    """Raise FileError for a dict without "type" where the file must name a class.
+
+    The class derives from `base`, and `example` says so in words. Lists of such objects, and where
+    `base` is `Element` dicts of groups, are searched, too.
+    """
     if isinstance(value, list | tuple):
         for k, item in enumerate(value):
-            _refuse_untyped(item, base, example, f"{where}[{k}]")
+            _refuse_missing_type(item, base, example, f"{where}[{k}]")
     if isinstance(value, dict):
         inner = value.values() if base is Element else ()
         if not inner or not all(isinstance(v, Element | dict | list | tuple | None) for v in inner):
             raise FileError(f'{where}: "type" is missing; it names the class of {example}')
         for key, item in value.items():
-            _refuse_untyped(item, base, example, f"{where}[{key!r}]")
+            _refuse_missing_type(item, base, example, f"{where}[{key!r}]")
 
 
 def has_no_default(field: dataclasses.Field) -> bool:
-    """Return whether the constructor needs a field."""
+    """Return whether a dataclass field has no default, so that the constructor must be given it."""
     return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
 def _suggest_name(name, known):
-    """Return the end of a message on an unknown name: the most similar known one, or all."""
+    """Return the end of a message on an unknown name: the most similar known one, or all known."""
     # 0.6, Python's default, takes "stays" for "backstay"
     near = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.7)
     return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known)}"
 
 
 def _decode_numbers(data, where):
-    """Turn nested lists into an array of finite numbers; raise FileError for anything else."""
+    """Return nested lists as an array of finite numbers or booleans; refuse other data."""
     try:
         array = np.array(data)
     except (ValueError, OverflowError):
@@ -358,7 +374,10 @@ def _decode_numbers(data, where):
 
 
 def _find_irregular_item(data, place=""):
-    """Find the first item that is no number or a list of another length; say where and what."""
+    """Find the first item of nested lists that is no number, or a list of another length.
+
+    Return its place, such as "[2][0]", and what was expected there, in words; or None.
+    """
     if not isinstance(data, list):
         number = isinstance(data, int | float)
         return None if number else (place, f"expected a number, got {json.dumps(data):.40}")

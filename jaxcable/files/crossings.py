@@ -19,15 +19,14 @@ _FINEST = 0.1  # shortest piece over the mean link: some ten pieces for each lin
 
 
 class NodesOnLinks(NamedTuple):
-    """Nodes that lie on a link between its ends, in plan.
+    """Nodes that lie on a link between its ends in plan: [n] pairs of a node and a link.
 
     Attributes:
-        link, node: numbers of both, [n].
-        fraction: position of the node along the link, from 0 to 1, [n].
-        distance: of the node from the link, in plan, [n], m.
-        height: of the node above the link, [n], m.
-        length_scale: length of the link, or of the shortest link at the node if that is shorter,
-            [n], m.
+        link, node: indices of the link and the node.
+        fraction: position of the node along the link, from 0 to 1.
+        distance: distance of the node from the link in plan, m.
+        height: height of the node above the link, m.
+        length_scale: length of the link, or of the shortest link at the node if that is shorter, m.
     """
 
     link: Int[np.ndarray, " n"]
@@ -39,12 +38,12 @@ class NodesOnLinks(NamedTuple):
 
 
 class Crossings(NamedTuple):
-    """Places at which `split_links` makes nodes.
+    """Places at which `split_links` makes nodes, or leads a link through a node.
 
     Attributes:
-        pairs: links that cross in plan without a node, [n_crossing, 2].
+        pairs: indices of two links that cross in plan without a node, [n_crossing, 2].
         fractions: position of the crossing along both links, from 0 to 1, [n_crossing, 2].
-        joints: `NodesOnLinks` within the tolerance: T-joints.
+        joints: `NodesOnLinks` that are joined to their link (T-joints).
         n_apart: number of further places that are not joined, because the heights differ too much.
     """
 
@@ -73,7 +72,7 @@ class SplitNet(NamedTuple):
 def link_lengths(
     nodes: Float[np.ndarray, "n_node 3"], links: Int[np.ndarray, "n_elem 2"]
 ) -> tuple[Float[np.ndarray, " n_elem"], Float[np.ndarray, " n_node"]]:
-    """Return the length of each link, and that of the shortest link at each node, m."""
+    """Return the length of each link, and the length of the shortest link at each node, m."""
     length = np.linalg.norm(nodes[links[:, 1]] - nodes[links[:, 0]], axis=1)
     shortest = np.full(len(nodes), np.inf)
     np.minimum.at(shortest, links.ravel(), np.repeat(length, 2))
@@ -86,14 +85,14 @@ def find_nodes_on_links(
     tolerance: float,
     share: float = 0.0,
 ) -> NodesOnLinks:
-    """Find the nodes within a distance of a link in plan, and not at its ends.
+    """Find the nodes that lie on a link in plan, and not at its ends.
 
-    The largest distance is `tolerance`, m, plus `share` of `length_scale`; the same distance is
-    kept from the ends of the link. On a vertical link the position of a node is measured by its
-    height.
+    Such a node is at most `tolerance`, m, plus `share` times the link's length away from the link,
+    and farther than that from its ends; the length is that of the shortest link at the node if
+    this is shorter. On a vertical link the position of a node is measured by its height.
     """
     length, shortest = link_lengths(nodes, links)
-    tree, owner, step = _search_tree(nodes[:, :2], links)
+    tree, owner, step = _tree_of_link_pieces(nodes[:, :2], links)
     used = np.unique(links)
     reach = tolerance + share * float(length.max())
     found = cKDTree(nodes[used, :2]).sparse_distance_matrix(
@@ -129,10 +128,10 @@ def find_crossings(
     nodes, such as anchors and the lower chord of a plane truss, have their height for a reason.
 
     Args:
-        nodes, links: of the net, m.
-        held: whether a support holds a node, [n_node] bool.
+        nodes, links: positions, m, and node numbers of the links.
+        held: whether a support holds a node.
         tolerance: distance in plan within which a node lies on a link, m.
-        gap: largest height between what is joined, over the length of the shorter link.
+        gap: largest difference in height, over the length of the shorter link, of what is joined.
     """
     joints = find_nodes_on_links(nodes, links, tolerance)
     single = np.bincount(links.ravel(), minlength=len(nodes)) == 1
@@ -140,7 +139,7 @@ def find_crossings(
     close = np.abs(joints.height) <= limit
     apart = int((~close).sum())
     joints = NodesOnLinks(*(value[close] for value in joints))
-    tree, owner, step = _search_tree(nodes[:, :2], links)
+    tree, owner, step = _tree_of_link_pieces(nodes[:, :2], links)
     pairs = np.sort(owner[tree.query_pairs(step * (1 + 1e-9), output_type="ndarray")], axis=1)
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
     pairs = _unique_pairs(pairs[:, 0], pairs[:, 1], len(links))
@@ -180,8 +179,8 @@ def split_links(
     A node on a link stays where it is. Of pieces that coincide, the one of the first link stays.
 
     Args:
-        nodes, links: of the net, m.
-        found: its `Crossings`.
+        nodes, links: positions, m, and node numbers of the links.
+        found: what `find_crossings` has found for this net.
         tolerance: distance in plan of crossings that become one node, m.
     """
     pairs, at = found.pairs, found.fractions
@@ -210,11 +209,12 @@ def split_links(
     return SplitNet(np.concatenate([nodes, new]), cut[single], link[:-1][real][single], share)
 
 
-def _search_tree(plan, links):
-    """Cut links in plan into short pieces; return a tree of their middles, their links, a length.
+def _tree_of_link_pieces(plan, links):
+    """Cut links into short pieces, so that a search for crossings compares neighbors only.
 
-    The middles of two pieces that cross are no farther apart than this length, the largest. So the
-    search for crossings compares neighbors only, even if some links are long.
+    `plan` are the nodes in plan, [n_node, 2], m. Return a k-d tree of the middles of the pieces,
+    the link of each piece, and the largest length of a piece, m: pieces whose middles are farther
+    apart do not cross.
     """
     first, way = plan[links[:, 0]], plan[links[:, 1]] - plan[links[:, 0]]
     length = np.linalg.norm(way, axis=1)
@@ -227,17 +227,17 @@ def _search_tree(plan, links):
 
 
 def _unique_pairs(first, second, count):
-    """Return each pair of numbers once, [n, 2]; the second numbers are below `count`."""
+    """Return each pair (first[k], second[k]) of indices once, [n, 2]; `second` is below `count`."""
     return np.stack(np.divmod(np.unique(first.astype(np.int64) * count + second), count), axis=1)
 
 
 def _cross_product_in_plan(a, b):
-    """Return the third component of the cross product of vectors in plan, [n]."""
+    """Return the z component of the cross products of vectors in plan, [n, 2] each, as [n]."""
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
 def _have_no_common_node(pairs, links, joints) -> Bool[np.ndarray, " n"]:
-    """Return whether no node lies on both links of a pair, as an end or on the inside, [n] bool."""
+    """Return for pairs of links, [n, 2], whether no node is an end of or lies on both, [n] bool."""
     on: dict[int, set[int]] = {}
     for link, node in zip(joints.link.tolist(), joints.node.tolist(), strict=True):
         on.setdefault(link, set(links[link].tolist())).add(node)
@@ -250,7 +250,10 @@ def _have_no_common_node(pairs, links, joints) -> Bool[np.ndarray, " n"]:
 
 
 def _merge_crossings(places, pairs, tolerance):
-    """Number the new nodes: crossings that are close and share a link get the same node."""
+    """Return the index of the new node of each crossing, [n_crossing].
+
+    Crossings within `tolerance` of each other in plan that share a link get the same node.
+    """
     if not len(places):
         return np.zeros(0, int)
     near = cKDTree(places).query_pairs(tolerance, output_type="ndarray")

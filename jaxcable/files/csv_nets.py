@@ -110,7 +110,7 @@ def read_csv(
 
 
 def _column_aliases(columns):
-    """Return our names of columns by those in the file, in small letters; None without any."""
+    """Return a dict from the file's column names, in small letters, to ours; None for None."""
     if columns is None:
         return None
     known = (*_NODE_COLUMNS, *_LINK_COLUMNS)
@@ -125,7 +125,7 @@ def _column_aliases(columns):
 
 
 def _held_directions(line):
-    """Return in which of x, y, z a node is held, by its field `support` or `free`: three bools."""
+    """Return whether x, y and z of a node are held, by its field ``support`` or ``free``."""
     if "free" not in line.fields:
         return _parse_directions(line, "support")
     if line.text("support"):
@@ -136,7 +136,7 @@ def _held_directions(line):
 
 
 def _parse_directions(line, column):
-    """Return which of x, y, z a field means (0, 1, or letters), a list of three bools."""
+    """Return whether a field such as 0, 1 or "xz" names each of x, y and z: a list of bools."""
     word = line.text(column).lower()
     if word in _WORDS:
         return [_WORDS[word]] * 3

@@ -35,11 +35,14 @@ class TableRow(NamedTuple):
     decimal_commas: bool
 
     def text(self, column: str) -> str:
-        """Return the text in a column; empty if the table has no such column."""
+        """Return the text of this row in a column; empty if the table has no such column."""
         return self.fields.get(column, "")
 
     def number(self, column: str, absent: float | None = None) -> float:
-        """Return the number in a column; `absent`, unless it is None, for an empty field."""
+        """Return the number of this row in a column.
+
+        An empty field gives `absent`, or raises FileError if that is None.
+        """
         word = self.text(column)
         if not word and absent is not None:
             return absent
@@ -58,29 +61,29 @@ def read_table(
     path: str | PathLike[str],
     known: Sequence[str],
     needed: Sequence[str],
-    own: Mapping[str, str] | None,
+    aliases: Mapping[str, str] | None,
     table: Omissions,
     largest: int,
 ) -> list[TableRow]:
-    """Return the rows of a table below its header; refuse unknown and missing columns.
+    """Return the rows of a CSV table below its header; raise FileError for wrong columns.
 
     Args:
         path: path of the file.
         known: names of the columns that are read.
-        needed: those of them that must be there.
-        own: names of columns by what the file calls them, in small letters; columns that are
-            neither there nor known are left out. None refuses them.
-        table: what is left out.
+        needed: those of them that the table must have.
+        aliases: dict from the file's names of columns, in small letters, to ours; other columns
+            are left out. None raises FileError for a column with another name.
+        table: table of omissions, to which columns that are left out are added.
         largest: largest size that is read, bytes.
     """
-    lines, mark = _split_lines(read_text(path, largest))
+    lines, mark = _lines_and_separator(read_text(path, largest))
     if not lines:
         raise FileError(f"{path}: is empty, or has comments only")
     try:
         header, *records = csv.reader([line for _, line in lines], delimiter=mark, strict=True)
     except csv.Error as error:
         raise FileError(f"{path}: not a CSV table: {error}") from None
-    columns = _column_names(f"{path}: line {lines[0][0]}", header, known, needed, own, table)
+    columns = _column_names(f"{path}: line {lines[0][0]}", header, known, needed, aliases, table)
     if not records:
         raise FileError(f"{path}: has no rows below its header")
     if len(records) != len(lines) - 1:
@@ -98,11 +101,11 @@ def read_table(
     return found
 
 
-def _split_lines(text):
-    """Return the lines of a table that are not empty, with their numbers; and the separator.
+def _lines_and_separator(text):
+    """Return the lines of a table as pairs (line number, line), and the character between fields.
 
-    Spreadsheets write rows of empty fields, ``;;;``, and name the separator in a line of its own
-    before the header, ``sep=;``.
+    Empty lines and comments are left out. Spreadsheets write rows of empty fields, ``;;;``, and
+    name the separator in a line of its own before the header, ``sep=;``.
     """
     lines = list(enumerate(io.StringIO(text, newline=None), 1))
     stated = _SEPARATOR.fullmatch(lines[0][1].rstrip("\r\n")) if lines else None
@@ -116,15 +119,18 @@ def _split_lines(text):
     return lines, stated[2] if stated else usual
 
 
-def _column_names(place, header, known, needed, own, table):
-    """Return the names of the columns in a header, None for ignored ones; refuse wrong ones."""
+def _column_names(place, header, known, needed, aliases, table):
+    """Return our name of each column in a header, None for a column that is left out.
+
+    Unknown, missing and repeated columns raise FileError; arguments are those of `read_table`.
+    """
     words = [word.strip().lower() for word in header]
-    named = own or {}
+    named = aliases or {}
     columns = [named.get(word, word if word not in named.values() else None) for word in words]
     for number, (word, name) in enumerate(zip(words, columns, strict=True)):
         if name in known:
             continue
-        if own is None:
+        if aliases is None:
             raise FileError(
                 f"{place}: unknown column {word!r}; known are {', '.join(known)}; for the names of "
                 "another program give columns=... (--columns)"

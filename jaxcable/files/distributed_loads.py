@@ -17,13 +17,13 @@ Programs that work in single precision leave less; loads that are missing leave 
 
 
 class DistributedLoads(NamedTuple):
-    """Loads of edges and faces.
+    """Loads of the edges and faces of a net.
 
     Attributes:
         nodes: positions, [n_node, 3], m.
         links: node numbers of the edges, [n_edge, 2].
         on_edges: loads per length, [n_edge, 3], N/m.
-        faces: node numbers around the faces, lists.
+        faces: node numbers around each face, a list of lists.
         on_faces: loads per area, [n_face, 3], N/m2.
     """
 
@@ -34,7 +34,10 @@ class DistributedLoads(NamedTuple):
     on_faces: Float[np.ndarray, "n_face 3"]
 
     def to_nodes(self) -> Float[np.ndarray, "n_node 3"]:
-        """Return the nodal loads that they amount to, [n_node, 3], N."""
+        """Return the nodal loads that the loads of edges and faces amount to, [n_node, 3], N.
+
+        An edge gives half of its load to each end; the sides of a face take its load by areas.
+        """
         found = np.zeros_like(self.nodes)
         ends = self.nodes[self.links]
         lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
@@ -58,18 +61,18 @@ def add_distributed_loads(
     held: Bool[np.ndarray, " n_node"],
     table: Omissions,
 ) -> Float[np.ndarray, "n_node 3"]:
-    """Return the loads of nodes with those of edges and faces, [n_node, 3], N.
+    """Return the sum of the loads of nodes, and of edges and faces as nodal loads, [n_node, 3], N.
 
     Files of results may hold the loads of edges and faces twice: as such, and in the loads of
-    nodes. This is so if the loads of nodes alone are in balance with the force densities; then none
-    is added.
+    nodes. This is so if the loads of nodes alone are in balance with the force densities; then
+    `own` is returned.
 
     Args:
-        own: loads of nodes in the file, N.
+        own: loads of nodes in the file, [n_node, 3], N.
         spread: loads of edges and faces.
         densities: force densities of the edges, N/m; zero for none.
         held: whether a support holds a node.
-        table: what is left out.
+        table: table of omissions, which counts loads that are not added.
     """
     more = spread.to_nodes()
     free = ~held

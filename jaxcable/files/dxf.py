@@ -127,7 +127,11 @@ def read_dxf(
 
 
 def _read_visible_entities(document, sagitta, hidden, table):
-    """Return the entities of model space that are visible; count those that are not."""
+    """Return the `_Entity` of each visible entity in model space; count the hidden ones in `table`.
+
+    With `hidden` they are read, too. `sagitta` is the largest distance of arcs from the chords that
+    replace them, in units of the drawing, or None to leave out arcs.
+    """
     layers, files = _hidden_layers(document), _external_references(document)
     found = []
     for entity in document.modelspace():
@@ -146,7 +150,7 @@ def _read_visible_entities(document, sagitta, hidden, table):
 
 
 def import_ezdxf() -> ModuleType:
-    """Import the library `ezdxf`; raise ValueError if it is not installed."""
+    """Import and return the module `ezdxf`; raise ValueError if it is not installed."""
     try:
         import ezdxf
     except ImportError:
@@ -159,11 +163,11 @@ class _Entity(NamedTuple):
     """What is read of an entity of a drawing.
 
     Attributes:
-        kind: its kind, in the words of the format.
-        where: its place in words.
-        layer: its layer.
-        points: those along it, in units of the drawing; none if it is left out.
-        why_hidden: why it is not shown in the drawing, in words; empty if it is.
+        kind: its kind in the words of the format, such as "LINE".
+        where: its place, in words, for messages.
+        layer: name of its layer.
+        points: points (x, y, z) along the entity, in units of the drawing; none if it is left out.
+        why_hidden: why the drawing does not show it, in words; empty if it is shown.
     """
 
     kind: str
@@ -174,11 +178,13 @@ class _Entity(NamedTuple):
 
 
 def _read_entity(entity, sagitta, layers):
-    """Read an entity of ezdxf as an `_Entity`.
+    """Return the `_Entity` of an entity of ezdxf.
 
     Args:
-        sagitta: of chords in place of arcs, in units of the drawing; None leaves out arcs.
-        layers: dict from name of a layer, in small letters, to why it is not shown.
+        entity: object of ezdxf.
+        sagitta: largest distance of arcs from the chords that replace them, in units of the
+            drawing; None leaves out arcs.
+        layers: dict from the name of a hidden layer, in small letters, to why it is hidden.
     """
     kind, points = entity.dxftype(), []
     if kind == "LINE":
@@ -204,7 +210,7 @@ def _read_entity(entity, sagitta, layers):
 
 
 def _hidden_layers(document):
-    """Return why layers are hidden, "frozen" or "off", by their names in small letters."""
+    """Return a dict from the name of each hidden layer, in small letters, to "frozen" or "off"."""
     why = {}
     for layer in document.layers:
         if layer.is_frozen() or layer.is_off():
@@ -213,7 +219,7 @@ def _hidden_layers(document):
 
 
 def _count_paper_space(document, table):
-    """Count the entities in paper space, other than viewports."""
+    """Count the entities in paper space, other than viewports, in the table of omissions."""
     for layout in document.layouts:
         if layout.is_any_paperspace:
             count = sum(entity.dxftype() != "VIEWPORT" for entity in layout)
@@ -222,7 +228,7 @@ def _count_paper_space(document, table):
 
 
 def _external_references(document):
-    """Return the files of external references by the names of their blocks in small letters."""
+    """Return the files that a drawing refers to, by the names of their blocks in small letters."""
     return {
         block.name.lower(): str(block.block.dxf.get("xref_path", "?"))
         for block in document.blocks
@@ -231,11 +237,11 @@ def _external_references(document):
 
 
 def _net_of_entities(entities, metres, tol, supports, table):
-    """Make the `Net` of the entities that have been read.
+    """Make the `Net` of a list of `_Entity`: lines become links, POINTs supports or marks.
 
-    Args:
-        entities: `_Entity` of what is read, a list.
-        table: `Omissions`, which counts what is left out.
+    `metres` are the metres per unit of the drawing, `tol` is the largest distance of points that
+    become one node, m, and `supports` the layer whose POINTs are supports ("*" for all), or None.
+    What is left out is counted in `table`.
     """
     places, lines, marks = [], [], []
     for kind, where, layer, points, _ in entities:

@@ -17,7 +17,7 @@ from ..model.topology import require_same_topology
 
 
 def require_suffix(path: str | PathLike[str], suffix: str) -> Path:
-    """Return a path; raise ValueError unless it ends with `suffix`."""
+    """Return the path as a `Path`; raise ValueError unless it ends with a suffix such as ".dxf"."""
     path = Path(path)
     if path.suffix.lower() != suffix:
         raise ValueError(f"path = {str(path)!r}: expected a name that ends with {suffix}")
@@ -25,7 +25,7 @@ def require_suffix(path: str | PathLike[str], suffix: str) -> Path:
 
 
 def end_state(structure: Structure, solution: Solution) -> State:
-    """Return the last state of an analysis; refuse a batch, or another structure."""
+    """Return the last state of an analysis; raise ValueError for a batch or another structure."""
     require_single_case(solution)
     require_same_topology(structure, solution.last.topology, "solution")
     return solution.last
@@ -34,6 +34,6 @@ def end_state(structure: Structure, solution: Solution) -> State:
 def concatenate_groups(
     groups: Sequence[Element], values: Sequence[Float[np.ndarray, " n_elem"] | None]
 ) -> Float[np.ndarray, " n_all"]:
-    """Concatenate values of all groups, [n_all]; NaN for the elements of groups without values."""
+    """Concatenate the element values of all groups, [n_all]; NaN for a group with None."""
     parts = zip(groups, values, strict=True)
     return np.concatenate([np.full(len(g.links), np.nan) if v is None else v for g, v in parts])

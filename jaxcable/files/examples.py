@@ -15,12 +15,12 @@ from typing import Any
 
 @functools.cache
 def load_examples() -> dict[str, Any]:
-    """Load the examples: a dict with the keys "scene", "classes" and "fields"."""
+    """Load the examples of scene files: a dict with the keys "scene", "classes" and "fields"."""
     return json.loads((resources.files(__package__) / "examples.json").read_text("utf-8"))
 
 
 def editor_snippets(names: list[str]) -> list[dict[str, Any]]:
-    """Return the examples of some classes in the form in which editors offer them, a list."""
+    """Return examples of the named classes as editors take them: [{"label": ..., "body": ...}]."""
     return [
         {"label": label, "body": example}
         for name in names

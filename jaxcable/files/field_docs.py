@@ -25,7 +25,7 @@ def class_summary(cls: type) -> str:
 
 
 def field_descriptions(cls: type, classes: Mapping[str, type]) -> dict[str, str]:
-    """Return what the docstring of a class says about each field, on one line each: a dict.
+    """Return what the docstring of a class says about each field: a dict from field to one line.
 
     Fields are entries of "Args" or "Attributes", or items of a list with their name in front. An
     entry like "as of `Bars`" is replaced by what the docstring of that class says.
@@ -42,18 +42,18 @@ def field_descriptions(cls: type, classes: Mapping[str, type]) -> dict[str, str]
     for in_section, its_words, in_list, words in _ENTRY.findall(text):
         told = " ".join((its_words or words).split())
         for name in (in_section or in_list).split(", "):
-            found[name] = _in_json_words(_resolve_reference(name, told, classes))
+            found[name] = _python_to_json_words(_resolve_reference(name, told, classes))
     return found
 
 
-def _in_json_words(words):
-    """Replace the constants and tuples of Python in a description by those of JSON."""
+def _python_to_json_words(words):
+    """Return a description with None, True, False and tuples of Python written as in JSON."""
     words = _WORD.sub(lambda found: _WORDS[found[0]], words)
     return _TUPLE.sub(r"[\2]", words).replace("``", "`")
 
 
 def _resolve_reference(name, words, classes):
-    """Replace "as of `OtherClass`" by the description of the field in that class."""
+    """Return the description of a field; for "as of `Bars`" that of the field in this class."""
     same = _SAME.match(words)
     if same is None or same[1] not in classes:
         return words

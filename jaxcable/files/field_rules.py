@@ -10,23 +10,25 @@ from .value_schemas import Schema
 
 
 def joint_field_rules(cls: type) -> Schema:
-    """Return the rules on fields of a class that must, or must not, be given together."""
+    """Return the JSON Schema of the fields of a class that must, or must not, be given together."""
     name, rules = cls.__name__, []
     if name == "Supports":
-        ways = map(_has_field, ("mask", "nodes", "clamps", "chosen"))
+        ways = map(_has_field_condition, ("mask", "nodes", "clamps", "chosen"))
         rules = [
             _require_unless({"anyOf": [*ways]}, "nodes, or clamps, or chosen and held, or mask"),
-            {"if": _has_field("chosen"), "then": _has_field("held")},
+            {"if": _has_field_condition("chosen"), "then": _has_field_condition("held")},
             {
-                "if": {"anyOf": [_has_field("held"), _has_field("axes")]},
-                "then": _has_field("chosen"),
+                "if": {"anyOf": [_has_field_condition("held"), _has_field_condition("axes")]},
+                "then": _has_field_condition("chosen"),
             },
         ]
     elif name == "Beams":
         bare: Schema = {
-            "properties": {"section": {"not": _has_field("torsion"), "doNotSuggest": True}}
+            "properties": {
+                "section": {"not": _has_field_condition("torsion"), "doNotSuggest": True}
+            }
         }
-        twists = {"anyOf": [_has_field("torsional_stiffness"), {"not": bare}]}
+        twists = {"anyOf": [_has_field_condition("torsional_stiffness"), {"not": bare}]}
         rules = [_require_unless(twists, "torsional_stiffness, or torsion in the section")]
     elif name == "LineLoads":
         begun: Schema = {"properties": {"geometry": {"const": "begun", "doNotSuggest": True}}}
@@ -37,23 +39,25 @@ def joint_field_rules(cls: type) -> Schema:
         one = _forbid_fields(
             "on", "elements", why="Give faces, or a group whose elements have them."
         )
-        rules = [{"if": _has_field("faces"), "then": one}]
+        rules = [{"if": _has_field_condition("faces"), "then": one}]
     elif issubclass(cls, Straight) and name != "Catenaries":
-        both = [_has_field("area"), _has_field("law")]
+        both = [_has_field_condition("area"), _has_field_condition("law")]
         missing = "axial_stiffness, or area and law, or section"
         either = {**_require_unless({"anyOf": both}, missing), "else": {"allOf": both}}
         by_section = {
-            "if": _has_field("section"),
+            "if": _has_field_condition("section"),
             "then": _forbid_fields("area", "law"),
             "else": either,
         }
         others = _forbid_fields("section", "area", "law")
-        rules = [{"if": _has_field("axial_stiffness"), "then": others, "else": by_section}]
+        rules = [
+            {"if": _has_field_condition("axial_stiffness"), "then": others, "else": by_section}
+        ]
     return {"allOf": rules} if rules else {}
 
 
-def _has_field(name):
-    """Return the condition that an object has a field that is not null."""
+def _has_field_condition(name):
+    """Return the JSON Schema of objects that have the field `name`, and not null."""
     return {
         "required": [name],
         "properties": {name: {"not": {"type": "null"}, "doNotSuggest": True}},
@@ -61,7 +65,7 @@ def _has_field(name):
 
 
 def _require_unless(condition, words):
-    """Return the rule that something is needed unless a condition holds.
+    """Return the JSON Schema that fails unless an object meets `condition`, itself a schema.
 
     `words` say what is missing; validators show them as if they were the name of a field.
     """
@@ -72,6 +76,9 @@ _STIFFNESS_HINT = "Give axial_stiffness, or area and law, or section: one of the
 
 
 def _forbid_fields(*names, why=_STIFFNESS_HINT):
-    """Return the rule that some fields are missing or null; `why` says what to give instead."""
+    """Return the JSON Schema of objects that lack the named fields, or have null there.
+
+    `why` is the error message, which says what to give instead.
+    """
     never = {"type": "null", "errorMessage": why, "doNotSuggest": True}
     return {"properties": dict.fromkeys(names, never)}

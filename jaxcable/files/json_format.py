@@ -7,7 +7,7 @@ from typing import Any
 
 
 def format_json(data: Any, indent: int = 0) -> str:
-    """Format plain data as JSON, with objects indented and all digits of numbers."""
+    """Return plain data as JSON text, with objects indented and all digits of numbers."""
     inner = "\n" + " " * (indent + 1)
     if isinstance(data, dict) and data:
         items = (f"{json.dumps(key)}: {format_json(v, indent + 1)}" for key, v in data.items())

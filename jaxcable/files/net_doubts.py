@@ -21,13 +21,13 @@ not hide a gap.
 _ON_LINK = 1e-6  # distance in plan within which a node lies on a link, m
 
 
-class Gap(NamedTuple):
-    """A node that touches, or nearly touches, something that it is not joined to.
+class UnjoinedEnd(NamedTuple):
+    """An end of a link that touches, or nearly touches, something that it is not joined to.
 
     Attributes:
-        node: its number.
-        other: what is near, in words.
-        distance: to it, m.
+        node: number of the node at the end.
+        other: the node or link nearby, in words.
+        distance: distance to it, m.
     """
 
     node: int
@@ -38,10 +38,12 @@ class Gap(NamedTuple):
 def near_node_pairs(
     nodes: Float[np.ndarray, "n_node 3"], links: Int[np.ndarray, "n_elem 2"]
 ) -> tuple[Int[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
-    """Find pairs of nodes that are much closer than the links at them are long; and distances, m.
+    """Find pairs of nodes whose distance is less than 1 % of the shortest link at either of them.
 
-    The limit is `NEAR_FRACTION` of the shortest link at both nodes. Only the nearest neighbor of
-    each node is compared; the closest pair comes first.
+    Only the nearest neighbor of each node is compared.
+
+    Returns:
+        Node numbers of the pairs, [n, 2], the closest pair first, and their distances, [n], m.
     """
     _, shortest = link_lengths(nodes, links)
     if len(nodes) < 2:
@@ -62,10 +64,10 @@ def near_node_pairs(
 
 def unjoined_ends(
     nodes: Float[np.ndarray, "n_node 3"], links: Int[np.ndarray, "n_elem 2"]
-) -> list[Gap]:
+) -> list[UnjoinedEnd]:
     """Find ends (nodes of a single link) that almost touch another node or link.
 
-    The distance in space is below `NEAR_FRACTION` of the shortest link there. Sorted by node.
+    Their distance in space is below 1 % of the shortest link there. The list is sorted by node.
     """
     single = np.bincount(links.ravel(), minlength=len(nodes)) == 1
     found = {}
@@ -75,23 +77,26 @@ def unjoined_ends(
         node, far = int(near.node[k]), float(space[k])
         if node not in found or far < found[node].distance:
             between = " to ".join(map(str, links[near.link[k]]))
-            found[node] = Gap(node, f"the link from node {between}", far)
+            found[node] = UnjoinedEnd(node, f"the link from node {between}", far)
     for pair, far in zip(*near_node_pairs(nodes, links), strict=True):
         for node, other in (pair.tolist(), pair[::-1].tolist()):
             if single[node]:
-                found[node] = Gap(node, f"node {other}", float(far))
+                found[node] = UnjoinedEnd(node, f"node {other}", float(far))
     return [found[node] for node in sorted(found)]
 
 
-def describe_doubts(
+def describe_likely_mistakes(
     nodes: Float[np.ndarray, "n_node 3"],
     links: Int[np.ndarray, "n_elem 2"],
     held: Bool[np.ndarray, " n_node"],
 ) -> list[str]:
-    """Describe what in a net was most likely not intended, and what to do: a list of texts.
+    """Return a text for each kind of likely mistake in a net, which says what to do: a list.
+
+    The kinds are nodes very close to each other, links that cross without a node, and ends that
+    almost touch a link.
 
     Args:
-        nodes, links: of the net, m.
+        nodes, links: positions, m, and node numbers of the links.
         held: whether a node is supported, [n_node] bool.
     """
     told = []
@@ -132,21 +137,21 @@ def describe_doubts(
 
 
 def _first_crossing(nodes, links, found):
-    """Return the position of the first crossing on the first of its two links, [1, 3], m."""
+    """Return the position of the first of the `Crossings` on the first of its links, [1, 3], m."""
     first, last = nodes[links[found.pairs[0, 0]]]
     return (first + found.fractions[0, 0] * (last - first))[None]
 
 
 def format_position(node: Float[np.ndarray, " 3"]) -> str:
-    """Format the position of a node: (x, y, z) m."""
+    """Return the position of a node, m, as text: "(x, y, z) m"."""
     return f"({', '.join(f'{x:.6g}' for x in node + 0.0)}) m"
 
 
 def _format_millimetres(distance):
-    """Format a distance, m, in millimetres."""
+    """Return a distance, given in m, as text in millimetres."""
     return f"{1e3 * distance:.3g} mm"
 
 
 def pluralize(number: int, word: str) -> str:
-    """Format a number with its noun: 1 increment, 2 increments."""
+    """Return a number with its noun as text: "1 increment", "2 increments"."""
     return f"{number} {word}" + ("" if number == 1 else "s")

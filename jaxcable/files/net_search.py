@@ -20,11 +20,12 @@ _PACKAGES = "compas", "jax_fdm"
 
 
 class FoundNet(NamedTuple):
-    """A net in the data of a file.
+    """A net in the data of a JSON file.
 
     Attributes:
-        data: the object that has its nodes.
-        prefix: its place in the file, in words, to be put before a field; empty for the usual one.
+        data: the JSON object that has the nodes and edges of the net, a dict.
+        prefix: place of this object in the file, such as "scene.objects[2].", for messages on its
+            fields; empty for the usual place.
     """
 
     data: dict[str, Any]
@@ -32,18 +33,20 @@ class FoundNet(NamedTuple):
 
 
 def find_net(data: dict[str, Any], table: Omissions) -> FoundNet:
-    """Return the first network or mesh with edges in a file; count what lies beside it.
+    """Return the first network or mesh with edges in the data of a file.
+
+    What lies beside it in the file, such as other nets, is counted in the table of omissions.
 
     Raises:
         FileError: there is none; the message says what the file holds.
     """
-    usual, way = data, []
+    usual, key_path = data, []
     for key in ("data", "value"):  # compas 2 and 1 wrap the data of their objects
         if isinstance(usual.get(key), dict):
-            usual, way = usual[key], [*way, key]
+            usual, key_path = usual[key], [*key_path, key]
     _count_foreign_type(data, table)
     if "vertex" in usual or "node" in usual:
-        _count_other_contents(data, way, table)
+        _count_other_contents(data, key_path, table)
         return FoundNet(usual, "")
     nets = list(_search_nets(data, []))
     if not nets:
@@ -52,16 +55,18 @@ def find_net(data: dict[str, Any], table: Omissions) -> FoundNet:
         raise FileError(
             f"node: missing; the file has no network or mesh of compas, but {what:.200}"
         )
-    way, net = next((pair for pair in nets if pair[1].get("edge") or pair[1].get("face")), nets[0])
+    key_path, net = next(
+        (pair for pair in nets if pair[1].get("edge") or pair[1].get("face")), nets[0]
+    )
     for other, _ in nets:
-        if other != way:
-            table.add("net", _format_place(other), "the first net of a file is read")
-    _count_other_contents(data, way, table)
-    return FoundNet(net, f"{_format_place(way)}.")
+        if other != key_path:
+            table.add("net", _format_key_path(other), "the first net of a file is read")
+    _count_other_contents(data, key_path, table)
+    return FoundNet(net, f"{_format_key_path(key_path)}.")
 
 
 def _count_foreign_type(data, table):
-    """Count the type of the file, ``package/Class``, if it is that of another program."""
+    """Count the type that a file states, ``package/Class``, if its package is not of compas."""
     kind = data.get("dtype") or data.get("datatype")
     if not isinstance(kind, str) or "/" not in kind:
         return
@@ -72,41 +77,46 @@ def _count_foreign_type(data, table):
 
 
 def _is_net(data: Any) -> bool:
-    """Return whether data have the form of a network or a mesh."""
+    """Return whether JSON data have the fields of a network or a mesh of compas."""
     return isinstance(data, dict) and (
         isinstance(data.get("vertex"), dict)
         or (isinstance(data.get("node"), dict) and "edge" in data)
     )
 
 
-def _search_nets(data: Any, way: list[Any]) -> Iterator[tuple[list[Any], Any]]:
-    """Generate the nets in nested data: pairs of the keys that lead to it, and the net."""
+def _search_nets(data: Any, key_path: list[Any]) -> Iterator[tuple[list[Any], Any]]:
+    """Generate the nets in nested data, each as a pair: the keys that lead to it, and its object.
+
+    `key_path` has the keys that lead to `data` itself.
+    """
     if _is_net(data):
-        yield way, data
-    elif len(way) < _DEEPEST:
-        for key, value in _child_items(data):
-            yield from _search_nets(value, [*way, key])
+        yield key_path, data
+    elif len(key_path) < _DEEPEST:
+        for key, value in _keys_and_values(data):
+            yield from _search_nets(value, [*key_path, key])
 
 
-def _child_items(data: Any) -> list[tuple[Any, Any]]:
-    """Return the pairs (key, value) of an object or a list; none for other data."""
+def _keys_and_values(data: Any) -> list[tuple[Any, Any]]:
+    """Return the pairs (key, value) of an object, or (index, item) of a list; [] for other data."""
     if isinstance(data, dict):
         return list(data.items())
     return list(enumerate(data)) if isinstance(data, list) else []
 
 
-def _format_place(way: list[Any]) -> str:
-    """Return the place that a path of keys leads to, in words, such as ``scene.objects[2]``."""
-    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in way).lstrip(".")
+def _format_key_path(key_path: list[Any]) -> str:
+    """Return the keys that lead to a place in nested data as text, such as ``scene.objects[2]``."""
+    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in key_path).lstrip(
+        "."
+    )
 
 
-def _count_other_contents(data: Any, way: list[Any], table: Omissions) -> None:
-    """Count what lies beside a net along the path to it; other nets are counted elsewhere."""
-    for depth, key in enumerate(way):
-        for other, value in _child_items(data):
+def _count_other_contents(data: Any, key_path: list[Any], table: Omissions) -> None:
+    """Count in `table` what lies beside the net at the keys `key_path`, apart from other nets."""
+    for depth, key in enumerate(key_path):
+        for other, value in _keys_and_values(data):
             if other == key or other in _WRAPPING or not value or any(_search_nets(value, [])):
                 continue
             kind = value.get("dtype") if isinstance(value, dict) else None
             what = f"object {kind!r}" if isinstance(kind, str) else "field"
-            table.add(f"{what:.80} beside the net", _format_place([*way[:depth], other]))
+            table.add(f"{what:.80} beside the net", _format_key_path([*key_path[:depth], other]))
         data = data[key]

@@ -250,12 +250,11 @@ class Net:
         )
 
     def _values_by_group(self, name, given, chosen):
-        """Return the values of a property by group, from the file or else from `given`.
+        """Return the values of a property by group: a dict from group name to [n_elem] values.
 
-        Groups without a value are missing in the dict.
-
-        Args:
-            chosen: dict from names of groups to their elements, [n_elem] bool.
+        Values in the file come first; `given`, a scalar or a dict by group, fills those that are
+        missing. Groups without any value are not in the dict. `chosen` has the elements of each
+        group, [n_elem] bool, by name.
         """
         values = self.values.get(name)
         values = np.full(len(self.links), np.nan) if values is None else np.asarray(values, float)
@@ -276,7 +275,10 @@ class Net:
         return found
 
     def _make_group(self, label, mask, values, bars):
-        """Make the `Cables` or `Bars` of a label, from the elements in a mask, [n_elem]."""
+        """Make the `Cables`, or with `bars` the `Bars`, of the group with the name `label`.
+
+        `mask` are its elements, [n_elem] bool, and `values` the values by group of each property.
+        """
         kinds = {self.kinds[k] for k in np.flatnonzero(mask)} if self.kinds else {"cable"}
         kinds = {"bar"} if bars else kinds
         if len(kinds) > 1:
@@ -289,7 +291,7 @@ class Net:
         return ELEMENT_CLASSES[kinds.pop()](self.links[mask], **properties)
 
     def _supports_with_anchors(self, anchors):
-        """Return the supports of the file with the anchors; warn of what is doubtful in the net."""
+        """Return the `Supports` of the file and of the user's anchors; warn of likely mistakes."""
         fixed = self.fixed.copy()
         words = [anchors] if isinstance(anchors, str) else anchors
         ends = False
@@ -302,7 +304,7 @@ class Net:
         if words is not None:
             fixed |= pinned(checks.as_indices(words, "anchors")).fixed(len(self.nodes))[:, :3]
         if ends:
-            self._refuse_gaps(fixed)
+            self._refuse_unjoined_ends(fixed)
             fixed[np.bincount(self.links.ravel(), minlength=len(self.nodes)) == 1] = True
         if not fixed.any():
             raise ValueError('anchors: the file names no supports; give node numbers or "ends"')
@@ -311,8 +313,8 @@ class Net:
             return pinned(np.flatnonzero(fixed.any(axis=1)))
         return Supports(mask=fixed)
 
-    def _refuse_gaps(self, fixed):
-        """Raise ValueError for an end that is no anchor but touches another node or link."""
+    def _refuse_unjoined_ends(self, fixed):
+        """Raise ValueError for an end that touches another node or link, unless it is `fixed`."""
         gaps = net_doubts.unjoined_ends(self.nodes, self.links)
         gaps = [gap for gap in gaps if not fixed[gap.node].any()]
         if gaps:
@@ -326,8 +328,8 @@ class Net:
             )
 
     def _require_connection_to_supports(self, held):
-        """Raise ValueError if nodes are not linked to a support; warn of what is doubtful."""
-        told = net_doubts.describe_doubts(self.nodes, self.links, held)
+        """Raise ValueError if a part of the net has no `held` node; warn of likely mistakes."""
+        told = net_doubts.describe_likely_mistakes(self.nodes, self.links, held)
         graph = coo_matrix((np.ones(len(self.links)), self.links.T), shape=(len(self.nodes),) * 2)
         part = connected_components(graph, directed=False)[1]
         adrift = ~np.isin(part, part[held])
@@ -345,7 +347,7 @@ class Net:
 
 
 def _require_known_groups(names, groups, what):
-    """Raise ValueError if a name is not that of a group."""
+    """Raise ValueError if one of `names` is no group; `what` names the argument in the message."""
     for name in names:
         if name not in groups:
             raise ValueError(f"{what}: no group {name!r}; there are {', '.join(groups) or 'none'}")

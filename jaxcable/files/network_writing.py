@@ -94,7 +94,11 @@ def save_network(
 
 
 def _edge_attributes(structure, last, places):
-    """Return the attributes of each straight piece of an element, by its pair of nodes."""
+    """Return a dict from the node pair of each straight piece of an element to its attributes.
+
+    The force and unstressed length are those of the state `last`, none if it is None; `places` are
+    the positions of the nodes, [n_node, 3], m.
+    """
     ends, element, owner = straight_pieces(structure.groups)
     count = np.bincount(element)
     names = [name or type(group).__name__ for name, group in named_groups_of(structure)]
@@ -120,7 +124,7 @@ def _edge_attributes(structure, last, places):
 
 
 def _graph_data(nodes, edges):
-    """Return the data of a Graph."""
+    """Return the JSON data of a compas Graph: `nodes` by name, `edges` by pair of node numbers."""
     table: dict[str, Any] = {name: {} for name in nodes}
     for (i, j), about in edges.items():
         table[str(i)][str(j)] = about
@@ -134,7 +138,7 @@ def _graph_data(nodes, edges):
 
 
 def _mesh_data(nodes, edges, faces):
-    """Return the JSON data of a compas Mesh; refuse faces whose sides are not the elements."""
+    """Return the JSON data of a compas Mesh; refuse faces whose sides are not the edges."""
     array = np.asarray(faces)
     if array.ndim != 2 or array.shape[1] not in (3, 4):
         raise ValueError(f"faces: expected node numbers [n, 3] or [n, 4], got {array.shape}")

@@ -69,7 +69,7 @@ def read_network(path: str | PathLike[str], largest: int = LARGEST) -> Net:
 
 
 def _net_from_data(found: FoundNet, table: Omissions) -> Net:
-    """Make the `Net` of the data that were found in a file."""
+    """Make the `Net` of a network or mesh in JSON data; count what is not read in `table`."""
     data, inside = found
     mesh = "vertex" in data
     kind = "vertex" if mesh else "node"
@@ -81,7 +81,7 @@ def _net_from_data(found: FoundNet, table: Omissions) -> Net:
     for name, given in nodes.items():
         where = f"{kind}[{name!r}]"
         node = about.with_defaults(given, defaults, inside + where)
-        about.count_unread(node, about.NODE_KEYS, f"a {kind}", where, table)
+        about.count_unread_attributes(node, about.NODE_KEYS, f"a {kind}", where, table)
         where = inside + where
         positions.append(about.node_coordinates(node, where))
         own.append(about.load_vector(node, where))
@@ -97,12 +97,14 @@ def _net_from_data(found: FoundNet, table: Omissions) -> Net:
     if not found:
         what = "face: the mesh has no faces, hence" if mesh else "edge: the network has"
         raise FileError(f"{inside}{what} no edges")
-    links, edges = _edges_of_net(found, _default_attributes(data, "edge", "dea"), list(names))
+    links, edges = _select_edges_of_net(
+        found, _default_attributes(data, "edge", "dea"), list(names)
+    )
     if not edges:
         raise FileError(f"{inside}edge: no edge of the mesh is one of the net")
     places = np.array(positions)
     lengths = np.linalg.norm(places[links[:, 1]] - places[links[:, 0]], axis=1)
-    densities, on_edges = _densities_and_loads(edges, lengths, table)
+    densities, on_edges = _edge_densities_and_loads(edges, lengths, table)
     on_faces = _face_loads(data, faces, table)
     _count_other_attributes(data, table)
     held = np.array(fixed)
@@ -114,17 +116,21 @@ def _net_from_data(found: FoundNet, table: Omissions) -> Net:
         fixed=held,
         loads=loads if loads.any() else None,
         values=_edge_properties(edges, densities, table),
-        **_kinds_and_groups(edges, densities, table),
+        **_edge_kinds_and_groups(edges, densities, table),
         names=tuple(names),
         omissions=table.rows(),
     )
 
 
-def _edges_of_net(found, of_all, names):
-    """Return the edges that belong to the net: nodes [n_edge, 2], and pairs (place, attributes)."""
+def _select_edges_of_net(attributes, defaults, names):
+    """Return the edges that their flags ``_is_edge`` and ``is_edge`` do not exclude from the net.
+
+    They are node numbers, [n_edge, 2], and for each edge its place in words and its attributes.
+    `attributes` is a dict by pairs of node numbers, and `defaults` are those of all edges.
+    """
     pairs, edges = [], []
-    for pair, given in found.items():
-        where, edge = f"edge {names[pair[0]]}-{names[pair[1]]}", {**of_all, **given}
+    for pair, given in attributes.items():
+        where, edge = f"edge {names[pair[0]]}-{names[pair[1]]}", {**defaults, **given}
         flags = [
             about.read_flag(edge, word, where, absent=True) for word in ("_is_edge", "is_edge")
         ]
@@ -134,19 +140,26 @@ def _edges_of_net(found, of_all, names):
     return np.array(pairs, np.int32), edges
 
 
-def _densities_and_loads(edges, lengths, table):
-    """Return force densities and line loads of edges; count what is not read."""
+def _edge_densities_and_loads(edges, lengths, table):
+    """Return the force densities, [n_edge], N/m, and line loads, [n_edge, 3], N/m, of edges.
+
+    `lengths` are those of the edges, m. Attributes that are not read are counted in `table`.
+    """
     densities, loads = [], []
     for (where, edge), length in zip(edges, lengths, strict=True):
         densities.append(about.edge_force_density(edge, length, where))
         loads.append(about.load_vector(edge, where))
-        about.count_unread(edge, about.EDGE_KEYS, "an edge", where, table)
+        about.count_unread_attributes(edge, about.EDGE_KEYS, "an edge", where, table)
         about.count_conflicting_results(edge, densities[-1], float(length), where, table)
     return np.array(densities), np.array(loads)
 
 
 def _edge_properties(edges, densities, table):
-    """Return the force densities of the edges, or if none has one, the unstressed lengths."""
+    """Return the force densities of the edges, or if none has one the unstressed lengths.
+
+    The result is a dict from the name of the property to [n_edge], NaN where there is no value;
+    empty if no edge has either.
+    """
     known = densities != 0
     if known.any():
         for (where, edge), stated in zip(edges, known, strict=True):
@@ -161,10 +174,10 @@ def _edge_properties(edges, densities, table):
     return {"rest_length": np.where(rest > 0, rest, np.nan)} if rest.any() else {}
 
 
-def _kinds_and_groups(edges, densities, table):
-    """Return whether each edge is a cable or a bar, and its group.
+def _edge_kinds_and_groups(edges, densities, table):
+    """Return a dict: ``kinds``, "cable" or "bar" of each edge, and ``groups``, their group names.
 
-    A negative force density makes its whole group bars.
+    A negative force density makes all edges of its group bars. ``groups`` is None for a single one.
     """
     labels = []
     for where, edge in edges:
@@ -185,7 +198,10 @@ def _kinds_and_groups(edges, densities, table):
 
 
 def _face_loads(data, faces, table):
-    """Return the loads of faces per area, [n_face, 3]; count attributes that are not read."""
+    """Return the loads of faces per area, [n_face, 3], N/m2; count attributes that are not read.
+
+    `faces` has the node numbers around each face by its name.
+    """
     defaults = _default_attributes(data, "face", "dfa")
     given = _require_object(data, "facedata", "")
     for name in given.keys() - faces.keys():
@@ -194,17 +210,19 @@ def _face_loads(data, faces, table):
     for name in faces:
         where = f"facedata[{name!r}]"
         face = about.with_defaults(given.get(name), defaults, where)
-        about.count_unread(face, about.FACE_KEYS, "a face", where, table)
+        about.count_unread_attributes(face, about.FACE_KEYS, "a face", where, table)
         loads.append(about.load_vector(face, where))
     return np.array(loads).reshape(-1, 3)
 
 
 def _count_other_attributes(data, table):
-    """Count what a net has beside nodes, edges and faces."""
+    """Count in `table` the fields of a net that are not read, beside nodes, edges and faces."""
     whole = data.get("attributes")
     if isinstance(whole, dict):
         # the density of surfaces; without a thickness, which is counted, it has no weight
-        about.count_unread(whole, frozenset(("density",)), "the whole", "attributes", table)
+        about.count_unread_attributes(
+            whole, frozenset(("density",)), "the whole", "attributes", table
+        )
     for key, value in data.items():
         if key not in _LISTED | _ORDER | {
             "attributes"
@@ -213,7 +231,7 @@ def _count_other_attributes(data, table):
 
 
 def _require_object(data, key, inside):
-    """Return the object under a key, a dict; empty if there is none; refuse other data."""
+    """Return the JSON object under `key`, {} if there is none; raise FileError for other data."""
     found = data.get(key)
     found = {} if found is None else found
     if not isinstance(found, dict):
@@ -222,7 +240,10 @@ def _require_object(data, key, inside):
 
 
 def _default_attributes(data, kind, short):
-    """Return the attributes that a file gives for all nodes, edges or faces, a dict."""
+    """Return the default attributes that a file states for a kind ("node", "edge", "face"), a dict.
+
+    `short` is the name of the field in older files, such as "dna".
+    """
     for key in (f"default_{kind}_attributes", short):
         if data.get(key) is not None:
             return _require_object(data, key, "")
@@ -230,7 +251,7 @@ def _default_attributes(data, kind, short):
 
 
 def _network_edges(data, names, inside, table):
-    """Return the attributes of the edges of a network by pairs of nodes, each edge once."""
+    """Return the edges of a network, each once: a dict from pairs of node numbers to attributes."""
     found: dict[tuple[int, int], Any] = {}
     for i, others in _require_object(data, "edge", inside).items():
         if not isinstance(others, dict):
@@ -244,7 +265,7 @@ def _network_edges(data, names, inside, table):
 
 
 def _mesh_faces(data, names, inside):
-    """Return the nodes around each face of a mesh, by its name."""
+    """Return the faces of a mesh: a dict from the name of a face to the node numbers around it."""
     found = {}
     for name, face in _require_object(data, "face", inside).items():
         where = f"{inside}face[{name!r}]"
@@ -258,7 +279,10 @@ def _mesh_faces(data, names, inside):
 
 
 def _mesh_edges(data, faces, names, table):
-    """Return the attributes of the sides of the faces by pairs of nodes, each side once."""
+    """Return the sides of the faces, each once: a dict from pairs of node numbers to attributes.
+
+    `faces` has the node numbers around each face by its name, and `names` the number of each node.
+    """
     of_pair = {}
     for key, given in _require_object(data, "edgedata", "").items():
         words = key.replace("(", "").replace(")", "").replace(",", "-").split("-")
@@ -283,16 +307,19 @@ def _mesh_edges(data, faces, names, table):
     return found
 
 
-def _add_edge(found, names, ends, given, where, table):
-    """Add an edge between two named nodes, unless there is one; refuse unknown nodes."""
+def _add_edge(edges, names, ends, attributes, where, table):
+    """Add an edge between two named nodes to the dict `edges`, unless it is there already.
+
+    Raise FileError for an unknown node; count an edge that occurs again with other attributes.
+    """
     for name in ends:
         if name not in names:
             raise FileError(f"{where}: there is no node {name!r}")
     pair = names[ends[0]], names[ends[1]]
     if pair[0] == pair[1]:
         raise FileError(f"{where}: an edge from a node to itself")
-    there = found.get(pair, found.get(pair[::-1]))
+    there = edges.get(pair, edges.get(pair[::-1]))
     if there is None:
-        found[pair] = given
-    elif there != given:
+        edges[pair] = attributes
+    elif there != attributes:
         table.add("edge that occurs again", where, "with other attributes; the first is read")

@@ -86,7 +86,7 @@ def read_obj(
 
 
 def _parse_points_and_lines(text, table):
-    """Return the coordinates of the points and the `Polyline`s in the text of a file: two lists."""
+    """Return the points, [x, y, z] each, and the `Polyline`s in the text of a file: two lists."""
     points, lines, group = [], [], ""
     for number, statement in _read_statements(text):
         words, place = statement.split("#")[0].split(), f"line {number}"
@@ -110,7 +110,7 @@ def _parse_points_and_lines(text, table):
 
 
 def _read_statements(text):
-    """Generate pairs (number of the first line, statement); a backslash continues a line."""
+    """Generate pairs (line number, statement); a line that ends with a backslash is continued."""
     first, begun = 0, ""
     for number, line in enumerate(text.splitlines(), 1):
         first = first or number
@@ -124,7 +124,7 @@ def _read_statements(text):
 
 
 def _parse_point(words, table, place):
-    """Return the three coordinates of a point; colors may follow them, and a weight is left out."""
+    """Return x, y, z of a point; a weight after them is counted as left out, colors are ignored."""
     numbers = [reading.number(word) for word in words]
     if len(numbers) < 3 or not np.isfinite(numbers).all():
         raise ValueError("a point has three finite coordinates")
@@ -136,7 +136,7 @@ def _parse_point(words, table, place):
 
 
 def _point_index(word, count):
-    """Return the index of a point, from 0, for "7", "7/1" or "-1" (the last point so far)."""
+    """Return the index from 0 of a point written as "7", "7/1", or "-1" for the last of `count`."""
     try:
         number = reading.parse_integer(word.split("/")[0])
     except ValueError:

@@ -16,7 +16,7 @@ _ROWS = 12  # rows that a warning shows, so that it fits a screen
 
 @dataclasses.dataclass(frozen=True)
 class Omission:
-    """A row of the table: something in a file that has not been read.
+    """Something in a file that a reader has left out: a row of ``Net.omissions``.
 
     Attributes:
         what: the kind of thing, such as ``"CIRCLE"`` or ``"attribute 'thickness' of a vertex"``.
@@ -42,10 +42,10 @@ class Omission:
 
 
 class Omissions:
-    """Table of what is left out of a file; things of one kind and reason are counted together.
+    """Table of what a reader leaves out of a file; counts things of one kind and reason together.
 
-    ``with Omissions(path) as table`` puts the path before the message of a `FileError` in the
-    block, and warns at its end.
+    ``with Omissions(path) as table`` issues the warning of `warn` at the end of the block. A
+    `FileError` that is raised in the block gets the path before its message.
     """
 
     def __init__(self, path: str | PathLike[str]) -> None:
@@ -55,13 +55,13 @@ class Omissions:
         self._counts: dict[tuple[str, str], int] = {}
 
     def add(self, what: str, where: str = "", why: str = "", count: int = 1) -> None:
-        """Count something that is left out.
+        """Count something that is left out of the file.
 
         Args:
             what: the kind of thing.
             where: its place in the file, in words.
             why: the reason, or what to do about it.
-            count: number of things at this place; none adds no row.
+            count: number of things at this place; 0 adds no row.
         """
         if count:
             key = what, why
@@ -69,7 +69,7 @@ class Omissions:
             self._places.setdefault(key, {}).update({where: None} if where else {})
 
     def rows(self) -> tuple[Omission, ...]:
-        """Return the rows, a tuple sorted by kind."""
+        """Return an `Omission` for each kind of thing that is left out, a tuple sorted by kind."""
         rows = []
         for what, why in sorted(self._counts):
             places = list(self._places[what, why])
@@ -93,7 +93,7 @@ class Omissions:
             self.warn()
 
     def warn(self) -> None:
-        """Issue one `InputWarning` with the rows of the file, if there are any."""
+        """Issue one `InputWarning` that lists what is left out of the file; none if nothing is."""
         rows = self.rows()
         if rows:
             shown = [f"\n  {row}" for row in rows[:_ROWS]]

@@ -73,7 +73,7 @@ def save_opensees(
         raise ValueError("supports: directions other than x, y, z cannot be exported")
     elements = []
     for group, state in zip(structure.groups, solution.last.restart.states, strict=True):
-        elements += _element_curves(structure, group, state)
+        elements += _force_strain_curves(structure, group, state)
     fixed = solution.last.fixed[-1].array
     idle = inactive_dofs_of(structure, solution.last.restart.states)
     if idle is not None:  # nodes that wait for elements
@@ -123,8 +123,13 @@ def require_exportable(structure: Structure) -> None:
             )
 
 
-def _element_curves(structure, group, state):
-    """Return nodes, and the strains and forces of a curve, for each element of a group."""
+def _force_strain_curves(structure, group, state):
+    """Return what the OpenSees script needs of each active element of a group.
+
+    Returns:
+        A list for each element: first node, last node, strains over the initial chord, and the
+        forces at these strains, N.
+    """
     links = group.links.array
     ends = np.asarray(structure.nodes, float)[links]
     chord = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
@@ -140,7 +145,10 @@ def _element_curves(structure, group, state):
 
 
 def _force_strain_curve(group, k):
-    """Return strains and forces at the corners of the law of element `k`, with its slack part."""
+    """Return the corners of the force-strain curve of element `k`: strains, and forces in N.
+
+    A curve of elements that take tension only has no force at negative strains.
+    """
     softness = 0.0 if group.compliance is None else float(group.compliance[k])
     if group.axial_stiffness is not None:
         stiffness = float(group.axial_stiffness[k])

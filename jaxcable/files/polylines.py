@@ -21,13 +21,13 @@ _MOST_NEIGHBORS = 50  # points within the tolerance of one, on average; more is 
 
 
 class Polyline(NamedTuple):
-    """Straight lines from point to point.
+    """A chain of straight lines from point to point, as read from a file.
 
     Attributes:
         where: its place in the file, in words.
-        group: its name.
-        points: numbers of its points, from 0.
-        may_repeat: whether its lines may be those of others, too, as faces share their edges.
+        group: name of the group that its lines belong to.
+        points: indices of its points in order, from 0.
+        may_repeat: whether lines of others may coincide with its lines, as faces share their edges.
     """
 
     where: str
@@ -43,16 +43,16 @@ def net_from_polylines(
     table: Omissions,
     word: str,
 ) -> Net:
-    """Make the net of lines between points; its nodes are named by the numbers of points from 1.
+    """Make the `Net` of lines between points; its nodes are named by the numbers of points from 1.
 
     Points that no line touches, and lines between nodes that are joined already, are left out.
 
     Args:
-        places: the points, m.
+        places: positions of the points, m.
         polylines: the lines.
         tolerance: largest distance of points that become one node, m.
-        table: what is left out.
-        word: what the file calls a line.
+        table: table of omissions, which counts what is left out.
+        word: what the file calls a line, for this table.
 
     Raises:
         FileError: a line without length, coordinates too large, too many points too near.
@@ -86,7 +86,7 @@ def net_from_polylines(
 
 
 def _merge_points(places, tolerance):
-    """Return the node of each point; points that are close become one node."""
+    """Return the node of each point, [n_point]; points within `tolerance`, m, become one node."""
     distinct, which = np.unique(places, axis=0, return_inverse=True)
     tree = cKDTree(distinct)
     if tree.count_neighbors(tree, tolerance) > _MOST_NEIGHBORS * len(distinct):

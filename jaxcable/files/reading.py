@@ -32,11 +32,7 @@ class FileError(ValueError):
 
 
 def number(word: str) -> float:
-    """Parse a number as `float` does, but refuse underscores and characters that are not ASCII.
-
-    Raises:
-        ValueError: the word is no number.
-    """
+    """Parse a number as `float` does, but raise ValueError for underscores and non-ASCII."""
     if not word.isascii() or "_" in word:  # float("1_0") is 10
         raise ValueError(f"{word!r} is not a number")
     try:
@@ -46,7 +42,7 @@ def number(word: str) -> float:
 
 
 def parse_integer(word: str) -> int:
-    """Parse a whole number as `int` does, with the strictness of `number`."""
+    """Parse a whole number as `int` does, but raise ValueError for underscores and non-ASCII."""
     if not word.isascii() or "_" in word:
         raise ValueError(f"{word!r} is not a whole number")
     return int(word)
@@ -101,7 +97,7 @@ def read_json(path: str | PathLike[str], largest: int = LARGEST) -> dict[str, An
         return json.loads(
             text,
             object_pairs_hook=_refuse_repeated_keys,
-            parse_constant=_refuse_constant,
+            parse_constant=_refuse_nan_and_infinity,
             parse_int=_parse_json_integer,
         )
     except json.JSONDecodeError as error:
@@ -124,7 +120,7 @@ _JSON_FAULTS = {
 
 
 def _describe_json_error(text, error):
-    """Return where a text is not valid JSON, and what is wrong there, in words."""
+    """Return line and column at which a text is not valid JSON, and what is wrong, in words."""
     before, after = text[: error.pos].rstrip(), text[error.pos :].lstrip()[:1]
     where = f"line {error.lineno}, column {error.colno}: not valid JSON: "
     if before.endswith(",") and after and after in "}]":
@@ -158,6 +154,6 @@ def _parse_json_integer(digits):
     return int(digits)
 
 
-def _refuse_constant(name):
-    """Raise ValueError for NaN and infinities, which are no JSON."""
+def _refuse_nan_and_infinity(name):
+    """Raise ValueError for NaN and infinities, which JSON does not have."""
     raise ValueError(f"{name} is not allowed; files hold finite numbers only")

@@ -125,7 +125,9 @@ def load_result(path: str | PathLike[str], largest: int = 8 * LARGEST) -> dict[s
             raise FileError(f'{path}: format: expected "{FORMAT}", got {data.get("format")!r:.40}')
         words = ("format", "version", "description")
         try:
-            return {k: np.array(v, _array_type(k)) for k, v in data.items() if k not in words}
+            return {
+                k: np.array(v, _result_array_type(k)) for k, v in data.items() if k not in words
+            }
         except (ValueError, TypeError, OverflowError) as error:
             raise FileError(f"{path}: {error}") from None
     with path.open("rb") as stream:
@@ -133,7 +135,7 @@ def load_result(path: str | PathLike[str], largest: int = 8 * LARGEST) -> dict[s
 
 
 def _read_npz(path, stream, largest):
-    """Read the arrays of an NPZ file, a dict; refuse it if it unpacks to more than `largest`."""
+    """Return the arrays of an NPZ file by name; refuse one that unpacks to more than `largest`."""
     try:
         with zipfile.ZipFile(stream) as archive:
             size = sum(item.file_size for item in archive.infolist())
@@ -153,7 +155,7 @@ def _read_npz(path, stream, largest):
 
 
 def _declared_size(archive, name):
-    """Return the size of an array in an archive as its header declares it, bytes."""
+    """Return the size, bytes, that the header of an array in a zip archive declares."""
     with archive.open(name) as stream:
         version = np.lib.format.read_magic(stream)
         headers = {(1, 0): np.lib.format.read_array_header_1_0}
@@ -195,7 +197,7 @@ def flatten_result(structure: Structure, solution: Solution) -> dict[str, np.nda
 
 
 def _add_per_group(found, name, structure, values):
-    """Add the values of all groups to a dict, under ``name`` or ``name.group``."""
+    """Add the values of each group to the dict `found`, under ``name`` or ``name.group``."""
     groups = [group for group, _ in named_groups_of(structure)]
     for group, value in zip(groups, values_per_group(structure, values), strict=True):
         if value is not None:
@@ -203,7 +205,7 @@ def _add_per_group(found, name, structure, values):
 
 
 def _status_description(solution):
-    """Return the status in words, as a dict; an empty one for a batch."""
+    """Return {"description": status of the solution in words}; an empty dict for a batch."""
     if np.ndim(solution.status) != 0:
         return {}
     return {"description": status.describe(solution.status)}
@@ -217,8 +219,8 @@ def _as_json_lists(array):
     return array.tolist()
 
 
-def _array_type(name):
-    """Return the type of the numbers in an array by its name; null in a file means NaN."""
+def _result_array_type(name):
+    """Return bool, int or float: the type of the array that a result file has under this name."""
     words = name.split(".")
     last = words[1] if len(words) > 1 and words[0].startswith(("phase", "last")) else words[0]
     counts = ("status", "iterations", "factorizations", "n_slack", "n_loose", "links", "phase")
@@ -226,7 +228,7 @@ def _array_type(name):
 
 
 def result_tables(structure: Structure, solution: Solution) -> dict[str, list[list[Any]]]:
-    """Return tables of nodes, elements and increments, each a list of lines, the header first.
+    """Return the tables "nodes", "elements" and "increments" by name: lists of rows, header first.
 
     Raises:
         ValueError: the solution is a batch, or belongs to another structure.
@@ -266,7 +268,7 @@ def result_tables(structure: Structure, solution: Solution) -> dict[str, list[li
 
 
 def format_csv(rows: Iterable[Iterable[Any]]) -> str:
-    """Format the lines of a table as CSV, with all digits of floats."""
+    """Return the rows of a table as CSV text, with all digits of floats."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()

@@ -123,7 +123,7 @@ def load_scene(path: str | PathLike[str], largest: int = LARGEST) -> Scene:
 
 
 def _decode_scene(data):
-    """Make the `Scene` of the data in a file, and check that it can be analysed."""
+    """Return the `Scene` of the data in a file; raise FileError if it cannot be analysed."""
     if data.get("format") != FORMAT:
         raise FileError(_describe_unexpected(data, "format", f'"{FORMAT}"'))
     version = data.get("version")
@@ -166,7 +166,7 @@ _PARTS = (
 
 
 def _describe_unexpected(data, name, expected):
-    """Return the message on a field that is missing, null or of a wrong kind."""
+    """Return the message on the field `name` of a file that is missing, null or of a wrong kind."""
     if name not in data:
         return f"{name}: missing; expected {expected}"
     if data[name] is None:

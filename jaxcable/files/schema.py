@@ -141,7 +141,10 @@ def scene_schema() -> dict[str, Any]:
 
 
 def _class_schema(cls, defs):
-    """Return the schema of the objects of a class; the class is described at its `type`."""
+    """Return the schema of the objects of a class, with the summary of the class at "type".
+
+    Schemas of arrays are added to `defs`, the definitions of the whole schema.
+    """
     name, descriptions, bounds = cls.__name__, field_descriptions(cls, TYPES), _number_bounds(cls)
     fields = {
         field.name: _field_schema(cls, field, descriptions, bounds, defs)
@@ -166,7 +169,7 @@ def _class_schema(cls, defs):
 
 
 def _field_annotation(cls, field):
-    """Return the annotation of a field as text; static fields that may be absent accept null."""
+    """Return the annotation of a field as text, with "| None" if a static field may be absent."""
     kind = field.type  # text, but for a class without postponed annotations
     text = kind if isinstance(kind, str) else getattr(kind, "__name__", "Any")
     absent = field.default is None and field.name in getattr(cls, "_static_fields", ())
@@ -174,7 +177,7 @@ def _field_annotation(cls, field):
 
 
 def _number_bounds(cls):
-    """Return bounds of numbers by field, positive or not negative, from the rules of a class."""
+    """Return {"minimum": 0} or {"exclusiveMinimum": 0} by field, where a rule demands this."""
     limits = {(True, True): {"exclusiveMinimum": 0}, (True, False): {"minimum": 0}}
     found: dict[str, Schema] = {}
     # rules of a user's class may need its numbers
@@ -189,7 +192,11 @@ def _number_bounds(cls):
 
 
 def _field_schema(cls, field, descriptions, bounds, defs):
-    """Return the schema of a field of a class, with its description."""
+    """Return the schema of one field of a class: its description, examples and allowed values.
+
+    `descriptions` and `bounds` are those of all fields, as of `field_descriptions` and
+    `_number_bounds`; schemas of arrays are added to the definitions `defs`.
+    """
     annotation = _field_annotation(cls, field)
     text = descriptions.get(field.name) or f"of the {cls.__name__}"
     text += "".join(more for words, more in _BY_GROUP.items() if words in annotation)
@@ -208,23 +215,23 @@ def _field_schema(cls, field, descriptions, bounds, defs):
 
 
 def _subclass_names(base):
-    """Return the names of the classes in `TYPES` that derive from one, a list."""
+    """Return the names of the classes in `TYPES` that derive from `base`, a list."""
     return [name for name, cls in TYPES.items() if issubclass(cls, base)]
 
 
 def _shared_definitions():
-    """Return the definitions of values that are not objects of one class."""
+    """Return the definitions that several fields refer to, such as "group" and "load": a dict."""
     flag, number, text = ({"type": kind} for kind in ("boolean", "number", "string"))
     numbers = {"type": ["number", "array"], "items": number, "minItems": 1}
     single = tagged_object("float32", "values", numbers)
     choices = ["object", "boolean", "array", "null"]
     return {
-        "group": _any_subclass(Element),
-        "load": _any_subclass(Load),
-        "law": _any_subclass(Law),
-        "laws": _one_or_list(reference("law")),
-        "loads": _one_or_list(reference("load")),
-        "counts": {**_one_or_list({"type": "integer"}), "minItems": 1},
+        "group": _any_subclass_schema(Element),
+        "load": _any_subclass_schema(Load),
+        "law": _any_subclass_schema(Law),
+        "laws": _one_or_list_schema(reference("law")),
+        "loads": _one_or_list_schema(reference("load")),
+        "counts": {**_one_or_list_schema({"type": "integer"}), "minItems": 1},
         "elements": _by_group_schema(
             ["object", "array"],
             "a group of elements, or an object or a list of groups",
@@ -262,8 +269,8 @@ def _shared_definitions():
     }
 
 
-def _any_subclass(base):
-    """Return the schema of objects of any class that derives from `base`, told by their `type`."""
+def _any_subclass_schema(base):
+    """Return the schema of objects whose "type" names a class that derives from `base`."""
     names = _subclass_names(base)
     return {
         "type": "object",
@@ -289,8 +296,8 @@ def _any_subclass(base):
     }
 
 
-def _one_or_list(item):
-    """Return the schema of one item or a list of items."""
+def _one_or_list_schema(item):
+    """Return the schema of one value with the schema `item`, or of a list of such values."""
     marked = if_json_type("object", if_class_not_in(SEQUENCE_TAGS, item, tagged_sequence(item)))
     return {"type": ["array", "object"], "items": item, **marked}
 
@@ -303,15 +310,16 @@ def _by_group_schema(
     values: Schema,
     marked: Mapping[str, Schema] = MappingProxyType({}),
 ) -> Schema:
-    """Return the schema of values for a structure: plain ones, certain objects, or by group.
+    """Return the schema of a field that has one value for all elements, or values by group.
 
     Args:
-        types: JSON types that it can have.
-        expected: what it can be, in words for an error.
+        types: JSON types that the field can have.
+        expected: what the field can be, in words for an error.
         names: classes whose objects it can be.
-        each: the definition of its parts: values under the keys of groups, or items of a list.
+        each: name of the definition of its parts: values under the keys of groups, or items of a
+            list.
         values: the schema of lists that have no objects in them.
-        marked: schemas of objects with another text under "type".
+        marked: schemas of objects with another text under "type", by this text.
     """
     text = {"type": "string", "description": "the class of this object", "examples": names}
     content = {

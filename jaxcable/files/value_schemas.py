@@ -51,17 +51,17 @@ SEQUENCE_TAGS = ["list", "tuple"]
 
 
 def reference(name: str) -> Schema:
-    """Return a reference to the definition of this name."""
+    """Return the schema that refers to the definition of this name."""
     return {"$ref": f"#/$defs/{name}"}
 
 
 def if_json_type(kind: str, then: Schema) -> Schema:
-    """Return a schema that applies only to values of a JSON type."""
+    """Return a schema that applies `then` to values of the JSON type `kind`; others pass."""
     return {"if": {"type": kind}, "then": then}
 
 
 def if_class_not_in(names: Collection[str], then: Schema, otherwise: Schema) -> Schema:
-    """Return a schema that depends on "type": `otherwise` if it is one of `names`, else `then`.
+    """Return a schema that applies `otherwise` to objects whose "type" is in `names`, else `then`.
 
     The condition is negative so that editors offer what fits before the type has been typed.
     """
@@ -79,11 +79,11 @@ def value_schema(
     """Return the schema of the values that a field with this annotation can have.
 
     Args:
-        annotation: of the field; what it does not tell may be anything.
+        annotation: annotation of the field, as text; an unknown one allows anything.
         classes: names of classes whose objects have a definition of their own.
-        defs: definitions, to which those of arrays are added.
-        bound: of the numbers, as ``{"minimum": 0}``.
-        each: whether one value can stand for that of every element.
+        defs: definitions of the whole schema, to which those of arrays are added.
+        bound: bound of the numbers, as ``{"minimum": 0}``; None for none.
+        each: whether one value can stand for the values of all elements.
     """
     for several, one in _MIXED.items():
         annotation = annotation.replace(several, one)
@@ -96,10 +96,15 @@ def value_schema(
     ways: list[Schema] = []
     if len(arrays) == 1:
         ((kind, shapes),) = arrays.items()
-        ways = [_define_array(kind, shapes, bound, defs, null)]
+        ways = [_define_array_schema(kind, shapes, bound, defs, null)]
     elif arrays:
         ways = [
-            {"anyOf": [_define_array(kind, shapes, bound, defs) for kind, shapes in arrays.items()]}
+            {
+                "anyOf": [
+                    _define_array_schema(kind, shapes, bound, defs)
+                    for kind, shapes in arrays.items()
+                ]
+            }
         ]
     for word in words:
         if word in _PLAIN:
@@ -125,14 +130,18 @@ def value_schema(
 
 
 def _union_members(annotation):
-    """Return the alternatives of a parsed annotation, which ``|`` joins, as texts."""
+    """Return the alternatives of an annotation (a syntax tree), which ``|`` joins, as texts."""
     if isinstance(annotation, ast.BinOp):
         return [*_union_members(annotation.left), *_union_members(annotation.right)]
     return [ast.unparse(annotation)]
 
 
 def _array_shapes(kind, axes, each):
-    """Return the shapes that an array can have, a list of tuples of axes."""
+    """Return the shapes that an array can have, a list of tuples of axes such as ("n_elem", "3").
+
+    `kind` is "Float", "Int" or "Bool", and `axes` are those of the annotation, "n_elem 3". `each`
+    says whether one value can stand for the values of all elements.
+    """
     shapes = [()]
     for axis in axes.split():
         ways = {"...": ((), ("n",)), "3or4": (("3",), ("4",)), "*shape": ((), ("n",))}
@@ -143,8 +152,12 @@ def _array_shapes(kind, axes, each):
     return shapes
 
 
-def _define_array(kind, shapes, bound, defs, null=()):
-    """Add the schema of arrays of some shapes to the definitions; return a reference to it."""
+def _define_array_schema(kind, shapes, bound, defs, null=()):
+    """Add the schema of arrays of some shapes to the definitions `defs`; return a reference to it.
+
+    `kind` is "Float", "Int" or "Bool", and `shapes` are tuples of axes, () for a single number.
+    Null is allowed if `null` is ["null"].
+    """
     word, item = _ITEMS[kind]
     item = {**item, **(bound or {})}
     lengths = [tuple(map(_axis_length, shape)) for shape in dict.fromkeys(shapes)]
@@ -172,7 +185,10 @@ def _define_array(kind, shapes, bound, defs, null=()):
 
 
 def _describe_shape(word, lengths):
-    """Return a shape in words, for messages of editors."""
+    """Return a shape in words, such as "a list [n, 3] of numbers", for messages of editors.
+
+    `word` says what the items are, and `lengths` has the lengths of axes, as of `_axis_length`.
+    """
     if not lengths:
         return {"number": "a number", "whole": "a whole number"}.get(word, "true or false")
     of = {"number": "numbers", "whole": "whole numbers"}.get(word, "true or false")
@@ -181,19 +197,23 @@ def _describe_shape(word, lengths):
 
 
 def _axis_length(axis):
-    """Return the length of an axis: a number, "n1" for any but zero, or "n" for any."""
+    """Return the length of an axis as text: "3" or "2+", "n1" for any but zero, or "n" for any."""
     return axis if axis[0].isdigit() else "n1" if axis[:2] == "n_" else "n"
 
 
 def _nested_list_schema(shapes, item):
-    """Return the schema of lists of some shapes: the depth tells the deepest, the width the others.
+    """Return the schema of nested lists that have one of the shapes; other values pass.
 
-    It concerns lists only; other values pass.
+    Shapes are told apart by the depth of the lists, and those of one depth by their width.
+
+    Args:
+        shapes: tuples of lengths of axes: "3", "2+", "n1" (at least one) or "n" (any).
+        item: schema of the numbers.
     """
     first = max(shapes, key=lambda shape: (len(shape), [-int(n) for n in shape if n.isdigit()]))
     nested = item
     for axis in reversed(first):
-        nested = {"type": "array", "items": nested, **_length_limits(axis)}
+        nested = {"type": "array", "items": nested, **_list_length_limits(axis)}
     del nested["type"]
     others = [shape for shape in shapes if shape != first]
     if not others:
@@ -206,8 +226,8 @@ def _nested_list_schema(shapes, item):
     return {"if": test, "then": nested, "else": _nested_list_schema(others, item)}
 
 
-def _length_limits(axis):
-    """Return the limits of the length of a list along an axis."""
+def _list_length_limits(axis):
+    """Return ``minItems`` and ``maxItems`` of a list of length `axis`: "3", "2+", "n1" or "n"."""
     if axis == "n":
         return {}
     if axis == "n1":
@@ -217,20 +237,20 @@ def _length_limits(axis):
 
 
 def tagged_object(name: str, field: str, content: Schema) -> Schema:
-    """Return the schema of an object with a fixed "type" and one other field."""
+    """Return the schema of an object with the fields "type", which is `name`, and `field` only."""
     return closed_object(
         {"type": {"const": name, "doNotSuggest": True}, field: content}, ["type", field]
     )
 
 
 def tagged_sequence(content: Schema) -> Schema:
-    """Return the schema of lists and tuples that are marked as {"type": ..., "items": [...]}."""
+    """Return the schema of {"type": "list" or "tuple", "items": [...]}, items as `content` says."""
     kinds: Schema = {"type": {"enum": SEQUENCE_TAGS, "doNotSuggest": True}}
     return closed_object({**kinds, "items": {"type": "array", "items": content}}, ["type", "items"])
 
 
 def closed_object(properties: Mapping[str, Schema], required: list[str]) -> Schema:
-    """Return the schema of an object with these fields and no other."""
+    """Return the schema of an object with these fields and no other, of which some are required."""
     return {
         "type": "object",
         "properties": dict(properties),

@@ -65,14 +65,16 @@ def save_vtk(
         }
         scalars["rest_length"] = values_per_group(structure, last.rest_length)
         with atomic_write(path) as stream:
-            _write_grid(stream, structure, np.asarray(last.positions), vectors, scalars)
+            _write_unstructured_grid(
+                stream, structure, np.asarray(last.positions), vectors, scalars
+            )
         return [path]
     with atomic_write_together() as begin:
         return _write_increments(path, structure, solution, begin)
 
 
 def _write_increments(path, structure, solution, open_file):
-    """Write one file for each converged increment; return their paths."""
+    """Write one file, opened by `open_file`, for each converged increment; return their paths."""
     done = []
     for phase in solution.phases:
         good = np.flatnonzero(np.asarray(phase.path.status) == 0)
@@ -92,12 +94,16 @@ def _write_increments(path, structure, solution, open_file):
                 column.label: column.values for column in result_columns(structure.groups, told)
             }
             moves = {"displacement": moved}
-            _write_grid(open_file(done[-1]), structure, begin + moved, moves, scalars)
+            _write_unstructured_grid(open_file(done[-1]), structure, begin + moved, moves, scalars)
     return done
 
 
-def _write_grid(stream, structure, points, vectors, scalars):
-    """Write an unstructured grid: points [n_node, 3], vectors of points, scalars of elements."""
+def _write_unstructured_grid(stream, structure, points, vectors, scalars):
+    """Write nodes and elements to a stream as an unstructured grid of VTK.
+
+    `points` are the positions of the nodes, [n_node, 3], m. `vectors` of nodes, [n_node, 3], and
+    `scalars` of elements, [n_elem] or None for each group, are dicts by name.
+    """
     cells, element, group = _collect_cells(structure.groups)
     names = ", ".join(
         f"{k} {name}".strip() for k, (name, _) in enumerate(named_groups_of(structure))
@@ -124,7 +130,12 @@ def _write_grid(stream, structure, points, vectors, scalars):
 
 
 def _collect_cells(groups):
-    """Return the points of every line and face, its element and its group; faces come last."""
+    """Return the cells that draw the elements: lines first, then faces.
+
+    Returns:
+        Node numbers of each cell, a list; the element of each, counted through all groups, and the
+        index of its group, [n_cell].
+    """
     ends, element, owner = straight_pieces(groups)
     corners, of_face, group = element_faces(groups)
     lines = ~np.isin(element, of_face)  # elements with faces are these
@@ -134,10 +145,10 @@ def _collect_cells(groups):
 
 
 def _ascii_title(text):
-    """Return a title as the format allows it: one line of at most 256 ASCII characters."""
+    """Return a title as the format allows it: one line of at most 255 ASCII characters."""
     return text.encode("ascii", "replace").decode().replace("\n", " ")[:255]
 
 
 def _format_vectors(vectors):
-    """Format vectors, a line of text for each."""
+    """Return the text of each vector, three numbers with spaces between: a list of lines."""
     return [" ".join(map(repr, row)) for row in vectors.tolist()]

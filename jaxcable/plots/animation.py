@@ -15,7 +15,7 @@ from PIL import Image
 from ..analysis.solution import Solution
 from ..common.writing import atomic_write
 from ..model.structure import Structure
-from .element_lines import ColorScale, ElementLines, draw_ghost, line_legend
+from .element_lines import ColorScale, ElementLines, draw_earlier_geometry, line_legend
 from .layout import arrange_pictures, finish_layout
 from .page import fill_template
 from .snapshots import Snapshots
@@ -97,7 +97,11 @@ def animation(
 
 
 def _draw_frames(snapshots, start, shots, seen, everything, dpi):
-    """Draw all frames as images with one palette, so that colors do not flicker."""
+    """Draw a frame for each `Snapshot` in `shots`, and return the images, a list.
+
+    All have one palette, so that colors do not flicker, and axes that show `everything`, points
+    [n, 3], m, in the `View` `seen`. The `Snapshot` `start` is drawn dashed behind.
+    """
     palette = Image.new("P", (1, 1))
     palette.putpalette(_shared_palette())
     forces = [shot.forces for shot in shots]
@@ -107,7 +111,7 @@ def _draw_frames(snapshots, start, shots, seen, everything, dpi):
     figure, slots = arrange_pictures([seen], [everything], titles[:1])
     figure.set_dpi(dpi)
     (axes,) = figure.axes
-    draw_ghost(axes, seen, snapshots.links, start)
+    draw_earlier_geometry(axes, seen, snapshots.links, start)
     lines = ElementLines(axes, seen, snapshots, scale)
     lines.show(shots[0])
     held = [shot.support_kinds(seen.normal) for shot in shots]
@@ -128,7 +132,7 @@ def _draw_frames(snapshots, start, shots, seen, everything, dpi):
 
 
 def _save_gif(images, path, rate):
-    """Save all frames as a GIF that repeats; the last frame is shown longer."""
+    """Save the images as a GIF that repeats, at `rate` per second; the last one is shown longer."""
     times = [round(1000 / rate)] * len(images)
     times[-1] *= _LAST_FRAME_FACTOR
     with atomic_write(path, "wb") as stream:
@@ -137,7 +141,7 @@ def _save_gif(images, path, rate):
 
 
 def _shared_palette():
-    """Return a palette of 256 colors, flat: greys, and colors of lines in four shades."""
+    """Return 256 colors as a flat list r, g, b, r, ...: greys, and line colors in four shades."""
     lines = np.concatenate(
         [color_map()(np.linspace(0, 1, 53))[:, :3], *([to_rgb(c)] for c in (SLACK, OVER))]
     )
@@ -147,7 +151,7 @@ def _shared_palette():
 
 
 def _save_html(images, path, rate):
-    """Save a page with all frames and a slider."""
+    """Save the images in an HTML page with a slider, which plays them at `rate` per second."""
     frames = []
     for image in images:
         buffer = io.BytesIO()

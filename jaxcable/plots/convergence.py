@@ -55,7 +55,7 @@ def convergence(
     >>> figure.axes[0].get_legend().get_texts()[0].get_text()
     'secant: order 1.00'
     """
-    series = _check_series(sizes, errors, "sizes", "errors")
+    series = _validated_series(sizes, errors, "sizes", "errors")
     if xlabel is None:
         xlabel = "number of elements (-)" if counts else "step (-)"
     figure, axes = _add_log_axes(series, xlabel, ylabel)
@@ -115,7 +115,7 @@ def work_precision(
     >>> [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     ['Newton', 'secant', 'failed']
     """
-    series = _check_series(times, errors, "times", "errors")
+    series = _validated_series(times, errors, "times", "errors")
     figure, axes = _add_log_axes(series, xlabel, ylabel)
     for k, (label, (time, error)) in enumerate(series.items()):
         if (time <= 0).any():
@@ -129,8 +129,12 @@ def work_precision(
     return finish_figure(figure, path)
 
 
-def _check_series(places, values, first, second):
-    """Return a dict from labels to pairs of arrays [n]; a single series has the label None."""
+def _validated_series(places, values, first, second):
+    """Return the series as a dict from label to two arrays [n]: places (abscissas) and values.
+
+    A single series has the label None; ValueError for shapes or labels that do not match, in which
+    `first` and `second` name the arguments.
+    """
     values = values if isinstance(values, dict) else {None: values}
     if not values:
         raise ValueError(f"{second}: expected at least one series")
@@ -155,12 +159,12 @@ def _check_series(places, values, first, second):
 
 
 def _format_label(label):
-    """Return the label of a series for messages; empty for a single series."""
+    """Return the label of a series as "['label']", for messages; empty for a single series."""
     return "" if label is None else f"[{label!r}]"
 
 
 def _add_log_axes(series, xlabel, ylabel):
-    """Return a figure with logarithmic axes that include all finite positive values."""
+    """Return a figure and its logarithmic axes, which include all finite positive values."""
     figure = new_figure(4.8, 4.0)
     axes = figure.add_subplot()
     axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel)
@@ -179,7 +183,7 @@ def _add_log_axes(series, xlabel, ylabel):
 
 
 def _mark_at_edges(axes, series):
-    """Mark failed runs and zero errors at the edges; return legend entries for them."""
+    """Mark failed runs and zero errors at the edges of the axes; return legend entries for them."""
     grey = {"linestyle": "", "color": "0.3", "markersize": 7, "markeredgewidth": 1.6}
     cross = {"marker": "x", "color": "black"}
     keys = {}
@@ -202,7 +206,7 @@ def _mark_at_edges(axes, series):
 
 
 def _fraction_of_axis(limits, values):
-    """Return where values lie on a logarithmic axis, from 0 to 1.
+    """Return where values lie on a logarithmic axis with these limits, from 0 to 1.
 
     Numbers that are not finite, and zeros, are put at the upper edge.
     """

@@ -104,7 +104,7 @@ def diagram(
     shown = snapshots.state_to_draw(state, phase)
     snapshot, title = snapshots.of_state(shown), snapshots.title(int(shown.phase), shown)
     seen = choose_view(snapshot.points(), view, space=True)
-    found = Diagrams(snapshots, [snapshot], of, high, seen)
+    found = ForceDiagrams(snapshots, [snapshot], of, high, seen)
     points = np.concatenate([snapshot.points(), found.points()])
     name = title if names is not None else title[0].lower() + title[1:]
     title = f"{of} ({found.unit}), {name}" + ("" if found.largest > 0.0 else ": zero")
@@ -122,22 +122,22 @@ def diagram(
     return finish_figure(figure, path)
 
 
-class Diagrams:
-    """Diagrams of a section force along all beams, at one or several instants in one scale.
+class ForceDiagrams:
+    """Diagrams of a section force on all beams: a picture for each instant, in one scale.
 
     Args:
         found: `Snapshots` of the solution.
         snapshots: `Snapshot` of every picture, at the end of a phase, or of a `State`.
-        of: name of the force.
+        of: name of the section force, such as "My".
         high: length of the largest value over the extent of the structure.
         view: `View` of the pictures.
-        most: number of values that are written in a picture.
+        most: largest number of values that are written in a picture.
         apart: least distance of written values over the extent.
-        least: what is written over the largest value of all pictures, at least.
+        least: least size of written values, over the largest value of all pictures.
 
     Attributes:
-        largest: size of the largest value.
-        unit: of the values that are written.
+        largest: size of the largest value in all pictures, N or N m.
+        unit: unit of the values that are written, such as "kN m".
 
     Raises:
         ValueError: an unknown force, a size that is not positive, or a structure without beams.
@@ -168,22 +168,24 @@ class Diagrams:
         self._labels = most, apart, least * self.largest
 
     def points(self) -> Float[np.ndarray, "n 3"]:
-        """Return the tips of all values, [n, 3], m."""
+        """Return the ends of the ordinates of all values in all pictures, [n, 3], m."""
         return np.concatenate([tips.reshape(-1, 3) for tips in self._tips])
 
     def draw(self, axes: Any, number: int) -> None:
-        """Draw one picture: elements, areas between beams and values, and the largest numbers."""
+        """Draw picture `number`: elements, areas between beams and values, the largest numbers."""
         along, tips, view = self._along[number], self._tips[number], self.view
         along.draw(axes, view, self.links, tips)
         halo = [Stroke(linewidth=2.5, foreground="white"), Normal()]
         most, apart, least = self._labels
-        for place, value in _choose_labels(tips, along.values, apart * along.extent, most, least):
+        for place, value in _choose_values_to_write(
+            tips, along.values, apart * along.extent, most, least
+        ):
             look = {"ha": "center", "va": "center", "color": INK, "zorder": 9}
             text = f"{self._factor * value:.4g}"
             axes.text(*view.project(place), text, path_effects=halo, **look)
 
     def legend(self) -> list[Any]:
-        """Return legend entries of the signs that occur."""
+        """Return legend entries for the colors of positive and of negative values that occur."""
         signed = (("positive", 1.0), ("negative", -1.0))
         return [
             Patch(color=_COLORS[name], alpha=0.6, label=f"{self.component} {name}")
@@ -192,22 +194,22 @@ class Diagrams:
         ]
 
     def color_bar(self) -> tuple[None, str]:
-        """Return what the color bar explains, and its label: diagrams have none."""
+        """Return (None, ""), because these pictures have no color bar, and so no label of one."""
         return None, ""
 
 
 class _BeamForces:
-    """A section force along all active beams at one instant.
+    """A section force along all active beams at one instant, as ordinates across the beams.
 
     Args:
-        parts: of the elements.
+        parts: `GroupTopology` of every group of elements.
         snapshot: `Snapshot` at the end of a phase, or of a `State`.
-        of: name of the force.
+        of: name of the section force, such as "My".
 
     Attributes:
-        values: at places along the beams, [n_beam, n_place], zero where they are rounding.
-        largest: size of the largest of them.
-        extent: of the structure, m.
+        values: at places along the beams, [n_beam, n_place], N or N m; zero where it is rounding.
+        largest: size of the largest value.
+        extent: largest side of the bounding box of the structure, m.
 
     Raises:
         ValueError: the structure has no beams.
@@ -230,22 +232,27 @@ class _BeamForces:
         self._base = points_on_chords(self._chord, PLACES)
         axes = _default_section_axes(self._chord)
         if curves is not None and np.isin(number, curves.element[: len(curves.axes)]).all():
-            rows = curves.indices_of(number)
+            rows = curves.indices_of_elements(number)
             self._base = self._base + hermite_cubic(
                 curves.bend[rows], np.linspace(0.0, 1.0, PLACES)
             )
             axes = curves.axes[rows]
-        self._sides = _positive_sides(axes, self._chord, of)
+        self._sides = _positive_side_directions(axes, self._chord, of)
 
     def value_tips(self, view: View, scale: float) -> Float[np.ndarray, "n_beam n_place 3"]:
-        """Return the tips of the values in a picture, at `scale` metres per unit of the force."""
-        sides = _sides_in_picture(self._sides, self._chord[:, 1] - self._chord[:, 0], view)
+        """Return the ends of the ordinates of all values in a view, m.
+
+        `scale` is the length of an ordinate over its value, m/N or 1/N.
+        """
+        sides = _side_directions_in_picture(
+            self._sides, self._chord[:, 1] - self._chord[:, 0], view
+        )
         return self._base + scale * self.values[..., None] * sides[:, None]
 
     def draw(
         self, axes: Any, view: View, links: Links, tips: Float[np.ndarray, "n_beam n_place 3"]
     ) -> None:
-        """Draw the lines of all elements, and the areas between beams and values."""
+        """Draw the lines of all elements, and areas between the beams and the ends of ordinates."""
         area: Any = PolyCollection if view.flat else Poly3DCollection
         shown = self.snapshot
         every = picture_lines(view, shown.positions, links, shown.curves)
@@ -269,12 +276,17 @@ def forces_along_beams(
     Int[np.ndarray, "n_beam 2"],
     Int[np.ndarray, " n_beam"],
 ]:
-    """Return section forces at even places along all beams, and nodes and indices of the beams.
+    """Return section forces at evenly spaced places along all beams.
 
     Args:
-        parts: of the elements.
+        parts: `GroupTopology` of every group of elements.
         end: `State`, or result of a phase.
         n_place: number of places along each beam, ends included.
+
+    Returns:
+        forces: N, Vy, Vz, T, My, Mz at the places, [n_beam, n_place, 6], N and N m.
+        ends: node numbers of the beams, [n_beam, 2].
+        numbers: index of each beam, counted through the elements of all groups, [n_beam].
     """
     found, ends = [np.zeros((0, n_place, 6))], [np.zeros((0, 2), int)]
     numbers, count = [np.zeros(0, int)], 0
@@ -292,8 +304,12 @@ def forces_along_beams(
     return np.concatenate(found), np.concatenate(ends), np.concatenate(numbers)
 
 
-def _positive_sides(axes, ends, of):
-    """Return unit vectors across the chords, to which positive values are drawn, [n_beam, 3]."""
+def _positive_side_directions(axes, ends, of):
+    """Return unit vectors across the beams, to which positive values are drawn, [n_beam, 3].
+
+    `axes` are the section axes of the beams, in rows, [n_beam, 3, 3], `ends` the positions of their
+    ends, [n_beam, 2, 3], m, and `of` is the name of the section force.
+    """
     chord = ends[:, 1] - ends[:, 0]
     chord = chord / np.linalg.norm(chord, axis=1, keepdims=True)
     side = {"Vy": axes[:, 1], "Mz": -axes[:, 1]}.get(of, axes[:, 2])
@@ -302,7 +318,10 @@ def _positive_sides(axes, ends, of):
 
 
 def _default_section_axes(ends):
-    """Return the section axes of beams whose `up` is not known, in rows, [n_beam, 3, 3]."""
+    """Return the axes of beams without a stated `up` vector, in rows, [n_beam, 3, 3].
+
+    `ends` are the positions of their ends, [n_beam, 2, 3], m.
+    """
     chord = ends[:, 1] - ends[:, 0]
     chord = chord / np.linalg.norm(chord, axis=1, keepdims=True)
     steep = np.abs(chord[:, 2:]) > 0.999
@@ -310,8 +329,12 @@ def _default_section_axes(ends):
     return np.stack([chord, np.cross(axes_z, chord), axes_z], axis=1)
 
 
-def _sides_in_picture(sides, chord, view):
-    """Turn the sides of values into the plane of a flat picture, at right angles to the chords."""
+def _side_directions_in_picture(sides, chord, view):
+    """Turn directions across beams into the plane of a flat picture, at right angles to the beams.
+
+    `sides`, [n_beam, 3], are directions as of `_positive_side_directions`, which stay unchanged in
+    space; `chord` are the vectors from start to end of the beams, [n_beam, 3], m.
+    """
     if not view.flat:
         return sides
     basis = view.project(np.eye(3)).T  # directions of the picture, [2, 3]
@@ -321,14 +344,18 @@ def _sides_in_picture(sides, chord, view):
     return np.where(along < -1e-9, -across, across) @ basis
 
 
-def _choose_labels(
+def _choose_values_to_write(
     tips: Float[np.ndarray, "n_beam n_place 3"],
     values: Float[np.ndarray, "n_beam n_place"],
     apart: float,
     most: int,
     least: float,
 ) -> list[tuple[Float[np.ndarray, " 3"], float]]:
-    """Choose the values to write: the largest of ends and extremes, not too close together."""
+    """Choose the values to write: the largest of ends and extremes, not too close together.
+
+    `tips` are the ends of the ordinates, m; `apart` is the least distance of written values, m,
+    `most` their largest number and `least` their least size. Return pairs: position, m, and value.
+    """
     beam: Int[np.ndarray, " n_beam"] = np.arange(len(values))
     at = np.stack(
         [0 * beam, 0 * beam + values.shape[1] - 1, values.argmax(axis=1), values.argmin(axis=1)]

@@ -33,15 +33,15 @@ Links: TypeAlias = "tuple[Int[np.ndarray, 'n_piece 2'], Int[np.ndarray, ' n_piec
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Curves:
-    """Curves of beams and hanging cables in one geometry, beams first.
+    """Curves of all beams and hanging cables at one instant, beams first.
 
     Attributes:
         element: index of the element, counted through all groups, [n_curve].
         ends: first and last node of each, [n_curve, 2].
-        bend: of the beams, the chord's length times the slopes against it at both ends, which make
-            a cubic, [n_beam, 2, 3], m.
+        bend: for each beam the length of its chord times the slopes of the axis against the chord
+            at both ends, which determine a cubic, [n_beam, 2, 3], m.
         axes: axes x, y and z of the sections of the beams, in rows, [n_beam, 3, 3].
-        sag: distances of the hanging cables from their chords at places between their ends, evenly
+        sag: vectors from the chords to the hanging cables at places between their ends, evenly
             along the unstressed length, [n_sag, n_place - 2, 3], m; NaN where they are not known.
     """
 
@@ -53,28 +53,31 @@ class Curves:
 
     @property
     def offsets(self) -> Float[np.ndarray, "n_curve n_place 3"]:
-        """Distances from the chord at places along the element, zero at both ends, m."""
+        """Vectors from chord to curve at places along each element, zero at both ends, m."""
         bent = hermite_cubic(self.bend, np.linspace(0.0, 1.0, self.sag.shape[1] + 2))
         return np.concatenate([bent, np.pad(self.sag, ((0, 0), (1, 1), (0, 0)))])
 
     @property
     def is_known(self) -> Bool[np.ndarray, " n_curve"]:
-        """Whether the shape of each curve is known."""
+        """Whether the shape of each curve is known (not so of cables without a sag), [n_curve]."""
         hung = np.isfinite(self.sag).all(axis=(1, 2))
         return np.concatenate([np.ones(len(self.bend), bool), hung])
 
     def points(self, positions: Float[np.ndarray, "n_node 3"]) -> Float[np.ndarray, "n n_place 3"]:
-        """Return points along the curves, given the nodes; on the chord where no shape is known."""
+        """Return points along all curves, m, between nodes at `positions`.
+
+        They are on the chord where no shape is known.
+        """
         apart = np.nan_to_num(self.offsets)
         return points_on_chords(positions[self.ends], apart.shape[1]) + apart
 
-    def indices_of(self, number: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """Return the indices of the curves of some elements, [n]."""
+    def indices_of_elements(self, elements: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+        """Return the index of the curve of each element, [n], for elements given by their index."""
         order = np.argsort(self.element)
-        return order[np.searchsorted(self.element, number, sorter=order)]
+        return order[np.searchsorted(self.element, elements, sorter=order)]
 
     def magnified(self, origin: Curves, factor: float) -> Curves:
-        """Return the curves with their differences from `origin` multiplied by a factor."""
+        """Return the curves with their differences from the curves `origin` times a factor."""
         bend = origin.bend + factor * (self.bend - origin.bend)
         sag = origin.sag + factor * (self.sag - origin.sag)
         return dataclasses.replace(
@@ -82,21 +85,21 @@ class Curves:
         )
 
     def in_initial_geometry(self) -> Curves:
-        """Return the curves before the first phase: beams straight, hanging cables unknown."""
+        """Return the curves before the first phase: straight beams, cables with a sag of NaN."""
         nowhere = np.full_like(self.sag, np.nan)
         return dataclasses.replace(self, bend=np.zeros_like(self.bend), sag=nowhere)
 
 
 class SolutionCurves:
-    """The `Curves` of a solution: in states, at ends of phases, in increments.
+    """The `Curves` of beams and hanging cables at any instant of a solution.
 
-    They are None without a structure, and if none of its elements bends or hangs: then every piece
-    of an element is a straight line.
+    All methods return None in place of `Curves` without a structure, and if none of its elements
+    bends or hangs: then every element is drawn by straight lines.
 
     Args:
         solution: `Solution`.
         structure: `Structure`, or None.
-        places: places along every curve; fewer if there are very many.
+        places: number of points along every curve; fewer if there are very many curves.
     """
 
     def __init__(self, solution: Solution, structure: Structure | None, places: int = PLACES):
@@ -122,11 +125,11 @@ class SolutionCurves:
         return self.of_state(self.state_after_phase(phase))
 
     def in_increment(self, phase: int, number: int) -> Curves | None:
-        """Return the curves in a converged increment of a phase.
+        """Return the curves in converged increment `number` of a phase.
 
-        Hanging cables are known at the ends of phases, and at the last state before a failure.
-        Between them their distances from the chord are interpolated; in the first phase they are
-        those of its end.
+        The sag of hanging cables is known at the ends of phases, and at the last state before a
+        failure. Between two of these it is interpolated by the load factor; in the first phase it
+        is the sag at its end.
         """
         if self.straight:
             return None
@@ -140,7 +143,7 @@ class SolutionCurves:
 
     @functools.cached_property
     def initial_positions(self) -> Float[np.ndarray, "n_node 3"]:
-        """Positions of the nodes before the first phase, m."""
+        """Positions of the nodes before the first phase, [n_node, 3], m."""
         for part in (self.solution.phases[0], self.solution.last):
             begin = np.asarray(part.positions) - np.asarray(part.displacement)
             if np.isfinite(begin).all():
@@ -148,9 +151,9 @@ class SolutionCurves:
         return begin
 
     def state_after_phase(self, phase: int) -> State:
-        """Return the `State` at the end of a phase, as far as pictures show it.
+        """Return the `State` at the end of a phase, with what pictures need of it.
 
-        Lengths and motions are those of the phase, and loads of later phases do not act yet.
+        Lengths and displacements are those of this phase, and loads of later phases are zero.
         """
         last, end = self.solution.last, self.solution.phases[phase]
         if phase == int(last.phase):
@@ -162,7 +165,10 @@ class SolutionCurves:
         return copy_with(last, phase=np.int32(phase), load_factor=np.ones(()), **fields)
 
     def _make_curves(self, motion, sag):
-        """Make the `Curves` from the motion of all rows and the sag of the hanging cables."""
+        """Make the `Curves` for displacements and rotations of all nodes and a sag of cables.
+
+        `sag` has the shape of `Curves.sag`.
+        """
         numbers, slopes, axes = [np.zeros(0, int)], [np.zeros((0, 2, 3))], [np.zeros((0, 3, 3))]
         if any(isinstance(group, Bending) for group in self.groups):
             found = _deflected_beams(*self._split_structure, motion)
@@ -180,11 +186,11 @@ class SolutionCurves:
 
     @functools.cached_property
     def _split_structure(self):
-        """Traced and static parts of the structure, the arguments of `_deflected_beams`."""
+        """Traced and static parts of the structure, as `_deflected_beams` takes them."""
         return split_state(self.structure, self.solution.last)[:2]
 
     def _sag_in_state(self, state):
-        """Return the distances of the hanging cables from their chords in a state, see `Curves`."""
+        """Return the vectors from chords to hanging cables in a state, shaped as `Curves.sag`."""
         found, positions = [np.zeros((0, self.places - 2, 3))], np.asarray(state.positions)
         if any(isinstance(group, Sagging) for group in self.groups):
             curves = values_per_group(
@@ -200,7 +206,7 @@ class SolutionCurves:
 def points_on_chords(
     ends: Float[np.ndarray, "n 2 3"], n_place: int
 ) -> Float[np.ndarray, "n n_place 3"]:
-    """Return points at even distances on the straight lines between two ends."""
+    """Return evenly spaced points on the straight lines between two ends each, m."""
     parts = np.linspace(0.0, 1.0, n_place)[:, None]
     return (1 - parts) * ends[:, :1] + parts * ends[:, 1:]
 
@@ -213,7 +219,12 @@ Lines: TypeAlias = (
 def picture_lines(
     view: View, positions: Float[np.ndarray, "n_node 3"], links: Links, curves: Curves | None
 ) -> Lines:
-    """Return the line of each piece in a picture: an array if all are straight, else a list."""
+    """Return the line of each piece of an element, in coordinates of the picture.
+
+    If all lines are straight, the result is an array [n_line, 2, 2 or 3]; else it is a list of
+    arrays [n_point, 2 or 3], in which beams and hanging cables are curves. `positions` are those of
+    the nodes, m; `links` are the node numbers of all pieces, and the element of each.
+    """
     pairs, owner = links
     straight = view.project(positions)[pairs]
     if curves is None:
@@ -227,7 +238,7 @@ def picture_lines(
 
 
 def select_lines(found: Lines, which: Bool[np.ndarray, " n_line"]) -> Any:
-    """Select lines, an array or a list, by booleans."""
+    """Return the lines, an array or a list, for which `which` is True."""
     if isinstance(found, np.ndarray):
         return found[which]
     return [found[k] for k in np.flatnonzero(which)]
@@ -236,11 +247,11 @@ def select_lines(found: Lines, which: Bool[np.ndarray, " n_line"]) -> Any:
 def hermite_cubic(
     bend: Float[np.ndarray, "... 2 3"], places: Float[np.ndarray, " n_place"]
 ) -> Float[np.ndarray, "... n_place 3"]:
-    """Return the distances of bent beams from their chords at `places`: cubics after Hermite, m.
+    """Return the vectors from the chords to bent beams at `places`, m: Hermite cubics.
 
     Args:
-        bend: the chord's length times the slopes against it at both ends, [..., 2, 3], m.
-        places: places along the chord over its length, [n_place].
+        bend: the length of the chord times the slopes against it at both ends, [..., 2, 3], m.
+        places: places along the chord over its length, from 0 to 1, [n_place].
     """
     first, second = places * (1 - places) ** 2, -(places**2) * (1 - places)
     return np.einsum("px,...xk->...pk", np.stack([first, second], axis=1), bend)
@@ -248,7 +259,12 @@ def hermite_cubic(
 
 @jax.jit
 def _deflected_beams(thawed, arrays, motion):
-    """Return slopes, section axes and chord lengths of the beams of each group; None for others."""
+    """Return slopes, section axes and chord lengths of the beams of each group; None for others.
+
+    `thawed` and `arrays` are the parts of the structure from `split_state`, and `motion` has the
+    displacements and rotations of all nodes. Slopes are against the chord at both ends,
+    [n_elem, 2, 3], section axes in rows, [n_elem, 3, 3], lengths in m, [n_elem].
+    """
     nodes, groups, restart = merge_state(thawed, arrays)
     motion = motion.astype(nodes.dtype)
 
@@ -268,7 +284,10 @@ def _deflected_beams(thawed, arrays, motion):
 
 
 def _restart_after_phase(last, structure, phase, end):
-    """Return the `RestartState` after a phase, as far as shapes depend on it."""
+    """Return the `RestartState` at the end of a phase, as far as shapes of elements depend on it.
+
+    `last` is the last `State` of the solution, `phase` the index of the phase, `end` its result.
+    """
     restart: Any = last.restart
     amounts = [
         copy_with(amount, factors=amount.factors * (np.asarray(stack.phase) <= phase))

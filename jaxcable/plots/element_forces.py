@@ -70,7 +70,10 @@ def all_result_columns(
     parts: Sequence[Element | GroupTopology],
     structure: Structure | None,
 ) -> list[ResultColumn]:
-    """Return the results of all elements as columns, with utilization and largest moments."""
+    """Return the results of all elements as `ResultColumn`s, a list.
+
+    It has the utilization, if breaking forces are known, and the largest moments of beams.
+    """
     shown = {name: tree for name, tree in element_results.items() if name != PRESENT.name}
     found = result_columns(parts, shown)
     if structure is not None:
@@ -82,14 +85,14 @@ def all_result_columns(
     if any(values is not None for values in forces):
         for k, name in ((4, "My"), (5, "Mz")):
             most = [
-                None if x is None else _largest_with_sign(np.asarray(x)[..., k]) for x in forces
+                None if x is None else _value_of_largest_size(np.asarray(x)[..., k]) for x in forces
             ]
             found.append(ResultColumn(f"largest {name}", "N m", most))
     return found
 
 
 def values_by_group(tree: Any, count: int) -> list[Any]:
-    """Return the values of each group of a pytree, arrays or None, as a list."""
+    """Return the leaves of a pytree, an array or None for each of `count` groups, as a list."""
     return [None] * count if tree is None else jax.tree.leaves(tree, is_leaf=lambda x: x is None)
 
 
@@ -99,9 +102,9 @@ def concatenate_values(
     """Concatenate the values of all groups, [n_elem].
 
     Args:
-        tree: arrays in the shape of the elements, or None.
+        tree: pytree of arrays [n_elem] of each group, or None.
         parts: element groups, or the parts of a `Topology`.
-        otherwise: value of groups that have None.
+        otherwise: value of the elements of groups that have None.
     """
     pairs = zip(values_by_group(tree, len(parts)), parts, strict=True)
     return np.concatenate(
@@ -113,7 +116,10 @@ def concatenate_values(
 
 
 def _utilization_column(structure, element_results):
-    """Return the utilization as a `ResultColumn`; ValueError if no breaking force is known."""
+    """Return the utilization of all elements as a `ResultColumn`.
+
+    Raise ValueError without a structure, or if it has no breaking forces.
+    """
     if structure is None:
         raise ValueError(
             'structure: needed for color = "utilization", which the breaking forces in it give'
@@ -123,7 +129,7 @@ def _utilization_column(structure, element_results):
     return ResultColumn("utilization", "-", values_by_group(used, len(structure.groups)))
 
 
-def _largest_with_sign(values):
-    """Return the number of largest size in each row of [n_elem, n_point], with its sign."""
+def _value_of_largest_size(values):
+    """Return from each row of [n_elem, n_point] the value of largest size, with its sign."""
     at = np.abs(values).argmax(axis=1)
     return np.take_along_axis(values, at[:, None], axis=1)[:, 0]

@@ -25,12 +25,15 @@ _REACHED = 1e-6  # utilization above 1 that is rounding: the breaking force is j
 
 
 class ColorScale:
-    """The color scale that several states share.
+    """The color scale of elements that several pictures share.
+
+    Args:
+        forces: `ElementForces` of the pictures.
 
     Attributes:
         factor: factor from the values to the numbers on the color bar.
         label: label of the color bar, with unit.
-        look: color map and norm, for collections.
+        look: color map and norm, as arguments of matplotlib's collections.
     """
 
     def __init__(self, forces: Sequence[ElementForces]):
@@ -67,10 +70,10 @@ class ColorScale:
 
 
 class ElementLines:
-    """The lines and faces of all elements in axes; they can be moved from frame to frame.
+    """The lines and faces of all elements in axes; `show` changes them from frame to frame.
 
     Args:
-        axes: axes to draw in.
+        axes: matplotlib axes to draw in.
         view: `View` of these axes.
         snapshots: `Snapshots`, which know the pieces and the faces of elements.
         scale: `ColorScale` of the colors.
@@ -97,7 +100,7 @@ class ElementLines:
             self.surface = view.add_faces(axes, alpha=0.6, zorder=1.5, **edges, **scale.look)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Draw the elements as they are at an instant."""
+        """Draw the elements as they are in a snapshot, in place of what was drawn before."""
         forces, element = snapshot.forces, self.links[1]
         drawn = picture_lines(self.view, snapshot.positions, self.links, snapshot.curves)
         slack, compressed = forces.slack[element], forces.compressed[element]
@@ -113,16 +116,16 @@ class ElementLines:
             self.surface.set_array(self.scale.factor * forces.value[element][there])
 
 
-def draw_ghost(
+def draw_earlier_geometry(
     axes: Axes,
     view: View,
     links: Links,
     snapshot: Snapshot,
     which: Bool[np.ndarray, " n_elem"] | bool = True,
 ) -> None:
-    """Draw the elements at an earlier instant, all or some, in thin dashed lines.
+    """Draw the elements at an earlier instant, in thin dashed lines behind the picture.
 
-    Elements whose curve is not known there are left out.
+    Elements whose shape is not known then are left out, as are those for which `which` is False.
     """
     found = picture_lines(view, snapshot.positions, links, snapshot.curves)
     segments = select_lines(found, (snapshot.has_known_shape() & which)[links[1]])
@@ -131,17 +134,19 @@ def draw_ghost(
 
 
 def line_width(n: int) -> float:
-    """Return the width of lines, points: thinner if there are many."""
+    """Return the width, points, of `n` lines in a picture: thinner if there are many."""
     return float(np.clip(2.4 * np.sqrt(80.0 / max(n, 1)), 0.6, 2.4))
 
 
 def line_legend(
     forces: Sequence[ElementForces], before: bool = False, counted: bool = True
 ) -> list[Line2D]:
-    """Return legend entries of the kinds of lines that occur in some states.
+    """Return legend entries for the ways in which elements are drawn in some pictures.
+
+    These are an earlier geometry, slack and compressed elements, and elements without a value.
 
     Args:
-        forces: `ElementForces` of the states; slack elements are counted in the last one.
+        forces: `ElementForces` of the pictures; slack elements are counted in the last one.
         before: whether an earlier geometry is drawn.
         counted: whether to add the number of slack elements.
     """

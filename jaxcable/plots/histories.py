@@ -52,7 +52,7 @@ def history(
         raise ValueError("design: is a batch; draw one, jax.tree.map(lambda a: a[k], design)")
     figure = new_figure(4.8, 4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    (_draw_trials if hasattr(record, "misfit") else _draw_steps)(
+    (_draw_fit_trials if hasattr(record, "misfit") else _draw_minimize_steps)(
         record, int(design.steps), upper, lower
     )
     if tol is not None:
@@ -66,8 +66,11 @@ def history(
     return finish_figure(figure, path)
 
 
-def _draw_steps(record, n, upper, lower):
-    """Draw the accepted steps of `minimize`."""
+def _draw_minimize_steps(record, n, upper, lower):
+    """Draw the history of a `Design`: loss above, gradient norm below, failed trials marked.
+
+    `record` is the history of `n` steps.
+    """
     loss, norm, failures = (
         np.asarray(values, float)[: n + 1]
         for values in (record.loss, record.gradient_norm, record.failures)
@@ -75,8 +78,8 @@ def _draw_steps(record, n, upper, lower):
     if not np.isfinite(loss).any():
         raise ValueError("design: not one finite loss in its history; look at history.status")
     number = np.arange(n + 1)
-    _draw_line(upper, number, loss, "accepted step")
-    _draw_line(lower, number, norm, None)
+    _draw_line_with_dots(upper, number, loss, "accepted step")
+    _draw_line_with_dots(lower, number, norm, None)
     marked = (failures > 0) & np.isfinite(loss)
     if marked.any():
         label = f"failed trials ({int(failures[failures > 0].sum())})"
@@ -85,8 +88,11 @@ def _draw_steps(record, n, upper, lower):
     lower.set(ylabel="gradient norm (-)", xlabel="step (-)")
 
 
-def _draw_trials(record, n, upper, lower):
-    """Draw all trial points of `fit`."""
+def _draw_fit_trials(record, n, upper, lower):
+    """Draw the history of a `Fit`: misfit of trial points above, damping below.
+
+    Trials that are not accepted or have failed are marked. `record` is the history of `n` trials.
+    """
     misfit, damping = (np.asarray(v, float)[: n + 1] for v in (record.misfit, record.damping))
     accepted = np.asarray(record.accepted)[: n + 1] > 0
     finite = np.isfinite(misfit)
@@ -94,7 +100,7 @@ def _draw_trials(record, n, upper, lower):
         raise ValueError("design: not one finite misfit in its history; look at history.status")
     accepted[0] |= finite[0]  # the start
     number = np.arange(n + 1)
-    _draw_line(upper, number, np.where(accepted, misfit, np.nan), "accepted trial")
+    _draw_line_with_dots(upper, number, np.where(accepted, misfit, np.nan), "accepted trial")
     refused = ~accepted & finite
     if refused.any():
         open_dots = {"linestyle": "", "marker": "o", "markerfacecolor": "white", "markersize": 5}
@@ -104,13 +110,13 @@ def _draw_trials(record, n, upper, lower):
         upper.plot(
             number[~finite], np.ones((~finite).sum()), label="failed trial", **FAILED, **edge
         )
-    _draw_line(lower, number, damping, None)
+    _draw_line_with_dots(lower, number, damping, None)
     upper.set_ylabel("misfit")
     lower.set(ylabel="damping", xlabel="trial (-)")
 
 
-def _draw_line(axes, number, values, label):
-    """Draw a line with dots through finite values; on a logarithmic axis if their range is wide."""
+def _draw_line_with_dots(axes, number, values, label):
+    """Draw a line with dots through finite values; logarithmic if their range is wide."""
     real = np.isfinite(values)
     values, number = values[real], number[real]
     look = {"color": SERIES[0], "marker": "o", "linewidth": 1.3}

@@ -34,13 +34,13 @@ def arrange_pictures(
     Args:
         views: `View` of every picture.
         points: what the axes of every picture have to include, arrays [n, 3], m.
-        titles: of the pictures.
+        titles: title of every picture.
         columns: number of pictures in a row; None for one or two pictures, which are side by side
             if they are high.
 
     Returns:
-        The figure, without room for a legend, and the slots of the pictures: left, top, width,
-        height, in inches from the upper left corner.
+        The figure, which has no space for a legend yet, and the slot of each picture: left, top,
+        width, height of its place, in inches from the upper left corner.
     """
     ratios = [view.height_over_width(within) for view, within in zip(views, points, strict=True)]
     if columns is None:
@@ -58,7 +58,10 @@ def arrange_pictures(
 
 
 def _slots_of_one_or_two(ratios, flat):
-    """Return the slots of one or two pictures, given their heights over widths."""
+    """Return the slots (left, top, width, height, inches) of one or two pictures.
+
+    `ratios` are height over width of each, and `flat` says which are plane, not in space.
+    """
     if len(ratios) == 2 and all(r >= 0.6 or not f for r, f in zip(ratios, flat, strict=True)):
         widths = [3.2, 3.2] if flat[0] == flat[1] else [2.8 if f else 3.6 for f in flat]
     else:
@@ -85,10 +88,11 @@ def finish_layout(
 
     Args:
         figure, slots: results of `arrange_pictures`; the figure has one axes per slot.
-        mappable: lines whose colors the color bar explains; None for no color bar.
+        mappable: drawn lines whose colors the color bar explains; None for no color bar.
         label: label of the color bar.
         handles: legend entries.
-        columns: in a row of flat axes, which get one size; None to fill every slot alone.
+        columns: number of axes in a row, for plane pictures that all get one size; None to let
+            each picture fill its slot.
     """
     width, height = figure.get_size_inches()
     views = list(figure.axes)
@@ -191,7 +195,7 @@ def _tile_axes(views, columns, room):
 
 
 def visible_extent(axes):
-    """Return left, bottom, right and top of what is visible of drawn axes, inches."""
+    """Return left, bottom, right and top of drawn axes with their labels and ticks, inches."""
     renderer = axes.figure.canvas.get_renderer()
     if axes.name != "3d":
         return axes.get_tightbbox(renderer).extents / axes.figure.dpi

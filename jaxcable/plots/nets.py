@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ..analysis.solution import Solution, State
 from ..common.types import Float
 from ..model.structure import Structure
-from .element_lines import ColorScale, ElementLines, draw_ghost, line_legend
+from .element_lines import ColorScale, ElementLines, draw_earlier_geometry, line_legend
 from .layout import arrange_pictures, finish_layout
 from .snapshots import Snapshot, Snapshots
 from .style import accepts_old_spelling, finish_figure
@@ -129,7 +129,7 @@ def net(
     figure, slots = arrange_pictures(views, points, titles)
     held = [stage.now.support_kinds(seen.normal) for seen, stage in zip(views, stages, strict=True)]
     for number, (seen, stage, space) in enumerate(zip(views, stages, figure.axes, strict=True)):
-        draw_ghost(space, seen, snapshots.links, stage.before)
+        draw_earlier_geometry(space, seen, snapshots.links, stage.before)
         lines = ElementLines(space, seen, snapshots, scale)
         lines.show(stage.now)
         if supports:
@@ -149,39 +149,54 @@ def net(
     return finish_figure(figure, path)
 
 
-class Stage(NamedTuple):
-    """A picture: its title, the instant it shows, and an earlier instant that is drawn behind."""
+class StagePicture(NamedTuple):
+    """A picture of a structure: what it shows.
+
+    Attributes:
+        title: title of the picture.
+        now: `Snapshot` that it shows.
+        before: `Snapshot` of an earlier instant, which is drawn dashed behind.
+    """
 
     title: str
     now: Snapshot
     before: Snapshot
 
     def points(self) -> Float[np.ndarray, "n 3"]:
-        """Return all points that are drawn, [n, 3], m."""
+        """Return all points that are drawn, of both instants, [n, 3], m."""
         return np.concatenate([self.before.points(), self.now.points()])
 
 
 def _stages_before_and_after(snapshots, state, magnify):
-    """Return the stages before and after loading, a list of two."""
+    """Return a `StagePicture` before loading and one after, in which displacements are magnified.
+
+    `state` is the `State` after loading, and `magnify` the factor, or None for a round one.
+    """
     end, title = snapshots.of_state(state), snapshots.title(int(state.phase), state)
     if end.phase < 1:  # a single phase: both pictures are of its end
-        before, origin = Stage(title, end, end.in_initial_geometry()), end.in_initial_geometry()
+        before, origin = (
+            StagePicture(title, end, end.in_initial_geometry()),
+            end.in_initial_geometry(),
+        )
     else:
         origin = snapshots.after_phase(0)
-        before = Stage(snapshots.title(0), origin, origin)
+        before = StagePicture(snapshots.title(0), origin, origin)
     factor = magnify
     if factor is None:
         factor = round_magnification(
             end.displacement_from(origin), np.concatenate([end.positions, end.initial_positions])
         )
     title += "" if factor == 1 else f", displacements x {factor:g}"
-    return [before, Stage(title, end.magnified(origin, factor), origin)]
+    return [before, StagePicture(title, end.magnified(origin, factor), origin)]
 
 
 def round_magnification(
     moved: Float[np.ndarray, "n_node 3"], places: Float[np.ndarray, "n 3"]
 ) -> float:
-    """Return a round factor that makes the largest displacement up to a tenth of the structure."""
+    """Return a round factor that makes the largest displacement about a tenth of the structure.
+
+    `moved` are displacements, [n_node, 3], m, and `places` points of the structure, [n, 3], m.
+    """
     largest = np.linalg.norm(moved, axis=1).max()
     wanted = 0.1 * np.ptp(places, axis=0).max() / max(largest, 1e-300)
     if wanted < 2.0 or largest == 0.0:
@@ -191,14 +206,20 @@ def round_magnification(
 
 
 def _choose_views(stages, view):
-    """Return the views of the pictures before and after loading."""
+    """Return the `View`s of the pictures before and after loading.
+
+    `view` is the kind of the first one, "plan", "elevation" or "space", or None to choose it.
+    """
     everything = np.concatenate([stage.points() for stage in stages])
     first, second = choose_view(stages[0].points(), view), choose_view(everything, space=True)
     return [second if second.plane and view is None else first, second]
 
 
 def _force_arrows(snapshot, shown, view, links, loads, reactions):
-    """Return `ForceArrows` of loads and reactions, as far as they are asked for."""
+    """Return the `ForceArrows` of loads and reactions of the `State` `shown`, if asked for, a list.
+
+    `loads` and `reactions` say what is asked for, `links` are those of `Snapshots`.
+    """
     pairs = links[0][snapshot.forces.present[links[1]]]
     asked = ("load", shown.load, loads, True), ("reaction", shown.reactions, reactions, False)
     return [

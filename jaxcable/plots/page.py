@@ -22,18 +22,18 @@ SCRIPTS = ("data", "camera", "shape", "draw", "pick", "panel", "main")
 
 
 class Page:
-    """A page that shows a solution; notebooks show it as the last value of a cell.
+    """An HTML page that shows a solution; notebooks show it as the last value of a cell.
 
     Attributes:
-        html: the whole page, text.
-        path: where it has been written, or None.
+        html: text of the whole page.
+        path: path of the file to which it was written, or None.
     """
 
     def __init__(self, html: str, path: Path | None):
         self.html, self.path = html, path
 
     def _repr_html_(self) -> str:
-        """Return the page in a frame for a notebook, which keeps its style and its keys apart."""
+        """Return an iframe with the page for a notebook, whose style and keys stay separate."""
         return (
             '<iframe title="structure" width="100%" height="560" style="border: 0" '
             f'allowfullscreen srcdoc="{html.escape(self.html)}"></iframe>'
@@ -44,8 +44,8 @@ class PageArrays:
     """Arrays for the page, joined into one block of bytes.
 
     Attributes:
-        listed: for every array its type ("f", "u" or "b": float32, uint32, uint8), its offset in
-            bytes and its shape, by name.
+        listed: dict from the name of each array to its type ("f", "u" or "b": float32, uint32,
+            uint8), its offset in the block, bytes, and its shape.
     """
 
     def __init__(self) -> None:
@@ -54,7 +54,7 @@ class PageArrays:
         self._size = 0
 
     def add(self, name: str, kind: str, values: ArrayLike) -> None:
-        """Add an array under a name, converted to a type."""
+        """Add an array under a name, converted to the type `kind`: "f", "u" or "b"."""
         array = np.ascontiguousarray(values, _TYPES[kind])
         block = array.tobytes()
         block += bytes(-len(block) % 4)  # the page reads numbers of four bytes in place
@@ -62,14 +62,17 @@ class PageArrays:
         self._blocks.append(block)
         self._size += len(block)
 
-    def text(self) -> str:
-        """Return all bytes as base64."""
+    def base64_text(self) -> str:
+        """Return the block of all arrays as base64 text."""
         return base64.b64encode(b"".join(self._blocks)).decode()
 
 
 def fill_template(name: str, parts: Mapping[str, str]) -> str:
-    """Return a file in ``viewer`` with texts in place of marks, each of which occurs once in it."""
-    before = viewer_file(name)
+    """Return the text of a file in the folder ``viewer`` with its marks replaced.
+
+    `parts` is a dict from mark, which occurs once in the file, to the text in its place.
+    """
+    before = read_viewer_file(name)
     pieces = []
     for mark, text in sorted(parts.items(), key=lambda pair: before.rindex(pair[0]), reverse=True):
         before, after = before.split(mark)  # marks in the texts stay what they are
@@ -77,8 +80,8 @@ def fill_template(name: str, parts: Mapping[str, str]) -> str:
     return "".join([before, *pieces])
 
 
-def viewer_file(name: str) -> str:
-    """Read the text of a file in ``viewer``."""
+def read_viewer_file(name: str) -> str:
+    """Return the text of a file in the folder ``viewer`` of this package."""
     return (resources.files(__package__) / "viewer" / name).read_text(encoding="utf-8")
 
 
@@ -88,15 +91,22 @@ def write_page(
     arrays: PageArrays,
     path: str | os.PathLike[str] | None,
 ) -> Page:
-    """Make the `Page` of a description and its arrays; write it unless path is None."""
+    """Make the `Page` of an interactive view, and write it to `path` unless that is None.
+
+    Args:
+        title: title of the page.
+        description: what the scripts of the page need beside arrays, as data for JSON.
+        arrays: `PageArrays`.
+        path: path of the HTML file.
+    """
     # in a script nothing ends it but "</script", nor begins a comment but "<!--"
     data = json.dumps(description | {"arrays": arrays.listed}).replace("<", "\\u003c")
     parts = {
         "@TITLE@": html.escape(title),
-        "@STYLE@": viewer_file("view.css"),
+        "@STYLE@": read_viewer_file("view.css"),
         "@DATA@": data,
-        "@SCRIPT@": "\n".join(viewer_file(f"{script}.js") for script in SCRIPTS),
-        "@BYTES@": arrays.text(),
+        "@SCRIPT@": "\n".join(read_viewer_file(f"{script}.js") for script in SCRIPTS),
+        "@BYTES@": arrays.base64_text(),
     }
     whole = fill_template("view.html", parts)
     if path is not None:

@@ -78,7 +78,7 @@ def path(
         shown[:-1] |= shown[1:]
         if (unstable == kind).any():
             known = None if negative is None else label
-            line = _with_gaps(moved, load, shown)
+            line = _nan_where_hidden(moved, load, shown)
             axes.plot(*line, style, color=SERIES[0], linewidth=1.6, label=known)
     events = getattr(traced, "events", None)
     for number in () if events is None else np.unique(np.asarray(events.kind)):
@@ -98,6 +98,6 @@ def path(
     return finish_figure(figure, path)
 
 
-def _with_gaps(x, y, shown):
-    """Return the points of a line, NaN where it is not shown."""
+def _nan_where_hidden(x, y, shown):
+    """Return coordinates x and y of a line, NaN where `shown` is False, which interrupts it."""
     return np.where(shown, x, np.nan), np.where(shown, y, np.nan)

@@ -12,10 +12,10 @@ from matplotlib.lines import Line2D
 
 from ..analysis.solution import Solution
 from ..model.structure import Structure
-from .diagrams import Diagrams
-from .element_lines import ColorScale, ElementLines, draw_ghost, line_legend
+from .diagrams import ForceDiagrams
+from .element_lines import ColorScale, ElementLines, draw_earlier_geometry, line_legend
 from .layout import arrange_pictures, finish_layout
-from .nets import Stage
+from .nets import StagePicture
 from .snapshots import Snapshots
 from .style import SIZE, accepts_old_spelling, finish_figure
 from .symbols import draw_supports, support_legend
@@ -86,10 +86,10 @@ def sequence(
     stages = _stages_of_phases(snapshots, magnify)
     everything = np.concatenate([stage.points() for stage in stages])
     seen = choose_view(everything, view)
-    content: Any = _ElementPictures(stages, snapshots, seen)
+    content: Any = _ColoredElementPictures(stages, snapshots, seen)
     if diagram is not None:
         instants = [stage.now for stage in stages]
-        content = Diagrams(snapshots, instants, diagram, high, seen, _LABELS, _APART, _LEAST)
+        content = ForceDiagrams(snapshots, instants, diagram, high, seen, _LABELS, _APART, _LEAST)
         everything = np.concatenate([everything, content.points()])
     if columns is None:
         columns = 2 if seen.height_over_width(everything) < _WIDE else 3
@@ -123,39 +123,47 @@ def sequence(
 
 
 def _stages_of_phases(snapshots, magnify):
-    """Return a `Stage` for each phase that has converged."""
-    stages: list[Stage] = []
+    """Return a `StagePicture` of the end of each phase that has converged, a list.
+
+    `magnify` is the factor on displacements from the initial geometry.
+    """
+    stages: list[StagePicture] = []
     for k, phase in enumerate(snapshots.solution.phases):
         if int(phase.status) != 0:
             break
         end = snapshots.after_phase(k)
         now = end.magnified(end.in_initial_geometry(), magnify)
         title = f"phase {k + 1}" if snapshots.names is None else str(snapshots.names[k])
-        stages.append(Stage(title, now, stages[-1].now if stages else now.in_initial_geometry()))
+        stages.append(
+            StagePicture(title, now, stages[-1].now if stages else now.in_initial_geometry())
+        )
     if not stages:
         raise ValueError("solution: no phase has converged; see raise_if_failed")
     return stages
 
 
-class _ElementPictures:
-    """The pictures of a sequence with colored elements; it has the methods of `Diagrams`."""
+class _ColoredElementPictures:
+    """The pictures of a sequence with colored elements; it has the methods of `ForceDiagrams`.
+
+    It is made of the `StagePicture` and the `View` of every picture, and the `Snapshots`.
+    """
 
     def __init__(self, stages, snapshots, view):
         self.stages, self.snapshots, self.view = stages, snapshots, view
         self.scale = ColorScale([stage.now.forces for stage in stages])
 
     def draw(self, axes, number):
-        """Draw one of the pictures."""
+        """Draw picture `number`: the elements, and behind them dashed those of the phase before."""
         _, now, before = self.stages[number]
-        draw_ghost(axes, self.view, self.snapshots.links, before, now.forces.present)
+        draw_earlier_geometry(axes, self.view, self.snapshots.links, before, now.forces.present)
         self.lines = ElementLines(axes, self.view, self.snapshots, self.scale)
         self.lines.show(now)
 
     def legend(self):
-        """Return the legend entries."""
+        """Return legend entries for how elements are drawn: slack, compressed, before."""
         moved = any(now.has_moved_from(before) for _, now, before in self.stages)
         return line_legend([stage.now.forces for stage in self.stages], moved, False)
 
     def color_bar(self):
-        """Return the lines that the color bar explains, and its label."""
+        """Return the drawn lines that the color bar explains, and the label of the color bar."""
         return self.lines.taut, self.scale.label

@@ -23,7 +23,7 @@ _SEEN = 2e-3  # least visible displacement over the extent: some two pixels of a
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Snapshot:
-    """The structure at one instant of a solution.
+    """The structure at one instant of a solution, as a picture shows it.
 
     Attributes:
         phase: index of the phase, from 0; -1 before the first one.
@@ -31,13 +31,13 @@ class Snapshot:
         load_factor: load factor in the phase.
         initial_positions: positions of the nodes before the first phase, [n_node, 3], m.
         displacement: displacement since then, [n_node, 3], m.
-        element_results: results of elements by name, each in the shape of the elements.
-        forces: `ElementForces`.
-        fixed: held freedoms, [n_node, 3 or 6].
+        element_results: dict from name to results, each in the shape of the elements.
+        forces: `ElementForces` at this instant.
+        fixed: which degrees of freedom supports hold, [n_node, 3 or 6] bool.
         rotates: which nodes have rotations, [n_node] bool; None if unknown.
-        curves: `Curves`, or None.
-        end: `PhaseResult` or `State` that holds all that is known here; None for increments that
-            only a path knows.
+        curves: `Curves` of beams and hanging cables, or None.
+        end: `PhaseResult` or `State` of this instant; None for increments, of which only the
+            recorded path is known.
     """
 
     phase: int
@@ -58,17 +58,17 @@ class Snapshot:
         return self.initial_positions + self.displacement
 
     def has_known_shape(self) -> Bool[np.ndarray, " n_elem"]:
-        """Return which active elements have a known shape, [n_elem] bool."""
+        """Return for each element whether it is active and its shape is known, [n_elem] bool."""
         found = self.forces.present.copy()
         if self.curves is not None:
             found[self.curves.element[~self.curves.is_known]] = False
         return found
 
     def points(self, which: Bool[np.ndarray, " n_elem"] | None = None) -> Float[np.ndarray, "n 3"]:
-        """Return all points that are drawn, of nodes and along curves, [n, 3], m.
+        """Return all points that are drawn, [n, 3], m: nodes, and points along curves.
 
         Args:
-            which: elements whose curves count; None for those that are `has_known_shape`.
+            which: [n_elem] bool, elements whose curves are included; None for all of known shape.
         """
         if self.curves is None:
             return self.positions
@@ -77,17 +77,20 @@ class Snapshot:
         return np.concatenate([self.positions, curved.reshape(-1, 3)])
 
     def displacement_from(self, before: Snapshot) -> Float[np.ndarray, "n 3"]:
-        """Return the displacement since another instant of all points that both have, [n, 3], m."""
+        """Return the displacement of all drawn points since another snapshot, [n, 3], m.
+
+        Points are nodes, and points along curves whose shape is known in both snapshots.
+        """
         both = self.has_known_shape() & before.has_known_shape()
         return self.points(both) - before.points(both)
 
     def has_moved_from(self, before: Snapshot) -> bool:
-        """Return whether the difference from another instant is visible."""
+        """Return whether a picture shows that points have moved since another snapshot."""
         extent = np.ptp(np.concatenate([self.points(), before.points()]), axis=0).max()
         return bool(np.abs(self.displacement_from(before)).max() > _SEEN * extent)
 
     def magnified(self, origin: Snapshot, factor: float) -> Snapshot:
-        """Return the snapshot with its differences from another instant multiplied by a factor."""
+        """Return the snapshot with its displacements since `origin` multiplied by a factor."""
         displacement, curves = (
             origin.displacement + factor * (self.displacement - origin.displacement),
             self.curves,
@@ -104,7 +107,7 @@ class Snapshot:
         )
 
     def section_axes(self) -> tuple[Float[np.ndarray, "n_beam 3"], Float[np.ndarray, "n_beam 3 3"]]:
-        """Return the middles of the active beams, and the tips of their section axes, m."""
+        """Return the middles of the active beams, and the ends of their section axes there, m."""
         if self.curves is None:
             return np.zeros((0, 3)), np.zeros((0, 3, 3))
         points, axes = self.curves.points(self.positions), self.curves.axes
@@ -116,23 +119,26 @@ class Snapshot:
         return middles, section_axis_tips(middles, axes, chords, extent)
 
     def support_kinds(self, normal: Float[np.ndarray, " 3"] | None) -> Bool[np.ndarray, "3 n_node"]:
-        """Return the kinds of supports, [3, n_node] bool, see `symbols.support_kinds`."""
+        """Return which nodes are clamped, pinned and partially supported, [3, n_node] bool.
+
+        `normal` is the unit normal vector of a plane structure, or None.
+        """
         return support_kinds(self.fixed, self.rotates, normal)
 
 
 class Snapshots:
-    """The instants of a solution, each as a `Snapshot`.
+    """All instants of a solution that pictures can show, each as a `Snapshot`.
 
     Args:
         solution: `Solution` of one case.
         structure: `Structure` that was analysed, or None.
         color: values that color elements, as of `net`.
-        names: of the phases, or None.
-        places: places along every curve.
+        names: names of the phases, or None.
+        places: number of points along every curve.
 
     Attributes:
         color: `color`, or the first result of elements if it is "tension" and none has a tension.
-        parts: of the elements.
+        parts: `GroupTopology` of every group of elements.
         links: node numbers of all pieces, [n_piece, 2], and the element of each piece.
         faces: node numbers around all faces, [n_face, 4], and the element of each face.
 
@@ -152,7 +158,7 @@ class Snapshots:
         self.solution, self.structure, self.names = solution, structure, names
         refuse_batch(solution)
         self.parts = solution.last.topology.parts
-        self.color = _require_known_color(self.parts, solution, color)
+        self.color = _resolve_color(self.parts, solution, color)
         _require_same_links(solution, structure)
         if names is not None and len(names) != len(solution.phases):
             raise ValueError(f"names: {len(names)} of them, but {len(solution.phases)} phases")
@@ -161,7 +167,7 @@ class Snapshots:
         self._rotates = None if structure is None else structure.rotating_nodes()
 
     def of_state(self, state: State) -> Snapshot:
-        """Return the snapshot of a `State`."""
+        """Return the `Snapshot` of a `State`."""
         displacement = np.asarray(state.positions) - self._curves.initial_positions
         place = int(state.phase), None, float(state.load_factor)
         return self._make_snapshot(
@@ -169,15 +175,15 @@ class Snapshots:
         )
 
     def after_phase(self, phase: int) -> Snapshot:
-        """Return the snapshot at the end of a phase that has converged."""
+        """Return the `Snapshot` at the end of a phase that has converged."""
         return self.of_state(self._curves.state_after_phase(phase))
 
     def increments(self, frames: int, ends: bool = False) -> list[Snapshot]:
-        """Return snapshots of the converged increments of all phases.
+        """Return the `Snapshot`s of the converged increments of all phases, a list.
 
         Args:
             frames: largest number of increments, taken evenly, with the last one.
-            ends: whether the ends of phases are kept whatever `frames` is.
+            ends: whether to keep the ends of all phases, even if these are more than `frames`.
 
         Raises:
             ValueError: no increment has converged, or `frames` is no positive integer.
@@ -216,7 +222,7 @@ class Snapshots:
         return found
 
     def _make_snapshot(self, place, displacement, element_results, curves, end):
-        """Make the `Snapshot` at a place: phase, increment, load factor."""
+        """Make a `Snapshot`; `place` is a tuple of its phase, increment and load factor."""
         forces = ElementForces(element_results, self.parts, self.structure, self.color)
         fixed = self.solution.last.fixed[place[0] + 1].array[: len(displacement)]
         within = (
@@ -232,7 +238,11 @@ class Snapshots:
         return Snapshot(*place, *within)
 
     def state_to_draw(self, state: State | None, phase: int | None = None) -> State:
-        """Return the `State` to draw: the given one, or the end of a phase, or of the solution."""
+        """Return the `State` to draw: `state`, else the end of `phase`, else of the solution.
+
+        Raises:
+            ValueError: this state has not converged, or both arguments are given.
+        """
         solution = self.solution
         if phase is not None:
             if state is not None:
@@ -254,7 +264,7 @@ class Snapshots:
         return state
 
     def _state_after_phase(self, phase):
-        """Return the `State` at the end of a phase; refuse an unknown or failed one."""
+        """Return the `State` at the end of a phase; ValueError for an unknown or failed phase."""
         count = len(self.solution.phases)
         if isinstance(phase, bool) or not isinstance(phase, int | np.integer):
             raise ValueError(f"phase = {phase!r}: expected a whole number")
@@ -268,7 +278,7 @@ class Snapshots:
         return self._curves.state_after_phase(number)
 
     def title(self, phase: int, state: State | None = None) -> str:
-        """Return the title of the end of a phase, or of a `State` in it.
+        """Return the title of a picture of the end of a phase, or of a `State` in this phase.
 
         It is the name of the phase, if phases have `names`; else "Before loading" and "After
         loading" of two phases, "At the end" of a single one, and "After phase 3 of 7" of more.
@@ -296,7 +306,7 @@ class Snapshots:
 
 
 def evenly_spaced_indices(n: int, most: int) -> Int[np.ndarray, " n_frame"]:
-    """Return at most `most` of the numbers from 0 to n - 1, evenly spaced, with the last one."""
+    """Return at most `most` evenly spaced indices from 0 to n - 1, with the last one."""
     return np.round(np.linspace(n - 1, 0, min(most, n))).astype(int)[::-1]
 
 
@@ -308,8 +318,11 @@ def refuse_batch(solution: Solution) -> None:
         )
 
 
-def _require_known_color(parts, solution, color):
-    """Return the name of the values that color elements; refuse an unknown one."""
+def _resolve_color(parts, solution, color):
+    """Return the name of the values that color elements; ValueError for an unknown one.
+
+    If no element has a tension, "tension" stands for the first result that elements have.
+    """
     known = result_columns(parts, solution.last.element_results)
     names = [column.label for column in known if any(x is not None for x in column.values)]
     if color == "tension" and names and "tension" not in names:

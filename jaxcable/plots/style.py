@@ -53,9 +53,10 @@ Draw = TypeVar("Draw", bound=Callable[..., Any])
 
 
 def accepts_old_spelling(draw: Draw) -> Draw:
-    """Let a function with an argument `color` take its old spellings, with a DeprecationWarning.
+    """Decorate a function with an argument `color` so that it also takes the old spellings.
 
-    They are the keyword ``colour``, and the values in `RENAMED_COLORS`.
+    These are the keyword ``colour``, and the values in `RENAMED_COLORS`; both cause a
+    DeprecationWarning.
     """
 
     @functools.wraps(draw)
@@ -90,7 +91,7 @@ class Picture(Figure):
 def new_figure(
     width: float, height: float, layout: Literal["constrained"] | None = "constrained"
 ) -> Picture:
-    """Return an empty `Picture`; width and height in inches."""
+    """Return an empty `Picture` of this width and height, inches."""
     figure = Picture(figsize=(width, height), dpi=150, layout=layout)
     FigureCanvasAgg(figure)  # measures text
     if layout is not None:
@@ -99,7 +100,7 @@ def new_figure(
 
 
 def set_text_size(figure: Figure) -> None:
-    """Set all text of a figure to `SIZE`, whatever the settings of matplotlib are."""
+    """Set all text of a figure to the size `SIZE` of this module, in points."""
     for axes in figure.axes:
         axes.tick_params(labelsize=SIZE)
     for text in figure.findobj(Text):
@@ -138,7 +139,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], dpi: float) -> Non
 
 
 def color_map() -> Colormap:
-    """Return Viridis without its brightest end, which is invisible on white.
+    """Return the color map Viridis without its brightest end, which is invisible on white.
 
     Values above the scale have the color `OVER`; missing values are grey.
     """
@@ -147,7 +148,7 @@ def color_map() -> Colormap:
 
 
 def force_unit(largest: float) -> tuple[float, str]:
-    """Return a suitable unit of a force, N, kN or MN: the factor from N, and its name."""
+    """Return the factor from N to a unit that suits a largest force, N, and the unit's name."""
     for size, name in ((1e6, "MN"), (1e3, "kN")):
         if largest >= 10 * size:
             return 1.0 / size, name
@@ -155,7 +156,7 @@ def force_unit(largest: float) -> tuple[float, str]:
 
 
 def format_force(force: float) -> str:
-    """Format a force, N, with a suitable unit."""
+    """Return a force, given in N, as text with a suitable unit."""
     factor, name = force_unit(10 * force)
     return f"{force * factor:.3g} {name}"
 
@@ -163,7 +164,10 @@ def format_force(force: float) -> str:
 def legend_below(
     axes: Axes, columns: int, handles: Sequence[Any] | None = None, drop: float = 0.62
 ) -> None:
-    """Put a legend `drop` inches below axes, unless it has no entries."""
+    """Put a legend `drop` inches below axes, in at most this number of columns.
+
+    `handles` are its entries, None for those of the axes; without entries there is no legend.
+    """
     handles = axes.get_legend_handles_labels()[0] if handles is None else handles
     if handles:
         lower = -drop / (axes.get_position().height * axes.figure.get_size_inches()[1])
@@ -178,7 +182,7 @@ def legend_below(
 
 
 def series_style(k: int) -> dict[str, Any]:
-    """Return color, mark and line style of series number `k`."""
+    """Return color, mark and line style of series number `k`, as arguments for matplotlib."""
     return {
         "color": SERIES[k % len(SERIES)],
         "marker": MARKS[k % len(MARKS)],

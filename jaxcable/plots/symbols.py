@@ -33,7 +33,7 @@ def support_kinds(
     """Return which nodes are clamped, pinned and partially supported, [3, n_node] bool.
 
     Args:
-        fixed: held freedoms, [n_node, 3 or 6].
+        fixed: which degrees of freedom supports hold, [n_node, 3 or 6].
         rotates: which nodes have rotations, [n_node] bool; None if unknown: no node is clamped.
         normal: unit normal vector of a plane structure, [3]; a support along it alone, as nodes of
             plane structures have, does not count.
@@ -54,7 +54,10 @@ def draw_supports(
     positions: Float[np.ndarray, "n_node 3"],
     kinds: Bool[np.ndarray, "3 n_node"],
 ) -> list[Line2D]:
-    """Draw marks at the supports, given their kinds by `support_kinds`; return the marks."""
+    """Draw marks at the supports, and return these marks.
+
+    `kinds` says which nodes are clamped, pinned and partially supported, [3, n_node] bool.
+    """
     marks = []
     seen, size = view.project(positions), mark_size(len(positions))
     for (mark, filling, _), nodes in zip(SUPPORT_MARKS, kinds, strict=True):
@@ -69,7 +72,10 @@ def draw_supports(
 
 
 def support_legend(kinds: Bool[np.ndarray, "3 n_node"]) -> list[Line2D]:
-    """Return legend entries of the kinds of supports that occur."""
+    """Return legend entries of the kinds of supports that occur.
+
+    `kinds` says which nodes are clamped, pinned and partially supported, [3, n_node] bool.
+    """
     return [
         Line2D([], [], linestyle="", marker=mark, markerfacecolor=filling, markeredgecolor=INK,
                markersize=6, label=name)
@@ -81,8 +87,8 @@ def support_legend(kinds: Bool[np.ndarray, "3 n_node"]) -> list[Line2D]:
 class ForceArrows:
     """Forces on nodes as arrows in a common scale.
 
-    The longest arrow has `_ARROW` of the extent of the structure, less if there are many, and at
-    most `_SHARE` of its size in every direction of the picture.
+    The longest arrow is a fixed fraction of the extent of the structure, shorter if there are many
+    arrows, and takes at most 30 % of the size of the structure in each direction of the picture.
 
     Args:
         name: what a force is, for the legend: "load" or "reaction".
@@ -96,9 +102,9 @@ class ForceArrows:
             there, too, it is drawn under the elements.
 
     Attributes:
-        tails, vectors: of the arrows, [n_arrow, 3], m.
+        tails, vectors: start points and vectors of the arrows, [n_arrow, 3], m.
         under: which arrows are drawn under the elements, [n_arrow] bool.
-        ends: tails and tips, [2 n_arrow, 3], m.
+        ends: start points and tips, [2 n_arrow, 3], m.
         largest: size of the largest force, N.
         count: number of forces.
     """
@@ -121,15 +127,15 @@ class ForceArrows:
         self.count = len(node)
         extent = np.ptp(points, axis=0).max()
         if len(node) > _MOST:
-            node = _largest_in_cells(positions, size, node)
+            node = _largest_forces_in_cells(positions, size, node)
         self.vectors = forces[node] * _arrow_scale(forces[node], view, points, extent)
         seen = view.project(forces[node]), node, view.project(positions), links
-        outward, self.under = _choose_sides(*seen, push)
+        outward, self.under = _choose_arrow_sides(*seen, push)
         self.tails = positions[node] - np.where(outward[:, None], 0.0, self.vectors)
         self.ends = np.concatenate([self.tails, self.tails + self.vectors])
 
     def draw(self, axes: Axes, view: View) -> None:
-        """Draw the arrows in the axes of a view."""
+        """Draw the arrows in axes that have this `View`."""
         if not len(self.tails):
             return
         tails, vectors = view.project(self.tails), view.project(self.vectors)
@@ -144,7 +150,7 @@ class ForceArrows:
                 axes.quiver(*parts, color=self.color, zorder=order, **look)
 
     def legend(self) -> list[Line2D]:
-        """Return the legend entry with the largest force; an empty list without arrows."""
+        """Return the legend entry with the size of the largest force; [] without arrows."""
         if not len(self.tails):
             return []
         label = f"largest {self.name} {format_force(self.largest)}"
@@ -155,7 +161,11 @@ class ForceArrows:
 
 
 def _arrow_scale(forces, view, points, extent):
-    """Return the length of arrows per force, m/N, see `ForceArrows`."""
+    """Return the length of arrows over the force, m/N, such that the longest has a suitable size.
+
+    `forces` are those that get an arrow, [n, 3], N; `points` all points of the structure that are
+    drawn, [n, 3], m; `extent` is the largest side of their bounding box, m.
+    """
     longest = extent * min(_ARROW, 0.8 / np.sqrt(max(len(forces), 1)))
     seen = np.ptp(view.project(points), axis=0)
     room = _SHARE * np.maximum(seen, _LEAST[view.flat] * extent)
@@ -164,8 +174,11 @@ def _arrow_scale(forces, view, points, extent):
     return min(longest / max(largest, 1e-300), *(room / np.maximum(parts, 1e-300)))
 
 
-def _largest_in_cells(positions, size, node):
-    """Return the node with the largest force in each cell of a grid, at most `_MOST` in all."""
+def _largest_forces_in_cells(positions, size, node):
+    """Return the nodes with the largest force in each cell of a grid, at most 250.
+
+    `positions` and `size` (of the force, N) are those of all nodes; `node` are nodes with a force.
+    """
     place = positions[node] - positions.min(axis=0)
     node, place = (x[np.argsort(-size[node], kind="stable")] for x in (node, place))
     width, first = place.max() / np.sqrt(_MOST), np.arange(len(node))
@@ -176,10 +189,18 @@ def _largest_in_cells(positions, size, node):
     return np.sort(node[first])
 
 
-def _choose_sides(forces, node, positions, links, push):
-    """Return which arrows begin at their nodes, and which lie on elements, [n_arrow] bool.
+def _choose_arrow_sides(forces, node, positions, links, push):
+    """Choose for each arrow a side of its node on which it covers no element, if there is one.
 
-    Forces and positions are those in the picture.
+    Args:
+        forces: forces in coordinates of the picture, [n_arrow, 2 or 3], N.
+        node: their nodes, [n_arrow].
+        positions: positions of all nodes in the picture, [n_node, 2 or 3], m.
+        links: node numbers of the pieces that are drawn, [n_piece, 2].
+        push: whether arrows usually end at their nodes (loads), or begin there (reactions).
+
+    Returns:
+        Whether each arrow begins at its node, and whether it covers an element, [n_arrow] bool.
     """
     row = np.full(len(positions), -1)
     row[node] = np.arange(len(node))
@@ -207,7 +228,7 @@ def section_axis_tips(
     chords: Float[np.ndarray, " n_beam"],
     extent: float,
 ) -> Float[np.ndarray, "n_beam 3 3"]:
-    """Return the tips of the section axes x, y and z drawn at the middles of beams, m.
+    """Return the ends of the section axes x, y and z that are drawn at the middles of beams, m.
 
     Args:
         middles: middles of the beams, [n_beam, 3], m.
@@ -225,7 +246,7 @@ def draw_section_axes(
     middles: Float[np.ndarray, "n_beam 3"],
     tips: Float[np.ndarray, "n_beam 3 3"],
 ) -> None:
-    """Draw section axes to their tips (`section_axis_tips`); those seen end on as dots."""
+    """Draw the section axes of beams from their middles to `tips`; those seen end on as dots."""
     feet = view.project(middles)
     for k, color in enumerate(AXES):
         lines = np.stack([feet, view.project(tips[:, k])], axis=1)
@@ -237,7 +258,7 @@ def draw_section_axes(
 
 
 def section_axis_legend() -> list[Line2D]:
-    """Return legend entries of the section axes."""
+    """Return legend entries of the section axes x, y and z."""
     return [
         Line2D([], [], color=color, linewidth=1.6, label=f"section axis {name}")
         for name, color in zip("xyz", AXES, strict=True)
@@ -245,5 +266,5 @@ def section_axis_legend() -> list[Line2D]:
 
 
 def mark_size(n: int) -> float:
-    """Return the size of marks in a picture of `n` nodes, points."""
+    """Return the size of marks in a picture of `n` nodes, points: smaller if there are many."""
     return float(np.clip(6.0 * np.sqrt(40.0 / max(n, 1)), 1.5, 6.0))

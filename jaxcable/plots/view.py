@@ -98,13 +98,13 @@ def view(
     _add_geometry(description, arrays, snapshots, shots)
     _add_curves(arrays, snapshots, shots)
     _add_results(description, arrays, snapshots, shots)
-    _add_nodes(arrays, shots)
+    _add_nodal_results(arrays, shots)
     description["colors"] = _page_colors()
     return write_page(title, description, arrays, path)
 
 
 def _refuse_other_results(solution):
-    """Raise ValueError for what is not a `Solution`, and say what to pass instead."""
+    """Raise ValueError if the argument is no `Solution`, and say what to pass instead."""
     if isinstance(solution, Solution):
         return
     more = ""
@@ -119,7 +119,7 @@ def _refuse_other_results(solution):
 
 
 def _failure_note(solution):
-    """Return the note that the page shows above a failed or unstable solution; empty otherwise."""
+    """Return the note that the page shows if the solution has failed or is unstable; else ""."""
     if int(solution.status) != status.OK:
         last = solution.last
         where = f"phase {int(last.phase) + 1}, load factor {float(last.load_factor):.3g}"
@@ -133,7 +133,10 @@ def _failure_note(solution):
 
 
 def _add_geometry(description, arrays, snapshots, shots):
-    """Add groups, straight pieces, faces and positions to the page."""
+    """Add groups, straight pieces, faces and positions to the description and arrays of the page.
+
+    `shots` are the `Snapshot`s of the page, and `snapshots` the `Snapshots` of the solution.
+    """
     parts, structure = snapshots.parts, snapshots.structure
     names = [part.name for part in parts]
     if structure is not None:
@@ -169,7 +172,10 @@ def _add_geometry(description, arrays, snapshots, shots):
 
 
 def _add_curves(arrays, snapshots, shots):
-    """Add the shapes of bent beams and hanging cables, and section forces along beams."""
+    """Add the shapes of beams and hanging cables, and section forces, to the arrays of the page.
+
+    Shapes of beams are those in each of the snapshots `shots`; all else only at ends of phases.
+    """
     if shots[0].curves is None:
         return
     curves, ends = [shot.curves for shot in shots], [shot for shot in shots if shot.end is not None]
@@ -189,7 +195,10 @@ def _add_curves(arrays, snapshots, shots):
 
 
 def _add_results(description, arrays, snapshots, shots):
-    """Add the results of elements at all instants, NaN where unknown, and how elements look."""
+    """Add to the page the results of elements in each snapshot of `shots`, NaN where unknown.
+
+    The array "looks" says which elements are slack, compressed or inactive.
+    """
     parts, columns = snapshots.parts, {}
     for at, shot in enumerate(shots):
         for column in all_result_columns(shot.element_results, parts, snapshots.structure):
@@ -215,8 +224,8 @@ def _add_results(description, arrays, snapshots, shots):
     arrays.add("rest_length", "f", [concatenate_values(end.rest_length, parts) for end in ends])
 
 
-def _add_nodes(arrays, shots):
-    """Add supports, reactions and loads at the ends of phases."""
+def _add_nodal_results(arrays, shots):
+    """Add supports, reactions and loads at the ends of phases to the arrays of the page."""
     shots = [shot for shot in shots if shot.end is not None]
     normal = choose_view(shots[0].initial_positions).normal
     arrays.add("supports", "b", [shot.support_kinds(normal).T @ [1, 2, 3] for shot in shots])
@@ -236,7 +245,7 @@ def _add_nodes(arrays, shots):
 
 
 def _page_colors():
-    """Return the colors of the page: those of all pictures, brighter ones for a dark ground."""
+    """Return the colors of the page by name, with a second scale for a dark background."""
     bright = matplotlib.colormaps["viridis"](np.linspace(0.25, 1.0, 17))
     return {
         "scale": [to_hex(c) for c in color_map()(np.linspace(0.0, 1.0, 17))],

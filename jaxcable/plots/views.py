@@ -26,12 +26,15 @@ _MARGIN = 0.05  # margin on each side over the extent
 class View:
     """A projection of space into the axes of a picture: plan, elevation or space.
 
-    Attributes:
+    Args:
         kind: "plan", "elevation" or "space".
-        along: horizontal unit vector of an elevation, [3]; None for others.
+        along: horizontal unit vector of an elevation, [3]; of a plane structure its direction.
         plane: whether the whole structure lies in one vertical plane.
-        normal: unit normal vector of this plane, [3], or None.
-        flat: whether the axes have two directions.
+
+    Attributes:
+        kind, along, plane: as above.
+        normal: unit normal vector of the plane of the structure, [3], or None.
+        flat: whether the axes of the picture have two directions, rather than three.
     """
 
     def __init__(self, kind, along=None, plane=False):
@@ -48,20 +51,23 @@ class View:
         return vectors
 
     def add_lines(self, axes: Axes, segments: Any, **look: Any) -> LineCollection:
-        """Draw lines, given in coordinates of the picture; the limits of the axes stay."""
+        """Draw lines, given in coordinates of the picture, without a change of the axes' limits.
+
+        `look` has arguments of matplotlib's `LineCollection`, which is returned.
+        """
         make: Any = LineCollection if self.flat else Line3DCollection
         lines = make(segments, **look)
         axes.add_collection(lines, autolim=False)
         return lines
 
     def add_faces(self, axes: Axes, **look: Any) -> Any:
-        """Add an empty collection of faces to axes, whose limits stay."""
+        """Add an empty matplotlib collection of faces to axes, and return it; the limits stay."""
         faces = (PolyCollection if self.flat else Poly3DCollection)([], **look)
         axes.add_collection(faces, autolim=False)
         return faces
 
     def axis_labels(self) -> tuple[str, ...]:
-        """Return the labels of the axes."""
+        """Return the labels of the two or three axes, such as "x (m)"."""
         if self.kind != "elevation":
             return ("x (m)", "y (m)", "z (m)")[: 2 if self.flat else 3]
         x, y = np.abs(self.along[:2])
@@ -75,7 +81,7 @@ class View:
     def axis_limits(
         self, points: Float[np.ndarray, "n 3"]
     ) -> tuple[Float[np.ndarray, " 2or3"], Float[np.ndarray, " 2or3"]]:
-        """Return the lower and upper limits of axes that show all points [n, 3]."""
+        """Return the lower and the upper limits of axes that show all points [n, 3], m."""
         seen = self.project(points)
         low, high = seen.min(axis=0), seen.max(axis=0)
         size = np.maximum(high - low, _LEAST * max((high - low).max(), 1e-9))
@@ -85,7 +91,7 @@ class View:
         return middle - 0.5 * size, middle + 0.5 * size
 
     def height_over_width(self, points: Float[np.ndarray, "n 3"]) -> float:
-        """Return height over width of the picture of all points [n, 3]."""
+        """Return height over width of the picture that shows all points [n, 3], m."""
         low, high = self.axis_limits(points)
         size = high - low
         if self.flat:
@@ -94,11 +100,11 @@ class View:
         return float((0.25 * size[0] + 0.43 * size[1] + 0.87 * size[2]) / (size @ [0.87, 0.5, 0.0]))
 
     def add_axes(self, figure, points, title):
-        """Add axes to a figure that include all points; `layout` moves them into their slot.
+        """Add axes that show all points to a figure, and return them; `layout` moves them later.
 
         Args:
             figure: figure to draw in.
-            points: positions that the limits have to include, [n, 3].
+            points: positions that the limits have to include, [n, 3], m.
             title: title of the axes.
         """
         low, high = self.axis_limits(points)
@@ -154,7 +160,10 @@ def choose_view(
 
 
 def _elevation_direction(points):
-    """Return the horizontal direction of an elevation, [3], and whether all points lie in it."""
+    """Return the horizontal unit vector of an elevation, [3], and whether the structure is plane.
+
+    It is plane if all points lie in one vertical plane, which then has this direction.
+    """
     level = points[:, :2] - points[:, :2].mean(axis=0)
     size = np.ptp(level, axis=0)
     spread, directions = np.linalg.svd(level, full_matrices=False)[1:]

@@ -15,7 +15,7 @@ from ..model.result_parts import present_elements, values_per_group
 from ..model.structure import Structure
 from .columns import (
     concatenate_groups,
-    concatenate_states,
+    concatenate_groups_of_states,
     element_columns,
     envelope_columns,
     states_heading,
@@ -33,7 +33,9 @@ _ROUNDING = 1e-9  # compression over the largest force up to which it is roundin
 def axial_force_table(
     structure: Structure, state: Results, states: Mapping[str, EnvelopeState], several: bool
 ) -> Table:
-    """Return the force, utilization and envelope of every element, by its `peak_tension`.
+    """Return the table of axial force, utilization and envelope of every element.
+
+    Forces are the largest along each element, `peak_tension`.
 
     Args:
         structure: `Structure`.
@@ -52,9 +54,9 @@ def axial_force_table(
     except ValueError:  # no group has a strength
         used, *envelope = ([None] * len(now) for _ in results)
     force = concatenate_groups(structure, now, kept)
-    over = concatenate_states(structure, each, kept)
+    over = concatenate_groups_of_states(structure, each, kept)
     ratio = np.where(np.isnan(force), np.nan, concatenate_groups(structure, used, kept))
-    ratios = concatenate_states(structure, envelope, kept)
+    ratios = concatenate_groups_of_states(structure, envelope, kept)
     most, when = envelope_columns("most used", "-", ratios, names, 1, heading="max. utilization")
     known = bool(np.isfinite([ratio, np.asarray(most.values)]).any())
     extremes = [
@@ -84,14 +86,14 @@ def axial_force_table(
 
 
 def _strength_notes(structure, used, kept, known, forces):
-    """Return the notes on utilization, a list.
+    """Return the notes on utilization, a list of sentences.
 
     Args:
         structure: `Structure`.
         used: utilization of every group, [n_elem] or None.
         kept: indices of the groups in the table.
         known: whether any element has a strength.
-        forces: of the elements in the table, [n_state, n].
+        forces: axial forces of the elements in the table, [n_state, n], N.
     """
     if not known:
         return ["no group has a strength: no utilization"]
@@ -107,14 +109,14 @@ def _strength_notes(structure, used, kept, known, forces):
 
 
 def group_tables(table: Table) -> dict[str, Table]:
-    """Return the extreme forces and the largest utilization of every group: ``groups``.
+    """Return the extreme forces and the largest utilization of every group, {"groups": `Table`}.
 
     Args:
-        table: the `axial_force_table`, whose envelope counts where there is one, else its final
+        table: the `axial_force_table`. Its envelope counts where it has one, otherwise its final
             force.
 
     Returns:
-        A dict with the table; empty for a single group.
+        A dict with this table; empty for a single group.
     """
     parts: dict[Any, list[Any]] = {}
     for row in table.rows:
@@ -124,18 +126,18 @@ def group_tables(table: Table) -> dict[str, Table]:
     rows = []
     for label, own in parts.items():
         low = [
-            (x, row[1], row[6]) for row in own if (x := _first_known(row[5], row[4])) is not None
+            (x, row[1], row[6]) for row in own if (x := _first_not_none(row[5], row[4])) is not None
         ]
         high = [
-            (x, row[1], row[8]) for row in own if (x := _first_known(row[7], row[4])) is not None
+            (x, row[1], row[8]) for row in own if (x := _first_not_none(row[7], row[4])) is not None
         ]
-        used = [(x, row[1]) for row in own if (x := _first_known(row[10], row[9])) is not None]
+        used = [(x, row[1]) for row in own if (x := _first_not_none(row[10], row[9])) is not None]
         row = [label, len(own)]
         row += [*min(low, key=_first_item), *max(high, key=_first_item)] if low else [None] * 6
         rows.append([*row, *(max(used, key=_first_item) if used else [None] * 2)])
     names = ("group", "elements", "lowest", "of", "in", "highest", "of", "in", "most used", "of")
     units = {"lowest": "N", "highest": "N", "most used": "-"}
-    headings = {"of": "element", "in": states_heading(_state_names(table))}
+    headings = {"of": "element", "in": states_heading(_governing_state_names(table))}
     headings |= {"lowest": "min. force", "highest": "max. force", "most used": "max. utilization"}
     columns = [
         Column(name, units.get(name, ""), values, heading=headings.get(name, ""))
@@ -151,10 +153,10 @@ def exceeded_strength_sentence(table: Table) -> str | None:
     """Return a sentence on elements whose force exceeds their strength; None if there are none.
 
     Args:
-        table: the `axial_force_table`.
+        table: the `axial_force_table` of all elements.
     """
     used = table.columns.index("most used")
-    over = [row for row in table.rows if (_first_known(row[used], row[used - 1]) or 0.0) > 1.0]
+    over = [row for row in table.rows if (_first_not_none(row[used], row[used - 1]) or 0.0) > 1.0]
     if not over:
         return None
     counts: dict[Any, int] = {}
@@ -162,8 +164,8 @@ def exceeded_strength_sentence(table: Table) -> str | None:
         counts[row[0]] = counts.get(row[0], 0) + 1
     labels = [row[0] for row in table.rows]
     named = [f"{k or 'elements'}: {n} of {labels.count(k)}" for k, n in counts.items()]
-    worst = max(over, key=lambda row: _first_known(row[used], row[used - 1]))
-    most = _first_known(worst[used], worst[used - 1])
+    worst = max(over, key=lambda row: _first_not_none(row[used], row[used - 1]))
+    most = _first_not_none(worst[used], worst[used - 1])
     where = f"{worst[0]}, element {worst[1]}".removeprefix(", ")
     when = f", {worst[used + 1]}" if worst[used] is not None else ""
     elements = "1 element" if len(over) == 1 else f"{len(over)} elements"
@@ -173,22 +175,26 @@ def exceeded_strength_sentence(table: Table) -> str | None:
     )
 
 
-def _state_names(table):
-    """Return the names of the states that govern in a table of axial forces, a set."""
+def _governing_state_names(table):
+    """Return the names of the states in which elements have their extreme forces, a set."""
     return {row[k] for row in table.rows for k in (6, 8) if row[k] is not None}
 
 
-def _first_known(value, otherwise):
-    """Return the value, or another one if it is None."""
+def _first_not_none(value, otherwise):
+    """Return `value`, or `otherwise` if the value is None."""
     return otherwise if value is None else value
 
 
 def _first_item(item):
+    """Return the first item of a tuple, by which tuples are compared."""
     return item[0]
 
 
 def _peak_forces(structure, state):
-    """Return the largest force along each element, NaN where inactive, a list of [n_elem]."""
+    """Return the largest force along each element, N: a list of [n_elem] for every group, or None.
+
+    Inactive elements have NaN.
+    """
     parts = (
         values_per_group(structure, state.peak_tension),
         present_elements(structure, state.present),

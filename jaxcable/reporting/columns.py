@@ -17,7 +17,7 @@ def element_columns(structure: Structure, groups: Sequence[int]) -> list[Column]
 
     Args:
         structure: `Structure`.
-        groups: indices of the groups, all of whose elements have a row.
+        groups: indices of the groups; each of their elements has a row.
     """
     named = named_groups_of(structure)
     parts = [(named[k][0], end_nodes(named[k][1])) for k in groups]
@@ -35,12 +35,12 @@ def concatenate_groups(
     parts: Sequence[Float[np.ndarray, " n_elem"] | None],
     groups: Sequence[int],
 ) -> Float[np.ndarray, " n"]:
-    """Return the values of some groups in one array; NaN for a group without values.
+    """Return the element values of some groups in one array; NaN for a group without values.
 
     Args:
         structure: `Structure`.
-        parts: for every group an array [n_elem], or None.
-        groups: indices of the groups that are meant.
+        parts: for every group of the structure an array [n_elem], or None.
+        groups: indices of the groups that the result has.
     """
     arrays = (
         np.full(len(structure.groups[k].links), np.nan) if parts[k] is None else parts[k]
@@ -49,12 +49,15 @@ def concatenate_groups(
     return np.concatenate([np.zeros(0), *arrays])
 
 
-def concatenate_states(
+def concatenate_groups_of_states(
     structure: Structure,
     states: Sequence[Sequence[Float[np.ndarray, " n_elem"] | None]],
     groups: Sequence[int],
 ) -> Float[np.ndarray, "n_state n"]:
-    """Return `concatenate_groups` of the values in each of some states, [n_state, n]."""
+    """Return the element values of some groups in each of several states, [n_state, n].
+
+    `states` has for each state what `concatenate_groups` takes as `parts`.
+    """
     count = sum(len(structure.groups[k].links) for k in groups)
     arrays = [concatenate_groups(structure, parts, groups) for parts in states]
     return np.array(arrays).reshape(len(states), count)
@@ -73,15 +76,17 @@ def envelope_columns(
     """Return the columns of the extreme values over some states, and of the state of each.
 
     Args:
-        name, unit, heading: of the column of extreme values.
-        values: in every state, [n_state, n]; NaN where there is no value.
-        states: their names.
+        name, unit, heading: those of the column of extreme values, see `Column`.
+        values: values in every state, [n_state, n]; NaN where there is no value.
+        states: names of the states.
         sign: 1 for the maximum, -1 for the minimum.
-        beside: name, unit and values of columns that give more of the governing state.
+        beside: name, unit and values, [n_state, n], of columns that give more of the state in which
+            the value is extreme.
         rounding: of states whose values differ by at most this the first one governs.
 
     Returns:
-        The column `name`, those `beside`, and ``in``; without values where no state has one.
+        The column `name`, those of `beside`, and "in" with the names of states; cells are empty
+        where no state has a value.
     """
     nowhere = np.full((1, values.shape[1]), np.nan)
     sizes = np.concatenate([nowhere, sign * values])
@@ -101,7 +106,10 @@ def envelope_columns(
 
 
 def states_heading(states: Sequence[str]) -> str:
-    """Return the heading of a column with names of states: "phase" or "case" if all are such."""
+    """Return the heading of a column with names of states: "phase", "case" or both.
+
+    It is "phase, load factor" if names have load factors.
+    """
     kinds = {name.split(" ")[0] for name in states}
     kind = kinds.pop() if kinds in ({"phase"}, {"case"}) else "phase or case"
     within = kind == "phase" and any(", " in name for name in states)

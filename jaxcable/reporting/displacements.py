@@ -35,12 +35,12 @@ def displacement_tables(
     Args:
         structure: `Structure`.
         solution: `Solution`.
-        states: ends of phases, or cases, by name.
-        cases: whether the states are cases.
+        states: ends of phases, or load cases, by name.
+        cases: whether the states are load cases.
 
     Returns:
-        ``displacements``, with a row for each node that moves and each state, and
-        ``displacement_envelope`` of several states; empty without states, or if nothing moves.
+        A dict: ``displacements``, with a row for each node that moves and each state, and for
+        several states ``displacement_envelope``; empty without states, or if nothing moves.
     """
     if not states:
         return {}
@@ -59,7 +59,7 @@ def displacement_tables(
         _displacement_column("u", sizes.T.ravel())._replace(heading="total u", governs=True),
     ]
     if not cases:
-        within = _displacements_within_phases(solution, names)[:, nodes]
+        within = _displacement_sizes_within_phases(solution, names)[:, nodes]
         columns.append(
             _displacement_column("u in phase", within.T.ravel())._replace(heading="u of this phase")
         )
@@ -69,25 +69,32 @@ def displacement_tables(
     if count > 1:
         kind = "cases" if cases else "ends of phases"
         title = f"Envelope of displacements from the start, over all {kind}"
-        envelope = _envelope_columns(nodes, names, moved, sizes)
+        envelope = _displacement_envelope_columns(nodes, names, moved, sizes)
         tables["displacement_envelope"] = make_table(title, envelope)
     return tables
 
 
 def _displacement_column(name, values):
-    """Return a column of displacements, m, which the text gives in mm."""
+    """Return a `Column` of displacements, given in m, which the text shows in mm."""
     return Column(name, "m", values, millimeters=True)
 
 
-def _displacements_within_phases(solution, names):
-    """Return the sizes of displacements in the converged phases, [n_phase, n_node], m."""
+def _displacement_sizes_within_phases(solution, names):
+    """Return the sizes of displacements since the phase began, [n_phase, n_node], m.
+
+    Phases are those that have converged, as many as `names`.
+    """
     good = [phase for phase in solution.phases if int(phase.status) == status.OK]
     assert len(good) == len(names)
     return np.array([np.linalg.norm(np.asarray(p.displacement), axis=1) for p in good])
 
 
-def _envelope_columns(nodes, names, moved, sizes):
-    """Return the columns of the envelope; those that name states are details but for the total."""
+def _displacement_envelope_columns(nodes, names, moved, sizes):
+    """Return the columns of the displacement envelope, a list of `Column`.
+
+    `nodes` are those that move, [n], `moved` their displacements from the start in each of the
+    states `names`, [n_state, n, 3], m, and `sizes` the sizes of these, [n_state, n], m.
+    """
     columns = [Column("node", "", nodes)]
     for k, axis in enumerate(_AXES):
         for word, sign in (("min", -1), ("max", 1)):
@@ -106,7 +113,7 @@ def _largest_side(structure):
 
 
 def large_displacement_sentence(structure: Structure, solution: Solution) -> str | None:
-    """Return a sentence on displacements that are large beside the structure; None if none is."""
+    """Return a sentence on a displacement above a tenth of the extent; None without one."""
     moved = np.linalg.norm(np.asarray(solution.last.displacement, float), axis=1)
     extent = _largest_side(structure)
     if not moved.max() > _LARGE * extent:

@@ -18,10 +18,10 @@ from .table import Column, Table, make_table
 
 
 class _ResultComponent(NamedTuple):
-    """A component of a result, at all places of all elements that have it.
+    """A component of a result of elements: its values in all rows of a table.
 
     Attributes:
-        name, unit: of the column.
+        name, unit: name and unit of the column.
         now: values in the final state, [n_row].
         over: values in the states of the envelope, [n_state, n_row].
     """
@@ -37,8 +37,8 @@ def element_result_tables(
 ) -> dict[str, Table]:
     """Return the tables of results of elements other than forces, a dict by name of the result.
 
-    A row is an element, or a place in it where the result has several. The table ``results`` has
-    the smallest and the largest value of each of them.
+    A row is an element, or a place in an element where the result has several. The table
+    ``results`` has the smallest and the largest value of each result.
 
     Args:
         structure: `Structure`.
@@ -82,7 +82,11 @@ def element_result_tables(
 
 
 def _result_components(structure, name, state, states):
-    """Return the columns of the places of a result, and its components, two lists."""
+    """Return the columns that name the rows of a result's table, and its `_ResultComponent`s.
+
+    A row is an element, or a place in an element; `name` is that of the result, and other arguments
+    are those of `element_result_tables`.
+    """
 
     def columns_of(result):
         value = (result.results or {}).get(name)
@@ -127,7 +131,11 @@ def _result_components(structure, name, state, states):
 
 
 def _extremes_row(name, one, where, over, states):
-    """Return a row of the table ``results``: where a component [n_state, n_row] is extreme."""
+    """Return a row of the table ``results``: the extremes of a component, and where they are.
+
+    `one` is the `_ResultComponent`, `where` the columns that name element and place of each value,
+    and `over` the values in the named states, [n_state, n_row].
+    """
     line = [name if one.name == name else f"{name} {one.name}", one.unit]
     places = {column.name: column.values for column in where}
     for sign in (-1, 1):

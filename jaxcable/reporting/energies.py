@@ -37,11 +37,11 @@ def energy_table(
     start: Solution | State | None = None,
     names: Sequence[str] | None = None,
 ) -> Table:
-    """Return the work of all that acts, the stored and the dissipated energy, with a row per phase.
+    """Return the energy balance as a table: works, stored and dissipated energy of each phase, J.
 
     Args:
         structure, phases, solution, start: as for `energy_balance`.
-        names: of the phases; None for their numbers.
+        names: names of the phases; None for their numbers.
     """
     balance = energy_balance(structure, phases, solution, start)
     count = len(balance.relative_imbalance)

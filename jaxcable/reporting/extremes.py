@@ -19,9 +19,12 @@ _NEAR = 1e-9  # of the largest value: what exceeds the value at an end by less i
 
 
 class Extremes(NamedTuple):
-    """Minimum and maximum of values along elements, and their places, from 0 to 1.
+    """Minimum and maximum of values along elements, and their places.
 
-    A place is NaN where the values are constant; everything is NaN where there is no value.
+    Attributes:
+        low, high: smallest and largest value, [...]; NaN where there is no value.
+        low_at, high_at: their places along the element, from 0 to 1, [...]; NaN also where all
+            values are equal.
     """
 
     low: Float[np.ndarray, " *shape"]
@@ -30,7 +33,7 @@ class Extremes(NamedTuple):
     high_at: Float[np.ndarray, " *shape"]
 
 
-def fine_interpolation(
+def fine_interpolation_matrices(
     count: int, sloped: bool
 ) -> tuple[
     Float[np.ndarray, " n_fine"],
@@ -40,13 +43,13 @@ def fine_interpolation(
     """Return matrices that evaluate the polynomial through Gauss-Lobatto points at many places.
 
     Args:
-        count: number of points, [n_point].
-        sloped: whether the data are values and slopes at the points, or values alone.
+        count: number of points, n_point.
+        sloped: whether the data are values and then slopes at the points, or values alone.
 
     Returns:
-        places: from 0 to 1, [n_fine], the points among them.
-        values, slopes: matrices [n_data, n_fine] that give both at the places from the data; see
-            `interpolation_matrices`.
+        places: from 0 to 1, [n_fine]; the points are among them.
+        values, slopes: matrices [n_data, n_fine]; data [..., n_data] times them are the values and
+            slopes of the polynomial at the places.
     """
     places = np.unique(np.concatenate([np.linspace(0.0, 1.0, _FINE), gauss_lobatto(count)[0]]))
     return places, *interpolation_matrices(count, sloped, tuple(places.tolist()))
@@ -57,10 +60,10 @@ def hermite_cubics(
     slopes: Float[np.ndarray, "*shape n_point"],
     places: Float[np.ndarray, " n_point"],
 ) -> Float[np.ndarray, "*shape n_piece 4"]:
-    """Return the cubics between places with given values and slopes there.
+    """Return the cubic between each two places that has the given values and slopes there.
 
     Returns:
-        Coefficients of 1, t, t^2, t^3, where t goes from 0 to 1 between two places.
+        Coefficients of 1, t, t^2, t^3 along the last axis; t goes from 0 to 1 between two places.
     """
     size = np.diff(places)
     change, first = np.diff(values, axis=-1), slopes[..., :-1] * size
@@ -72,7 +75,10 @@ def hermite_cubics(
 def cubic_derivatives(
     cubic: Float[np.ndarray, "*shape n_piece 4"], places: Float[np.ndarray, " n_point"]
 ) -> Float[np.ndarray, "*shape n_piece 4"]:
-    """Return the derivatives of `hermite_cubics` by the place, likewise as coefficients."""
+    """Return the coefficients of the derivatives of `hermite_cubics` with respect to the place.
+
+    The last of the four coefficients is zero.
+    """
     slope = np.zeros_like(cubic)
     slope[..., :3] = cubic[..., 1:] * [1, 2, 3]
     return slope / np.diff(places)[:, None]
@@ -81,7 +87,11 @@ def cubic_derivatives(
 def fit_parabola(
     values: Float[np.ndarray, "*shape n_point"], places: Float[np.ndarray, " n_point"]
 ) -> Float[np.ndarray, "*shape 1 4"]:
-    """Return the parabola from 0 to 1 on which all values are, likewise as coefficients."""
+    """Return the parabola that fits the values at `places`, from 0 to 1, by least squares.
+
+    It is a single piece of `hermite_cubics`: the coefficients of 1, t, t^2 and t^3, the last zero,
+    where t is the place.
+    """
     powers = np.linalg.pinv(places[:, None] ** np.arange(3))
     quadratic = values @ powers.T
     return np.concatenate([quadratic, np.zeros_like(quadratic[..., :1])], axis=-1)[..., None, :]
@@ -91,7 +101,12 @@ def polynomial_extremes(
     coefficients: Float[np.ndarray, "*shape n_piece 4"],
     places: Float[np.ndarray, " 1+n_piece"],
 ) -> Extremes:
-    """Return the `Extremes` of piecewise polynomials, cubics or less, between places."""
+    """Return the `Extremes` of piecewise cubics.
+
+    Args:
+        coefficients: coefficients of each piece, as of `hermite_cubics`.
+        places: ends of the pieces, ascending.
+    """
     _, one, two, three = np.moveaxis(coefficients, -1, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         # both roots of the slope; this form keeps the digits of the smaller one
@@ -110,7 +125,12 @@ def sampled_extremes(
     values: Float[np.ndarray, "*shape n_piece n_place"],
     at: Float[np.ndarray, "*shape n_piece n_place"],
 ) -> Extremes:
-    """Return the `Extremes` of values at places; of equal ones the first of a piece counts."""
+    """Return the `Extremes` of values at discrete places, over all pieces of an element.
+
+    Args:
+        values: values at several places of each piece.
+        at: places along the element, from 0 to 1; of equal values the first place counts.
+    """
     shape = (*values.shape[:-2], values.shape[-2] * values.shape[-1])
     # ends of all pieces come before places between them
     values = np.swapaxes(values, -1, -2).reshape(shape)

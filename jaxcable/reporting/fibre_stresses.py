@@ -27,11 +27,12 @@ Above the rounding of strains, 1e-10, and below what bending of any interest mak
 
 
 class SectionPoints(NamedTuple):
-    """Points of a section at which stresses are evaluated.
+    """Points of a cross-section at which stresses are evaluated.
 
     Attributes:
-        y, z: their coordinates, [n_fibre], m.
-        modulus: of the linear laws of a beam, [n_fibre], Pa; None for other laws and elements.
+        y, z: coordinates of the points, [n_fibre], m.
+        modulus: Young's modulus at each point of a beam with linear laws, [n_fibre], Pa; None for
+            other laws and elements.
     """
 
     y: Float[np.ndarray, " n_fibre"]
@@ -46,7 +47,8 @@ class ExtremeStresses(NamedTuple):
         low, high: [4, n_elem]: minimum and maximum stress of any fibre, Pa; its place along the
             element, from 0 to 1; y and z of its fibre, m. NaN for an inactive element, for places
             along bars and cables, and for fibres where all have the same stress.
-        used: largest stress / strength of its law, [n_elem]; NaN for laws without a strength.
+        used: utilization, stress / strength of the law, the largest in each element, [n_elem]; NaN
+            for laws without a strength.
     """
 
     low: Float[np.ndarray, "4 n_elem"]
@@ -58,9 +60,9 @@ class IncrementStresses(NamedTuple):
     """Extreme stresses of all elements in one converged increment.
 
     Attributes:
-        name: of the phase or case, with the load factor unless that is 1.
+        name: name of the phase or case, with the load factor unless that is 1.
         groups: indices of the groups that have stresses.
-        stresses: of the elements of these groups, one after the other.
+        stresses: `ExtremeStresses` of the elements of these groups, one group after the other.
     """
 
     name: str
@@ -69,7 +71,7 @@ class IncrementStresses(NamedTuple):
 
 
 def has_stresses(structure: Structure, solution: Solution) -> bool:
-    """Return whether any group can have stresses; one that has only a stiffness EA has none."""
+    """Return whether any group can have stresses, which need a section or an area."""
     strain = solution.phases[0].path.strain
     return strain is not None or any(group.area is not None for group in structure.groups)
 
@@ -83,9 +85,10 @@ def increment_stresses(
     """Return the `IncrementStresses` of every converged increment of some phases.
 
     Args:
-        structure, solution: of an analysis.
-        names: of the first phases, up to the last one that is meant.
-        from_phase: index of the first phase that is meant.
+        structure: `Structure`.
+        solution: its `Solution`.
+        names: names of the phases from the first to the last one that counts.
+        from_phase: index of the first phase that counts.
 
     Returns:
         A list; empty if no element has stresses.
@@ -116,8 +119,8 @@ def increment_stresses(
 def stress_points(group: Element) -> SectionPoints | None:
     """Return the `SectionPoints` of a group's section; None for a group without a section.
 
-    Of beams with linear laws these are the corners of the mesh, hence the edge of the section; of
-    all others the centers of the fibres.
+    Beams with linear laws have the corners of the mesh, hence the edge of the section; all other
+    elements have the centers of the fibres.
     """
     section = group.section
     if section is None:
@@ -136,7 +139,12 @@ def stress_points(group: Element) -> SectionPoints | None:
 
 
 def _group_stresses(structure, points, phase):
-    """Return the stresses of every group, [n_inc, n_elem, (n_point,) n_fibre], or None; a list."""
+    """Return the stresses of each group in all increments of a phase, Pa, a list.
+
+    They are [n_inc, n_elem, n_fibre], of beams [n_inc, n_elem, n_point, n_fibre], or None for a
+    group without stresses. `points` are the `SectionPoints` of each group, `phase` is the
+    `PhaseResult`.
+    """
     strain = phase.path.strain
     strains = [None] * len(points) if strain is None else values_per_group(structure, strain)
     linear = [p is not None and p.modulus is not None for p in points]
@@ -152,7 +160,7 @@ def _group_stresses(structure, points, phase):
 
 
 def _active_elements(structure: Structure, path: Path, k: int) -> list[Bool[np.ndarray, " n_elem"]]:
-    """Return which elements are active in increment k: [n_elem] bool for every group, a list."""
+    """Return which elements are active in increment `k`, [n_elem] bool for every group."""
     if path.present is None:
         return present_elements(structure, None)
     return [np.asarray(found)[k] > 0 for found in values_per_group(structure, path.present)]
@@ -161,12 +169,12 @@ def _active_elements(structure: Structure, path: Path, k: int) -> list[Bool[np.n
 def _extreme_stresses(group, points, stress, present):
     """Return the `ExtremeStresses` of a group.
 
-    Along beams of linear laws stresses are parabolas; of other laws those at the integration points
-    count.
+    Along beams with linear laws the stress of a fibre is a parabola; with other laws only the
+    stresses at the integration points count.
 
     Args:
         group: elements.
-        points: `SectionPoints`.
+        points: their `SectionPoints`, or None.
         stress: [n_elem, n_fibre], or of beams [n_elem, n_point, n_fibre], Pa.
         present: whether each element is active, [n_elem].
     """
@@ -191,15 +199,15 @@ def _extreme_stresses(group, points, stress, present):
 
 
 def _governing_fibre(points, values, at, sign):
-    """Return a row [4, n_elem] of `ExtremeStresses`: the smallest of `sign` times the values.
+    """Return a row [4, n_elem] of `ExtremeStresses`: stress, its place, y and z of its fibre.
 
     Args:
-        points: `SectionPoints`.
+        points: `SectionPoints`, or None.
         values: extreme stress along each fibre, [n_elem, n_fibre], Pa.
-        at: its place along the element, likewise.
+        at: its place along the element, [n_elem, n_fibre].
         sign: 1 for the minimum, -1 for the maximum.
     """
-    first, each = _first_smallest(sign * values), np.arange(len(values))
+    first, each = _index_of_first_smallest(sign * values), np.arange(len(values))
     found = np.full((4, len(values)), np.nan)
     found[:2] = values[each, first], at[each, first]
     if points is not None:
@@ -207,8 +215,8 @@ def _governing_fibre(points, values, at, sign):
     return np.where(np.isnan(found[0]), np.nan, found)
 
 
-def _first_smallest(values):
-    """Return the index of the first smallest value of every row; -1 where all are the same."""
+def _index_of_first_smallest(values):
+    """Return the index of the first smallest value in each row; -1 where all values are equal."""
     near = _SAME * np.nanmax(np.abs(values), initial=0.0)
     least = values.min(axis=1, keepdims=True)
     first = (values <= least + near).argmax(axis=1)
@@ -216,7 +224,7 @@ def _first_smallest(values):
 
 
 def _stress_utilization(group, stress):
-    """Return stress / strength, the largest of each element; NaN for laws without a strength."""
+    """Return the largest stress / strength in each element, [n_elem]; NaN without a strength."""
     low, high = _stress_limits(group)
     limit = np.where(stress < 0, -low, high)
     known = np.isfinite(limit) & (limit > 0)
@@ -227,7 +235,10 @@ def _stress_utilization(group, stress):
 
 
 def _stress_limits(group):
-    """Return the stresses at which laws rupture: scalars, [n_elem, 1, 1] or [n_fibre], Pa."""
+    """Return the smallest and largest stress before rupture, Pa; infinite without rupture.
+
+    Both are [n_elem, 1, 1] for elements with an area, [n_fibre] for a section, or scalars.
+    """
     none = np.array(-np.inf), np.array(np.inf)
     if not group.has_rupture:
         return none

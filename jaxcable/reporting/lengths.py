@@ -35,7 +35,7 @@ def cutting_list_table(structure: Structure, solution: Solution) -> Table:
     lengths, chained = _lengths_and_chains(structure, solution)
     kept = [k for k, length in enumerate(lengths) if length is not None]
     marks = [np.full((len(group.links), 3), np.nan) for group in structure.groups]
-    notes = [_reference_temperature(solution)]
+    notes = [_reference_temperature_sentence(solution)]
     if not all(isinstance(structure.groups[k], Cables) for k in kept):
         notes.append("beams and bars: length between nodes, without connections")
     for k, (label, _) in enumerate(named_groups_of(structure)):
@@ -63,11 +63,11 @@ def cutting_list_table(structure: Structure, solution: Solution) -> Table:
 
 
 def cable_tables(structure: Structure, solution: Solution) -> dict[str, Table]:
-    """Return the unstressed lengths of whole cables, each a chain of elements: ``cables``.
+    """Return the unstressed lengths of whole cables, chains of elements: {"cables": `Table`}.
 
     A cable runs through a node from one element to another of its group if its direction changes by
-    60 degrees at most; of several pairs at a node the straightest come first. There is no such
-    table where every cable is a single element.
+    60 degrees at most; of several pairs at a node the straightest come first. The dict is empty
+    where every cable is a single element.
     """
     rows = []
     groups = zip(named_groups_of(structure), *_lengths_and_chains(structure, solution), strict=True)
@@ -86,21 +86,24 @@ def cable_tables(structure: Structure, solution: Solution) -> dict[str, Table]:
         for name, values in zip(names, zip(*rows, strict=True), strict=True)
     ]
     notes = (
-        _reference_temperature(solution),
+        _reference_temperature_sentence(solution),
         "a cable: consecutive elements of a group whose direction changes by less than 60 degrees",
     )
     return {"cables": make_table("Whole cables: fabrication lengths", columns, notes)}
 
 
-def _reference_temperature(solution):
-    """Return a sentence on the temperature of the lengths."""
+def _reference_temperature_sentence(solution):
+    """Return a sentence that says at which temperature the unstressed lengths hold."""
     states = solution.last.restart.states
     added = any(state.present is not None and state.thermal_stretch is not None for state in states)
     return _REFERENCE + _ADDED if added else _REFERENCE
 
 
 def _lengths_and_chains(structure, solution):
-    """Return the lengths [n_elem] of every group, or None, and its `cable_chains`; two lists."""
+    """Return for each group its unstressed lengths, [n_elem] m or None, and its `cable_chains`.
+
+    Both are lists; groups that are no cables have no chains.
+    """
     lengths = values_per_group(structure, solution.last.rest_length)
     positions, chained = np.asarray(solution.last.positions, float), []
     states = solution.last.restart.states
@@ -115,16 +118,17 @@ def _lengths_and_chains(structure, solution):
 def cable_chains(
     ends: Int[np.ndarray, "n_elem 2"], positions: Float[np.ndarray, "n_node 3"]
 ) -> list[tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]]:
-    """Find the elements that follow each other along cables.
+    """Find the chains of elements that make up each cable of a group.
 
     Args:
         ends: first and last node of every element, [n_elem, 2].
-        positions: of the nodes, m.
+        positions: positions of the nodes, [n_node, 3], m.
 
     Returns:
-        For each cable its elements in order, and whether each runs against the cable, so that its
-        end node comes first; two arrays [n]. A cable begins at the end on the side of the start
-        node of its element with the lowest index; a closed one begins with that element.
+        For each cable the indices of its elements in order, and whether each runs against the
+        cable, so that its end node comes first; two arrays [n]. A cable begins at the end on the
+        side of the start node of its element with the lowest index; a closed one begins with that
+        element.
     """
     chord = positions[ends[:, 1]] - positions[ends[:, 0]]
     chord = chord / np.maximum(np.linalg.norm(chord, axis=1, keepdims=True), 1e-300)

@@ -24,15 +24,15 @@ def reaction_table(
     states: Mapping[str, EnvelopeState],
     several: bool,
 ) -> Table:
-    """Return the reactions in the final state, and the largest resultant with its state.
+    """Return the table of reactions in the final state, and of the largest resultant at each node.
 
-    The table has all nodes that are supported in the final state or in one of `states`. A component
-    in a direction that is not supported in the final state has no value.
+    It has all nodes that are supported in the final state or in one of `states`. A component in a
+    direction that is not supported in the final state has no value.
 
     Args:
         structure: `Structure`.
         state: the final state.
-        fixed: degrees of freedom that supports fix in it.
+        fixed: degrees of freedom that supports fix in the final state.
         states: the states of the envelope, by name.
         several: whether the text shows the largest resultant.
     """
@@ -43,7 +43,7 @@ def reaction_table(
     if with_moments:
         values = np.hstack([values, np.asarray(state.reaction_moments, float)])
     # a skew support that has rotated with its node may push along other axes, too
-    held[:, : values.shape[1]] |= np.abs(values) > _rounding_sizes(values)
+    held[:, : values.shape[1]] |= np.abs(values) > _rounding_limits(values)
     nodes = np.flatnonzero(ever.any(axis=1))
     parts = np.where(held[:, : values.shape[1]], values, np.nan)[nodes].T
     size = np.where(held[:, :3].any(axis=1), np.linalg.norm(values[:, :3], axis=1), np.nan)[nodes]
@@ -61,14 +61,14 @@ def reaction_table(
     title = "Support reactions (on the structure)"
     blank = bool(np.isnan(parts[:3]).any())
     total = values[:, :3].sum(axis=0)
-    total = np.where(np.abs(total) <= _rounding_sizes(values)[:3] * len(values), 0.0, total)
+    total = np.where(np.abs(total) <= _rounding_limits(values)[:3] * len(values), 0.0, total)
     notes = ["sum of the forces: ({:.6g}, {:.6g}, {:.6g}) N".format(*total)]
     notes += ["blank: direction not supported in the final state"] if blank else []
     return make_table(title, columns, notes)
 
 
 def _supported_components(structure, fixed):
-    """Return which components along x, y, z of forces and moments supports take, [n_node, 6]."""
+    """Return whether supports take forces (3) and moments (3) along x, y, z, [n_node, 6] bool."""
     held = np.zeros((structure.n_node, 6), bool)
     array = fixed.array[: structure.n_node]
     held[:, : array.shape[1]] = array
@@ -80,17 +80,20 @@ def _supported_components(structure, fixed):
     return np.hstack(parts)
 
 
-def _rounding_sizes(values):
-    """Return the sizes up to which components [n_node, 3 or 6] are rounding, [3 or 6]."""
+def _rounding_limits(values):
+    """Return the size up to which reactions are rounding errors, [3 or 6], N and N m.
+
+    `values` are the reactions of all nodes, [n_node, 3 or 6].
+    """
     force = np.abs(values[:, :3]).max(initial=0.0)
     moment = max(np.abs(values[:, 3:]).max(initial=0.0), force)
     return _ROUNDING * np.array([force] * 3 + [moment] * 3)[: values.shape[1]]
 
 
 def equilibrium_table(structure: Structure, state: State) -> Table:
-    """Return the sums of loads and reactions; notes say how far they are from equilibrium.
+    """Return the table of the sums of loads and reactions; its notes give the unbalanced force.
 
-    Moments about the origin are checked if all forces are at nodes.
+    Moments about the origin are checked if all loads act at nodes.
     """
     load, reactions = np.asarray(state.load, float), np.asarray(state.reactions, float)
     sums = np.transpose([part.sum(0) for part in (load, reactions, load + reactions)])

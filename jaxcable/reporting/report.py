@@ -37,7 +37,7 @@ _LONG = 30
 
 @dataclasses.dataclass(frozen=True)
 class Report:
-    """A report: `text()`, `csv()`, `dict()`, `save(path)`; `report` makes it.
+    """Tables and sentences on a result, from `report`; as text, CSV, dicts, or written to files.
 
     Attributes:
         status: status code of the analysis.
@@ -73,7 +73,10 @@ class Report:
     tables: Mapping[str, Table]
 
     def text(self, rows: int = _LONG) -> str:
-        """Return the report as text; of a table with more than `rows` rows those that govern."""
+        """Return the report as text, with at most `rows` rows of each table.
+
+        Of a longer table these are the rows with the largest values.
+        """
         parts = ["\n".join(self.summary)]
         scales = common_scales(list(self.tables.values()))
         parts += [table_text(table, rows, scales) for table in self.tables.values()]
@@ -219,7 +222,7 @@ def report(
         counted, failed = states.converged_phases(solution, names)
     else:
         good, failed = states.converged_cases(cases, names)
-        counted = states.case_ends(good)
+        counted = states.envelope_states_of_cases(good)
     heads = [f"phase {k}" for k in range(1, len(labels) + 1)]
     if own_names is not None:
         heads = [f"{head}, {name}" for head, name in zip(heads, labels, strict=True)]
@@ -247,7 +250,7 @@ def report(
 
 
 def _check_phases(phases, solution):
-    """Return the phases of an analysis as a list, or None; ValueError for another number."""
+    """Return the phases of an analysis as a list, or None; refuse another number of phases."""
     if phases is None:
         return None
     phases = list(phases) if isinstance(phases, list | tuple) else [phases]
@@ -260,12 +263,12 @@ def _check_phases(phases, solution):
 
 
 def _make_tables(structure, solution, counted, cases, labels):
-    """Return the tables of a report but for the energies, a dict.
+    """Return the tables of a report by name, without the energies.
 
     Args:
         structure, solution: as for `report`.
-        counted: `EnvelopeState` of every phase or case that counts, by name.
-        cases: `Solution` of every case, by name; None if phases count.
+        counted: `EnvelopeState` of every phase or case of the envelopes, by name.
+        cases: `Solution` of every case, by name; None for envelopes over phases.
         labels: names of all phases.
     """
     state, end = solution.last, states.last_state(solution)

@@ -43,17 +43,17 @@ def section_force_tables(
         structure: `Structure`.
         end: the final state.
         states: the states of the envelope, by name; empty if there is only the final state.
-        kind: what they are, in words: "ends of phases", "cases".
+        kind: what these states are, in words: "ends of phases", "cases".
 
     Returns:
         A dict from the force, such as "My", to its `Table`. Forces that are zero in all beams and
-        states have no table; without beams there is none at all.
+        states have no table; without beams the dict is empty.
     """
     beams = [k for k, group in enumerate(structure.groups) if isinstance(group, Beams)]
     if not beams:
         return {}
     parts = [_group_section_forces(structure, beams, state) for state in (end, *states.values())]
-    least = _rounding_sizes(structure, parts)
+    least = _rounding_limits(structure, parts)
     labels = [label for label, _ in named_groups_of(structure)]
     tables: dict[str, Table] = {}
     zero = []
@@ -90,9 +90,14 @@ def section_force_tables(
 def _group_section_forces(structure, beams, state):
     """Return the section forces of every group of beams in a state.
 
+    Args:
+        structure: `Structure`.
+        beams: indices of the groups of beams.
+        state: `EnvelopeState`.
+
     Returns:
-        A dict from the index of each group to the values at its points, [n_elem, n_point, 6], NaN
-        for inactive elements, and to `Extremes` [n_elem] by name of the force.
+        A dict from the index of each group to a pair: the values at its points, N and N m,
+        [n_elem, n_point, 6], NaN for inactive elements; and `Extremes` [n_elem] by force.
     """
     result, groups = state.result, {}
     forces, present = (
@@ -110,7 +115,7 @@ def _group_section_forces(structure, beams, state):
 def _extremes_along(
     values: Float[np.ndarray, "n_elem n_point 6"], length: Float[np.ndarray, "n_elem 1"]
 ) -> dict[str, Extremes]:
-    """Return the extremes along elements, by name of the force.
+    """Return the `Extremes` along elements, a dict by name of the section force.
 
     Between its points a moment is the polynomial whose slopes there are the shear forces, ``My' =
     Vz`` and ``Mz' = -Vy``, of degree 5 for three points; shear forces are its slopes. This is exact
@@ -119,16 +124,16 @@ def _extremes_along(
 
     Args:
         values: section forces at the points, [n_elem, n_point, 6], N and N m.
-        length: of the elements, [n_elem, 1], m.
+        length: lengths of the elements, [n_elem, 1], m.
     """
     forces = dict(zip(SECTION_FORCES.components, np.moveaxis(values, -1, 0), strict=True))
     found = {}
     for name in ("N", "T"):
-        places, value, slope = extremes.fine_interpolation(values.shape[1], False)
+        places, value, slope = extremes.fine_interpolation_matrices(values.shape[1], False)
         shape = extremes.hermite_cubics(forces[name] @ value, forces[name] @ slope, places)
         found[name] = extremes.polynomial_extremes(shape, places)
     for moment, shear, sign in (("My", "Vz", 1), ("Mz", "Vy", -1)):
-        places, value, slope = extremes.fine_interpolation(values.shape[1], True)
+        places, value, slope = extremes.fine_interpolation_matrices(values.shape[1], True)
         data = np.hstack([forces[moment], sign * length * forces[shear]])
         shape = extremes.hermite_cubics(data @ value, data @ slope, places)
         found[moment] = extremes.polynomial_extremes(shape, places)
@@ -137,8 +142,11 @@ def _extremes_along(
     return found
 
 
-def _rounding_sizes(structure, parts):
-    """Return the sizes up to which section forces are rounding, [6], N and N m."""
+def _rounding_limits(structure, parts):
+    """Return the size up to which N, Vy, Vz, T, My, Mz are rounding errors, [6], N and N m.
+
+    `parts` has the `_group_section_forces` of each state.
+    """
     every = [values.reshape(-1, 6) for part in parts for values, _ in part.values()]
     sizes = np.nanmax(np.abs(np.concatenate(every)), axis=0, initial=0.0)
     extent = np.ptp(np.asarray(structure.nodes, float), axis=0).max()
@@ -147,15 +155,15 @@ def _rounding_sizes(structure, parts):
 
 
 def _force_columns(name, values, here, others, states, rounding):
-    """Return the columns of one section force.
+    """Return the columns of one section force, a list.
 
     Args:
-        name: of the force.
-        values: at the start and the end node in the final state, [n, 2].
-        here, others: `Extremes` along the elements in the final state, and in the states of the
-            envelope.
+        name: name of the force.
+        values: at the start and the end node in the final state, [n, 2], N or N m.
+        here: `Extremes` along the elements in the final state.
+        others: the same in each state of the envelope.
         states: names of these states.
-        rounding: states that differ by this have the same extreme.
+        rounding: of states whose extremes differ by at most this the first one governs.
     """
     unit = "N" if name == "N" or name in _SHEARS else "N m"
     columns = [
@@ -176,7 +184,11 @@ def _force_columns(name, values, here, others, states, rounding):
 
 
 def _section_force_notes(zero, parts, kind):
-    """Return the notes on all tables of section forces; `kind` is None without an envelope."""
+    """Return the notes on all tables of section forces, a tuple of sentences.
+
+    `zero` names the forces that are zero everywhere, `parts` has the `_group_section_forces` of
+    each state, and `kind` says what the states of the envelope are; None without an envelope.
+    """
     notes = [
         "sign convention: N > 0 is tension; forces and moments act along the axes of the section, "
         "on the part of the element at its start node, from the part at its end node",

@@ -14,7 +14,7 @@ from .table import Column, Table, make_table
 
 
 def slack_cable_table(structure: Structure, states: Mapping[str, EnvelopeState]) -> Table:
-    """Return the cables without tension, and the states in which they are slack."""
+    """Return the table of the cables without tension, and of the states in which they are slack."""
     found: dict[tuple[str, int], list[str]] = {}
     for name, (state, _) in states.items():
         for label, _, _, slack in _cable_groups(structure, state):
@@ -26,7 +26,7 @@ def slack_cable_table(structure: Structure, states: Mapping[str, EnvelopeState])
 
 
 def loose_node_table(structure: Structure, states: Mapping[str, EnvelopeState]) -> Table:
-    """Return the nodes that are attached to slack cables only, and the states in which they are.
+    """Return the table of nodes that only slack cables hold, with the states where this is so.
 
     Pinned nodes, and inactive nodes of construction stages, do not count.
     """
@@ -44,13 +44,16 @@ def loose_node_table(structure: Structure, states: Mapping[str, EnvelopeState]) 
 
 
 def _cable_groups(structure, state):
-    """Yield name, links, active elements and slack elements of every group."""
+    """Generate for every group its name, its links, and which elements are active and slack."""
     parts = values_per_group(structure, state.tension), present_elements(structure, state.present)
     for (label, group), force, present in zip(named_groups_of(structure), *parts, strict=True):
         yield label, group.links.array, present, slack_cables(group, force, present)
 
 
 def _states_column(found):
-    """Return the column with the names of the states in which a node or element is listed."""
+    """Return the column "in", which lists for each row the names of states.
+
+    `found` is a dict from node or element, a row each, to the names of the states.
+    """
     heading = states_heading([name for names in found.values() for name in names])
     return Column("in", "", [", ".join(names) for names in found.values()], heading=heading)

@@ -15,8 +15,8 @@ def buckling_sentence(
 ) -> str:
     """Return a sentence on the lowest buckling factor of a state, by linear theory.
 
-    Args:
-        structure, state, reference: as for `stiffness.buckling_factor`.
+    The factor multiplies the loads since the `reference`, a state of prestress, or all loads and
+    forces if there is none.
     """
     factor = float(buckling_factor(structure, state, reference).factor[0])
     before = np.asarray(structure.nodes)
@@ -41,7 +41,7 @@ def buckling_sentence(
 
 
 def _largest_rotation(before, after):
-    """Return the largest rotation of chords, rad, from their ends before and after, [n, 2, 3]."""
+    """Return the largest rotation of a chord, rad; `before` and `after` are its ends, [n, 2, 3]."""
     first, second = before[:, 1] - before[:, 0], after[:, 1] - after[:, 0]
     sine = np.linalg.norm(np.cross(first, second), axis=1)
     return float(np.arctan2(sine, (first * second).sum(axis=1)).max())

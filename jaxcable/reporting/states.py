@@ -15,7 +15,7 @@ from ..model.supports import FixedDofs
 
 
 class EnvelopeState(NamedTuple):
-    """A state that counts in envelopes: the end of a phase, or a case.
+    """A state that counts in envelopes: the end of a phase, or of a load case.
 
     Attributes:
         result: `State` (the last converged one), `PhaseResult` or `Solution`.
@@ -27,23 +27,23 @@ class EnvelopeState(NamedTuple):
 
 
 def last_state(solution: Solution) -> EnvelopeState:
-    """Return the last converged state."""
+    """Return the last converged state of an analysis as an `EnvelopeState`."""
     return EnvelopeState(solution.last, solution.last.fixed[int(solution.last.phase) + 1])
 
 
 def check_phase_names(solution: Solution, names: Sequence[str] | None) -> list[str]:
-    """Return the names of all phases, "phase 1" and so on if none are given.
+    """Return the names of all phases, a list; "phase 1" and so on if `names` is None.
 
     Raises:
         ValueError: a wrong number of names, or a name that occurs twice.
     """
-    return _check_names(names, len(solution.phases), "phase", 1)
+    return _checked_names(names, len(solution.phases), "phase", 1)
 
 
 def converged_phases(
     solution: Solution, names: Sequence[str] | None
 ) -> tuple[dict[str, EnvelopeState], dict[str, int]]:
-    """Return the ends of phases that have converged, and the status codes of the others, by name.
+    """Return the ends of the converged phases, and the status codes of the others, by name.
 
     Raises:
         ValueError: a wrong number of names, or a name that occurs twice.
@@ -57,11 +57,11 @@ def converged_phases(
 def converged_cases(
     cases: Solution, names: Sequence[str] | None
 ) -> tuple[dict[str, Solution], dict[str, int]]:
-    """Return the cases that have converged, and the status codes of the others, by name.
+    """Return the converged load cases, and the status codes of the others, by name: two dicts.
 
     Args:
         cases: `Solution` with a leading axis [n_case].
-        names: of the cases; None for "case 0" and so on.
+        names: names of the cases; None for "case 0" and so on.
 
     Raises:
         ValueError: no leading axis of cases; a wrong number of names, or a name that occurs twice.
@@ -69,14 +69,14 @@ def converged_cases(
     codes = np.asarray(cases.status)
     if codes.ndim != 1:
         raise ValueError(f"cases: expected a leading axis [n_case], got shape {codes.shape}")
-    names = _check_names(names, len(codes), "case", 0)
+    names = _checked_names(names, len(codes), "case", 0)
     cases = jax.tree.map(np.asarray, cases)
     each = [jax.tree.map(lambda x, k=k: x[k], cases) for k in range(len(codes))]
     return _separate_failed(names, codes.tolist(), each)
 
 
 def _separate_failed(names, codes, results):
-    """Return the results with status OK, and the codes of the others, two dicts by name."""
+    """Return the results with status OK, and the status codes of the others: two dicts by name."""
     good, failed = {}, {}
     for name, code, result in zip(names, codes, results, strict=True):
         if code == status.OK:
@@ -86,8 +86,11 @@ def _separate_failed(names, codes, results):
     return good, failed
 
 
-def _check_names(names, count, kind, first):
-    """Return the names of cases or phases, a list; numbers from `first` on if there are none."""
+def _checked_names(names, count, kind, first):
+    """Return the names of cases or phases, a list; ValueError for a wrong number of names.
+
+    Without names they are "case 0" or "phase 1" and so on, by `kind` and the number of the `first`.
+    """
     if names is None:
         return [f"{kind} {k}" for k in range(first, first + count)]
     names = list(map(str, names))
@@ -98,6 +101,6 @@ def _check_names(names, count, kind, first):
     return names
 
 
-def case_ends(cases: dict[str, Solution]) -> dict[str, EnvelopeState]:
-    """Return the ends of some cases, by name."""
+def envelope_states_of_cases(cases: dict[str, Solution]) -> dict[str, EnvelopeState]:
+    """Return the end of each converged load case as an `EnvelopeState`, by name."""
     return {name: EnvelopeState(case, case.last.fixed[-1]) for name, case in cases.items()}

@@ -26,7 +26,7 @@ def stress_tables(
     cases: Mapping[str, Solution] | None,
     phases: Sequence[str],
 ) -> dict[str, Table]:
-    """Return the stresses in the final state and their envelope, a dict of `Table`.
+    """Return the tables ``stresses``, in the final state, and ``stress_envelope``, a dict.
 
     Groups that have only a stiffness EA have no stresses; if all are such, there is no table.
 
@@ -59,7 +59,7 @@ def stress_tables(
 
 
 def _final_stress_table(structure, end):
-    """Return the table of the final state."""
+    """Return the table of extreme stresses in the final state, `end`: its `IncrementStresses`."""
     low, high, used = end.stresses
     known = bool(np.isfinite(used).any())
     columns = element_columns(structure, end.groups)[:2]
@@ -76,7 +76,10 @@ def _final_stress_table(structure, end):
 
 
 def _stress_envelope_table(structure, every, kind):
-    """Return the table of the extremes over some `IncrementStresses`, of "phases" or "cases"."""
+    """Return the table of the extreme stresses over a list `every` of `IncrementStresses`.
+
+    `kind` says what these are taken from: "phases" or "cases".
+    """
     names = [instant.name for instant in every]
     low, high, used = (np.stack(x, axis=-2) for x in zip(*(i.stresses for i in every), strict=True))
     most, state = envelope_columns("used", "-", used, names, 1, heading="max. utilization")
@@ -131,7 +134,7 @@ def _stress_notes(structure, end, known, gone):
 def _edge_overhang(section: Section) -> float:
     """Return by how much the edge of a section is further out than its outermost fibre.
 
-    Relative to the distance of the fibre; 0 if the edge is unknown.
+    The result is relative to the distance of this fibre from the axis; 0 if the edge is unknown.
     """
     if section.points is None:
         return 0.0

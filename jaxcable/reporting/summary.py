@@ -15,14 +15,14 @@ _TOLERANCE = 1e-10  # default of `Newton.tol`; a larger residual is explained
 
 
 def has_no_result(solution: Solution) -> bool:
-    """Return whether an analysis has failed before any of its increments has converged."""
+    """Return whether an analysis has failed before its first increment has converged."""
     return int(solution.status) != status.OK and int(solution.last.phase) < 0
 
 
 def summary_sentences(
     structure: Structure, solution: Solution, heads: Sequence[str], failed: Mapping[str, int]
 ) -> list[str]:
-    """Return the sentences on status, size, phases and failed cases.
+    """Return the sentences on status, size, phases and failed cases of an analysis, a list.
 
     Args:
         structure: `Structure`.
@@ -54,7 +54,10 @@ def summary_sentences(
 
 
 def _phase_sentence(structure, last, head, phase):
-    """Return the sentence on a phase: increments, residual, slack cables, activation, stability."""
+    """Return the sentence on a phase: increments, residual, slack cables, activation, stability.
+
+    `last` is the last `State` of the solution; the sentence begins with `head`, "phase 1".
+    """
     path = phase.path
     good = np.asarray(path.status) == status.OK
     text = f"{head}: {int(good.sum())} of {good.size} increments converged"
@@ -73,16 +76,16 @@ def _phase_sentence(structure, last, head, phase):
         text += f"; {sum(int(m.sum()) for m in masks)} of {sum(map(len, masks))} elements active"
     if not bool(phase.stable):
         text += "; UNSTABLE at its end: negative eigenvalue of the tangent stiffness"
-        if _may_be_unsymmetric(structure, last):
+        if _tangent_may_be_unsymmetric(structure, last):
             text += " of its symmetric part (the state may be stable all the same: moments, "
             text += "follower loads or unsymmetric elements act)"
     return text
 
 
-def _may_be_unsymmetric(structure: Structure, last: State) -> bool:
-    """Return whether the tangent can be unsymmetric: by moments, follower loads or elements.
+def _tangent_may_be_unsymmetric(structure: Structure, last: State) -> bool:
+    """Return whether nodal moments, follower loads or elements can make the tangent unsymmetric.
 
-    Only its symmetric part is judged then, whose negative eigenvalue proves no instability.
+    Stability is then judged by its symmetric part, whose negative eigenvalue proves no instability.
     """
     moments = np.asarray(last.restart.nodal_load)[:, 3:]
     follows = any(stack.follows for stack in last.restart.loads)

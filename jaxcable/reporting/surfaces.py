@@ -13,10 +13,9 @@ from .table import Column, Table, make_table
 
 
 def surface_tables(structure: Structure, state: State) -> dict[str, Table]:
-    """Return area, weight and mass per area of the active elements of each group: ``surfaces``.
+    """Return area, weight and mass per area of each group with faces: {"surfaces": `Table`}.
 
-    Returns:
-        A dict with the table; empty if no group has faces.
+    Only active elements count. The dict is empty if no group has faces.
     """
     rows = []
     groups = (

@@ -75,16 +75,16 @@ class Table:
 
 
 class Column(NamedTuple):
-    """A column of a table.
+    """A column of a table, from which `make_table` makes a `Table`.
 
     Attributes:
-        name: in CSV and JSON; columns may have the same.
+        name: name in CSV and JSON; columns may have the same.
         unit: "" for none, "-" for ratios; forces are in "N" and lengths in "m".
         values: numbers or texts, an array or a list; NaN and None where there is no value.
-        governs: whether the text of a long table shows the rows with its largest values.
-        detail: whether the text leaves it out.
-        heading: in the text; "" for the name.
-        millimeters: whether the text gives its lengths in mm.
+        governs: whether the text of a long table shows the rows with the largest values in here.
+        detail: whether the text leaves the column out.
+        heading: heading in the text; "" for the name.
+        millimeters: whether the text gives the lengths of the column in mm.
     """
 
     name: str
@@ -97,7 +97,10 @@ class Column(NamedTuple):
 
 
 def make_table(title: str, columns: Sequence[Column], notes: Sequence[str] = ()) -> Table:
-    """Return the table of some columns; spaces after a name tell it from the same name before."""
+    """Return the `Table` of some columns.
+
+    Names of columns that occur again get spaces at their end, so that all names differ.
+    """
     names = [column.name for column in columns]
     governing = tuple(k for k, column in enumerate(columns) if column.governs)
     return Table(
@@ -114,13 +117,13 @@ def make_table(title: str, columns: Sequence[Column], notes: Sequence[str] = ())
 
 
 def _cell_values(values):
-    """Return the values of a column as cells, None for NaN."""
+    """Return the values of a column as a list, with None for NaN."""
     values = values.tolist() if isinstance(values, np.ndarray) else values
     return [None if isinstance(v, float) and math.isnan(v) else v for v in values]
 
 
 def csv_header(table: Table) -> list[str]:
-    """Return the names of the columns with their units, the first line of a CSV table.
+    """Return the names of the columns with their units, the first line of a CSV table, a list.
 
     A name that occurs several times follows the column that it belongs to: "lowest in".
     """
@@ -136,18 +139,20 @@ def csv_header(table: Table) -> list[str]:
 
 
 def finite_or_none(value: Cell) -> Cell:
-    """Return a value for JSON: None for a number that is not finite."""
+    """Return a value for JSON: None for a number that is not finite, others as they are."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def common_scales(tables: Sequence[Table]) -> Scales:
-    """Return the scales of a report, so that forces and moments of all tables have one unit each.
+    """Return prefix and factor with which texts show numbers of a unit: a dict by unit.
 
-    Forces are in kN, and then moments in kN m, if one of either is at least `_KILO`; stresses are
-    in MPa.
+    Forces are in kN, and then moments in kN m, if one of either is at least 10 kN (kN m); works
+    likewise in kJ; stresses are in MPa. An example is ``{"N": ("k", 1e-3)}``.
     """
     largest = {
-        unit: max((_largest_size(table, table.rows, unit) for table in tables), default=0.0)
+        unit: max(
+            (_largest_number_of_unit(table, table.rows, unit) for table in tables), default=0.0
+        )
         for unit in _KILO_UNITS
     }
     largest["N"] = largest["N m"] = max(largest["N"], largest["N m"])
@@ -156,12 +161,10 @@ def common_scales(tables: Sequence[Table]) -> Scales:
 
 
 def table_text(table: Table, most: int, scales: Scales) -> str:
-    """Return a table as text of at most `most` rows; those that govern are shown.
+    """Return a table as text of at most `most` rows.
 
-    Args:
-        table: `Table`.
-        most: number of rows that are shown.
-        scales: of the report, see `common_scales`.
+    These are the rows with the largest values in the columns `table.governing`, or else the first
+    ones. `scales` are the prefixes and factors of units, as of `common_scales`.
     """
     rows, notes = table.rows, list(table.notes)
     if len(rows) > most:
@@ -175,7 +178,9 @@ def table_text(table: Table, most: int, scales: Scales) -> str:
         scaled[k] = ("m", 1e3)
     units = [prefix + unit for (prefix, _), unit in zip(scaled, table.units, strict=True)]
     title, headings = _title_and_headings(table, units)
-    sizes = {unit: _largest_size(table, table.rows, unit) for unit in (*_KILO_UNITS, "Pa")}
+    sizes = {
+        unit: _largest_number_of_unit(table, table.rows, unit) for unit in (*_KILO_UNITS, "Pa")
+    }
     least = {unit: _NEGLIGIBLE * max(size, 1.0) for unit, size in sizes.items()}
     least["N m"] = max(least["N m"], _LEVER * least["N"])
     columns = zip(*rows, strict=True)  # none without rows
@@ -203,10 +208,10 @@ def table_text(table: Table, most: int, scales: Scales) -> str:
 
 
 def _wrap_headings(headings, widths):
-    """Break headings into lines, a list of lists.
+    """Break headings into lines that suit the widths of their columns: a list of lines for each.
 
-    If one is wider than the values of its column, `widths`, all break before their units; names
-    break if they are too wide.
+    If one is wider than the values of its column, all break before their units; names break if
+    they are too wide.
     """
     if all(len(heading) <= width for heading, width in zip(headings, widths, strict=True)):
         return [[heading] for heading in headings]
@@ -214,28 +219,28 @@ def _wrap_headings(headings, widths):
     for heading, width in zip(headings, widths, strict=True):
         name, _, unit = heading.rpartition(" (")
         if name:
-            lines = _break_in_two(name) if len(name) > width + _OVERHANG else [name]
+            lines = _break_heading_in_two(name) if len(name) > width + _OVERHANG else [name]
             wrapped.append([*lines, f"({unit}"])
         else:
-            wrapped.append(_break_in_two(heading) if len(heading) > width else [heading])
+            wrapped.append(_break_heading_in_two(heading) if len(heading) > width else [heading])
     return wrapped
 
 
-def _break_in_two(heading):
-    """Break a heading of several words where the longer line is shortest, a list of lines."""
+def _break_heading_in_two(heading):
+    """Break a heading of several words into two lines, the longer as short as possible; a list."""
     words = heading.split()
     breaks = [[" ".join(words[:k]), " ".join(words[k:])] for k in range(1, len(words))]
     return min(breaks, key=lambda lines: max(map(len, lines)), default=[heading])
 
 
 def _governing_size(table, row):
-    """Return the size of the largest value of a row in the columns that govern."""
+    """Return the largest absolute value of a row in the columns `table.governing`."""
     columns = table.governing if isinstance(table.governing, tuple) else (table.governing,)
     return max(abs(row[k] or 0.0) for k in columns)
 
 
 def _title_and_headings(table, units):
-    """Return the title and the headings with units; one that many columns share is in the title."""
+    """Return title and headings with the units; a unit that many columns share is in the title."""
     named = {unit for unit in units if unit not in ("", "-")}
     shared = len(named) == 1 and sum(unit in named for unit in units) >= _SHARED
     left = ("", "-", *named) if shared else ("", "-")
@@ -247,15 +252,22 @@ def _title_and_headings(table, units):
     return (f"{table.title} ({named.pop()})" if shared else table.title), headings
 
 
-def _largest_size(table, rows, unit):
-    """Return the largest absolute number in the columns of a unit."""
+def _largest_number_of_unit(table, rows, unit):
+    """Return the largest absolute number in the columns that have a unit; 0 without any."""
     columns = [k for k, other in enumerate(table.units) if other == unit]
     sizes = [abs(row[k]) for row in rows for k in columns if row[k] is not None]
     return max(sizes, default=0.0)
 
 
 def _cell_text(value, factor, unit, least):
-    """Return the text of a cell in its unit of the text; a number below `least` becomes zero."""
+    """Return the text of a cell.
+
+    Args:
+        value: number, text, or None for an empty cell.
+        factor: factor from the number to the unit of the text.
+        unit: unit of the text.
+        least: size below which a number is shown as zero, in the unit of the table.
+    """
     if value is None:
         return ""
     if not isinstance(value, float):

@@ -13,7 +13,7 @@ import scenes
 import jaxcable as jc
 from jaxcable.cli import main
 from jaxcable.files import Net, read_dxf
-from jaxcable.files.net_doubts import describe_doubts
+from jaxcable.files.net_doubts import describe_likely_mistakes
 
 N = 5  # cables in each direction
 SIDE = 12.0  # m
@@ -189,7 +189,7 @@ def test_structures_in_space_are_not_doubtful(name):
     structure, _ = scenes.EVERY[name]()
     links = np.concatenate([g.links.array[:, :2] for g in structure.groups])
     held = np.asarray(structure.supports.fixed(structure.n_node)).any(axis=1)
-    assert describe_doubts(np.asarray(structure.nodes, float), links, held) == []
+    assert describe_likely_mistakes(np.asarray(structure.nodes, float), links, held) == []
 
 
 MAST = [("MAST", [(0, 0, 0), (0, 0, 8)]), ("TIE", [(0, 0, 8), (-5, 0, 0)])]
@@ -223,7 +223,7 @@ def test_a_loose_end_beside_a_mast_head_is_no_anchor(tmp_path):
 def test_one_per_cent_of_the_shortest_link(off, doubtful):
     """The links there are 5 m and 8 m; a link of 1 mm elsewhere hides nothing."""
     nodes = np.array([[0.0, 0, 8], [0, 0, 0], [off, 0, 8], [5 + off, 0, 8], [5 + off, 0.001, 8]])
-    told = describe_doubts(nodes, np.array([[0, 1], [2, 3], [3, 4]]), np.zeros(5, bool))
+    told = describe_likely_mistakes(nodes, np.array([[0, 1], [2, 3], [3, 4]]), np.zeros(5, bool))
     assert any("pair" in text for text in told) == doubtful
 
 
@@ -234,7 +234,7 @@ def test_an_end_just_short_of_an_edge_cable(tmp_path):
     with pytest.raises(ValueError, match=r"node 2 at .* 0.4 mm from the link from node 0 to 1"):
         net.scene("ends", axial_stiffness=1e6)
     held = np.array([True, True, False, True])
-    (text,) = describe_doubts(net.nodes, net.links, held)
+    (text,) = describe_likely_mistakes(net.nodes, net.links, held)
     assert "1 end closer to a link than 1% of its length: node 2" in text
     assert net.split(tolerance=1e-3).links.tolist() == [[0, 2], [2, 1], [2, 3]]
 

@@ -11,7 +11,7 @@ import scipy.optimize
 from oracles.taylor import slope
 
 import jaxcable as jc
-from jaxcable.cli.solve import largest_values
+from jaxcable.cli.solve import describe_largest_values
 from jaxcable.common.tree import copy_with
 from jaxcable.elements.element_state import ElementLoad
 from jaxcable.mechanics.elementwise import evaluate_elements
@@ -204,7 +204,7 @@ def test_reports_pictures_and_files_use_it(hung, tmp_path):
     used = ElementForces(told, structure.groups, structure, "utilization").value[0]
     assert used == mean / STRENGTH  # forces as they are
 
-    assert largest_values(solution)[1] == f"final axial forces: -100000 to {peak:.6g} N"
+    assert describe_largest_values(solution)[1] == f"final axial forces: -100000 to {peak:.6g} N"
 
     for name in ("r.npz", "r.json"):
         jc.files.save_result(tmp_path / name, structure, solution)
