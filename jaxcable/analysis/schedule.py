@@ -207,17 +207,11 @@ def _stack_free_spins(spins):
     found = [some for some in spins if some is not None]
     if not found:
         return None
-    m, pieces = (
-        max(len(some.scanned_arrays) for some in found),
-        max(len(some.ends) for some in found),
-    )
+    m, pieces = max(len(some.rows) for some in found), max(len(some.ends) for some in found)
     rows, piece = np.zeros((len(spins), m), np.int32), np.full((len(spins), m), -1, np.int32)
     ends = np.tile(found[0].ends[:1], (len(spins), pieces, 1))  # padding: any line will do
     for k, some in enumerate(spins):
         if some is not None:
-            rows[k, : len(some.scanned_arrays)], piece[k, : len(some.scanned_arrays)] = (
-                some.scanned_arrays,
-                some.piece,
-            )
+            rows[k, : len(some.rows)], piece[k, : len(some.rows)] = some.rows, some.piece
             ends[k, : len(some.ends)] = some.ends
     return rows, piece, ends
