@@ -73,10 +73,10 @@ class Activation(NamedTuple):
             else:
                 for k in range(shape[0]):
                     touched[k, links[there[k]].ravel(), : group.n_freedom] = True
-        return ~_share_touched(touched, structure, rows, pack)
+        return ~_extend_to_joined_nodes(touched, structure, rows, pack)
 
 
-def _share_touched(touched, structure, rows, pack):
+def _extend_to_joined_nodes(touched, structure, rows, pack):
     """Mark nodes as touched where their hinged ends are, and carriers where carried nodes are."""
     if rows is not None:
         more = np.arange(structure.n_node, len(rows.node_of_row))

@@ -48,14 +48,23 @@ class PhaseOutcome(NamedTuple):
     restart: RestartState
     point: tuple[Float[Array, "n_row n_motion"], Float[Array, " n_row"] | None]
     factor: Float[Array, ""]
-    seen: ElementOutput | None
+    last_output: ElementOutput | None
     path: Path
     log: Float[Array, "n_inc 10"]
     factored: FactoredMatrix | None
 
 
 def run_phase(
-    problem, before, steps, method, code, differentiate_path, factored, seen, fresh, tell
+    problem,
+    before,
+    steps,
+    method,
+    code,
+    differentiate_path,
+    factored,
+    last_output,
+    is_first,
+    report,
 ):
     """Solve the increments of one phase; return its `PhaseOutcome`.
 
@@ -74,16 +83,16 @@ def run_phase(
     given = (factors, live), method, code
     if isinstance(method, Newton):
         found = _solve_by_newton(
-            ramp, count, given, differentiate_path, factored, seen, fresh, tell
+            ramp, count, given, differentiate_path, factored, last_output, is_first, report
         )
     else:
-        found = _solve_by_scheme(ramp, count, given, fresh, tell)
-    ramp, (x, bare, marks), xs, readings, log, memory, seen, factored = found
+        found = _solve_by_incremental_scheme(ramp, count, given, is_first, report)
+    ramp, (x, bare, marks), xs, outputs, log, memory, last_output, factored = found
     good, live = (log[:, 0] == status.OK) & live[1:], live[1:]
-    valid, factor = _last_converged(good, count, begin.motion.dtype)
-    restart, bare = _phase_end(ramp, factor, (x, bare), valid, before, memory)
+    valid, factor = _last_converged_factor(good, count, begin.motion.dtype)
+    restart, bare = _restart_after_phase(ramp, factor, (x, bare), valid, before, memory)
     moved = xs[..., :3] - ramp.start.motion[None, :, :3]
-    path, counts = _make_path(readings, moved, good, good | ~live)
+    path, counts = _make_path(outputs, moved, good, good | ~live)
     motion = space_of(ramp.groups).stored_motion(jnp.where(good[:, None, None], xs, jnp.nan))
     path = copy_with(path, motion=motion)
     code, stable = log[-1, 0].astype(jnp.int32), LOG_COLUMNS.index("stable")
@@ -94,11 +103,13 @@ def run_phase(
     log = lax.stop_gradient(jnp.concatenate([log, counts.astype(log.dtype)], axis=1))
     stable = jnp.take(log[:, stable], count - 1) > 0
     return PhaseOutcome(
-        code, stable, begin, restart, (bare, marks), factor, seen, path, log, factored
+        code, stable, begin, restart, (bare, marks), factor, last_output, path, log, factored
     )
 
 
-def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fresh, tell):
+def _solve_by_newton(
+    ramp, count, given, differentiate_path, factored, last_output, is_first, report
+):
     """Solve the increments by Newton's method; the end, or all of them, have derivatives.
 
     Returns:
@@ -109,12 +120,12 @@ def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fre
     (factors, live), method, _ = given
     frozen = lax.stop_gradient(ramp)
     found = newton.solve_increments(
-        frozen, frozen.start.motion, *given, factored, seen, fresh, tell
+        frozen, frozen.start.motion, *given, factored, last_output, is_first, report
     )
-    *whole, seen, memory, factored = found
-    xs, log, readings = jax.tree.map(lambda x: x[1:], whole)
+    *whole, last_output, memory, factored = found
+    xs, log, outputs = jax.tree.map(lambda x: x[1:], whole)
     factors, good = factors[1:], (log[:, 0] == status.OK) & live[1:]
-    valid, factor = _last_converged(good, count, factors.dtype)
+    valid, factor = _last_converged_factor(good, count, factors.dtype)
     ramp = implicit.stop_gradient_unless(valid, ramp)
     x = xs[-1]  # the point stays where it was when an increment fails
     if memory is None:
@@ -125,37 +136,43 @@ def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fre
         if differentiate_path:
             attach = jax.vmap(lambda f, x, ok: implicit.attach_derivative(ramp.system_at(f), x, ok))
             xs = attach(factors, xs, good)
-            readings = jax.vmap(lambda f, x: _path_output(ramp.system_at(f), x))(factors, xs)
+            outputs = jax.vmap(lambda f, x: _evaluate_path_output(ramp.system_at(f), x))(
+                factors, xs
+            )
     else:
         problem = split_indices((ramp, factors, xs, good))
         x, memory = with_deferred_derivative(_replay_to_end, (x, memory), problem)
         point = x, x, None
         if differentiate_path:
-            readings, xs, *_ = _replay_increments(ramp, factors, xs, good, True)
-    return ramp, point, xs, readings, log, memory, seen, factored
+            outputs, xs, *_ = _replay_increments(ramp, factors, xs, good, True)
+    return ramp, point, xs, outputs, log, memory, last_output, factored
 
 
-def _solve_by_scheme(ramp, count, given, fresh, tell):
+def _solve_by_incremental_scheme(ramp, count, given, is_first, report):
     """Solve the increments by `Incremental`, differentiated through; see `_solve_by_newton`."""
     (factors, live), method, code = given
     increments = factors[1:], live[1:]
-    xs, log = incremental.solve_increments(ramp, ramp.start.motion, increments, method, code, tell)
+    xs, log = incremental.solve_increments(
+        ramp, ramp.start.motion, increments, method, code, report
+    )
     x, memory = xs[-1], None
     if ramp.memory is None:
-        readings = jax.vmap(lambda f, x: _path_output(ramp.system_at(f), x))(factors[1:], xs)
+        outputs = jax.vmap(lambda f, x: _evaluate_path_output(ramp.system_at(f), x))(
+            factors[1:], xs
+        )
     else:
         good = (log[:, 0] == status.OK) & live[1:]
-        readings, _, memory, x = _replay_increments(ramp, factors[1:], xs, good, False)
-    return ramp, (x, x, None), xs, readings, log, memory, None, None
+        outputs, _, memory, x = _replay_increments(ramp, factors[1:], xs, good, False)
+    return ramp, (x, x, None), xs, outputs, log, memory, None, None
 
 
-def _last_converged(good, count, dtype):
+def _last_converged_factor(good, count, dtype):
     """Return whether any increment is good, and the load factor of the last good one."""
     n_good = jnp.sum(good)
     return n_good > 0, (n_good / count).astype(dtype)
 
 
-def _path_output(system, x):
+def _evaluate_path_output(system, x):
     """Return the element results that a path keeps of one increment, a `ElementOutput`."""
     return evaluate_output(system, x).of_path
 
@@ -179,12 +196,15 @@ def _replay_increments(ramp, factors, xs, good, converges):
         if converges:
             x = implicit.attach_derivative(system, x, ok)
         last = jnp.where(ok, x, last)
-        seen = evaluate_output(system, x)
-        return (ramp.commit_memory(system, x, seen.strains, ok, memory), last), (seen.of_path, x)
+        last_output = evaluate_output(system, x)
+        return (ramp.commit_memory(system, x, last_output.strains, ok, memory), last), (
+            last_output.of_path,
+            x,
+        )
 
     start = (ramp.memory, lax.stop_gradient(xs[0]))
-    (memory, last), (readings, xs) = lax.scan(step, start, (factors, xs, good))
-    return readings, xs, memory, last
+    (memory, last), (outputs, xs) = lax.scan(step, start, (factors, xs, good))
+    return outputs, xs, memory, last
 
 
 def _replay_to_end(problem):
@@ -193,7 +213,7 @@ def _replay_to_end(problem):
     return last, memory
 
 
-def _phase_end(ramp, factor, points, valid, before, memory=None):
+def _restart_after_phase(ramp, factor, points, valid, before, memory=None):
     """Return carry and undifferentiated motion at the end of a phase.
 
     They are those `before` it if no increment is good. `points` are the motion with its derivative,
@@ -207,7 +227,7 @@ def _phase_end(ramp, factor, points, valid, before, memory=None):
     return copy_with(restart, loads=ramp.start.loads), bare
 
 
-def _make_path(readings, moved, good, finite):
+def _make_path(outputs, moved, good, finite):
     """Return the `Path` of a phase, and counts of slack elements and loose nodes.
 
     The path is NaN unless `finite`. The counts are [n_inc, 2], -1 unless `good`.
@@ -216,9 +236,7 @@ def _make_path(readings, moved, good, finite):
     def known(x):
         return x * jnp.where(finite, 1.0, jnp.nan).astype(x.dtype).reshape(-1, *(1,) * (x.ndim - 1))
 
-    values = {"displacement": moved, **fields_of_element_results(readings.by_name)}
+    values = {"displacement": moved, **fields_of_element_results(outputs.by_name)}
     path = Path(*(None,) * len(dataclasses.fields(Path)))
     path = copy_with(path, **jax.tree.map(known, values))
-    return path, jnp.where(
-        good[:, None], jnp.stack([readings.n_slack, readings.n_loose], axis=1), -1
-    )
+    return path, jnp.where(good[:, None], jnp.stack([outputs.n_slack, outputs.n_loose], axis=1), -1)

@@ -34,7 +34,9 @@ def check_method(structure: Structure, method: Any) -> Newton | Incremental:
     """Check the method of an analysis and return it, `Newton` by default."""
     method = _default_method() if method is None else method
     if not isinstance(method, Newton | Incremental):
-        raise ValueError(f"method: expected Newton or Incremental, got {_describe_wrong(method)}")
+        raise ValueError(
+            f"method: expected Newton or Incremental, got {_describe_wrong_method(method)}"
+        )
     if _is_secant(method):
         for where, group in structure.named_groups():
             if not isinstance(group, Secant):
@@ -50,7 +52,7 @@ def _is_secant(method):
     return isinstance(method, Incremental) and method.stiffness == "secant"
 
 
-def _describe_wrong(method):
+def _describe_wrong_method(method):
     """Return what was given instead of a method, in words, and where it belongs."""
     if isinstance(method, Phase):
         return "Phase; phases go into one list: solve(structure, [first, second])"

@@ -187,7 +187,7 @@ class PhaseResults(Sequence[PhaseResult]):
         k = range(len(self))[number]
         batch, count = (slice(None),) * (self.log.ndim - 3), self.increments[k]
         increments = (*batch, k, slice(count))
-        end, path = _take(self.ends, (*batch, k)), _take(self.paths, increments)
+        end, path = _index_tree(self.ends, (*batch, k)), _index_tree(self.paths, increments)
         noted = {
             name: self._log_column(name, increments) for name in LOG_COLUMNS if name != "scale"
         }
@@ -223,7 +223,7 @@ class PhaseResults(Sequence[PhaseResult]):
         return self._log_column("status", last), self._log_column("stable", last)
 
 
-def _take(tree, at):
+def _index_tree(tree, at):
     """Index every array of a tree with `at`; an array that occurs twice is indexed once."""
     found = {}
 

@@ -152,7 +152,7 @@ class Phase:
 
     def __post_init__(self):
         for name in ("adds", "removes"):
-            object.__setattr__(self, name, as_whole_groups(getattr(self, name)))
+            object.__setattr__(self, name, keys_as_whole_groups(getattr(self, name)))
         if self.placed not in PLACEMENTS:
             raise ValueError(f"placed = {self.placed!r}: expected one of {', '.join(PLACEMENTS)}")
         if isinstance(self.increments, bool) or not isinstance(self.increments, int | np.integer):
@@ -206,7 +206,7 @@ def with_statement(phase: Phase, name: str, given: PyTree[Any]) -> Phase:
     return replace(phase, own={**(phase.own or {}), name: given})
 
 
-def as_whole_groups(value: Any) -> Any:
+def keys_as_whole_groups(value: Any) -> Any:
     """Return what a phase adds or removes, with keys of groups as `WholeGroups`.
 
     None if it is empty.

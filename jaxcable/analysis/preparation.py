@@ -249,7 +249,7 @@ def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput
         restart = copy_with(restart, support_rotation=space_of(groups).rotations(restart.motion))
     begun = nodes + restart.motion[:, :3]
     loads = [*restart.loads, *schedule.loads]
-    loads = loads if bundles.are_groups else [stack.bundled(bundles) for stack in loads]
+    loads = loads if bundles.are_groups else [stack.on_bundles(bundles) for stack in loads]
     restart = copy_with(
         restart,
         loads=loads,

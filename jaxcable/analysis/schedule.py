@@ -73,11 +73,11 @@ class Schedule:
 
     @property
     def scanned_arrays(self) -> tuple[Any, ...]:
-        """All arrays with an axis of phases, a tuple to be scanned; see `phase_data`."""
+        """All arrays with an axis of phases, a tuple to be scanned; see `unpack_phase`."""
         data = self.statements, self.added_load, self.moved, self.changes, self.before
         return self.number, *data, self.present, self.attached
 
-    def phase_data(self, row: tuple[Any, ...]) -> PhaseData:
+    def unpack_phase(self, row: tuple[Any, ...]) -> PhaseData:
         """Return the `PhaseData` of one phase from its entry in `scanned_arrays`."""
         number, statements, added, moved, changes, before, present, attached = row
         dof_map = self.dof_map if changes is None else copy_with(self.dof_map, **changes)
@@ -86,7 +86,7 @@ class Schedule:
 
     def phase(self, k: int) -> PhaseData:
         """Return the `PhaseData` of phase `k`."""
-        return self.phase_data(jax.tree.map(lambda x: x[k], self.scanned_arrays))
+        return self.unpack_phase(jax.tree.map(lambda x: x[k], self.scanned_arrays))
 
 
 def stack_statements(

@@ -104,30 +104,30 @@ def solve(
 
 
 @functools.partial(jit_program, static=("differentiate_path", "listen", "bundles", "alone"))
-def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles, alone):
+def _analyse(without_indices, arrays, method, code, differentiate_path, listen, bundles, alone):
     """Run the analysis as one compiled program. Results of elements are lists over groups."""
     through = functools.partial(_scan_phases, differentiate_path, listen, bundles)
-    pattern = thawed[-1].dof_map.pattern
+    pattern = without_indices[-1].dof_map.pattern
     # a program of its own hands over as many results as there are; one function gains nothing
     whole = listen is None and not alone
     if whole and pattern is not None and pattern.solver.fused:
         through = as_single_kernel(through)
-    return through(thawed, arrays, method, code)
+    return through(without_indices, arrays, method, code)
 
 
-def analyse_within_program(thawed, arrays, method, code, bundles):
+def analyse_within_program(without_indices, arrays, method, code, bundles):
     """Run the analysis as a part of another program, with derivatives of the ends of phases."""
     given = {"differentiate_path": False, "listen": None, "bundles": bundles}
-    return _analyse(thawed, arrays, method, code, **given, size=0)
+    return _analyse(without_indices, arrays, method, code, **given, size=0)
 
 
-def _scan_phases(differentiate_path, listen, bundles, thawed, arrays, method, code):
+def _scan_phases(differentiate_path, listen, bundles, without_indices, arrays, method, code):
     """Solve the phases of an analysis one after the other, in one `lax.scan`."""
-    parameters = merge_indices(thawed, arrays)
+    parameters = merge_indices(without_indices, arrays)
     structure_ok, codes = traced_input_status(parameters, method)
     nodes, groups, restart, schedule = complete_input(parameters, bundles)
     # unsound input has no state: block its gradient so that a batch is not polluted with NaN
-    sound = _is_finite((nodes, groups)) & structure_ok
+    sound = _is_tree_finite((nodes, groups)) & structure_ok
     frame = implicit.stop_gradient_unless(sound, (nodes, groups))
     loads, counts = restart.loads, jnp.asarray(schedule.increments, jnp.int32)
     factors = jnp.asarray(schedule.factors, nodes.dtype)
@@ -136,29 +136,29 @@ def _scan_phases(differentiate_path, listen, bundles, thawed, arrays, method, co
 
     def phase(run, scanned):
         arrays_of_phase, verdict, *steps = scanned
-        data = schedule.phase_data(arrays_of_phase)
+        data = schedule.unpack_phase(arrays_of_phase)
         code = status.first_failure(run.code, verdict)
         before = with_loads_until(run.restart, loads, data.number)
-        sane = sound & _is_finite((before, data)) & (code == status.OK)
+        sane = sound & _is_tree_finite((before, data)) & (code == status.OK)
         problem = implicit.stop_gradient_unless(sane, (nodes, groups, before, data))
         factored = run.factored if schedule.changes is None else linear.without_factor(run.factored)
         tell = None if teller is None else functools.partial(teller, data.number, steps[0])
         fresh = run.reached.number < 0
-        given = method, code, differentiate_path, factored, run.seen, fresh, tell
+        given = method, code, differentiate_path, factored, run.last_output, fresh, tell
         done = run_phase(problem, before, steps, *given)
         code, restart = done.code, done.restart
         path = copy_with(done.path, displacement=done.path.displacement[:, : schedule.n_node])
-        reached = run.reached.after(data, done.factor)
-        end = make_state(frame, restart, done.point, reached, schedule, done.seen)
-        end = _nan_unless(sound, end, touched)
+        reached = run.reached.updated(data, done.factor)
+        end = make_state(frame, restart, done.point, reached, schedule, done.last_output)
+        end = _nan_results_unless(sound, end, touched)
         moved = end.displacement - done.begin.motion[: schedule.n_node, :3]
-        result = _nan_unless(code == status.OK, copy_with(end, displacement=moved), touched)
+        result = _nan_results_unless(code == status.OK, copy_with(end, displacement=moved), touched)
         began = [state.memory for state in done.begin.states]
         began = None if all(memory is None for memory in began) else began
         given = {"status": None, "stable": None, "path": None, "began": began}
         result = PhaseResult(**given, **result_fields(result))
         left = copy_with(restart, loads=None)
-        run = _LoopState(code, done.stable, left, end, done.factored, reached, done.seen)
+        run = _LoopState(code, done.stable, left, end, done.factored, reached, done.last_output)
         return run, (result, path, done.log)
 
     start, reached = (
@@ -168,21 +168,21 @@ def _scan_phases(differentiate_path, listen, bundles, thawed, arrays, method, co
     end = _zeros_like_result(
         lambda: make_state(frame, restart, (restart.motion, None), reached, schedule)
     )
-    factored = seen = None
+    factored = last_output = None
     if isinstance(method, Newton):
         factored = linear.no_factored_matrix(schedule.dof_map.pattern, nodes.dtype)
-        seen = _zeros_like_result(
+        last_output = _zeros_like_result(
             lambda: evaluate_output(
                 system_at_last(frame, restart, reached, schedule), restart.motion
             )
         )
-    run = _LoopState(code, jnp.zeros((), bool), start, end, factored, reached, seen)
+    run = _LoopState(code, jnp.zeros((), bool), start, end, factored, reached, last_output)
     run, (ends, paths, log) = lax.scan(
         phase, run, (schedule.scanned_arrays, codes, counts, factors)
     )
     if not differentiate_path and isinstance(method, Newton):
         paths = implicit.with_nan_derivative(paths, touched)
-    known = [stack.until(run.reached.number) for stack in _loads_on_groups(parameters)]
+    known = [stack.up_to_phase(run.reached.number) for stack in _loads_on_groups(parameters)]
     states = bundles.split(run.restart.states)
     restart = copy_with(
         run.restart, states=states, loads=[jax.tree.leaves(stack.load) for stack in known]
@@ -237,10 +237,10 @@ class _LoopState:
     end: State
     factored: FactoredMatrix | None
     reached: LastConverged
-    seen: ElementOutput | None
+    last_output: ElementOutput | None
 
 
-def _nan_unless(ok, end, touched):
+def _nan_results_unless(ok, end, touched):
     """Return a `State` whose results are NaN unless `ok`."""
     return copy_with(end, **implicit.nan_unless_probed(ok, result_fields(end), touched))
 
@@ -264,7 +264,7 @@ def _progress_reporter(listen, phases):
     return news
 
 
-def _is_finite(tree):
+def _is_tree_finite(tree):
     """Return whether every float in `tree` is finite."""
     floats = [x for x in jax.tree.leaves(tree) if jnp.issubdtype(x.dtype, jnp.floating)]
     # one test of the joined array compiles faster than one for each of many small arrays

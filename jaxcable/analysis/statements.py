@@ -76,7 +76,7 @@ def _values_by_group(given, structure, name, path):
     if name not in STATEMENTS:
         _require_known_statement(name, path, groups)
     if is_single_number(given):
-        return [None if _is_left_out(group, name, structure) else given for group in groups]
+        return [None if _skips_single_number(group, name, structure) else given for group in groups]
     return value_per_group(given, structure, path)
 
 
@@ -127,7 +127,7 @@ def _concerned_elements(stated, group):
     return np.ones(len(group.links), bool) if stated.chosen is None else stated.chosen
 
 
-def _is_left_out(group, name, structure):
+def _skips_single_number(group, name, structure):
     """Return whether a single number `name` for the whole structure is not applied to `group`.
 
     It leaves out groups that cannot take it, if another group can; and beams, and groups that take
@@ -169,13 +169,15 @@ def _check_statement(
         value = value.merged_with(np.zeros((count, *given.shape[1:])))
     else:
         value = _values_per_element(value, count, path, components)
-    refuse_if_broken([_for_chosen(rule, chosen) for rule in value_rules(name, value, group, path)])
+    refuse_if_broken(
+        [_restrict_rule(rule, chosen) for rule in value_rules(name, value, group, path)]
+    )
     refuse_if_broken(capacity_rules(name, value, group, group.capacity, path))
     refuse_if_broken(span_rules(name, group, structure.nodes, chosen, path))
     return StatedValues(value, chosen)
 
 
-def _for_chosen(rule, chosen):
+def _restrict_rule(rule, chosen):
     """Return a rule for the `chosen` elements only, [n_elem] bool; None for all."""
     if chosen is None:
         return rule

@@ -46,7 +46,7 @@ class LastConverged:
         first = {name: value[0] for name, value in held.items()}
         return cls(jnp.int32(-1), jnp.zeros((), dtype), first)
 
-    def after(self, data: PhaseData, factor: Float[Array, ""]) -> LastConverged:
+    def updated(self, data: PhaseData, factor: Float[Array, ""]) -> LastConverged:
         """Return the value after a phase that came to `factor`; unchanged if that is 0."""
         held = {name: getattr(data.dof_map, name) for name in self.held}
         new = LastConverged(data.number, factor, held)
@@ -64,7 +64,7 @@ def system_at_last(
     return make_system(*frame, restart, None, dof_map)
 
 
-def make_state(frame, restart, point, reached, schedule, seen=None):
+def make_state(frame, restart, point, reached, schedule, last_output=None):
     """Compute the results of a carry; return its `State`, rows of motion summed at nodes.
 
     Args:
@@ -80,7 +80,7 @@ def make_state(frame, restart, point, reached, schedule, seen=None):
     system = system_at_last(frame, restart, reached, schedule)
     (motion, marks), n_node, dof_map = point, schedule.n_node, system.dof_map
     space = system.space
-    beside, within = _spread_marks(system, marks)
+    beside, within = _spread_derivative_marks(system, marks)
 
     def summed(values, marked=True):  # a hinged end passes its force to its node
         if marked and marks is not None:
@@ -91,10 +91,10 @@ def make_state(frame, restart, point, reached, schedule, seen=None):
 
     displacement = restart.motion[:n_node, :3]
     problem = split_indices((system, motion))
-    if seen is None:
+    if last_output is None:
         found = _element_results(problem)
     else:
-        found = {name: seen.by_name[name] for name in (*seen.of_ends, "end_forces")}
+        found = {name: last_output.by_name[name] for name in (*last_output.of_ends, "end_forces")}
         found = with_deferred_derivative(_element_results, found, problem)
     reactions = summed(system.reactions(motion, found.pop("end_forces")))
     follow = system.followers is not None or any(group.slides for group in groups)
@@ -122,7 +122,7 @@ def _element_results(problem):
     return system.results_by_name(motion, *names, "end_forces")
 
 
-def _spread_marks(system, marks):
+def _spread_derivative_marks(system, marks):
     """Spread the marks of rows over elements and neighbouring rows.
 
     Marks are zero; their derivative is NaN where there is no derivative.

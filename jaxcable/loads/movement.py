@@ -73,7 +73,7 @@ class SupportMovement(Moving):
             )
 
     def check_supported(self, fixed: FixedDofs) -> None:
-        """Raise ValueError if a moved degree of freedom is not held.
+        """Raise ValueError if a moved degree of freedom is not held by `fixed`, the supports.
 
         It is not known which components of a traced movement are zero: here only nodes without any
         support are refused; a free component that moves ends in NONFINITE (see
@@ -105,5 +105,8 @@ class SupportMovement(Moving):
                 )
 
     def nodal_movements(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Return the movement of every node, of `shape`: translation, and rotation vector."""
+        """Return the movements of all nodes in an array of `shape`, m and rad.
+
+        The columns are displacements and, if `shape` is (n_row, 6), rotation vectors.
+        """
         return scatter_to_nodes(self.nodes, (self.displacements, self.rotations), shape, dtype)
