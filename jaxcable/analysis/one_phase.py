@@ -27,18 +27,19 @@ from .results import fields_of_element_results
 
 
 class PhaseOutcome(NamedTuple):
-    """What a phase ends with; an increment is called good if its status is OK.
+    """What a phase ends with; an increment is called good if it has converged.
 
     Attributes:
         code, stable: status so far, and whether the end of the phase is stable.
         begin: `RestartState` that its increments begin with.
-        carry: `RestartState` after the last good increment; the one before the phase if none is
+        restart: `RestartState` after the last good increment; the one before the phase if none is
             good.
-        point: (motion of the carry, marks) as `bare` and `marks` of
+        point: (motion of `restart`, marks) as `bare` and `marks` of
             `implicit.attach_derivative_with_marks`.
         factor: load factor of the last good increment, 0 if there is none.
-        seen: `ElementOutput` of the last good increment.
-        path, log: `Path`, and the numbers `LOG_COLUMNS` of every increment, [n_inc, 10].
+        last_output: `ElementOutput` of the last good increment.
+        path: `Path`, results of every increment.
+        log: the numbers `LOG_COLUMNS` of every increment, [n_inc, 10].
         factored: the last matrix that a sparse solve has factorised.
     """
 
@@ -69,11 +70,12 @@ def run_phase(
     """Solve the increments of one phase; return its `PhaseOutcome`.
 
     Args:
-        problem: nodes, groups, carry and `PhaseData`, of which `LoadRamp.build` makes the phase.
-        before: the carry before the phase.
+        problem: nodes, groups, `RestartState` and `PhaseData`, of which `LoadRamp.build` makes the
+            phase.
+        before: the `RestartState` before the phase.
         steps: (number of its increments, load factors from 0 on, [1 + n_inc]). Factors above 1 are
             those of phases with more increments: nothing is done at them.
-        method, code, factored, seen, fresh, tell: see `newton.solve_increments`.
+        method, code, factored, last_output, is_first, report: see `newton.solve_increments`.
         differentiate_path: whether increments have derivatives, and not only the end.
     """
     ramp, (count, factors) = LoadRamp.build(*problem), steps
@@ -112,9 +114,12 @@ def _solve_by_newton(
 ):
     """Solve the increments by Newton's method; the end, or all of them, have derivatives.
 
+    Arguments are those of `run_phase`; `given` is (load factors and whether the phase has them,
+    method, status).
+
     Returns:
         The ramp; the last point as `implicit.attach_derivative_with_marks` returns it; points,
-        readings and log of all increments; memory of laws at the end; `ElementOutput` of the end;
+        outputs and log of all increments; history variables at the end; `ElementOutput` of the end;
         what was factored.
     """
     (factors, live), method, _ = given
@@ -149,7 +154,10 @@ def _solve_by_newton(
 
 
 def _solve_by_incremental_scheme(ramp, count, given, is_first, report):
-    """Solve the increments by `Incremental`, differentiated through; see `_solve_by_newton`."""
+    """Solve the increments by `Incremental`, differentiated through.
+
+    Arguments and results are those of `_solve_by_newton`; the last two results are None.
+    """
     (factors, live), method, code = given
     increments = factors[1:], live[1:]
     xs, log = incremental.solve_increments(
@@ -167,25 +175,33 @@ def _solve_by_incremental_scheme(ramp, count, given, is_first, report):
 
 
 def _last_converged_factor(good, count, dtype):
-    """Return whether any increment is good, and the load factor of the last good one."""
+    """Return whether any increment has converged, and the load factor of the last one that has.
+
+    `good` says which have converged, [n_inc]; the phase has `count` increments.
+    """
     n_good = jnp.sum(good)
     return n_good > 0, (n_good / count).astype(dtype)
 
 
 def _evaluate_path_output(system, x):
-    """Return the element results that a path keeps of one increment, a `ElementOutput`."""
+    """Evaluate the element results at motion `x` that are kept for every increment."""
     return evaluate_output(system, x).of_path
 
 
 def _replay_increments(ramp, factors, xs, good, converges):
-    """Go through the solved increments of a phase with memory again, to differentiate them.
+    """Go again through the increments of a phase with history variables, to differentiate them.
 
-    Every increment depends on the memory that the increment before has committed: the end of the
-    phase is no implicit function of the parameters, but every increment is one. Their points are
-    known.
+    Every increment depends on the history variables that the increment before has committed: the
+    end of the phase is no implicit function of the parameters, but every increment is one. Their
+    points are known.
+
+    Args:
+        ramp: the phase, a `LoadRamp`.
+        factors, xs, good: load factor and point of every increment, and whether it has converged.
+        converges: whether points are equilibria, which have an implicit derivative.
 
     Returns:
-        Readings and points of all increments; memory and point at the end.
+        Outputs and points of all increments; history variables and point at the end.
     """
 
     @jax.checkpoint
@@ -208,16 +224,20 @@ def _replay_increments(ramp, factors, xs, good, converges):
 
 
 def _replay_to_end(problem):
-    """Return last point and memory of a phase with history variables, see `_replay_increments`."""
+    """Return last point and history variables of a phase, see `_replay_increments`."""
     *_, memory, last = _replay_increments(*merge_indices(*problem), True)
     return last, memory
 
 
 def _restart_after_phase(ramp, factor, points, valid, before, memory=None):
-    """Return carry and undifferentiated motion at the end of a phase.
+    """Return the `RestartState` after a phase, and its motion without derivative.
 
-    They are those `before` it if no increment is good. `points` are the motion with its derivative,
-    and the bare one, see `implicit.attach_derivative_with_marks`.
+    Args:
+        ramp, factor: the phase, and the load factor of its last converged increment.
+        points: the motion there with its derivative, and without.
+        valid: whether any increment has converged; if not, the results are those before the phase.
+        before: `RestartState` before the phase.
+        memory: history variables at the end, or None.
     """
     motion, bare = points
     after = copy_with(ramp.commit(factor, drop_low_part(motion), memory), loads=None), bare
@@ -228,9 +248,13 @@ def _restart_after_phase(ramp, factor, points, valid, before, memory=None):
 
 
 def _make_path(outputs, moved, good, finite):
-    """Return the `Path` of a phase, and counts of slack elements and loose nodes.
+    """Return the `Path` of a phase, and counts of slack elements and nodes, [n_inc, 2].
 
-    The path is NaN unless `finite`. The counts are [n_inc, 2], -1 unless `good`.
+    Args:
+        outputs: `ElementOutput.of_path` of every increment.
+        moved: displacements in the phase, [n_inc, n_row, 3].
+        good: which increments have converged, [n_inc]; the counts of others are -1.
+        finite: which increments have results, [n_inc]; those of others are NaN.
     """
 
     def known(x):

@@ -105,7 +105,14 @@ def solve(
 
 @functools.partial(jit_program, static=("differentiate_path", "listen", "bundles", "alone"))
 def _analyse(without_indices, arrays, method, code, differentiate_path, listen, bundles, alone):
-    """Run the analysis as one compiled program. Results of elements are lists over groups."""
+    """Run the analysis as one compiled program; results of elements are lists over groups.
+
+    Args:
+        without_indices, arrays, method, code, bundles: as in `PreparedAnalysis`.
+        differentiate_path: as in `solve`.
+        listen: function that is called after each increment, or None.
+        alone: whether no other program contains this one (set by `jit_program`).
+    """
     through = functools.partial(_scan_phases, differentiate_path, listen, bundles)
     pattern = without_indices[-1].dof_map.pattern
     # a program of its own hands over as many results as there are; one function gains nothing
@@ -116,13 +123,19 @@ def _analyse(without_indices, arrays, method, code, differentiate_path, listen, 
 
 
 def analyse_within_program(without_indices, arrays, method, code, bundles):
-    """Run the analysis as a part of another program, with derivatives of the ends of phases."""
+    """Run the analysis as a part of another compiled program, with derivatives of ends of phases.
+
+    Arguments are those of `PreparedAnalysis`.
+    """
     given = {"differentiate_path": False, "listen": None, "bundles": bundles}
     return _analyse(without_indices, arrays, method, code, **given, size=0)
 
 
 def _scan_phases(differentiate_path, listen, bundles, without_indices, arrays, method, code):
-    """Solve the phases of an analysis one after the other, in one `lax.scan`."""
+    """Solve the phases of an analysis one after the other, in one `lax.scan`; return a `Solution`.
+
+    Arguments are those of `_analyse`.
+    """
     parameters = merge_indices(without_indices, arrays)
     structure_ok, codes = traced_input_status(parameters, method)
     nodes, groups, restart, schedule = complete_input(parameters, bundles)
@@ -200,18 +213,21 @@ def _scan_phases(differentiate_path, listen, bundles, without_indices, arrays, m
 
 
 def _zeros_like_result(function):
-    """Return zeros in the shape of a function's result, which is not computed."""
+    """Return zeros in the shape of the result of ``function()``, which is not computed."""
     return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function))
 
 
 def _loads_on_groups(parameters):
-    """Return all element loads, of `start` and the phases, on the user's groups."""
+    """Return all element loads, of `start` and the phases, on groups as the user has them."""
     nodes, _, restart, schedule = parameters
     return cast_to_dtype_of(nodes, [*(() if restart is None else restart.loads), *schedule.loads])
 
 
 def _split_bundles(bundles, part, axis=0):
-    """Convert results of bundles to those of their groups; `axis` is that of the elements."""
+    """Split results of bundles (groups evaluated as one) into those of the user's groups.
+
+    `part` are the results, `axis` is that of the elements in their arrays.
+    """
     if bundles.are_groups:
         return part
     return map_element_fields(part, lambda values: bundles.split(values, axis))
@@ -223,12 +239,12 @@ class _LoopState:
 
     Attributes:
         code, stable: status so far, and whether the end of the last phase is stable.
-        carry: `RestartState`, without the loads, which do not change.
+        restart: `RestartState`, without the loads, which do not change.
         end: the `State` that belongs to `restart`.
         factored: the last matrix that a sparse solve has factorised, see
             `linear.solve_reusing_factor`.
         reached: `states.LastConverged`.
-        seen: `ElementOutput` of the last converged increment.
+        last_output: `ElementOutput` of the last converged increment.
     """
 
     code: Int[Array, ""]
@@ -241,12 +257,15 @@ class _LoopState:
 
 
 def _nan_results_unless(ok, end, touched):
-    """Return a `State` whose results are NaN unless `ok`."""
+    """Return the `State` `end` with NaN results unless `ok`.
+
+    `touched` is a zero that knows whether a derivative is taken (`implicit.gradient_probe`).
+    """
     return copy_with(end, **implicit.nan_unless_probed(ok, result_fields(end), touched))
 
 
 def _progress_reporter(listen, phases):
-    """Return the function by which `newton.solve_increments` reports increments."""
+    """Return the function that `newton.solve_increments` calls, which tells `listen`."""
 
     def news(number, count, factor, outcome):
         traced = {
@@ -265,7 +284,7 @@ def _progress_reporter(listen, phases):
 
 
 def _is_tree_finite(tree):
-    """Return whether every float in `tree` is finite."""
+    """Return whether every float in a pytree is finite, scalar bool."""
     floats = [x for x in jax.tree.leaves(tree) if jnp.issubdtype(x.dtype, jnp.floating)]
     # one test of the joined array compiles faster than one for each of many small arrays
     return jnp.all(jnp.isfinite(jnp.concatenate([x.reshape(-1) for x in floats])))

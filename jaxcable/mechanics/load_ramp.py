@@ -5,7 +5,8 @@ loads with an amplitude (`loads.varying`).
 
 The phase begins with the restart state of earlier phases (`restart_state.RestartState`) and adds
 its own data (`PhaseData`), both with index arrays in place of topology. `LoadRamp.build` converts
-the prestress statements into start and end states once; `LoadRamp.system_at` interpolates.
+what the phase states of elements (pretension, temperature, ...) into start and end states once;
+`LoadRamp.system_at` interpolates.
 """
 
 from __future__ import annotations
