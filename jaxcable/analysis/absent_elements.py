@@ -113,10 +113,8 @@ def _is_zero_increment(name, given):
 def _warn_if_all_absent(name, label, concerned, there):
     """Warn if a number for the whole structure has no effect: no element that takes it is there.
 
-    Args:
-        name, label: of the statement, and as a user writes it.
-        concerned: for each group, whether it takes the statement.
-        there: for each group, which elements are there in the phase, [n_elem] bool.
+    For each group, `concerned` says whether it takes the number (statement `name`), and `there`
+    which elements are there in the phase, [n_elem] bool.
     """
     known = [own for own, ours in zip(there, concerned, strict=True) if ours]
     if name == "temperature" or any(isinstance(own, jax.core.Tracer) for own in known):

@@ -82,13 +82,8 @@ class Activation(NamedTuple):
 def _extend_to_joined_nodes(touched, structure, rows, pack):
     """Extend a mask of active degrees of freedom from hinged ends and rigid links to their nodes.
 
-    Args:
-        touched: degrees of freedom that active elements have, [1 + n_phase, n_row, n_freedom].
-        structure, rows: `Structure`, and its `MotionRows` or None.
-        pack: NumPy or jax.numpy.
-
-    Returns:
-        The mask, likewise.
+    `touched` says what active elements have, [1 + n_phase, n_row, n_freedom], `rows` are the
+    `MotionRows` or None, `pack` is NumPy or jax.numpy.
     """
     if rows is not None:
         more = np.arange(structure.n_node, len(rows.node_of_row))

@@ -224,7 +224,10 @@ def _replay_increments(ramp, factors, xs, good, converges):
 
 
 def _replay_to_end(problem):
-    """Return last point and history variables of a phase, see `_replay_increments`."""
+    """Return last point and history variables of a phase by `_replay_increments`.
+
+    `problem` has the ramp, load factors, points and which are good, split by `split_indices`.
+    """
     *_, memory, last = _replay_increments(*merge_indices(*problem), True)
     return last, memory
 
@@ -232,12 +235,9 @@ def _replay_to_end(problem):
 def _restart_after_phase(ramp, factor, points, valid, before, memory=None):
     """Return the `RestartState` after a phase, and its motion without derivative.
 
-    Args:
-        ramp, factor: the phase, and the load factor of its last converged increment.
-        points: the motion there with its derivative, and without.
-        valid: whether any increment has converged; if not, the results are those before the phase.
-        before: `RestartState` before the phase.
-        memory: history variables at the end, or None.
+    If no increment has converged (`valid` is False), they are those `before` the phase. `factor` is
+    the load factor of the last converged increment, `points` are (motion there with its derivative,
+    motion without), `memory` are its history variables or None.
     """
     motion, bare = points
     after = copy_with(ramp.commit(factor, drop_low_part(motion), memory), loads=None), bare

@@ -182,11 +182,8 @@ def _bundles_of(structure):
 def _numbering_function(structure, method, stacks, groups, bundles, convex):
     """Return a function from `FixedDofs` to the `DofMap` that numbers the unknowns.
 
-    Args:
-        structure, method: of the analysis.
-        stacks: all element loads, `LoadStack` each.
-        groups, bundles: element groups joined to bundles.
-        convex: whether the tangent is never indefinite.
+    `stacks` are all element loads, `groups` are joined to `bundles`; `convex` says whether the
+    tangent is never indefinite.
     """
     (rows, _), space = structure.motion_rows(), structure.space
     followers = [stack for stack in stacks if stack.follows]
@@ -215,15 +212,10 @@ def _numbering_function(structure, method, stacks, groups, bundles, convex):
 
 
 def _can_prove_instability(groups, restart, stacks, nodal):
-    """Return whether an indefinite tangent can occur, and proves instability.
+    """Return whether the tangent can be indefinite and is symmetric, which proves instability.
 
-    It does so where the tangent is symmetric.
-
-    Args:
-        groups: element groups.
-        restart: `RestartState` that the analysis starts from, or None.
-        stacks: all element loads, `LoadStack` each.
-        nodal: nodal loads of every phase, a list of lists.
+    `restart` is the `RestartState` at the start or None, `stacks` are all element loads, `nodal`
+    the nodal loads of every phase.
     """
     if _is_always_convex(groups, stacks) or not all(group.symmetric for group in groups):
         return False

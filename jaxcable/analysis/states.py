@@ -59,12 +59,9 @@ def system_at_last(
     reached: LastConverged,
     schedule: Schedule,
 ) -> System:
-    """Return the `System` of a `RestartState` with its supports, all degrees of freedom held.
+    """Return the `System` of a `RestartState`, all degrees of freedom held.
 
-    Args:
-        frame: (nodes, groups).
-        restart, reached: `RestartState`, and the increment that it belongs to.
-        schedule: `Schedule`.
+    `frame` is (nodes, groups), `reached` the increment that it belongs to, with its supports.
     """
     dof_map = copy_with(schedule.dof_map.without_unknowns, **reached.held)
     return make_system(*frame, restart, None, dof_map)

@@ -59,7 +59,7 @@ class EquilibriumSearch:
         self.system, self.method = system, method
         self.judges_stability, self.only_evaluates = judges_stability, only_evaluates
         self.criterion = criterion if jnp.finfo(x.dtype).eps < 1e-12 else None
-        self.begin = system.impose_supports(system.with_low_part(x))
+        self.begin = system.impose_supports(system.with_low_order_part(x))
         self.tol = residual_tolerance(method, x.dtype)
         self.length, self.extent = system.length_scale(), system.extent()
         self.is_net = system.is_net
@@ -113,11 +113,11 @@ class EquilibriumSearch:
 
     def iterate(self, state: NewtonState) -> NewtonState:
         """Evaluate the trial point, decide whether to accept it, and compute the next step."""
-        exact, residual_before = self._needs_low_part(state), max_abs(state.residual)
+        exact, residual_before = self._needs_low_order_part(state), max_abs(state.residual)
         state, fraction, accepted, search_over = self._evaluate_trial(state, exact)
         state, converged = self._check_convergence(state, search_over, residual_before)
         if self.is_net:  # a long step may lead to where the fine part matters after all
-            converged = converged & (exact | ~self._needs_low_part(state))
+            converged = converged & (exact | ~self._needs_low_order_part(state))
         given = fraction, accepted, search_over, converged
         state, reevaluate = self._update_strategies(state, *given)
         return self._compute_step(state, search_over & ~state.done & ~reevaluate, converged)
@@ -189,7 +189,7 @@ class EquilibriumSearch:
         longer = chords.elongation(relative_to_first_end(self.system, spread))
         return slope - state.predicted.excess_force(chords.force) @ longer
 
-    def _needs_low_part(self, state):
+    def _needs_low_order_part(self, state):
         """Return whether the next point of a net needs the low-order part of displacements."""
         if not self.is_net:
             return False

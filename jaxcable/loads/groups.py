@@ -119,14 +119,7 @@ class OnGroups(Acting):
         )
 
     def on_bundles(self, bundles: Bundles) -> Self:
-        """Convert the load from indices of groups to indices of bundles (groups evaluated as one).
-
-        Args:
-            bundles: which groups are joined.
-
-        Returns:
-            The load with its factors joined; itself if no groups are joined.
-        """
+        """Return the load with indices of bundles (groups evaluated as one), and joined factors."""
         if bundles.are_groups:
             return self
         given = self.element_factors or {}
@@ -148,13 +141,8 @@ class OnGroups(Acting):
     ) -> Float[Array, "n_elem ..."]:
         """Multiply amounts of a group by factors of its elements; zero for inactive elements.
 
-        Args:
-            number: index of the group (or bundle).
-            amounts: loads or lengths of its elements, [n_elem, ...].
-            state: state of the group, which says what elements are active; None: all of them.
-
-        Returns:
-            Amounts, likewise.
+        `number` is the index of the group (or bundle), `amounts` are loads or lengths, [n_elem,
+        ...]; its `state` says which elements are active (None: all).
         """
         if self.element_factors is not None and number in self.element_factors:
             factors = self.element_factors[number].astype(amounts.dtype)

@@ -124,14 +124,10 @@ def net_faces(
 
 
 def _trace_rings(plan, edges):
-    """Trace the rings of a planar graph of links.
+    """Return the rings of a planar graph, lists of nodes: around each mesh and each connected part.
 
-    Args:
-        plan: nodes in plan, [n_node, 2].
-        edges: set of pairs of linked nodes.
-
-    Returns:
-        List of lists of nodes: anticlockwise around each mesh, clockwise around each part.
+    Those around meshes are anticlockwise, those around parts clockwise. `plan` are nodes in plan,
+    [n_node, 2], `edges` a set of pairs of linked nodes.
     """
     spokes = [[] for _ in plan]
     for i, j in edges:

@@ -88,8 +88,8 @@ class System(Elementwise):
 
         return residual, zero, lambda step: self.move(x, step)
 
-    def with_low_part(self, x: Motion) -> Motion:
-        """Return `x`, for cable nets with a low-order part (`spaces.translations`)."""
+    def with_low_order_part(self, x: Motion) -> Motion:
+        """Return `x`; for cable nets with an added low-order part, which doubles its digits."""
         return append_low_part(drop_low_part(x)) if self.is_net else x
 
     # --- forces
@@ -97,7 +97,7 @@ class System(Elementwise):
     def internal_force(
         self, x: Motion, end_forces: EndForces | None = None
     ) -> tuple[Forces, Float[Array, " n_row"]]:
-        """Assemble end forces at rows, [n_row, n_freedom], N, and their norms, [n_row], N.
+        """Assemble end forces at nodes (rows), [n_row, n_freedom], and their norms, [n_row], N.
 
         They are evaluated at `x` unless given.
         """
@@ -115,7 +115,7 @@ class System(Elementwise):
         return sizes
 
     def sum_at_rows(self, values: Sequence[Float[Array, "n_elem n_end ..."]]) -> Array:
-        """Assemble values at element ends, [n_elem, n_end, ...] each: sums [n_row, ...]."""
+        """Assemble values at element ends, [n_elem, n_end, ...] each, at nodes: [n_row, ...]."""
         parts = [value.reshape(-1, *value.shape[2:]) for value in values]
         flat = parts[0] if len(parts) == 1 else jnp.concatenate(parts)
         if self.dof_map.nodal_assembly is not None:
@@ -144,7 +144,7 @@ class System(Elementwise):
         return jnp.repeat(sizes, group.links.shape[1], axis=1)
 
     def external_force(self, x: Motion, spread: Forces | None = None) -> Forces:
-        """Return dead and following loads on every row, [n_row, n_freedom], N and N m.
+        """Return dead and following loads on all nodes (rows), [n_row, n_freedom], N and N m.
 
         A system with further forces, such as inertia, adds them here, and their tangent to
         `external_stiffness_parts`; every solver uses these two methods.
@@ -161,13 +161,13 @@ class System(Elementwise):
         return load + self.space.pad_moments(self.following(moved))
 
     def following(self, moved: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
-        """Return follower loads on rows, [n_row, 3], N, with nodes at `moved`, [n_row, 3], m."""
+        """Return follower loads on nodes, [n_row, 3], N, with nodes at `moved`, [n_row, 3], m."""
         arguments = self.groups, self.states, self.nodes, moved
         forces: list[Any] = [follower.following_forces(*arguments) for follower in self.followers]
         return sum(forces)
 
     def unbalanced(self, x: Motion, end_forces: EndForces | None = None) -> Forces:
-        """Return internal forces less loads at every row, [n_row, n_freedom], N and N m."""
+        """Return internal forces less loads at all nodes, [n_row, n_freedom], N and N m."""
         return self.internal_force(x, end_forces)[0] - self.external_force(x)
 
     def residual(self, x: Motion) -> Step:

@@ -37,13 +37,7 @@ class Chords:
 
     @classmethod
     def of(cls, system: System, x: Motion, end_forces: EndForces) -> Chords:
-        """Compute the chords of a system at the motion `x`.
-
-        Args:
-            system: `System`.
-            x: motion of all rows.
-            end_forces: end forces of all elements at `x`, an array [n_elem, 2, 3] per group, N.
-        """
+        """Compute the chords of a system at motion `x` from its end forces, per group."""
         vector = relative_to_first_end(system, system.nodes + x[:, :3])
         length = jnp.sqrt(jnp.sum(vector**2, axis=1))
         along = vector / length[:, None]
@@ -81,15 +75,9 @@ class Chords:
         tangents: Sequence[Float[Array, "n_elem d d"]],
         force: Float[Array, " n"],
     ) -> list[Float[Array, "n_elem d d"]]:
-        """Return element tangents with the geometric stiffness of other axial forces.
+        """Return element tangents with the geometric stiffness of other axial forces [n], N.
 
-        Args:
-            system: `System`.
-            tangents: element tangents, per group [n_elem, d, d], N/m.
-            force: axial forces that replace the present ones in the geometric stiffness, [n], N.
-
-        Returns:
-            Element tangents, likewise.
+        `tangents` have an array [n_elem, d, d], N/m, for every group, and so has the result.
         """
         density = (force - self.force) / self.length
         square = self.along[:, :, None] * self.along[:, None, :]

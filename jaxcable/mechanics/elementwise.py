@@ -244,17 +244,10 @@ def evaluate_elements(
     exact: Bool[ArrayLike, ""] = True,
     absent: bool = False,
 ) -> Any:
-    """Call a method of every element of a group, vectorized by vmap.
+    """Call a method of every element of a group, by vmap; return arrays [n_elem, ...].
 
-    Args:
-        method: name of a method of one element, with the arguments (state, ends, motion).
-        group, state: elements and their state.
-        nodes: initial positions, [n_row, 3], m.
-        motions: motions of all rows.
-        exact, absent: as in `map_elements_at_ends`.
-
-    Returns:
-        Results of all elements, arrays [n_elem, ...].
+    The method takes (state, ends, motion, ...) of one element. `nodes` and `motions` are those of
+    all rows; `exact` and `absent` are those of `map_elements_at_ends`.
     """
 
     def one(law, *at):

@@ -48,7 +48,7 @@ class NodalIncrement:
     amplitude: Amplitude | None = None
 
     def value_at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
-        """Return the sum at a load factor of the phase (`parameter`), [n_row, 3 or 6]."""
+        """Return the loads or movements of the phase at a load factor, [n_row, 3 or 6]."""
         if self.amplitude is None:
             return parameter * self.values
         return jnp.sum(self.amplitude.factor_at(parameter)[:, None, None] * self.values, axis=0)
@@ -261,12 +261,10 @@ class LoadRamp:
     def commit(
         self, parameter: Float[ArrayLike, ""], motion: Motion, memory: Memory | None = None
     ) -> RestartState:
-        """Return the `RestartState` at a load factor, with jacks locked off.
+        """Return the `RestartState` at a load factor (`parameter`), with jacks locked off.
 
-        Args:
-            parameter: load factor of the phase that has been reached.
-            motion: motion of all rows in equilibrium there.
-            memory: history variables there, per group; None: those of the start.
+        `motion` is that of all rows in equilibrium; `memory` are history variables there, per
+        group.
         """
         states = []
         for group, state in zip(self.groups, self.states(parameter, memory), strict=True):

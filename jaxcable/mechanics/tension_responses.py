@@ -180,17 +180,11 @@ def net_stiffness(
     slopes: Float[Array, " n"],
     tensions: Float[Array, " n"],
 ) -> list[Float[Array, "n_elem d d"]]:
-    """Return element matrices of a net: ``slope g g'`` plus geometric stiffness.
+    """Return element matrices of a net, ``slope g g'`` plus geometric stiffness, N/m.
 
-    Args:
-        system: net of cables.
-        x: motion of all rows.
-        unit_forces: derivatives g of lengths by the ends, per group [n_elem, n_end, 3].
-        slopes: stiffness of every cable along g, [n], N/m.
-        tensions: tensions of the geometric stiffness, [n], N.
-
-    Returns:
-        Matrices, per group [n_elem, d, d], N/m.
+    They are [n_elem, d, d] per group. `unit_forces` are the derivatives g of lengths by the ends,
+    per group [n_elem, n_end, 3], `slopes` stiffnesses along g, [n], N/m, `tensions` those of the
+    geometric stiffness, [n], N.
     """
     found = []
     split = _split_by_group(system, slopes), _split_by_group(system, tensions)
@@ -210,10 +204,7 @@ def linearized_elongation(
 ) -> Float[Array, " n"]:
     """Return the linearized elongations of all cables by a step of all rows, [n], m.
 
-    Args:
-        system: net of cables.
-        unit_forces: derivatives of lengths by the ends, per group [n_elem, n_end, 3].
-        row_step: step of all rows, [n_row, 3 or more].
+    `unit_forces` are derivatives of lengths by the ends, per group [n_elem, n_end, 3].
     """
     pairs = zip(system.groups, unit_forces, strict=True)
     changes = [jnp.sum(g * row_step[group.links][..., :3], axis=(1, 2)) for group, g in pairs]

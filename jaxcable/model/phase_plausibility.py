@@ -181,11 +181,8 @@ def known_axial_stiffness(group: Element) -> Float[np.ndarray, " n_elem"] | None
 def _describe_unlikely_strain(label, value, strain, hint, stiffness=None):
     """Yield a message about the first element whose strain no cable bears, or nothing.
 
-    Args:
-        label: the input as a user writes it.
-        value, strain: the input for every element, and the strain that it makes, [n_elem].
-        hint: end of the message.
-        stiffness: EA, [n_elem], N, for the message; None if it does not matter.
+    `value` [n_elem] is the input that makes the strain [n_elem], `hint` ends the message, which
+    mentions the `stiffness` EA [n_elem], N, if given.
     """
     wrong = (np.abs(strain) > MAX_STATED_STRAIN) & np.isfinite(strain)
     text = ""
