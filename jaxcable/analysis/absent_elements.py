@@ -126,10 +126,9 @@ def _warn_if_all_absent(name, label, concerned, there):
 
 
 def _names_absent_element(label, where, given, group, there) -> bool | Bool[jax.Array, ""]:
-    """Return whether what is `given` for a group names elements that are not `there`.
+    """Return whether values `given` for a group concern elements that are not `there`.
 
-    Raises:
-        ValueError: it does, and that is known (not traced).
+    ValueError if that is known (not traced).
     """
     hint = "give the value in the phase that adds it, or in a later one"
     if isinstance(given, Only):

@@ -197,10 +197,7 @@ def inactive_dofs_of(
 
 
 def attached_phases(phases: Sequence[Phase]) -> Bool[np.ndarray, " n_phase"] | None:
-    """Return which phases place newly active nodes ``"attached"``, [n_phase] bool; or None.
-
-    Such nodes have moved rigidly with active ones. None if no phase asks for it.
-    """
+    """Return which phases let new nodes move rigidly with active ones, [n_phase]; or None."""
     found = np.array([phase.placed == "attached" for phase in phases])
     return found if found.any() else None
 

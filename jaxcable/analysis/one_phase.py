@@ -154,10 +154,7 @@ def _solve_by_newton(
 
 
 def _solve_by_incremental_scheme(ramp, count, given, is_first, report):
-    """Solve the increments by `Incremental`, differentiated through.
-
-    Arguments and results are those of `_solve_by_newton`; the last two results are None.
-    """
+    """Solve the increments by `Incremental`; arguments and results as of `_solve_by_newton`."""
     (factors, live), method, code = given
     increments = factors[1:], live[1:]
     xs, log = incremental.solve_increments(

@@ -210,10 +210,7 @@ def with_statement(phase: Phase, name: str, given: PyTree[Any]) -> Phase:
 
 
 def keys_as_whole_groups(value: Any) -> Any:
-    """Return what a phase adds or removes, with keys of groups as a `WholeGroups`.
-
-    Masks and selections do not change; an empty list or dict becomes None.
-    """
+    """Convert what a phase adds or removes: keys become `WholeGroups`, empty lists None."""
     if isinstance(value, list | tuple | dict) and not value:
         return None
     if isinstance(value, str):

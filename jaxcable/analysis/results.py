@@ -44,7 +44,7 @@ class ElementResults:
 
     @property
     def element_results(self) -> dict[str, PyTree[Float[Array, "n_elem ..."]]]:
-        """All that elements tell, a dict by name, each in the shape of `elements`.
+        """All results of elements, a dict by name, each in the shape of `elements`.
 
         These are ``tension``, ``peak_tension``, ``section_forces``, ``section_strain`` as far as
         there are such elements, and `results`.

@@ -123,19 +123,13 @@ def _analyse(without_indices, arrays, method, code, differentiate_path, listen, 
 
 
 def analyse_within_program(without_indices, arrays, method, code, bundles):
-    """Run the analysis as a part of another compiled program, with derivatives of ends of phases.
-
-    Arguments are those of `PreparedAnalysis`.
-    """
+    """Run a `PreparedAnalysis` within another program, with derivatives of ends of phases."""
     given = {"differentiate_path": False, "listen": None, "bundles": bundles}
     return _analyse(without_indices, arrays, method, code, **given, size=0)
 
 
 def _scan_phases(differentiate_path, listen, bundles, without_indices, arrays, method, code):
-    """Solve the phases of an analysis one after the other, in one `lax.scan`; return a `Solution`.
-
-    Arguments are those of `_analyse`.
-    """
+    """Solve the phases one after the other in one `lax.scan`; arguments are those of `_analyse`."""
     parameters = merge_indices(without_indices, arrays)
     structure_ok, codes = traced_input_status(parameters, method)
     nodes, groups, restart, schedule = complete_input(parameters, bundles)

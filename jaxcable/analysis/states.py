@@ -97,10 +97,10 @@ def make_state(frame, restart, point, reached, schedule, last_output=None):
     displacement = restart.motion[:n_node, :3]
     problem = split_indices((system, motion))
     if last_output is None:
-        found = _element_results(problem)
+        found = _evaluate_element_results(problem)
     else:
         found = {name: last_output.by_name[name] for name in (*last_output.of_ends, "end_forces")}
-        found = with_deferred_derivative(_element_results, found, problem)
+        found = with_deferred_derivative(_evaluate_element_results, found, problem)
     reactions = summed(system.reactions(motion, found.pop("end_forces")))
     follow = system.followers is not None or any(group.slides for group in groups)
     load = summed(_acting_loads(system, motion), follow)  # dead loads do not depend on the motion
@@ -120,7 +120,7 @@ def make_state(frame, restart, point, reached, schedule, last_output=None):
     )
 
 
-def _element_results(problem):
+def _evaluate_element_results(problem):
     """Evaluate element results at the end of a phase, a dict by name.
 
     `problem` is (system, motion), split by `split_indices`.

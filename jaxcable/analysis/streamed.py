@@ -235,12 +235,7 @@ def streamed(
 
 
 def _as_case_function(cases, n_case):
-    """Return cases as a function of their numbers.
-
-    Returns:
-        Function from numbers [n] to these cases; number of cases; cases by which `streamed`
-        recognizes a study.
-    """
+    """Return a function from numbers [n] to cases, the number of cases, and cases to compare."""
     if callable(cases):
         if n_case is None:
             raise ValueError(

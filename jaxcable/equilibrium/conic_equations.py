@@ -91,7 +91,7 @@ class ConicEquations:
         Args:
             unknowns: `TensionUnknowns`.
             system: `System`, a net.
-            x: motion of all rows.
+            x: motion of all nodes (rows).
             responses: tensions and end forces at x.
             residual: residual at x, [n_free], N.
             guess, load, length: as in `ConicEquations`.
@@ -126,7 +126,7 @@ class ConicEquations:
         """Return the equations of an interior or finishing step, made from those of a mixed step.
 
         Args:
-            system, x: `System`, and motion of all rows.
+            system, x: `System`, and motion of all nodes (rows).
             responses: tensions and end forces at x.
             piece_length: lengths of pieces, [n_piece], m.
         """
@@ -136,14 +136,14 @@ class ConicEquations:
             unknowns.is_new_mode, lambda: inner.at_start(self, system, x), lambda: inner
         )
         new = copy_with(self, unknowns=copy_with(unknowns, interior_point=inner))
-        guess = jnp.where(unknowns.is_interior, inner.tension, unknowns.guess)
+        guess = jnp.where(unknowns.uses_interior_point, inner.tension, unknowns.guess)
         under = responses.under_tensions(system, jnp.maximum(guess, 0.0))
         given = system, guess, under.spare_length, under.compliance
         ways = (
             (lambda: new._interior_equations(*given)),
             (lambda: new._finish_equations(*given, piece_length)),
         )
-        new, pull = lax.cond(unknowns.is_interior, *ways)
+        new, pull = lax.cond(unknowns.uses_interior_point, *ways)
         unbalanced = system.external_force(x) - pieces.sum_piece_forces(system, pull)
         return copy_with(new, rhs=system.space.restrict(unbalanced, x))
 
@@ -222,7 +222,7 @@ class ConicEquations:
         # rounding of the forces then moves nodes without stiffness by some part of a length only
         least = _MIN_SHIFT * jnp.finfo(force.dtype).eps * force
         shift = jnp.maximum(_SHIFT * jnp.minimum(residual, force), least) / self.length
-        shift = jnp.where(unknowns.is_interior, 0.0, shift)
+        shift = jnp.where(unknowns.uses_interior_point, 0.0, shift)
         eps, tiny = jnp.finfo(size.dtype).eps, jnp.finfo(size.dtype).tiny
         rounding = unknowns.min_shift_in_eps * (eps * size) + tiny
         return linear.add_to_diagonal(matrix, jnp.maximum(shift, rounding))
@@ -238,7 +238,7 @@ class ConicEquations:
 
         Args:
             system: `System`.
-            x: motion of all rows.
+            x: motion of all nodes (rows).
             step: solution of the equations, [n_free].
             definite: whether their matrix is positive definite.
 
@@ -253,8 +253,8 @@ class ConicEquations:
 
         def newton_step():
             far = jnp.max(norm(moved)) / (_MAX_MOTION * self.length)
-            fraction = jnp.where(unknowns.is_finishing, 1 / jnp.maximum(far, 1.0), 1.0)
-            guess = jnp.where(unknowns.is_finishing, now, jnp.maximum(now, 0.0))
+            fraction = jnp.where(unknowns.takes_finishing_steps, 1 / jnp.maximum(far, 1.0), 1.0)
+            guess = jnp.where(unknowns.takes_finishing_steps, now, jnp.maximum(now, 0.0))
             after = copy_with(unknowns, guess=guess, steps_in_mode=unknowns.steps_in_mode + 1)
             return after, fraction, jnp.zeros((), bool)
 
@@ -271,5 +271,7 @@ class ConicEquations:
             )
             return after, fraction, predicted
 
-        after, fraction, predicted = lax.cond(unknowns.is_interior, interior_step, newton_step)
+        after, fraction, predicted = lax.cond(
+            unknowns.uses_interior_point, interior_step, newton_step
+        )
         return copy_with(after, is_new_mode=jnp.zeros((), bool)), fraction, predicted

@@ -127,7 +127,7 @@ class ConicInteriorPoint:
         Args:
             equations: `ConicEquations` at x.
             system: `System`.
-            x: motion of all rows.
+            x: motion of all nodes (rows).
         """
         size, base, load = norm(equations.vector), equations.base_tension, equations.load
         load = jnp.where(load > 0, load, _UNLOADED * jnp.max(base))

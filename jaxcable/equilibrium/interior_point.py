@@ -168,10 +168,12 @@ class LengthBoundEquations:
             unknowns=copy_with(unknowns, guess=guess),
         )
         interior = mixed._interior_equations
-        return lax.cond(unknowns.is_interior, lambda: interior(system, x, responses), lambda: mixed)
+        return lax.cond(
+            unknowns.uses_interior_point, lambda: interior(system, x, responses), lambda: mixed
+        )
 
     def _interior_equations(self, system, x, responses):
-        """Return the equations of an interior step at x, made from those of a mixed step."""
+        """Return the equations of an interior-point step at x, made from these of a mixed step."""
         unknowns, free = self.unknowns, ~self.jacked
         first = jnp.maximum(self.load, _UNLOADED * jnp.max(responses.tension))
         least, most = (part * first for part in _FIRST_TENSION)
@@ -219,7 +221,7 @@ class LengthBoundEquations:
         """
         unknowns = self.unknowns
         tensions = select_tree(
-            unknowns.is_interior, unknowns.interior_point.tension, unknowns.guess
+            unknowns.uses_interior_point, unknowns.interior_point.tension, unknowns.guess
         )
         matrix = system.tangent(
             x, [*net_stiffness(system, x, self.unit_forces, self.slope, tensions)]
@@ -228,7 +230,7 @@ class LengthBoundEquations:
         eps, tiny = jnp.finfo(x.dtype).eps, jnp.finfo(x.dtype).tiny
         rounding = unknowns.min_shift_in_eps * (eps * size) + tiny
         shift = _SHIFT * jnp.minimum(residual, jnp.max(tensions) + self.load) / self.length
-        shift = jnp.where(unknowns.is_interior, unknowns.interior_point.damping, shift)
+        shift = jnp.where(unknowns.uses_interior_point, unknowns.interior_point.damping, shift)
         return linear.add_to_diagonal(matrix, jnp.maximum(shift, rounding))
 
     def take_step(
@@ -249,7 +251,7 @@ class LengthBoundEquations:
         now = self.base_tension + self.slope * elongation
         mixed = copy_with(unknowns, guess=jnp.maximum(now, 0.0)), jnp.ones_like(self.length)
         after, fraction = lax.cond(
-            unknowns.is_interior,
+            unknowns.uses_interior_point,
             lambda: self._take_interior_step(
                 now, elongation, jnp.max(relative_node_motion(system, spread))
             ),

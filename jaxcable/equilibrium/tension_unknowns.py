@@ -128,12 +128,12 @@ class TensionUnknowns:
         return self.mode == SEARCH
 
     @property
-    def is_interior(self) -> Bool[Array, ""]:
+    def uses_interior_point(self) -> Bool[Array, ""]:
         """Whether the mode is `INTERIOR`: steps of the interior-point method."""
         return self.mode == INTERIOR
 
     @property
-    def is_finishing(self) -> Bool[Array, ""]:
+    def takes_finishing_steps(self) -> Bool[Array, ""]:
         """Whether the mode is `FINISH`: finishing steps after an interior iteration."""
         return self.mode == FINISH
 
@@ -143,7 +143,11 @@ class TensionUnknowns:
 
         They differ too much from each other for conjugate gradients with an earlier factor.
         """
-        return (self.is_interior | self.is_finishing) if self.has_cones else self.is_interior
+        return (
+            (self.uses_interior_point | self.takes_finishing_steps)
+            if self.has_cones
+            else self.uses_interior_point
+        )
 
     @property
     def awaits_corrector(self) -> Bool[ArrayLike, ""]:
@@ -151,7 +155,7 @@ class TensionUnknowns:
         point = self.interior_point
         if not isinstance(point, ConicInteriorPoint):
             return False
-        return self.is_interior & point.has_predicted
+        return self.uses_interior_point & point.has_predicted
 
     @property
     def min_shift_in_eps(self) -> Int[Array, ""]:
@@ -183,7 +187,11 @@ class TensionUnknowns:
         Returns:
             The state; the point to go on from; whether this is another one than x.
         """
-        mixed, finishing, interior = self.mode == MIXED, self.is_finishing, self.is_interior
+        mixed, finishing, interior = (
+            self.mode == MIXED,
+            self.takes_finishing_steps,
+            self.uses_interior_point,
+        )
         halved = finite & (self.is_new_mode | (residual < 0.5 * self.best_residual))
         starts = mixed & (self.steps_in_mode <= _FIRST_STEPS)
         best = jnp.where(halved | starts, residual, self.best_residual)
@@ -254,7 +262,7 @@ class TensionUnknowns:
 
         Args:
             system: `System`, a net.
-            x: motion of all rows.
+            x: motion of all nodes (rows).
             responses: tensions and end forces at x.
             residual: residual at x, [n_free], N.
             length: mean length of elements, m.

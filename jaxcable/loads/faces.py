@@ -26,11 +26,7 @@ _SPLITS = {
 
 
 def as_faces(faces: Int[ArrayLike, "n 3or4"]) -> Indices:
-    """Check node numbers of faces, [n, 3] or [n, 4], and return them as `Indices`.
-
-    Raises:
-        ValueError: another shape, or a face with less than three different nodes.
-    """
+    """Check node numbers of faces, [n, 3] or [n, 4] (ValueError); return them as `Indices`."""
     if isinstance(faces, Indices):
         return faces
     array = np.asarray(faces)
@@ -98,9 +94,6 @@ class OnFaces(OnGroups):
         """Return indices of the loaded groups, and a mask of their loaded elements, [n_elem].
 
         The mask is None if all elements are loaded. There are no groups if `faces` are given.
-
-        Raises:
-            ValueError: there is no such group or element, or the group has no faces.
         """
         if self.faces is not None:
             return (), None
@@ -125,10 +118,7 @@ class OnFaces(OnGroups):
         self._check_value_counts(structure, self.loaded_groups(structure)[0])
 
     def coupled_nodes(self, groups: Groups) -> list[Indices]:
-        """Return nodes whose forces depend on each other's positions: those of each face.
-
-        The list has an array [n, 3] or [n, 4] for `faces`, or for each loaded group.
-        """
+        """Return nodes whose forces are coupled: around each loaded face, a list of [n, 3 or 4]."""
         if self.faces is not None:
             return [self.faces]
         found = [groups[number] for number in self.on]

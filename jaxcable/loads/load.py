@@ -31,10 +31,7 @@ Blocks: TypeAlias = 'list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]'
 
 
 class Bundles(Protocol):
-    """What loads need to know of bundles: element groups that are evaluated as one.
-
-    `mechanics.bundles` has the class that satisfies this protocol.
-    """
+    """Protocol of `mechanics.bundles`: groups that are evaluated as one, as loads need them."""
 
     @property
     def are_groups(self) -> bool:
@@ -91,10 +88,7 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
 
 
 class OnNodes(Load):
-    """Base of dead loads on nodes.
-
-    A load on a degree of freedom ends where a later phase supports this degree of freedom.
-    """
+    """Base of dead loads on nodes; they end where a later phase fixes a degree of freedom."""
 
     def forces_at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]] | None:
         """Return node numbers [n] and the forces on them, [3] or [n, 3], N, for warnings.
@@ -110,10 +104,7 @@ class OnNodes(Load):
 
     @abc.abstractmethod
     def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Return forces, N, and moments, N m, on all nodes, in an array of `shape`.
-
-        `shape` is (n_row, 3) without moments or (n_row, 6); `dtype` that of the result.
-        """
+        """Return forces, N, and moments, N m, on all nodes, in an array of `shape` (n, 3 or 6)."""
 
 
 class Moving(Load):
@@ -125,10 +116,7 @@ class Moving(Load):
 
     @abc.abstractmethod
     def nodal_movements(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Return the movements of all nodes in an array of `shape`, m and rad.
-
-        The columns are displacements and, if `shape` is (n_row, 6), rotation vectors.
-        """
+        """Return displacements and rotation vectors of all nodes in an array of `shape`, m, rad."""
 
 
 class Acting(Load):
@@ -140,24 +128,15 @@ class Acting(Load):
         return False
 
     def with_group_numbers(self, structure: Structure) -> Acting:
-        """Return the load in the form of an analysis: groups by index in place of their keys.
-
-        The default is the load itself.
-        """
+        """Return the load with indices of groups in place of keys; the load itself by default."""
         return self
 
     def on_bundles(self, bundles: Bundles) -> Acting:
-        """Convert the load from indices of groups to indices of bundles (groups evaluated as one).
-
-        The default is the load itself.
-        """
+        """Return the load on bundles (groups evaluated as one); the load itself by default."""
         return self
 
     def with_bundle_numbers(self, bundles: Bundles) -> Acting:
-        """Return the load with indices of bundles in place of groups, otherwise unchanged.
-
-        The default is the load itself.
-        """
+        """Return the load with indices of bundles in place of groups, otherwise unchanged."""
         return self
 
 
@@ -219,44 +198,30 @@ class Following(Acting):
 
     @abc.abstractmethod
     def coupled_nodes(self, groups: Groups) -> list[Indices]:
-        """Return nodes whose forces depend on each other's positions.
-
-        The list has `Indices` [n, k]: n sets of k nodes, as in `following_blocks`.
-        """
+        """Return sets of k nodes whose forces depend on each other's positions, list of [n, k]."""
 
     @abc.abstractmethod
     def following_forces(
         self, groups: Groups, states: States, nodes: Positions, moved: Positions
     ) -> Positions:
-        """Return the force on every node, [n_row, 3], N.
-
-        Args:
-            groups, states: element groups and their states.
-            nodes: initial positions, [n_row, 3], m.
-            moved: current positions, likewise.
-        """
+        """Return the force on every node, [n_row, 3], N, with nodes at `moved` [n_row, 3], m."""
 
     @abc.abstractmethod
     def following_blocks(
         self, groups: Groups, states: States, nodes: Positions, moved: Positions
     ) -> Blocks:
-        """Return the derivative of the forces by current positions (arguments as of the forces).
+        """Return derivatives of the forces by current positions `moved`, [n_row, 3].
 
-        Returns:
-            List of (blocks [n, k, 3, k, 3], N/m, nodes [n, k]) for n sets of k coupled nodes.
+        The list has pairs (blocks [n, k, 3, k, 3], N/m, nodes [n, k]) for n sets of k coupled
+        nodes.
         """
 
     def bending_pressure(
         self, number: int, group: Element
     ) -> tuple[str, Float[Array, " n_elem"], Float[Array, "n_elem 3"]] | None:
-        """Return the pressure that bends the elements of a group between their nodes (beams).
+        """Return (per, pressure [n_elem], N/m, axes [n_elem, 3]) that bend a group, or None.
 
-        Args:
-            number: index of the group.
-            group: element group.
-
-        Returns:
-            The length that it refers to ("current" or "unstressed"), pressure [n_elem], N/m, axes
-            [n_elem, 3]; None if it bends none.
+        `per` is the length that the pressure refers to, "current" or "unstressed"; `number` is the
+        index of the group.
         """
         return None

@@ -105,8 +105,5 @@ class SupportMovement(Moving):
                 )
 
     def nodal_movements(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Return the movements of all nodes in an array of `shape`, m and rad.
-
-        The columns are displacements and, if `shape` is (n_row, 6), rotation vectors.
-        """
+        """Return displacements and rotation vectors of all nodes in an array of `shape`, m, rad."""
         return scatter_to_nodes(self.nodes, (self.displacements, self.rotations), shape, dtype)

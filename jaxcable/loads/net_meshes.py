@@ -237,10 +237,7 @@ def _signed_areas(a, b, places):
 
 
 def _find_border_lines(plan, edges, outsides):
-    """Return lines that close the border of a net between its free ends, a set of node pairs.
-
-    `outsides` are the clockwise rings around each part of the net.
-    """
+    """Return pairs of nodes, lines between free ends; `outsides` are rings around the parts."""
     count = np.bincount(np.array(sorted(edges)).ravel(), minlength=len(plan))
     open_ = [ring for ring in outsides if (count[ring] == 1).sum() > 1]
     if len(open_) > 1:

@@ -87,8 +87,5 @@ class NodalLoads(OnNodes):
         return f"NodalLoads on {len(self.nodes)} nodes, sum ({total}) N"
 
     def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Return forces, N, and moments, N m, on all nodes, in an array of `shape`.
-
-        `shape` is (n_row, 3) without moments or (n_row, 6); `dtype` that of the result.
-        """
+        """Return forces, N, and moments, N m, on all nodes, in an array of `shape` (n, 3 or 6)."""
         return scatter_to_nodes(self.nodes, (self.forces, self.moments), shape, dtype)

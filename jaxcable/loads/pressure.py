@@ -148,20 +148,15 @@ class CablePressure(OnGroups, Pressure):
         self._check_value_counts(structure, numbers)
 
     def coupled_nodes(self, groups: Groups) -> list[Indices]:
-        """Return nodes whose forces depend on each other's positions: the ends of each element.
-
-        The list has an array [n_elem, 2] for each loaded group.
-        """
+        """Return both ends of loaded elements, whose forces are coupled, [n_elem, 2] per group."""
         return [Indices(groups[number].links.array[:, :2]) for number in self.on]
 
     def bending_pressure(
         self, number: int, group: Element
     ) -> tuple[str, Float[Array, " n_elem"], Float[Array, "n_elem 3"]] | None:
-        """Return the pressure that bends the elements of a group between their nodes.
+        """Return (`per`, pressure [n_elem], N/m, axes [n_elem, 3]) that bend a group, or None.
 
-        Returns:
-            `per`, pressure [n_elem], N/m, axes [n_elem, 3]; None if the load does not act on the
-            group, or its elements cannot bend.
+        None: the load does not act on the group, or its elements cannot bend.
         """
         if number not in self.on or not group.rotates:
             return None

@@ -150,7 +150,7 @@ class System(Elementwise):
         `external_stiffness_parts`; every solver uses these two methods.
 
         Args:
-            x: motion of all rows.
+            x: motion of all nodes (rows).
             spread: step of all rows from `x`; the loads are those after it, conjugate to it.
         """
         load = self.load if spread is None else self.space.conjugate_loads(self.load, spread)

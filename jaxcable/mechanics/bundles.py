@@ -119,11 +119,7 @@ class Bundles(NamedTuple):
     def join_statements(
         self, per_group: list[dict[str, StatedValues]]
     ) -> list[dict[str, StatedValues]]:
-        """Join what a phase states of elements, per group, to the same per bundle.
-
-        Each item is a dict from the name of a statement (pretension, temperature, ...) to its
-        `StatedValues` for the elements.
-        """
+        """Join what a phase states, a dict name: `StatedValues` per group, to one per bundle."""
         found = []
         for numbers in self.group_indices:
             names = dict.fromkeys(name for k in numbers for name in per_group[k])

@@ -116,10 +116,7 @@ def tension_only_chords(groups: Sequence[Element]) -> Bool[np.ndarray, " n"]:
 
 
 def relative_to_first_end(system: System, values: Float[Array, "n_row n"]) -> Float[Array, "n 3"]:
-    """Return vectors of second ends less those of first ends, for elements with chords, [n, 3].
-
-    `values` [n_row, 3 or more columns] are positions or displacements of all rows, m.
-    """
+    """Return `values` [n_row, 3] of second ends less those of first ends, [n, 3], m."""
     links = jnp.concatenate([group.links[:, :2] for group in system.groups if has_chord(group)])
     ends = values[:, :3][links]
     return ends[:, 1] - ends[:, 0]

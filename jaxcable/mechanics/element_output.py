@@ -45,7 +45,7 @@ class ElementOutput:
 
 
 def evaluate_output(system: System, motion: Motion) -> ElementOutput:
-    """Evaluate all results of the elements of a system at a motion of all rows: `ElementOutput`."""
+    """Evaluate all element results of a system at a motion of all nodes: `ElementOutput`."""
     results = system.results()
     found = system.results_by_name(motion, *results, "end_forces", "is_slack")
     slack = found.pop("is_slack")

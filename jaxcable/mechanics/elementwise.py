@@ -65,7 +65,7 @@ class Elementwise:
         """Return named results of all elements; each element is evaluated once for all of them.
 
         Args:
-            motion: motion of all rows.
+            motion: motion of all nodes (rows).
             names: names of element methods.
 
         Returns:
@@ -132,7 +132,7 @@ class Elementwise:
         """Return mass matrices of all elements, per group [n_elem, d, d], kg; zero without weight.
 
         Args:
-            motion: motion of all rows.
+            motion: motion of all nodes (rows).
             gravity: acceleration by which weights are divided, m/s2.
             distribution: as in `Element.mass_matrix`.
         """
@@ -192,7 +192,7 @@ class Elementwise:
         )
 
     def is_ruptured(self, motion: Motion) -> Bool[Array, ""]:
-        """Return whether any element exceeds its rupture strain at a motion of all rows."""
+        """Return whether any element exceeds its rupture strain at a motion of all nodes (rows)."""
         return jnp.any(self.ruptured_elements(self.strains(motion)))
 
     def commit_memory(
@@ -201,7 +201,7 @@ class Elementwise:
         """Return the history variables of every group at the end of an increment.
 
         Args:
-            motion: motion of all rows at the end.
+            motion: motion of all nodes (rows) at the end.
             strains: section strains there, per group; None: they are evaluated.
             duration: duration of the increment, s; always 0, because phases have none yet.
         """

@@ -195,7 +195,7 @@ class LoadRamp:
         return now
 
     def nodal_load(self, parameter: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
-        """Return nodal loads plus the rest of `released` at a load factor, [n_row, n_freedom]."""
+        """Return nodal loads and remaining released forces at a load factor, [n_row, n_freedom]."""
         load = self.start.nodal_load
         if self.added_load is not None:
             load = load + self.added_load.value_at(parameter)
@@ -211,7 +211,7 @@ class LoadRamp:
         ]
 
     def prescribed_motion(self, parameter: Float[ArrayLike, ""]) -> Motion:
-        """Return the motion of all rows that supports prescribe at a load factor."""
+        """Return the motion of all nodes (rows) that supports prescribe at a load factor."""
         begin = self.start.motion
         if self.moved is None:
             return begin

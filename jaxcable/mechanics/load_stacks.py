@@ -85,10 +85,7 @@ class LoadStack:
     def weighted_sum(
         self, amounts: LoadFactors, function: Callable[[Any], PyTree[Array]]
     ) -> PyTree[Array]:
-        """Return the sum over the loads of factor times ``function(load)``, a pytree.
-
-        `amounts` are the `LoadFactors`.
-        """
+        """Return the sum of factor times ``function(load)`` over all loads, a pytree or None."""
         values = self.for_each_load(function, amounts.begun)
         if self.phase.shape[0] == 1:
             return jax.tree.map(lambda x: amounts.factors[0] * x[0], values)

@@ -55,7 +55,7 @@ def piece_vectors(system: System, x: Motion) -> Float[Array, "n_piece 3"]:
 
 
 def existing_pieces(system: System) -> Bool[Array, " n_piece"] | None:
-    """Return which pieces are not void, [n_piece] bool; None if no piece can be void."""
+    """Return which pieces belong to active cables and are no padding, [n_piece]; None for all."""
     if all(state.present is None for state in system.states) and _have_single_pieces(system):
         return None
     found = []

@@ -20,7 +20,7 @@ class RestartState:
     """What a phase hands to the next one, and from which another analysis can continue.
 
     Attributes:
-        motion: motion of all rows from the initial nodes, [n_row, n_motion]; see `spaces`.
+        motion: motion of all nodes (rows) from the initial nodes, [n_row, n_motion]; see `spaces`.
         states: element states, one per group.
         nodal_load: sum of the nodal loads so far, [n_row, n_freedom], N and N m.
         loads: element loads of all phases, a list of `LoadStack`.
@@ -66,7 +66,7 @@ def make_system(
     Args:
         nodes, groups: initial positions, [n_row, 3], m, and element groups.
         restart: `RestartState`.
-        prescribed: motion of all rows that supports prescribe; None if supports are not needed.
+        prescribed: motion that supports prescribe, of all rows; None without supports.
         dof_map: map of the degrees of freedom.
         load: dead load, [n_row, n_freedom]; None: it is computed.
     """

@@ -44,10 +44,7 @@ class TensionResponses:
 
     @classmethod
     def of(cls, system: System, x: Motion, exact: Bool[ArrayLike, ""]) -> TensionResponses:
-        """Evaluate the cables of a system at motion `x`.
-
-        `exact` says whether the low-order part of the motion counts in full.
-        """
+        """Evaluate the cables at `x`; `exact`: with the whole low-order part of the motion."""
         found = []
         for group, state in zip(system.groups, system.states, strict=True):
             pull = evaluate_elements(
@@ -212,10 +209,7 @@ def linearized_elongation(
 
 
 def relative_node_motion(system: System, row_step: Forces) -> Float[Array, " n"]:
-    """Return how far a step moves successive nodes of each cable apart, over their distance, [n].
-
-    It is the largest of each cable; `row_step` is the step of all rows, [n_row, 3 or more].
-    """
+    """Return the largest relative step of a cable's successive nodes over their distance, [n]."""
     found = []
     for group, state in zip(system.groups, system.states, strict=True):
         apart = jnp.sum(jnp.diff(row_step[group.links][..., :3], axis=1) ** 2, axis=-1)

@@ -76,11 +76,7 @@ def find_free_spins(
 
 
 def _torsion_chains(structure):
-    """Iterate over sets of beams that transmit torsion to each other.
-
-    Yields:
-        Nodes of the beams, [k, 2]; list of the rows of motion that rotate with them.
-    """
+    """Iterate over chains of beams that transmit torsion: nodes [k, 2], rows that rotate."""
     _, groups = structure.motion_rows()
     n_node = structure.n_node
     pairs, joined, hinge_rows, wide = [], [], [], []

@@ -140,10 +140,7 @@ class Structure:
             warn_of_spins(self, fixed)
 
     def _check_result_names(self):
-        """Raise ValueError for names of results that are taken.
-
-        A group must not use the name of a result of nodes, or of another group with another unit.
-        """
+        """Raise ValueError for names of results that nodes, or groups with other units, have."""
         every = TENSION, PEAK_TENSION, SECTION_STRAIN, SECTION_FORCES
         known = {result.name: result for result in every}
         for where, group in self.named_groups():
