@@ -244,7 +244,7 @@ class System(Elementwise):
         """Whether a following load acts in this phase, scalar bool."""
         if self.followers is None:
             return jnp.zeros((), bool)
-        return jnp.any(jnp.stack([follower.any_acts for follower in self.followers]))
+        return jnp.any(jnp.stack([follower.acts for follower in self.followers]))
 
     # --- matrices
 

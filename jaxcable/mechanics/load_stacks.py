@@ -218,7 +218,7 @@ class ActiveFollowers:
     load_factors: LoadFactors
 
     @property
-    def any_acts(self) -> Bool[Array, ""]:
+    def acts(self) -> Bool[Array, ""]:
         """Whether any of these loads has a factor that is not zero, scalar bool."""
         return jnp.any(self.load_factors.factors != 0)
 
