@@ -84,9 +84,10 @@ class ConicEquations:
         load: Float[Array, ""],
         length: Float[Array, ""],
     ) -> ConicEquations:
-        """Return the equations of the next step from `x`: a mixed, interior or finishing one.
+        """Return the equations of the next step from `x`, as the mode of `unknowns` says.
 
-        `unknowns` say which (`tension_unknowns`).
+        A *mixed* step is Newton's for displacements and tensions, an *interior* step one of the
+        interior-point method, a *finishing* step Newton's for the cables that are taut there.
 
         Args:
             unknowns: `TensionUnknowns`.

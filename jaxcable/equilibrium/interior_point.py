@@ -150,9 +150,10 @@ class LengthBoundEquations:
         load: Float[Array, ""],
         length: Float[Array, ""],
     ) -> LengthBoundEquations:
-        """Return the equations of the next step from `x`: a mixed or an interior one.
+        """Return the equations of the next step from `x`, as the mode of `unknowns` says.
 
-        Arguments are those of `ConicEquations.at_point`.
+        A *mixed* step is Newton's for displacements and tensions, an *interior* step one of the
+        interior-point method. Arguments are those of `ConicEquations.at_point`.
         """
         none, jacked = jnp.zeros_like(responses.tension), prescribed_tensions(system)
         mixed = cls(

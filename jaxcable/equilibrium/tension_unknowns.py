@@ -68,7 +68,9 @@ class TensionUnknowns:
     """Tensions as unknowns, and the mode in which the iteration solves for them.
 
     Attributes:
-        mode: `MIXED`, `INTERIOR`, `FINISH` or `SEARCH` (line search).
+        mode: `MIXED` (Newton steps for displacements and tensions), `INTERIOR` (steps of the
+            interior-point method), `FINISH` (Newton steps from its end) or `SEARCH` (Newton steps
+            with line search).
         guess: tensions for the geometric stiffness of mixed steps, [n], N, of all groups.
         interior_point: state of the interior-point method.
         is_new_mode: whether the mode begins at its next step.
@@ -139,7 +141,7 @@ class TensionUnknowns:
 
     @property
     def has_interior_matrix(self) -> Bool[Array, ""]:
-        """Whether matrices are those of interior steps, or of finishing steps with cones.
+        """Whether the matrix is that of an interior step, or of a finishing step with cones.
 
         They differ too much from each other for conjugate gradients with an earlier factor.
         """

@@ -252,7 +252,7 @@ class System(Elementwise):
         """Assemble the tangent stiffness, N/m: the derivative of the residual by a step from `x`.
 
         By autodiff of the element forces. A matrix of `linear`: dense [n_free, n_free], or sparse
-        if the degrees of freedom have a pattern. `known`: element tangents from `linearized`.
+        if the degrees of freedom have a pattern. `known`: as in `tangents`.
         """
         parts = self.parts(self.tangents(x, known), x) + self.external_stiffness_parts(x)
         return self.space.stabilize_free_spins(self._assemble_matrix(parts), x)
@@ -369,7 +369,7 @@ class System(Elementwise):
 
     @property
     def always_convex(self) -> bool:
-        """Whether the energy is convex in all phases: also no load follows or slides."""
+        """Whether the energy is convex in all phases: `may_be_convex`, and dead loads only."""
         return self.may_be_convex and self.followers is None and not self._sliding_loads
 
     @property

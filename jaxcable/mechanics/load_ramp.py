@@ -159,7 +159,7 @@ class LoadRamp:
 
     @property
     def has_amplitudes(self) -> bool:
-        """Whether any load has an amplitude, that is, need not be proportional."""
+        """Whether any load follows an amplitude instead of the load factor itself."""
         parts = [self.added_load, self.moved, *self.start.loads]
         return any(part is not None and part.amplitude is not None for part in parts)
 
