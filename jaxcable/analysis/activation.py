@@ -228,11 +228,11 @@ def _group_masks(value: Any, structure, name):
         elif isinstance(given, WholeGroups):
             raise ValueError(f"{name}: give keys of groups alone, not inside a dict or list")
         else:
-            found.append(_as_mask(given, count, f"{name}{key}"))
+            found.append(_as_element_mask(given, count, f"{name}{key}"))
     return found
 
 
-def _as_mask(given, count, name):
+def _as_element_mask(given, count, name):
     """Return booleans [n_elem], or one for all, as a mask [count]; ValueError for anything else."""
     mask = given if isinstance(given, jax.Array) else np.asarray(given)
     if mask.dtype != bool or mask.shape not in ((), (count,)):

@@ -87,7 +87,7 @@ def require_tangent(
 
 
 @contextlib.contextmanager
-def errors_prefixed(where: str) -> Iterator[None]:
+def prefix_errors(where: str) -> Iterator[None]:
     """Context manager that puts `where` in front of the message of a ValueError."""
     try:
         yield
@@ -112,7 +112,7 @@ def check_loads(
     found: tuple[list[Any], ...] = [], [], []
     for j, given in enumerate(as_list(phase.loads)):
         label = f"{where}.loads[{j}]"
-        with errors_prefixed(f"{label}: "):
+        with prefix_errors(f"{label}: "):
             given.check(structure)
             load, amplitude = split_amplitude(given, label, phase.increments)
             if isinstance(load, Moving):
@@ -147,7 +147,7 @@ def check_supports(
         if phase.supports is None:
             sets.append(sets[-1])
             continue
-        with errors_prefixed(f"phases[{earlier + k}]."):
+        with prefix_errors(f"phases[{earlier + k}]."):
             sets.append(_fixed_in_phase(structure, phase.supports))
         if structure.space.rotates:
             spins.warn_of_free_spins(structure, sets[-1], f"phases[{earlier + k}].supports")

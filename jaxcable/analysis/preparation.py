@@ -139,7 +139,7 @@ def prepare(
         peaks = [scale_to_peak(*pair) for pair in nodal[k]]
         phase_plausibility.warn_of_nodal_loads(earlier + k, peaks, mask, groups, alone, waits)
         if not moving:
-            phase_plausibility.warn_if_all_held(earlier + k, mask, groups)
+            phase_plausibility.warn_if_all_nodes_held(earlier + k, mask, groups)
     if any(phase.loads is not None or phase.sag is not None for phase in phases):
         weighed = any(isinstance(stack.load, SelfWeight) for stack in everything)
         phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)

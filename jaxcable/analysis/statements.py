@@ -177,14 +177,14 @@ def _check_statement(
     else:
         value = _values_per_element(value, count, path, components)
     refuse_if_broken(
-        [_restrict_rule(rule, chosen) for rule in value_rules(name, value, group, path)]
+        [_restrict_rule_to_elements(rule, chosen) for rule in value_rules(name, value, group, path)]
     )
     refuse_if_broken(capacity_rules(name, value, group, group.capacity, path))
     refuse_if_broken(span_rules(name, group, structure.nodes, chosen, path))
     return StatedValues(value, chosen)
 
 
-def _restrict_rule(rule, chosen):
+def _restrict_rule_to_elements(rule, chosen):
     """Return a rule that looks at `chosen` elements only, [n_elem] bool; None for all."""
     if chosen is None:
         return rule

@@ -71,12 +71,12 @@ def _find_failure_cause(system, end, residual, rounding):
     stuck = end.code == status.NOT_CONVERGED
     code = jnp.where(stuck & met, status.COLLAPSED, end.code)
     if end.rounding is not None:
-        near = is_at_rounding(system, residual, rounding)
+        near = is_residual_at_rounding(system, residual, rounding)
         code = jnp.where(stuck & near & ~met, status.AT_ROUNDING, code)
     return code
 
 
-def is_at_rounding(
+def is_residual_at_rounding(
     system: System, residual: Float[Array, ""], rounding: Float[Array, ""]
 ) -> Bool[Array, ""]:
     """Return whether a residual is about as small as the rounding of displacements allows.

@@ -54,7 +54,7 @@ from ..mechanics.element_output import ElementOutput, evaluate_output
 from ..mechanics.load_ramp import LoadRamp
 from ..spaces.translations import drop_low_part
 from .convergence import ConvergenceCriterion, IterationSettings, residual_tolerance
-from .increment_outcome import IncrementOutcome, is_at_rounding, make_outcome
+from .increment_outcome import IncrementOutcome, is_residual_at_rounding, make_outcome
 from .iteration import EquilibriumSearch
 from .newton_step import CG_LIMIT, max_abs, zero_eigenvalue_bound
 
@@ -210,7 +210,7 @@ def _iterate_until_done(
     steps = jnp.where(found, first.steps, 0)
     end = iterate(system, at, active & ~below, first.factored, steps)
     lost = (end.code == status.NOT_CONVERGED) | (end.code == status.MECHANISM)
-    near = is_at_rounding(convex, max_abs(first.residual), max_abs(first.rounding))
+    near = is_residual_at_rounding(convex, max_abs(first.residual), max_abs(first.rounding))
     near = ~found & near & (end.code == status.NOT_CONVERGED)
     code = jnp.where(near, status.AT_ROUNDING, end.code)
     code = jnp.where(found & lost, status.BEYOND_PEAK, code)

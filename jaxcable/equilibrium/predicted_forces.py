@@ -64,7 +64,7 @@ class PredictedForces:
         return cls(jnp.zeros(n, dtype), jnp.full(n, jnp.inf, dtype), jnp.zeros((), bool))
 
     def excess_force(self, force: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Return the parts of axial forces [n] beyond the cut-off, [n], N."""
+        """Return the parts of axial forces that the line search ignores, beyond its cut-off, N."""
         return force - lax.clamp(-self.cut_off, force, self.cut_off)
 
     def geometric_forces(self, chords: Chords, predicting: Bool[Array, ""]) -> Float[Array, " n"]:

@@ -369,7 +369,7 @@ class System(Elementwise):
 
     @property
     def always_convex(self) -> bool:
-        """Whether the energy is convex in all phases: `may_be_convex`, and dead loads only."""
+        """Whether energy is convex in all phases: `may_be_convex`, no load follows or slides."""
         return self.may_be_convex and self.followers is None and not self._sliding_loads
 
     @property

@@ -119,7 +119,7 @@ class Bundles(NamedTuple):
     def join_statements(
         self, per_group: list[dict[str, StatedValues]]
     ) -> list[dict[str, StatedValues]]:
-        """Join what a phase states, a dict name: `StatedValues` per group, to one per bundle."""
+        """Join what a phase states of groups (dicts of `StatedValues` by name) to bundles."""
         found = []
         for numbers in self.group_indices:
             names = dict.fromkeys(name for k in numbers for name in per_group[k])

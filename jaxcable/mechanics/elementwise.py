@@ -217,7 +217,7 @@ class Elementwise:
             else:
                 at = self.nodes[group.links], motion[group.links]
                 found.append(
-                    map_elements_at_ends(_memory_after(duration), group, state, at, absent=True)
+                    map_elements_at_ends(_memory_committer(duration), group, state, at, absent=True)
                 )
         return found
 
@@ -230,8 +230,8 @@ class Elementwise:
         return jnp.linalg.norm(jnp.max(self.nodes, axis=0) - jnp.min(self.nodes, axis=0))
 
 
-def _memory_after(duration):
-    """Return the function that commits history variables of one element after `duration`, s."""
+def _memory_committer(duration):
+    """Return a function that commits history variables of one element after `duration`, s."""
     return lambda one, state, ends, motion: one.committed_memory(state, ends, motion, duration)
 
 

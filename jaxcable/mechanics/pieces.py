@@ -38,9 +38,9 @@ def chain_differences(values: Float[Array, "n_elem n_end k"]) -> Float[Array, "n
 
 
 def piece_differences(system: System, values: Float[Array, "n_row k"]) -> Float[Array, "n_piece k"]:
-    """Return differences of `values` of rows, [n_row, k], along each piece of cable, [n_piece, k].
+    """Return differences of `values` of nodes, [n_row, k], along each piece of cable, [n_piece, k].
 
-    A piece is a straight part between successive nodes; void pieces have zeros.
+    A piece is a straight part between successive nodes; padding has zeros.
     """
     parts = [chain_differences(values[group.links]) for group in system.groups]
     found = jnp.concatenate([part.reshape(-1, values.shape[1]) for part in parts])
@@ -74,13 +74,13 @@ def piece_shapes(system: System) -> tuple[tuple[int], tuple[int, int]]:
 
 
 def zero_void_pieces(system: System, values: Float[Array, " n_piece"]) -> Float[Array, " n_piece"]:
-    """Return `values` of pieces, [n_piece], with zeros for void ones."""
+    """Return `values` of pieces, [n_piece], with zeros for padding and inactive cables."""
     found = existing_pieces(system)
     return values if found is None else jnp.where(found, values, 0.0)
 
 
 def mean_over_pieces(system: System, values: Float[Array, " n_piece"]) -> Float[Array, ""]:
-    """Return the mean of `values` over the pieces that are not void, scalar."""
+    """Return the mean of `values` over pieces that are no padding and of active cables."""
     found = existing_pieces(system)
     if found is None:
         return jnp.mean(values)

@@ -44,7 +44,7 @@ class TensionResponses:
 
     @classmethod
     def of(cls, system: System, x: Motion, exact: Bool[ArrayLike, ""]) -> TensionResponses:
-        """Evaluate the cables at `x`; `exact`: with the whole low-order part of the motion."""
+        """Evaluate all cables at motion `x`, with its low-order part in full if `exact`."""
         found = []
         for group, state in zip(system.groups, system.states, strict=True):
             pull = evaluate_elements(

@@ -164,7 +164,9 @@ def warn_of_unused_weight(named: NamedGroups, weighed: bool) -> Iterator[str]:
 
 
 @issues_warnings
-def warn_if_all_held(number: int, fixed: FixedDofs, groups: Sequence[Element]) -> Iterator[str]:
+def warn_if_all_nodes_held(
+    number: int, fixed: FixedDofs, groups: Sequence[Element]
+) -> Iterator[str]:
     """Warn if supports hold every node of a phase, unless elements can still deform under load."""
     if fixed.all() and not any(group.shaped_by_load and not group.slides for group in groups):
         yield (
