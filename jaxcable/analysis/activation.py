@@ -76,10 +76,10 @@ class Activation(NamedTuple):
             else:
                 for k in range(shape[0]):
                     touched[k, links[there[k]].ravel(), : group.n_freedom] = True
-        return ~_extend_to_joined_nodes(touched, structure, rows, pack)
+        return ~_extend_active_dofs_to_joined_nodes(touched, structure, rows, pack)
 
 
-def _extend_to_joined_nodes(touched, structure, rows, pack):
+def _extend_active_dofs_to_joined_nodes(touched, structure, rows, pack):
     """Extend a mask of active degrees of freedom from hinged ends and rigid links to their nodes.
 
     `touched` says what active elements have, [1 + n_phase, n_row, n_freedom], `rows` are the

@@ -30,7 +30,7 @@ from .phases import Phase
 from .preparation import cast_to_dtype_of, complete_input, prepare, traced_input_status
 from .results import map_element_fields, result_fields
 from .solution import Solution, State
-from .states import LastConverged, arrange_solution, make_state, system_at_last
+from .states import LastConvergedIncrement, arrange_solution, make_state, system_at_last
 
 
 def solve(
@@ -170,7 +170,7 @@ def _scan_phases(differentiate_path, listen, bundles, without_indices, arrays, m
 
     start, reached = (
         copy_with(restart, loads=None),
-        LastConverged.before_first(schedule, nodes.dtype),
+        LastConvergedIncrement.before_first(schedule, nodes.dtype),
     )
     end = _zeros_like_result(
         lambda: make_state(frame, restart, (restart.motion, None), reached, schedule)
@@ -237,7 +237,7 @@ class _LoopState:
         end: the `State` that belongs to `restart`.
         factored: the last matrix that a sparse solve has factorised, see
             `linear.solve_reusing_factor`.
-        reached: `states.LastConverged`.
+        reached: `states.LastConvergedIncrement`.
         last_output: `ElementOutput` of the last converged increment.
     """
 
@@ -246,7 +246,7 @@ class _LoopState:
     restart: RestartState
     end: State
     factored: FactoredMatrix | None
-    reached: LastConverged
+    reached: LastConvergedIncrement
     last_output: ElementOutput | None
 
 

@@ -25,7 +25,7 @@ from .solution import Solution, State
 
 
 @pytree
-class LastConverged:
+class LastConvergedIncrement:
     """The last converged increment of an analysis: its phase, load factor and supports.
 
     Attributes:
@@ -40,23 +40,23 @@ class LastConverged:
     held: dict[str, Array]
 
     @classmethod
-    def before_first(cls, schedule: Schedule, dtype: Any) -> LastConverged:
+    def before_first(cls, schedule: Schedule, dtype: Any) -> LastConvergedIncrement:
         """Return the value before the first increment: number -1, load factor 0."""
         held = {} if schedule.before is None else schedule.before
         first = {name: value[0] for name, value in held.items()}
         return cls(jnp.int32(-1), jnp.zeros((), dtype), first)
 
-    def updated(self, data: PhaseData, factor: Float[Array, ""]) -> LastConverged:
+    def updated(self, data: PhaseData, factor: Float[Array, ""]) -> LastConvergedIncrement:
         """Return the value after a phase that reached `factor`; unchanged if that is 0."""
         held = {name: getattr(data.dof_map, name) for name in self.held}
-        new = LastConverged(data.number, factor, held)
+        new = LastConvergedIncrement(data.number, factor, held)
         return select_tree(factor > 0, new, self)
 
 
 def system_at_last(
     frame: tuple[Float[Array, "n_row 3"], list[Element]],
     restart: RestartState,
-    reached: LastConverged,
+    reached: LastConvergedIncrement,
     schedule: Schedule,
 ) -> System:
     """Return the `System` of a `RestartState`, all degrees of freedom held.
@@ -77,7 +77,7 @@ def make_state(frame, restart, point, reached, schedule, last_output=None):
         restart: `RestartState`.
         point: (motion of `restart`, marks) as `bare` and `marks` of
             `implicit.attach_derivative_with_marks`; marks may be None.
-        reached: `LastConverged`.
+        reached: `LastConvergedIncrement`.
         schedule: `Schedule`.
         last_output: `ElementOutput` of this motion without derivatives; None: it is evaluated.
     """

@@ -275,7 +275,7 @@ class LineLoads(AlongElements, Measured):
     def _piece_lengths(self, ends):
         """Return distances of successive ends [n_elem, n_end, 3], as [n_elem, n_end - 1], m.
 
-        With ``per="projected"`` they are those seen along the force.
+        With ``per="projected"`` only their parts at right angles to the force count.
         """
         pieces = ends[:, 1:] - ends[:, :-1]
         if self.per == "projected":

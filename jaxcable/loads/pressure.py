@@ -175,7 +175,7 @@ class CablePressure(OnGroups, Pressure):
             yield moved[links], (pressure, state.rest_length), links
 
     def _force_on_piece(self, corners, numbers):
-        """Return the force at the two ends of one chord, [2, 3], N."""
+        """Return the force of a pressure at the two ends of one chord, [2, 3], N."""
         pressure, rest_length = numbers
         axis = self.axis.astype(corners.dtype)
         axis = axis / _norm_or_one(axis)

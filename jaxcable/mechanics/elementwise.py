@@ -86,7 +86,7 @@ class Elementwise:
         return {name: [values.get(name) for values in found] for name in names}
 
     def results(self) -> dict[str, Result]:
-        """Return a dict of the `Result` (unit, components) of every result of any group."""
+        """Return descriptions (`Result`: unit, components) of all groups' results, by name."""
         pairs = zip(self.groups, self.states, strict=True)
         found = [result for g, s in pairs for result in g.results if g.has_result(result.name, s)]
         if any(state.present is not None for state in self.states):
