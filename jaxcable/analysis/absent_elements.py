@@ -1,9 +1,10 @@
 """Statements and loads of a phase for elements that are not there: refused, or a warning.
 
-A statement changes what is there. It is lost on an element that is not there, because this element
-is unstressed when it is added. So what names such an element, by `only` or by its group, is refused
-(with traced masks the phase ends in INVALID_INPUT). One number for all cables and bars, or numbers
-for all elements of a group, are for those that are there.
+A statement is what a phase states of elements, such as a pretension or a temperature. It changes
+what is there. It is lost on an element that is not there, because this element is unstressed when
+it is added. So what names such an element, by `only` or by its group, is refused (with traced masks
+the phase ends in INVALID_INPUT). One number for all cables and bars, or numbers for all elements of
+a group, are for those that are there.
 """
 
 from __future__ import annotations
@@ -35,13 +36,16 @@ def refuse_absent_elements(
     presence: Activation,
     earlier: int = 0,
 ) -> Activation:
-    """Refuse statements that name elements which are not there; return the presence.
+    """Refuse statements (pretension, temperature, ...) for elements that are not there.
 
     Args:
         structure, phases: of the analysis.
-        statements: statements of every phase and group, as `Phase.statements` gives them.
+        statements: statements of every phase and group, as `Phase.statements` returns them.
         presence: which elements are there in which phase.
         earlier: number of phases solved before, by which messages number the phases.
+
+    Returns:
+        `presence`, in which phases that traced masks make wrong are marked as not consistent.
 
     Raises:
         ValueError: a statement names an element that is known not to be there.
@@ -71,10 +75,10 @@ def refuse_absent_elements(
 def warn_of_idle_loads(
     along: Sequence[Sequence[Acting]], presence: Activation, earlier: int = 0
 ) -> None:
-    """Warn of loads on elements of which none is there in the phase of the load or later.
+    """Warn of loads on elements none of which is there in the phase of the load or later.
 
     Args:
-        along: element loads of every phase, after `with_group_numbers`.
+        along: element loads of every phase, in the form of an analysis.
         presence: which elements are there in which phase.
         earlier: number of phases solved before, by which messages number the phases.
     """
@@ -95,19 +99,23 @@ def warn_of_idle_loads(
 
 
 def _loaded_elements(factors):
-    """Return which elements a load acts on, by its factors [n_elem, ...]; True if not known."""
+    """Return which elements have a nonzero factor, [n_elem]; True for all if it is traced."""
     known = checks.array_if_known(factors)
     return True if known is None else (known != 0).reshape(len(known), -1).any(axis=1)
 
 
 def _is_zero_increment(name, given):
-    """Return whether a statement is an increment (shortening, temperature) known to be zero."""
+    """Return whether the statement `name` is a shortening or temperature known to be zero."""
     values = checks.array_if_known(given.values if isinstance(given, Only) else given)
     return name in INCREMENTAL_STATEMENTS and values is not None and not np.any(values)
 
 
 def _warn_if_all_absent(name, label, concerned, there):
-    """Warn of one number for the whole structure if no element that takes it is there."""
+    """Warn if a number for the whole structure has no effect: no element that takes it is there.
+
+    For each group, `concerned` says whether it takes the number (statement `name`), and `there`
+    which elements are there in the phase, [n_elem] bool.
+    """
     known = [own for own, ours in zip(there, concerned, strict=True) if ours]
     if name == "temperature" or any(isinstance(own, jax.core.Tracer) for own in known):
         return
@@ -118,7 +126,10 @@ def _warn_if_all_absent(name, label, concerned, there):
 
 
 def _names_absent_element(label, where, given, group, there) -> bool | Bool[jax.Array, ""]:
-    """Return whether a statement for a group names absent elements; ValueError if that is known."""
+    """Return whether values `given` for a group concern elements that are not `there`.
+
+    ValueError if that is known (not traced).
+    """
     hint = "give the value in the phase that adds it, or in a later one"
     if isinstance(given, Only):
         lost = given.element_mask(len(group.links), f"{label}{where}") & ~there
@@ -137,13 +148,13 @@ def _names_absent_element(label, where, given, group, there) -> bool | Bool[jax.
 
 
 def _warn_of_lost_value(name, label, where, given, present, later):
-    """Warn of a value for an absent element that a later phase adds without a statement.
+    """Warn of a value for an element that is absent now and added later without a statement.
 
     Args:
-        name, label, where: of the statement and its group, for messages.
-        given: what is stated for the group.
+        name, label, where: name of the statement, how a user writes it, and its group.
+        given: values for the group.
         present: elements that are there in this phase and in all later ones, [n, n_elem] bool.
-        later: statements for the group in the later phases, dicts from name to `StatedValues`.
+        later: statements for the group in later phases, dicts from name to `StatedValues`.
     """
     values = None if isinstance(given, Only) else checks.array_if_known(given)
     known = values is not None and not isinstance(present, jax.core.Tracer)

@@ -27,10 +27,10 @@ class Activation(NamedTuple):
     """Which elements of every group are active (there) in which phase.
 
     Attributes:
-        present_at_start: before the first phase, [n_elem] bool.
-        present: in every phase, [n_phase, n_elem] bool.
+        present_at_start: before the first phase, per group [n_elem] bool.
+        present: in every phase, per group [n_phase, n_elem] bool.
         is_consistent: whether a phase adds only what is not there, and removes only what is,
-            [n_phase] bool, traced; None if that is known (else it has been refused).
+            [n_phase] bool, traced; None if that is known (contradictions have been refused).
     """
 
     present_at_start: list[Bool[ArrayLike, " n_elem"]]
@@ -38,7 +38,7 @@ class Activation(NamedTuple):
     is_consistent: Bool[Array, " n_phase"] | None = None
 
     def on_bundles(self, bundles: Bundles) -> Activation:
-        """Return the presence by bundles of groups instead of groups."""
+        """Return the same for bundles (groups evaluated as one) in place of groups."""
         if bundles.are_groups:
             return self
 
@@ -53,11 +53,14 @@ class Activation(NamedTuple):
     def inactive_dofs(
         self, structure: Structure, groups: Sequence[Element]
     ) -> Bool[ArrayLike, "1+n_phase n_row n_freedom"]:
-        """Find degrees of freedom that no present element touches, before and in every phase.
+        """Find degrees of freedom that no active element has, before and in every phase.
 
         Args:
             structure: `Structure`.
             groups: the groups of `self` with links that are rows of motion.
+
+        Returns:
+            True where inactive, [1 + n_phase, n_row, n_freedom].
         """
         (rows, _), width = structure.motion_rows(), structure.space.n_freedom
         n_row = structure.n_node if rows is None else len(rows.node_of_row)
@@ -73,11 +76,15 @@ class Activation(NamedTuple):
             else:
                 for k in range(shape[0]):
                     touched[k, links[there[k]].ravel(), : group.n_freedom] = True
-        return ~_share_touched(touched, structure, rows, pack)
+        return ~_extend_active_dofs_to_joined_nodes(touched, structure, rows, pack)
 
 
-def _share_touched(touched, structure, rows, pack):
-    """Mark nodes as touched where their hinged ends are, and carriers where carried nodes are."""
+def _extend_active_dofs_to_joined_nodes(touched, structure, rows, pack):
+    """Extend a mask of active degrees of freedom from hinged ends and rigid links to their nodes.
+
+    `touched` says what active elements have, [1 + n_phase, n_row, n_freedom], `rows` are the
+    `MotionRows` or None, `pack` is NumPy or jax.numpy.
+    """
     if rows is not None:
         more = np.arange(structure.n_node, len(rows.node_of_row))
         ends = more[~rows.inner[more]]  # they move with their nodes, and need no hold
@@ -113,7 +120,7 @@ def make_activation(
 
     Args:
         structure, phases: of the analysis.
-        states: of the groups, if the analysis continues another one.
+        states: element states at the start if the analysis continues another one, else None.
         earlier: number of phases solved before, by which messages number the phases.
 
     Raises:
@@ -171,9 +178,10 @@ def make_activation(
 def inactive_dofs_of(
     structure: Structure, states: Sequence[ElementState]
 ) -> Bool[np.ndarray, "n_row n_freedom"] | None:
-    """Find degrees of freedom that no present element touches in these states of the groups.
+    """Find degrees of freedom that no active element has, by element `states` of all groups.
 
-    None if all elements are there.
+    Returns:
+        True where inactive, [n_row, n_freedom]; None if all elements are there.
 
     Raises:
         ValueError: which elements are there is being traced.
@@ -189,18 +197,18 @@ def inactive_dofs_of(
 
 
 def attached_phases(phases: Sequence[Phase]) -> Bool[np.ndarray, " n_phase"] | None:
-    """Return which phases place new nodes "attached", [n_phase] bool; None if none does."""
+    """Return which phases let new nodes move rigidly with active ones, [n_phase]; or None."""
     found = np.array([phase.placed == "attached" for phase in phases])
     return found if found.any() else None
 
 
 def _numpy_or_jax(masks):
-    """Return the module that computes with masks: NumPy unless one of them is traced."""
+    """Return the module to compute with: jax.numpy if any of the masks is traced, else NumPy."""
     return jnp if any(isinstance(mask, jax.core.Tracer) for mask in masks) else np
 
 
 def _group_masks(value: Any, structure, name):
-    """Return masks of all groups, a list of [n_elem] bool, from what a phase adds or removes."""
+    """Convert what a phase adds or removes (`value`) to masks, per group [n_elem] bool."""
     counts = [len(group.links) for group in structure.groups]
     if value is None:
         return [np.zeros(count, bool) for count in counts]
@@ -220,12 +228,12 @@ def _group_masks(value: Any, structure, name):
         elif isinstance(given, WholeGroups):
             raise ValueError(f"{name}: give keys of groups alone, not inside a dict or list")
         else:
-            found.append(_as_mask(given, count, f"{name}{key}"))
+            found.append(_as_element_mask(given, count, f"{name}{key}"))
     return found
 
 
-def _as_mask(given, count, name):
-    """Return a mask [n_elem] from booleans [n_elem], or one for all."""
+def _as_element_mask(given, count, name):
+    """Return booleans [n_elem], or one for all, as a mask [count]; ValueError for anything else."""
     mask = given if isinstance(given, jax.Array) else np.asarray(given)
     if mask.dtype != bool or mask.shape not in ((), (count,)):
         raise ValueError(
@@ -236,7 +244,7 @@ def _as_mask(given, count, name):
 
 
 def _masks_of_whole_groups(value, structure, name):
-    """Return masks of all groups, a list of [n_elem] bool, from keys of groups."""
+    """Convert keys of groups to masks of all groups, per group [n_elem] bool."""
     numbers = structure.arrange(list(range(len(structure.groups))))
     found = [np.zeros(len(group.links), bool) for group in structure.groups]
     for key in value.names:
@@ -254,9 +262,12 @@ def _masks_of_whole_groups(value, structure, name):
 
 
 def _find_contradiction(k, where, there, adds, removes):
-    """Return whether a phase adds what is there, or removes what is not, scalar bool, traced.
+    """Return whether phase `k` adds what is there, or removes what is not, traced scalar bool.
 
-    None if that is known and not so; ValueError if it is so.
+    None if nothing is traced.
+
+    Raises:
+        ValueError: it does so, and that is known.
     """
     wrong = None
     for mask, not_so, name, text in (

@@ -122,7 +122,7 @@ def batched(
 
 
 def _map_in_threads(run, cases, size, workers):
-    """Call a compiled function for chunks of `size` cases in several threads; join the results."""
+    """Call `run` for chunks of `size` cases in several threads; return the joined results."""
     cases = jax.tree.map(np.asarray, cases)
     count = _count_cases(cases)
 
@@ -137,7 +137,7 @@ def _map_in_threads(run, cases, size, workers):
 
 
 def _usable_cores():
-    """Return the number of cores that this process may use if jax computes on CPUs; else 1."""
+    """Return how many cores this process may use if jax computes on CPUs; else 1."""
     if jax.default_backend() != "cpu":
         return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
@@ -149,7 +149,7 @@ def _is_concrete(tree):
 
 
 def _count_cases(cases):
-    """Return the length of the common leading axis; ValueError if there is none."""
+    """Return the length of the common leading axis of arrays; ValueError if there is none."""
     shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(cases)]
     counts = {shape[0] if shape else None for shape in shapes}
     if len(counts) != 1 or None in counts or 0 in counts:
@@ -161,7 +161,7 @@ def _count_cases(cases):
 
 
 def _pad_cases(cases, count):
-    """Return the cases with the last one repeated until there are `count`."""
+    """Pad a pytree of cases to `count` cases by repeating the last one."""
 
     def fill(a):
         missing = count - a.shape[0]

@@ -27,11 +27,11 @@ _COMMENT_PATTERN = re.compile(rb"jaxcable study ([0-9a-f]{32}) chunk (\d{1,18})"
 
 @dataclasses.dataclass(frozen=True)
 class ChunkIdentity:
-    """Which study and which of its chunks the results in a file belong to.
+    """Which study (see `streamed`), and which chunk of its cases, the results in a file belong to.
 
     Attributes:
-        study: `study_digest` the study; None for one that nothing describes, or one of an earlier
-            version, whose files have no identity.
+        study: `study_digest` of the study; None for one that nothing describes, or one of an
+            earlier version, whose files have no identity.
         chunk: number of the chunk.
     """
 
@@ -40,20 +40,20 @@ class ChunkIdentity:
 
 
 def study_digest(description: Mapping[str, Any]) -> str:
-    """Return the digest of what ``study.json`` says, a text of 32 characters."""
+    """Return the digest (32 characters) of a study's description, the content of ``study.json``."""
     text = json.dumps(description, sort_keys=True).encode()
     return hashlib.blake2b(text, digest_size=16).hexdigest()
 
 
 def write_chunk(path: Path, arrays: Mapping[str, np.ndarray], identity: ChunkIdentity) -> None:
-    """Write the results of a chunk to a file, as a whole or not at all."""
+    """Write the results of a chunk of cases to a file, as a whole or not at all."""
     comment = f"jaxcable study {identity.study} chunk {identity.chunk}".encode()
     with atomic_write(path, "wb") as stream:
         write_npz(stream, arrays, comment=comment)
 
 
 def describe_results(results: Mapping[str, np.ndarray]) -> dict[str, tuple[tuple[int, ...], str]]:
-    """Return shape of a case and dtype of every result, by name."""
+    """Return (shape of one case, dtype) of every result of a chunk, a dict by name."""
     return {name: (value.shape[1:], value.dtype.name) for name, value in results.items()}
 
 
@@ -63,7 +63,10 @@ def require_chunk(
     count: int,
     expected: Mapping[str, tuple[tuple[int, ...], str]],
 ) -> None:
-    """Raise ValueError if a file does not hold `expected` results of a chunk of `count` cases."""
+    """Raise ValueError if a file does not hold the expected results of `count` cases.
+
+    `expected` is what `describe_results` returns; the file must have this `identity`.
+    """
     found = _require_case_count(
         path, _read_archive(path, identity, _read_header), count, lambda header: header[0]
     )
@@ -95,7 +98,7 @@ def read_study_digest(path: Path) -> str | None:
 
 
 def _read_archive(path, identity, reader):
-    """Apply `reader` to every array of the file of `identity`; return a dict by name."""
+    """Apply `reader` to every array of a file with this `identity`; return a dict by name."""
     found = {}
     try:
         with zipfile.ZipFile(path) as archive:
@@ -116,7 +119,7 @@ def _read_archive(path, identity, reader):
 
 
 def _require_identity(path, comment, identity):
-    """Raise ValueError if the comment of a file belongs to another study or chunk."""
+    """Raise ValueError if the comment of an archive names another study or chunk."""
     if identity.study is None and not comment:  # of an earlier version
         return
     own = _COMMENT_PATTERN.fullmatch(comment)
@@ -135,7 +138,10 @@ def _require_identity(path, comment, identity):
 
 
 def _require_case_count(path, found, count, shape_of):
-    """Return the contents of a file; ValueError unless they are results of `count` cases."""
+    """Return the contents of a file; ValueError unless each result has `count` cases.
+
+    `found` are its contents by name, `shape_of` returns the shape of one of them.
+    """
     for name, value in found.items():
         shape = shape_of(value)
         if shape[:1] != (count,):
@@ -153,7 +159,7 @@ def _read_array(stream):
 
 
 def _read_header(stream):
-    """Read shape and name of the dtype of the array in a stream, without its numbers."""
+    """Read (shape, name of the dtype) of an array in a ``.npy`` stream, without its numbers."""
     version = np.lib.format.read_magic(stream)
     read_header = {
         (1, 0): np.lib.format.read_array_header_1_0,

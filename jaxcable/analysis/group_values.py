@@ -15,7 +15,7 @@ from ..model.structure import Structure
 
 
 def is_single_number(value: Any) -> bool:
-    """Return whether a statement is one number for the whole structure."""
+    """Return whether a value that a user gives is one number for the whole structure."""
     leaf = jax.tree_util.treedef_is_leaf(jax.tree.structure(value))
     return leaf and not isinstance(value, dict | None) and np.ndim(value) == 0
 
@@ -23,9 +23,11 @@ def is_single_number(value: Any) -> bool:
 def value_per_group(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
     """Assign values to the groups; return a list with one item per group, None if not given.
 
-    `value` is one number, or a pytree with the upper levels of the structure's elements (a prefix),
-    such as a dict by group. Groups that a dict leaves out have None. `name` is what messages call
-    the value.
+    Args:
+        value: one number, or a pytree with the upper levels of the structure's elements (a prefix),
+            such as a dict by group. Groups that a dict leaves out have None.
+        structure: `Structure`.
+        name: what messages call the value.
 
     Raises:
         ValueError: keys that no group has, or another shape.
@@ -74,10 +76,10 @@ def value_per_group(value: PyTree[Any], structure: Structure, name: str) -> list
 
 
 def _first_mismatch(label, numbers, value):
-    """Find the first part of `value` that does not fit the tree of `numbers` of the groups.
+    """Find the first part of `value` that does not fit the tree of `numbers` (indices of groups).
 
     Returns:
-        The part as a user writes it, the numbers of groups there, and the value there.
+        The part as a user writes it, the indices of groups there, and the value there.
     """
     if isinstance(numbers, dict) and isinstance(value, dict):
         for key, own in numbers.items():
@@ -92,8 +94,8 @@ def _fill_missing_groups(value, numbers, name):
 
     Args:
         value: prefix pytree of the elements; its lists and tuples have all of their items.
-        numbers: numbers of the groups, in the shape of the elements.
-        name: of what is stated, for messages.
+        numbers: indices of the groups, in the shape of the elements.
+        name: what messages call the value.
     """
     if type(numbers) is dict and isinstance(value, dict):
         for key in value:
@@ -113,7 +115,7 @@ def _fill_missing_groups(value, numbers, name):
 
 
 def _describe_tree(tree):
-    """Describe the top level of a tree in words: names of groups, length of a list, or type."""
+    """Return the top level of a tree in words: names of groups, length of a list, or type."""
     if isinstance(tree, dict):
         return f"groups by name: {', '.join(map(repr, tree))}" if tree else "no group"
     if isinstance(tree, list | tuple):

@@ -40,18 +40,19 @@ class ConvergedPoints(NamedTuple):
 
 
 class PhaseOutcome(NamedTuple):
-    """What a phase ends with; an increment is called good if its status is OK.
+    """What a phase ends with; an increment is called good if it has converged.
 
     Attributes:
         code, stable: status so far, and whether the end of the phase is stable.
         begin: `RestartState` that its increments begin with.
-        carry: `RestartState` after the last good increment; the one before the phase if none is
+        restart: `RestartState` after the last good increment; the one before the phase if none is
             good.
-        point: (motion of the carry, marks) as `bare` and `marks` of
+        point: (motion of `restart`, marks) as `bare` and `marks` of
             `implicit.attach_derivative_with_marks`.
         factor: load factor of the last good increment, 0 if there is none.
-        seen: `ElementOutput` of the last good increment.
-        path, log: `Path`, and the numbers `LOG_COLUMNS` of every increment, [n_inc, 10].
+        last_output: `ElementOutput` of the last good increment.
+        path: `Path`, results of every increment.
+        log: the numbers `LOG_COLUMNS` of every increment, [n_inc, 10].
         factored: the last matrix that a sparse solve has factorised.
         points: `ConvergedPoints` of this phase; None for `Incremental`.
     """
@@ -62,7 +63,7 @@ class PhaseOutcome(NamedTuple):
     restart: RestartState
     point: tuple[Float[Array, "n_row n_motion"], Float[Array, " n_row"] | None]
     factor: Float[Array, ""]
-    seen: ElementOutput | None
+    last_output: ElementOutput | None
     path: Path
     log: Float[Array, "n_inc 10"]
     factored: FactoredMatrix | None
@@ -70,16 +71,27 @@ class PhaseOutcome(NamedTuple):
 
 
 def run_phase(
-    problem, before, steps, method, code, differentiate_path, factored, seen, fresh, tell, known
+    problem,
+    before,
+    steps,
+    method,
+    code,
+    differentiate_path,
+    factored,
+    last_output,
+    is_first,
+    report,
+    known,
 ):
     """Solve the increments of one phase; return its `PhaseOutcome`.
 
     Args:
-        problem: nodes, groups, carry and `PhaseData`, of which `LoadRamp.build` makes the phase.
-        before: the carry before the phase.
+        problem: nodes, groups, `RestartState` and `PhaseData`, of which `LoadRamp.build` makes the
+            phase.
+        before: the `RestartState` before the phase.
         steps: (number of its increments, load factors from 0 on, [1 + n_inc]). Factors above 1 are
             those of phases with more increments: nothing is done at them.
-        method, code, factored, seen, fresh, tell: see `newton.solve_increments`.
+        method, code, factored, last_output, is_first, report: see `newton.solve_increments`.
         differentiate_path: whether increments have derivatives, and not only the end.
         known: `ConvergedPoints` of this phase if it has been solved before and only its derivative
             is wanted; the path and the log are then zeros. None: solve it.
@@ -91,18 +103,18 @@ def run_phase(
     given = (factors, live), method, code
     if isinstance(method, Newton):
         found = _solve_by_newton(
-            ramp, count, given, differentiate_path, factored, seen, fresh, tell, known
+            ramp, count, given, differentiate_path, factored, last_output, is_first, report, known
         )
     else:
-        found = _solve_by_scheme(ramp, count, given, fresh, tell)
-    ramp, (x, bare, marks), xs, readings, log, memory, seen, factored = found
+        found = _solve_by_incremental_scheme(ramp, count, given, is_first, report)
+    ramp, (x, bare, marks), xs, outputs, log, memory, last_output, factored = found
     kept = xs[-1:] if memory is None else xs
     points = ConvergedPoints(*lax.stop_gradient((kept, log[:, 0].astype(jnp.int32))))
     good, live = (log[:, 0] == status.OK) & live[1:], live[1:]
-    valid, factor = _last_converged(good, count, begin.motion.dtype)
-    restart, bare = _phase_end(ramp, factor, (x, bare), valid, before, memory)
+    valid, factor = _last_converged_factor(good, count, begin.motion.dtype)
+    restart, bare = _restart_after_phase(ramp, factor, (x, bare), valid, before, memory)
     moved = xs[..., :3] - ramp.start.motion[None, :, :3]
-    path, counts = _make_path(readings, moved, good, good | ~live)
+    path, counts = _make_path(outputs, moved, good, good | ~live)
     motion = space_of(ramp.groups).stored_motion(jnp.where(good[:, None, None], xs, jnp.nan))
     path = copy_with(path, motion=motion)
     code, stable = log[-1, 0].astype(jnp.int32), LOG_COLUMNS.index("stable")
@@ -113,31 +125,37 @@ def run_phase(
     log = lax.stop_gradient(jnp.concatenate([log, counts.astype(log.dtype)], axis=1))
     stable = jnp.take(log[:, stable], count - 1) > 0
     return PhaseOutcome(
-        code, stable, begin, restart, (bare, marks), factor, seen, path, log, factored, points
+        *(code, stable, begin, restart, (bare, marks), factor, last_output),
+        *(path, log, factored, points),
     )
 
 
-def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fresh, tell, known):
+def _solve_by_newton(
+    ramp, count, given, differentiate_path, factored, last_output, is_first, report, known
+):
     """Solve the increments by Newton's method; the end, or all of them, have derivatives.
+
+    Arguments are those of `run_phase`; `given` is (load factors and whether the phase has them,
+    method, status).
 
     Returns:
         The ramp; the last point as `implicit.attach_derivative_with_marks` returns it; points,
-        readings and log of all increments; memory of laws at the end; `ElementOutput` of the end;
+        outputs and log of all increments; history variables at the end; `ElementOutput` of the end;
         what was factored.
     """
     (factors, live), method, _ = given
     frozen = lax.stop_gradient(ramp)
     if known is None:
         found = newton.solve_increments(
-            frozen, frozen.start.motion, *given, factored, seen, fresh, tell
+            frozen, frozen.start.motion, *given, factored, last_output, is_first, report
         )
-        *whole, seen, memory, factored = found
-        xs, log, readings = jax.tree.map(lambda x: x[1:], whole)
+        *whole, last_output, memory, factored = found
+        xs, log, outputs = jax.tree.map(lambda x: x[1:], whole)
     else:
-        xs, log, readings = _recall_increments(known, frozen, len(factors) - 1)
-        seen, memory = None, ramp.memory
+        xs, log, outputs = _recall_increments(known, frozen, len(factors) - 1)
+        last_output, memory = None, ramp.memory
     factors, good = factors[1:], (log[:, 0] == status.OK) & live[1:]
-    valid, factor = _last_converged(good, count, factors.dtype)
+    valid, factor = _last_converged_factor(good, count, factors.dtype)
     ramp = implicit.stop_gradient_unless(valid, ramp)
     x = xs[-1]  # the point stays where it was when an increment fails
     if memory is None:
@@ -147,7 +165,9 @@ def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fre
         if differentiate_path:
             attach = jax.vmap(lambda f, x, ok: implicit.attach_derivative(ramp.system_at(f), x, ok))
             xs = attach(factors, xs, good)
-            readings = jax.vmap(lambda f, x: _path_output(ramp.system_at(f), x))(factors, xs)
+            outputs = jax.vmap(lambda f, x: _evaluate_path_output(ramp.system_at(f), x))(
+                factors, xs
+            )
     else:
         problem = split_indices((ramp, factors, xs, good))
         if known is None:
@@ -156,12 +176,12 @@ def _solve_by_newton(ramp, count, given, differentiate_path, factored, seen, fre
             x, memory = _replay_to_end(problem)
         point = x, x, None
         if differentiate_path:
-            readings, xs, *_ = _replay_increments(ramp, factors, xs, good, True)
-    return ramp, point, xs, readings, log, memory, seen, factored
+            outputs, xs, *_ = _replay_increments(ramp, factors, xs, good, True)
+    return ramp, point, xs, outputs, log, memory, last_output, factored
 
 
 def _recall_increments(known, ramp, count):
-    """Return points of all increments of a solved phase, and zeros for log and readings.
+    """Return points of all increments of a solved phase, and zeros for log and outputs.
 
     Args:
         known: `ConvergedPoints` of the phase.
@@ -171,44 +191,56 @@ def _recall_increments(known, ramp, count):
     xs = jnp.broadcast_to(known.motions, (count, *known.motions.shape[1:]))
     columns = len(LOG_COLUMNS) - 2  # without those that `_make_path` counts
     log = jnp.zeros((count, columns), xs.dtype).at[:, 0].set(known.codes.astype(xs.dtype))
-    shapes = jax.eval_shape(lambda x: _path_output(ramp.system_at(1.0), x), xs[-1])
+    shapes = jax.eval_shape(lambda x: _evaluate_path_output(ramp.system_at(1.0), x), xs[-1])
     return xs, log, jax.tree.map(lambda s: jnp.zeros((count, *s.shape), s.dtype), shapes)
 
 
-def _solve_by_scheme(ramp, count, given, fresh, tell):
-    """Solve the increments by `Incremental`, differentiated through; see `_solve_by_newton`."""
+def _solve_by_incremental_scheme(ramp, count, given, is_first, report):
+    """Solve the increments by `Incremental`; arguments and results as of `_solve_by_newton`."""
     (factors, live), method, code = given
     increments = factors[1:], live[1:]
-    xs, log = incremental.solve_increments(ramp, ramp.start.motion, increments, method, code, tell)
+    xs, log = incremental.solve_increments(
+        ramp, ramp.start.motion, increments, method, code, report
+    )
     x, memory = xs[-1], None
     if ramp.memory is None:
-        readings = jax.vmap(lambda f, x: _path_output(ramp.system_at(f), x))(factors[1:], xs)
+        outputs = jax.vmap(lambda f, x: _evaluate_path_output(ramp.system_at(f), x))(
+            factors[1:], xs
+        )
     else:
         good = (log[:, 0] == status.OK) & live[1:]
-        readings, _, memory, x = _replay_increments(ramp, factors[1:], xs, good, False)
-    return ramp, (x, x, None), xs, readings, log, memory, None, None
+        outputs, _, memory, x = _replay_increments(ramp, factors[1:], xs, good, False)
+    return ramp, (x, x, None), xs, outputs, log, memory, None, None
 
 
-def _last_converged(good, count, dtype):
-    """Return whether any increment is good, and the load factor of the last good one."""
+def _last_converged_factor(good, count, dtype):
+    """Return whether any increment has converged, and the load factor of the last one that has.
+
+    `good` says which have converged, [n_inc]; the phase has `count` increments.
+    """
     n_good = jnp.sum(good)
     return n_good > 0, (n_good / count).astype(dtype)
 
 
-def _path_output(system, x):
-    """Return the element results that a path keeps of one increment, a `ElementOutput`."""
+def _evaluate_path_output(system, x):
+    """Evaluate the element results at motion `x` that are kept for every increment."""
     return evaluate_output(system, x).of_path
 
 
 def _replay_increments(ramp, factors, xs, good, converges):
-    """Go through the solved increments of a phase with memory again, to differentiate them.
+    """Go again through the increments of a phase with history variables, to differentiate them.
 
-    Every increment depends on the memory that the increment before has committed: the end of the
-    phase is no implicit function of the parameters, but every increment is one. Their points are
-    known.
+    Every increment depends on the history variables that the increment before has committed: the
+    end of the phase is no implicit function of the parameters, but every increment is one. Their
+    points are known.
+
+    Args:
+        ramp: the phase, a `LoadRamp`.
+        factors, xs, good: load factor and point of every increment, and whether it has converged.
+        converges: whether points are equilibria, which have an implicit derivative.
 
     Returns:
-        Readings and points of all increments; memory and point at the end.
+        Outputs and points of all increments; history variables and point at the end.
     """
 
     @jax.checkpoint
@@ -219,25 +251,32 @@ def _replay_increments(ramp, factors, xs, good, converges):
         if converges:
             x = implicit.attach_derivative(system, x, ok)
         last = jnp.where(ok, x, last)
-        seen = evaluate_output(system, x)
-        return (ramp.commit_memory(system, x, seen.strains, ok, memory), last), (seen.of_path, x)
+        last_output = evaluate_output(system, x)
+        return (ramp.commit_memory(system, x, last_output.strains, ok, memory), last), (
+            last_output.of_path,
+            x,
+        )
 
     start = (ramp.memory, lax.stop_gradient(xs[0]))
-    (memory, last), (readings, xs) = lax.scan(step, start, (factors, xs, good))
-    return readings, xs, memory, last
+    (memory, last), (outputs, xs) = lax.scan(step, start, (factors, xs, good))
+    return outputs, xs, memory, last
 
 
 def _replay_to_end(problem):
-    """Return last point and memory of a phase with history variables, see `_replay_increments`."""
+    """Return last point and history variables of a phase by `_replay_increments`.
+
+    `problem` has the ramp, load factors, points and which are good, split by `split_indices`.
+    """
     *_, memory, last = _replay_increments(*merge_indices(*problem), True)
     return last, memory
 
 
-def _phase_end(ramp, factor, points, valid, before, memory=None):
-    """Return carry and undifferentiated motion at the end of a phase.
+def _restart_after_phase(ramp, factor, points, valid, before, memory=None):
+    """Return the `RestartState` after a phase, and its motion without derivative.
 
-    They are those `before` it if no increment is good. `points` are the motion with its derivative,
-    and the bare one, see `implicit.attach_derivative_with_marks`.
+    If no increment has converged (`valid` is False), they are those `before` the phase. `factor` is
+    the load factor of the last converged increment, `points` are (motion there with its derivative,
+    motion without), `memory` are its history variables or None.
     """
     motion, bare = points
     after = copy_with(ramp.commit(factor, drop_low_part(motion), memory), loads=None), bare
@@ -247,18 +286,20 @@ def _phase_end(ramp, factor, points, valid, before, memory=None):
     return copy_with(restart, loads=ramp.start.loads), bare
 
 
-def _make_path(readings, moved, good, finite):
-    """Return the `Path` of a phase, and counts of slack elements and loose nodes.
+def _make_path(outputs, moved, good, finite):
+    """Return the `Path` of a phase, and counts of slack elements and nodes, [n_inc, 2].
 
-    The path is NaN unless `finite`. The counts are [n_inc, 2], -1 unless `good`.
+    Args:
+        outputs: `ElementOutput.of_path` of every increment.
+        moved: displacements in the phase, [n_inc, n_row, 3].
+        good: which increments have converged, [n_inc]; the counts of others are -1.
+        finite: which increments have results, [n_inc]; those of others are NaN.
     """
 
     def known(x):
         return x * jnp.where(finite, 1.0, jnp.nan).astype(x.dtype).reshape(-1, *(1,) * (x.ndim - 1))
 
-    values = {"displacement": moved, **fields_of_element_results(readings.by_name)}
+    values = {"displacement": moved, **fields_of_element_results(outputs.by_name)}
     path = Path(*(None,) * len(dataclasses.fields(Path)))
     path = copy_with(path, **jax.tree.map(known, values))
-    return path, jnp.where(
-        good[:, None], jnp.stack([readings.n_slack, readings.n_loose], axis=1), -1
-    )
+    return path, jnp.where(good[:, None], jnp.stack([outputs.n_slack, outputs.n_loose], axis=1), -1)

@@ -31,10 +31,12 @@ def _default_method():
 
 
 def check_method(structure: Structure, method: Any) -> Newton | Incremental:
-    """Check the method of an analysis and return it, `Newton` by default."""
+    """Check the method of an analysis; return it, or Newton's method if it is None."""
     method = _default_method() if method is None else method
     if not isinstance(method, Newton | Incremental):
-        raise ValueError(f"method: expected Newton or Incremental, got {_describe_wrong(method)}")
+        raise ValueError(
+            f"method: expected Newton or Incremental, got {_describe_wrong_method(method)}"
+        )
     if _is_secant(method):
         for where, group in structure.named_groups():
             if not isinstance(group, Secant):
@@ -50,8 +52,8 @@ def _is_secant(method):
     return isinstance(method, Incremental) and method.stiffness == "secant"
 
 
-def _describe_wrong(method):
-    """Return what was given instead of a method, in words, and where it belongs."""
+def _describe_wrong_method(method):
+    """Return in words what was given in place of a method, and where it belongs."""
     if isinstance(method, Phase):
         return "Phase; phases go into one list: solve(structure, [first, second])"
     if isinstance(method, Solution | State):
@@ -62,7 +64,7 @@ def _describe_wrong(method):
 def require_tangent(
     method: Newton | Incremental, phases: Sequence[Phase], followed: bool, earlier: int = 0
 ) -> None:
-    """Raise ValueError for follower loads with a method that has no tangent stiffness.
+    """Raise ValueError for follower loads with the secant scheme, which has no tangent stiffness.
 
     Args:
         method: of the analysis.
@@ -85,8 +87,8 @@ def require_tangent(
 
 
 @contextlib.contextmanager
-def errors_prefixed(where: str) -> Iterator[None]:
-    """Put `where` in front of the message of a ValueError."""
+def prefix_errors(where: str) -> Iterator[None]:
+    """Context manager that puts `where` in front of the message of a ValueError."""
     try:
         yield
     except ValueError as error:
@@ -101,7 +103,7 @@ def check_loads(
     Args:
         structure: `Structure`.
         phase: `Phase`.
-        fixed: freedoms that are held in the phase.
+        fixed: degrees of freedom that are held in the phase.
         where: the phase in messages, such as "phases[0]".
 
     Returns:
@@ -110,7 +112,7 @@ def check_loads(
     found: tuple[list[Any], ...] = [], [], []
     for j, given in enumerate(as_list(phase.loads)):
         label = f"{where}.loads[{j}]"
-        with errors_prefixed(f"{label}: "):
+        with prefix_errors(f"{label}: "):
             given.check(structure)
             load, amplitude = split_amplitude(given, label, phase.increments)
             if isinstance(load, Moving):
@@ -124,16 +126,17 @@ def check_loads(
 
 
 def without_amplitudes(loads: Sequence[Sequence[tuple[Any, Any]]]) -> list[list[Any]]:
-    """Return the loads of every phase without their amplitudes, a list of lists."""
+    """Return the loads of every phase, given as pairs (load, amplitude), without amplitudes."""
     return [[load for load, _ in pairs] for pairs in loads]
 
 
 def check_supports(
     structure: Structure, phases: Sequence[Phase], fixed: FixedDofs, earlier: int = 0
 ) -> list[FixedDofs]:
-    """Return the fixed freedoms before the first phase and in each phase, checked.
+    """Check the supports of all phases; return the fixed degrees of freedom before and in each.
 
-    All have directions if any of them has some. Nodes that can spin get a warning.
+    All have directions if any of them has some. Nodes that can spin get a warning. `fixed` are
+    those before the first phase.
 
     Raises:
         ValueError: supports of a phase do not fit the structure, or hold a node in part along other
@@ -144,7 +147,7 @@ def check_supports(
         if phase.supports is None:
             sets.append(sets[-1])
             continue
-        with errors_prefixed(f"phases[{earlier + k}]."):
+        with prefix_errors(f"phases[{earlier + k}]."):
             sets.append(_fixed_in_phase(structure, phase.supports))
         if structure.space.rotates:
             spins.warn_of_free_spins(structure, sets[-1], f"phases[{earlier + k}].supports")
@@ -157,7 +160,7 @@ def check_supports(
 
 
 def _fixed_in_phase(structure, supports):
-    """Return the fixed freedoms under supports of a phase; messages begin with "supports"."""
+    """Return `FixedDofs` under the supports of a phase; error messages begin with "supports"."""
     try:
         return structure.fixed(supports)
     except ValueError as error:
@@ -166,7 +169,10 @@ def _fixed_in_phase(structure, supports):
 
 
 def _require_same_directions(before, after, number):
-    """Raise ValueError if a node is held in part before and in phase `number`, along other axes."""
+    """Raise ValueError if phase `number` changes the directions in which a node is held in part.
+
+    `before` and `after` are the `FixedDofs` before and in the phase.
+    """
     for part in range(0, before.array.shape[1], 3):
         held = [fixed.array[:, part : part + 3] for fixed in (before, after)]
         in_part = [mask.any(axis=1) & ~mask.all(axis=1) for mask in held]

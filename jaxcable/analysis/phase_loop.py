@@ -25,48 +25,56 @@ from .phase_results import PhaseResult, PhaseResults
 from .preparation import cast_to_dtype_of, complete_input, traced_input_status
 from .results import map_element_fields, result_fields
 from .solution import Solution, State
-from .states import LastConverged, make_state, system_at_last
+from .states import LastConvergedIncrement, make_state, system_at_last
 
 
 @functools.partial(jit_program, static=("differentiate_path", "listen", "bundles", "alone"))
-def analyse(thawed, arrays, method, code, differentiate_path, listen, bundles, alone):
+def analyse(without_indices, arrays, method, code, differentiate_path, listen, bundles, alone):
     """Run the analysis as one compiled program.
 
+    Args:
+        without_indices, arrays, method, code, bundles: as in `PreparedAnalysis`.
+        differentiate_path: as in `solve`.
+        listen: function that is called after each increment, or None.
+        alone: whether no other program contains this one (set by `jit_program`).
+
     Returns:
-        `Solution`, whose results of elements are lists over groups; `ConvergedPoints`.
+        `Solution`, whose results of elements are lists over groups, and `ConvergedPoints`.
     """
     through = functools.partial(_scan_phases, differentiate_path, listen, bundles)
-    pattern = thawed[-1].dof_map.pattern
+    pattern = without_indices[-1].dof_map.pattern
     # a program of its own hands over as many results as there are; one function gains nothing
     whole = listen is None and not alone
     if whole and pattern is not None and pattern.solver.fused:
         through = as_single_kernel(through)
-    return through(thawed, arrays, method, code)
+    return through(without_indices, arrays, method, code)
 
 
-def recall_solution(thawed, arrays, method, code, points, bundles):
+def recall_solution(without_indices, arrays, method, code, points, bundles):
     """Return the results of a solved analysis, to be differentiated: no increment is solved again.
 
     Args:
-        thawed, arrays, method, code, bundles: as for `analyse`.
+        without_indices, arrays, method, code, bundles: as for `analyse`.
         points: `ConvergedPoints` of the analysis.
 
     Returns:
         `Solution` with derivatives of the ends of phases; paths and log are zeros.
     """
-    return _scan_phases(False, None, bundles, thawed, arrays, method, code, points)[0]
+    return _scan_phases(False, None, bundles, without_indices, arrays, method, code, points)[0]
 
 
-def _scan_phases(differentiate_path, listen, bundles, thawed, arrays, method, code, points=None):
-    """Solve the phases of an analysis one after the other, in one `lax.scan`.
+def _scan_phases(
+    differentiate_path, listen, bundles, without_indices, arrays, method, code, points=None
+):
+    """Solve the phases one after the other in one `lax.scan`; arguments are those of `analyse`.
 
-    With `points` they have been solved before, see `run_phase`.
+    With `points` they have been solved before: see `known` of `run_phase`.
     """
-    parameters = merge_indices(thawed, arrays)
+    parameters = merge_indices(without_indices, arrays)
     structure_ok, codes = traced_input_status(parameters, method)
     nodes, groups, restart, schedule = complete_input(parameters, bundles)
     # unsound input has no state: block its gradient so that a batch is not polluted with NaN
-    sound = _is_finite((nodes, groups)) & structure_ok
+    sound = _is_tree_finite((nodes, groups)) & structure_ok
     frame = implicit.stop_gradient_unless(sound, (nodes, groups))
     loads, counts = restart.loads, jnp.asarray(schedule.increments, jnp.int32)
     factors = jnp.asarray(schedule.factors, nodes.dtype)
@@ -75,53 +83,53 @@ def _scan_phases(differentiate_path, listen, bundles, thawed, arrays, method, co
 
     def phase(run, scanned):
         arrays_of_phase, verdict, *steps, known = scanned
-        data = schedule.phase_data(arrays_of_phase)
+        data = schedule.unpack_phase(arrays_of_phase)
         code = status.first_failure(run.code, verdict)
         before = with_loads_until(run.restart, loads, data.number)
-        sane = sound & _is_finite((before, data)) & (code == status.OK)
+        sane = sound & _is_tree_finite((before, data)) & (code == status.OK)
         problem = implicit.stop_gradient_unless(sane, (nodes, groups, before, data))
         factored = run.factored if schedule.changes is None else linear.without_factor(run.factored)
         tell = None if teller is None else functools.partial(teller, data.number, steps[0])
         fresh = run.reached.number < 0
-        given = method, code, differentiate_path, factored, run.seen, fresh, tell, known
+        given = method, code, differentiate_path, factored, run.last_output, fresh, tell, known
         done = run_phase(problem, before, steps, *given)
         code, restart = done.code, done.restart
         path = copy_with(done.path, displacement=done.path.displacement[:, : schedule.n_node])
-        reached = run.reached.after(data, done.factor)
-        end = make_state(frame, restart, done.point, reached, schedule, done.seen)
-        end = _nan_unless(sound, end, touched)
+        reached = run.reached.updated(data, done.factor)
+        end = make_state(frame, restart, done.point, reached, schedule, done.last_output)
+        end = _nan_results_unless(sound, end, touched)
         moved = end.displacement - done.begin.motion[: schedule.n_node, :3]
-        result = _nan_unless(code == status.OK, copy_with(end, displacement=moved), touched)
+        result = _nan_results_unless(code == status.OK, copy_with(end, displacement=moved), touched)
         began = [state.memory for state in done.begin.states]
         began = None if all(memory is None for memory in began) else began
         given = {"status": None, "stable": None, "path": None, "began": began}
         result = PhaseResult(**given, **result_fields(result))
         left = copy_with(restart, loads=None)
-        run = _LoopState(code, done.stable, left, end, done.factored, reached, done.seen)
+        run = _LoopState(code, done.stable, left, end, done.factored, reached, done.last_output)
         return run, (result, path, done.log, done.points)
 
     start, reached = (
         copy_with(restart, loads=None),
-        LastConverged.before_first(schedule, nodes.dtype),
+        LastConvergedIncrement.before_first(schedule, nodes.dtype),
     )
     end = _zeros_like_result(
         lambda: make_state(frame, restart, (restart.motion, None), reached, schedule)
     )
-    factored = seen = None
+    factored = last_output = None
     if isinstance(method, Newton) and points is None:
         factored = linear.no_factored_matrix(schedule.dof_map.pattern, nodes.dtype)
-        seen = _zeros_like_result(
+        last_output = _zeros_like_result(
             lambda: evaluate_output(
                 system_at_last(frame, restart, reached, schedule), restart.motion
             )
         )
-    run = _LoopState(code, jnp.zeros((), bool), start, end, factored, reached, seen)
+    run = _LoopState(code, jnp.zeros((), bool), start, end, factored, reached, last_output)
     run, (ends, paths, log, points) = lax.scan(
         phase, run, (schedule.scanned_arrays, codes, counts, factors, points)
     )
     if not differentiate_path and isinstance(method, Newton):
         paths = implicit.with_nan_derivative(paths, touched)
-    known = [stack.until(run.reached.number) for stack in _loads_on_groups(parameters)]
+    known = [stack.up_to_phase(run.reached.number) for stack in _loads_on_groups(parameters)]
     states = bundles.split(run.restart.states)
     restart = copy_with(
         run.restart, states=states, loads=[jax.tree.leaves(stack.load) for stack in known]
@@ -139,18 +147,21 @@ def _scan_phases(differentiate_path, listen, bundles, thawed, arrays, method, co
 
 
 def _zeros_like_result(function):
-    """Return zeros in the shape of a function's result, which is not computed."""
+    """Return zeros in the shape of the result of ``function()``, which is not computed."""
     return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function))
 
 
 def _loads_on_groups(parameters):
-    """Return all element loads, of `start` and the phases, on the user's groups."""
+    """Return all element loads, of `start` and the phases, on groups as the user has them."""
     nodes, _, restart, schedule = parameters
     return cast_to_dtype_of(nodes, [*(() if restart is None else restart.loads), *schedule.loads])
 
 
 def _split_bundles(bundles, part, axis=0):
-    """Convert results of bundles to those of their groups; `axis` is that of the elements."""
+    """Split results of bundles (groups evaluated as one) into those of the user's groups.
+
+    `part` are the results, `axis` is that of the elements in their arrays.
+    """
     if bundles.are_groups:
         return part
     return map_element_fields(part, lambda values: bundles.split(values, axis))
@@ -162,12 +173,12 @@ class _LoopState:
 
     Attributes:
         code, stable: status so far, and whether the end of the last phase is stable.
-        carry: `RestartState`, without the loads, which do not change.
+        restart: `RestartState`, without the loads, which do not change.
         end: the `State` that belongs to `restart`.
         factored: the last matrix that a sparse solve has factorised, see
             `linear.solve_reusing_factor`.
-        reached: `states.LastConverged`.
-        seen: `ElementOutput` of the last converged increment.
+        reached: `states.LastConvergedIncrement`.
+        last_output: `ElementOutput` of the last converged increment.
     """
 
     code: Int[Array, ""]
@@ -175,17 +186,20 @@ class _LoopState:
     restart: RestartState
     end: State
     factored: FactoredMatrix | None
-    reached: LastConverged
-    seen: ElementOutput | None
+    reached: LastConvergedIncrement
+    last_output: ElementOutput | None
 
 
-def _nan_unless(ok, end, touched):
-    """Return a `State` whose results are NaN unless `ok`."""
+def _nan_results_unless(ok, end, touched):
+    """Return the `State` `end` with NaN results unless `ok`.
+
+    `touched` is a zero that knows whether a derivative is taken (`implicit.gradient_probe`).
+    """
     return copy_with(end, **implicit.nan_unless_probed(ok, result_fields(end), touched))
 
 
 def _progress_reporter(listen, phases):
-    """Return the function by which `newton.solve_increments` reports increments."""
+    """Return the function that `newton.solve_increments` calls, which tells `listen`."""
 
     def news(number, count, factor, outcome):
         traced = {
@@ -203,8 +217,8 @@ def _progress_reporter(listen, phases):
     return news
 
 
-def _is_finite(tree):
-    """Return whether every float in `tree` is finite."""
+def _is_tree_finite(tree):
+    """Return whether every float in a pytree is finite, scalar bool."""
     floats = [x for x in jax.tree.leaves(tree) if jnp.issubdtype(x.dtype, jnp.floating)]
     # one test of the joined array compiles faster than one for each of many small arrays
     return jnp.all(jnp.isfinite(jnp.concatenate([x.reshape(-1) for x in floats])))

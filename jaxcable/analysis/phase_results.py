@@ -187,7 +187,7 @@ class PhaseResults(Sequence[PhaseResult]):
         k = range(len(self))[number]
         batch, count = (slice(None),) * (self.log.ndim - 3), self.increments[k]
         increments = (*batch, k, slice(count))
-        end, path = _take(self.ends, (*batch, k)), _take(self.paths, increments)
+        end, path = _index_tree(self.ends, (*batch, k)), _index_tree(self.paths, increments)
         noted = {
             name: self._log_column(name, increments) for name in LOG_COLUMNS if name != "scale"
         }
@@ -207,7 +207,7 @@ class PhaseResults(Sequence[PhaseResult]):
         return copy_with(end, status=status, stable=stable, path=path)
 
     def _log_column(self, name, at):
-        """Return a column of the log, at an index of its leading axes, in its type."""
+        """Return column `name` of the log in its dtype, at an index `at` of the leading axes."""
         kind, column = _COLUMN_TYPES.get(name, "int32"), LOG_COLUMNS.index(name)
 
         def read(np, log):
@@ -218,12 +218,12 @@ class PhaseResults(Sequence[PhaseResult]):
 
     @property
     def status_and_stability(self) -> tuple[Int[Array, " n_phase"], Bool[Array, " n_phase"]]:
-        """Status and stability of every phase, two arrays [n_phase], of one analysis."""
+        """Status of every phase, and whether its end is stable: two arrays [n_phase]."""
         last = np.arange(len(self)), np.array(self.increments) - 1
         return self._log_column("status", last), self._log_column("stable", last)
 
 
-def _take(tree, at):
+def _index_tree(tree, at):
     """Index every array of a tree with `at`; an array that occurs twice is indexed once."""
     found = {}
 
@@ -236,12 +236,12 @@ def _take(tree, at):
 
 
 def _load_factors(np, log):
-    """Return load factors of increments, from their log [..., n_inc, 10]."""
+    """Return the load factors 1/n, 2/n, ..., 1 of n increments, in the shape of their log."""
     count = log.shape[-2]
     return np.broadcast_to(np.arange(1, count + 1, dtype=log.dtype) / count, log.shape[:-1])
 
 
 def _relative_residuals(np, log):
-    """Return residuals over the forces that they are judged by, from the log of increments."""
+    """Return residuals over the forces that they are compared with, from the log of increments."""
     scale = log[..., LOG_COLUMNS.index("scale")]
     return log[..., LOG_COLUMNS.index("residual")] / np.where(scale > 0, scale, 1.0)

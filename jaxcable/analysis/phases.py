@@ -152,7 +152,7 @@ class Phase:
 
     def __post_init__(self):
         for name in ("adds", "removes"):
-            object.__setattr__(self, name, as_whole_groups(getattr(self, name)))
+            object.__setattr__(self, name, keys_as_whole_groups(getattr(self, name)))
         if self.placed not in PLACEMENTS:
             raise ValueError(f"placed = {self.placed!r}: expected one of {', '.join(PLACEMENTS)}")
         if isinstance(self.increments, bool) or not isinstance(self.increments, int | np.integer):
@@ -174,7 +174,7 @@ class Phase:
                 checks.as_floats(leaf, name)
 
     def _check_own_statements(self):
-        """Raise ValueError unless `own` is a dict of statements that `Phase` does not have."""
+        """Raise ValueError unless `own` is a dict whose names are no other arguments of `Phase`."""
         if self.own is not None and not isinstance(self.own, Mapping):
             kind = checks.describe_type(self.own, '{"clamped": values}')
             raise ValueError(f"own: expected a dict of statements by name, got {kind}")
@@ -184,15 +184,18 @@ class Phase:
                 raise ValueError(f"own: {name!r} is an argument of Phase: Phase({name}=...)")
 
     def statements(self, structure: Structure, where: str = "") -> list[dict[str, StatedValues]]:
-        """Return the checked statements for every group of a structure: dicts of `StatedValues`.
+        """Check what the phase states of elements, such as pretension, and assign it to the groups.
 
         Messages begin with `where`, such as "phases[0].", and the name of the statement.
+
+        Returns:
+            For every group a dict from the name of a statement to `StatedValues`.
         """
         return check_statements(all_statements(self), structure, where)
 
 
 def all_statements(phase: Phase) -> dict[str, Any]:
-    """Return all statements of a phase (pretension, ..., those of `own`) by name, as given."""
+    """Return what a phase states of elements, as given: a dict by name (pretension, ..., `own`)."""
     fields = {
         name: getattr(phase, name) for name in (*ABSOLUTE_STATEMENTS, *INCREMENTAL_STATEMENTS)
     }
@@ -200,17 +203,14 @@ def all_statements(phase: Phase) -> dict[str, Any]:
 
 
 def with_statement(phase: Phase, name: str, given: PyTree[Any]) -> Phase:
-    """Return the phase with another value of one statement."""
+    """Return a copy of a phase with another value of pretension or another statement `name`."""
     if name in STATEMENTS:
         return replace(phase, **{name: given})
     return replace(phase, own={**(phase.own or {}), name: given})
 
 
-def as_whole_groups(value: Any) -> Any:
-    """Return what a phase adds or removes, with keys of groups as `WholeGroups`.
-
-    None if it is empty.
-    """
+def keys_as_whole_groups(value: Any) -> Any:
+    """Convert what a phase adds or removes: keys become `WholeGroups`, empty lists None."""
     if isinstance(value, list | tuple | dict) and not value:
         return None
     if isinstance(value, str):

@@ -54,11 +54,11 @@ class PreparedAnalysis(NamedTuple):
     """The input of an analysis, checked and ready for the compiled program.
 
     Attributes:
-        without_indices, arrays: nodes, groups, carry and `Schedule`, as `split_indices` splits
-            them.
+        without_indices, arrays: nodes, groups, `RestartState` and `Schedule`, as `split_indices`
+            splits them.
         method: `Newton` or `Incremental`.
         code: status of `start`.
-        fixed: freedoms held before the first phase and in each phase, a tuple of `FixedDofs`.
+        fixed: degrees of freedom held before the first phase and in each phase, `FixedDofs`.
         loads: element loads of `start`, then those of the phases, list of `LoadStack`.
         bundles: which groups are evaluated together.
         n_unknown: number of unknowns.
@@ -93,6 +93,9 @@ def prepare(
         structure, phases, method, start: as for `solve`.
         earlier: number of phases solved before, by which warnings number the phases.
         to_end: whether only equilibria are sought: then the tangent of a net is never indefinite.
+
+    Returns:
+        `PreparedAnalysis`.
 
     Raises:
         ValueError: wrong input, naming argument, index and rule.
@@ -136,7 +139,7 @@ def prepare(
         peaks = [scale_to_peak(*pair) for pair in nodal[k]]
         phase_plausibility.warn_of_nodal_loads(earlier + k, peaks, mask, groups, alone, waits)
         if not moving:
-            phase_plausibility.warn_if_all_held(earlier + k, mask, groups)
+            phase_plausibility.warn_if_all_nodes_held(earlier + k, mask, groups)
     if any(phase.loads is not None or phase.sag is not None for phase in phases):
         weighed = any(isinstance(stack.load, SelfWeight) for stack in everything)
         phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)
@@ -172,12 +175,16 @@ def prepare(
 
 @computed_once
 def _bundles_of(structure):
-    """Return the `Bundles` of a structure; they do not depend on its numbers."""
+    """Return which groups of a structure are evaluated together; numbers do not matter."""
     return Bundles.of(structure.motion_rows()[1])
 
 
 def _numbering_function(structure, method, stacks, groups, bundles, convex):
-    """Return a function that numbers the unknowns which a `FixedDofs` leaves free: `DofMap`."""
+    """Return a function from `FixedDofs` to the `DofMap` that numbers the unknowns.
+
+    `stacks` are all element loads, `groups` are joined to `bundles`; `convex` says whether the
+    tangent is never indefinite.
+    """
     (rows, _), space = structure.motion_rows(), structure.space
     followers = [stack for stack in stacks if stack.follows]
     links = tuple((group.links, group.n_freedom, group.inner_unknowns) for group in groups)
@@ -205,7 +212,11 @@ def _numbering_function(structure, method, stacks, groups, bundles, convex):
 
 
 def _can_prove_instability(groups, restart, stacks, nodal):
-    """Return whether an indefinite tangent can occur, and then proves instability."""
+    """Return whether the tangent can be indefinite and is symmetric, which proves instability.
+
+    `restart` is the `RestartState` at the start or None, `stacks` are all element loads, `nodal`
+    the nodal loads of every phase.
+    """
     if _is_always_convex(groups, stacks) or not all(group.symmetric for group in groups):
         return False
     rotate = any(group.rotates for group in groups)
@@ -217,7 +228,7 @@ def _can_prove_instability(groups, restart, stacks, nodal):
 
 
 def _is_always_convex(groups, stacks):
-    """Return whether the energy is known to be convex: cables, no sliding or follower loads."""
+    """Return whether all elements are cables, and no load slides or follows (convex energy)."""
     tension_only = all(g.tension_only and g.monotone and g.symmetric for g in groups)
     slides = stacks and any(group.slides for group in groups)
     return tension_only and not slides and not any(stack.follows for stack in stacks)
@@ -229,11 +240,14 @@ def cast_to_dtype_of(nodes: Float[ArrayLike, "n_row 3"], tree: PyTree[Any]) -> P
 
 
 def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput:
-    """Return nodes, groups, carry and schedule to compute with, from those of `PreparedAnalysis`.
+    """Complete the input of a `PreparedAnalysis` inside of the compiled program.
 
-    All of them are of bundles of groups. The restart state gets the loads of all phases, not yet
+    Floats get the dtype of the nodes; the restart state gets the loads of all phases, not yet
     acting, and what it lacks. Laws are extrapolated beyond the ends of their curves: the iteration
-    may pass there (a result may not).
+    may pass there (a result may not). Groups are joined to bundles.
+
+    Returns:
+        Nodes, groups, `RestartState`, `Schedule`.
     """
     nodes, groups, restart, schedule = cast_to_dtype_of(parameters[0], parameters)
     dtype = nodes.dtype
@@ -249,7 +263,7 @@ def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput
         restart = copy_with(restart, support_rotation=space_of(groups).rotations(restart.motion))
     begun = nodes + restart.motion[:, :3]
     loads = [*restart.loads, *schedule.loads]
-    loads = loads if bundles.are_groups else [stack.bundled(bundles) for stack in loads]
+    loads = loads if bundles.are_groups else [stack.on_bundles(bundles) for stack in loads]
     restart = copy_with(
         restart,
         loads=loads,
@@ -263,7 +277,7 @@ def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput
 
 
 def _with_thermal_stretch(groups, bundles, states):
-    """Return states of bundles from those of groups, with a `thermal_stretch` where they expand.
+    """Join element states to bundles, with a `thermal_stretch` where the elements expand.
 
     A state has none yet if its group has got its `expansion` since, or if only another group of its
     bundle expands.
@@ -316,7 +330,10 @@ def traced_input_status(
 
 
 def _starting_point(structure, start):
-    """Return carry, status and held freedoms (`FixedDofs`) that the analysis starts from."""
+    """Return what the analysis starts from: `RestartState` (or None), status, `FixedDofs`.
+
+    `start` is the argument of `solve`.
+    """
     if start is None:
         return None, np.int32(status.OK), structure.fixed(structure.supports)
     if isinstance(start, Solution):

@@ -1,4 +1,7 @@
-"""Rules that statements of prestress keep: signs, what laws can carry, spans with a midspan."""
+"""Rules for what a phase states of elements, called statements, such as a pretension.
+
+They concern signs, what laws can carry, and spans with a midspan.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +24,13 @@ def statements_keep_rules(
     groups: Sequence[Element],
     nodes: Float[ArrayLike, "n_row 3"],
 ) -> Bool[Array, ""]:
-    """Return whether the statements of a phase satisfy their rules, scalar bool, traced.
+    """Return whether what a phase states of elements satisfies its rules, scalar bool, traced.
 
     Rules are, for example, that lengths are positive, that cables are not compressed, and that a
     force is within the capacity of the material.
 
     Args:
-        statements: for every group a dict from name to `StatedValues`.
+        statements: for every group a dict from name (pretension, ...) to `StatedValues`.
         groups: element groups, before `extrapolated`.
         nodes: initial positions of the rows, [n_row, 3].
     """
@@ -49,9 +52,13 @@ def statements_keep_rules(
 def value_rules(
     name: str, values: Float[ArrayLike, " ..."], group: Element, path: str = ""
 ) -> list[Rule]:
-    """Return the rules of the values of a statement, whatever the law can carry.
+    """Return the rules on sign and size of the values of a statement, a list of `Rule`.
 
-    Messages name the statement by `path`, such as ``phases[0].pretension['guys']``.
+    Args:
+        name: name of the statement, such as "pretension".
+        values: values for the elements of the group.
+        group: element group.
+        path: how a user writes it, for messages: ``phases[0].pretension['guys']``.
     """
     path = path or name
     if name not in STATEMENTS:
@@ -76,10 +83,12 @@ def span_rules(
     chosen: Bool[np.ndarray, " n_elem"] | None = None,
     path: str = "",
 ) -> list[Rule]:
-    """Return the rule that a span with a stated sag has a midspan: no node lies above the other.
+    """Return the rule that spans with a stated sag have a middle: no node lies above the other.
+
+    The list is empty for other statements.
 
     Args:
-        name, group: of the statement.
+        name, group: name of the statement, element group.
         nodes: initial positions, [n_row, 3].
         chosen: elements that the statement concerns, [n_elem] bool; None for all.
         path: the statement in messages; default its name.
@@ -110,10 +119,10 @@ def capacity_rules(
     capacity: Callable[[], tuple[Float[ArrayLike, " ..."], Float[ArrayLike, " ..."]]],
     path: str = "",
 ) -> list[Rule]:
-    """Return the rule that the law of a group can carry the stated forces, [n_elem].
+    """Return the rule that the law of a group can carry stated forces `values`, [n_elem], N.
 
-    `capacity` returns the smallest and the largest force of every element, `path` is the statement
-    in messages.
+    The list is empty where no force is stated. `capacity` returns the smallest and the largest
+    force of every element, `path` is the statement in messages.
     """
     if name not in ("pretension", "jacking") or not group.has_rupture:
         return []

@@ -55,8 +55,8 @@ def attach_recalled_derivative(
     """
     shape: Any
     values, shape = jax.tree.flatten(solution)
-    leaves, tree = jax.tree.flatten(core)
-    settings = _Settings(tree, bundles, size, len(values), len(leaves))
+    leaves, template = jax.tree.leaves(core), jax.tree.map(lambda _: 0, core)
+    settings = _Settings(template, bundles, size, len(values), len(leaves))
     arrays = [jnp.asarray(x) for x in (*values, *leaves, *points)]
     return shape.unflatten(_SOLUTION.bind(*arrays, settings=settings))
 
@@ -65,13 +65,13 @@ class _Settings(NamedTuple):
     """What the primitives are told of an analysis.
 
     Attributes:
-        tree: tree of the arguments of the compiled core.
+        template: the arguments of the compiled core, with numbers in place of arrays.
         bundles: `Bundles`.
         size: number of unknowns.
         n_value, n_leaf: numbers of leaves of the solution, and of these arguments.
     """
 
-    tree: Any
+    template: PyTree[int]
     bundles: Bundles
     size: int
     n_value: int
@@ -79,7 +79,7 @@ class _Settings(NamedTuple):
 
     def core_and_points(self, arrays: Sequence[Array]) -> tuple[Any, ConvergedPoints]:
         """Return core and points of a list of the leaves of both."""
-        core = self.tree.unflatten(arrays[: self.n_leaf])
+        core = jax.tree.unflatten(jax.tree.structure(self.template), arrays[: self.n_leaf])
         return core, ConvergedPoints(*arrays[self.n_leaf :])
 
 
@@ -198,7 +198,7 @@ _SOLUTION = internals.define_primitive(
     lambda *arrays, settings: list(arrays[: settings.n_value]),
     _solution_jvp,
     _batch_solution,
-    several=True,
+    multiple_results=True,
 )
 # change of a solution, linear in the changes of the arguments of the analysis
 _CHANGE = internals.define_primitive(
@@ -208,5 +208,5 @@ _CHANGE = internals.define_primitive(
     _change_jvp,
     _batch_change,
     _change_transpose,
-    several=True,
+    multiple_results=True,
 )

@@ -24,7 +24,7 @@ Part = TypeVar("Part", bound="ElementResults")
 
 
 class ElementResults:
-    """Base of results that contain those of elements.
+    """Base of results that contain results of elements.
 
     Attributes:
         results: results of elements beside tensions, section forces and strains, by name, in the
@@ -44,7 +44,7 @@ class ElementResults:
 
     @property
     def element_results(self) -> dict[str, PyTree[Float[Array, "n_elem ..."]]]:
-        """All that elements tell, a dict by name, each in the shape of `elements`.
+        """All results of elements, a dict by name, each in the shape of `elements`.
 
         These are ``tension``, ``peak_tension``, ``section_forces``, ``section_strain`` as far as
         there are such elements, and `results`.
@@ -101,14 +101,14 @@ RESULT_NAMES = tuple(field.name for field in dataclasses.fields(Results))
 
 
 def result_fields(part: Results) -> dict[str, Any]:
-    """Return the fields of `Results` of an object of a derived class, a dict by name."""
+    """Return the fields of `Results` that a state, phase result or solution has, a dict by name."""
     return {name: getattr(part, name) for name in RESULT_NAMES}
 
 
 def fields_of_element_results(
     found: dict[str, list[Float[Array, " ..."] | None]],
 ) -> dict[str, Any]:
-    """Return element results `found` as fields of `ElementResults`, a dict by field."""
+    """Sort element results, a dict by name, into a dict by field of `ElementResults`."""
     fields = {field: found[name] for name, field in _FIELD_OF_RESULT.items() if name in found}
     others = {name: values for name, values in found.items() if name not in _FIELD_OF_RESULT}
     return fields | {"results": others}
@@ -117,9 +117,9 @@ def fields_of_element_results(
 def map_element_fields(
     part: Part, function: Callable[[PyTree[Array]], PyTree[Array]], **changes: Any
 ) -> Part:
-    """Return a copy with `function` applied to every field that is a list with an item per group.
+    """Return a copy with `function` applied to every field that has an item for each group.
 
-    Further fields change as stated.
+    `changes` are values for other fields.
     """
     fields = vars(part)
     there = [name for name in _ELEMENT_FIELDS if fields.get(name) is not None]
@@ -129,7 +129,7 @@ def map_element_fields(
 
 
 def fill_peak_tensions(part: Part) -> Part:
-    """Return a copy in which groups without peak tensions have their tensions as such."""
+    """Return a copy in which groups without peak tension have their tension as peak tension."""
     fields = vars(part)
     pairs = zip(fields["tension"], fields["peak_tension"], strict=True)
     return copy_with(part, peak_tension=[own if peak is None else peak for own, peak in pairs])

@@ -1,8 +1,8 @@
 """The phases of an analysis as arrays, stacked on the host: one program serves for all phases.
 
 What one phase has is also there in the arrays of the others, without effect: loads of zero,
-statements that concern no element, unknowns that are free in another phase and held in this one.
-What no phase has is absent.
+statements (such as a pretension) that concern no element, unknowns that are free in another phase
+and held in this one. What no phase has is absent.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ class Schedule:
     """All phases of an analysis; arrays have a leading axis [n_phase].
 
     Attributes:
-        number: numbers of the phases.
+        number: indices of the phases.
         statements, added_load, moved: as in `PhaseData`.
         dof_map: numbering of all unknowns, without the axis of phases.
         changes: fields of `dof_map` that change from phase to phase, by name, or None.
-        before: fields of `dof_map` as the supports before every phase have them, by name; None if
-            the supports never change.
+        before: fields of `dof_map` with the supports before every phase, by name; None if the
+            supports never change.
         loads: element loads of all phases, list of `LoadStack`.
         increments: number of increments of every phase, a tuple.
         n_node: number of nodes; further rows of motion belong to elements.
@@ -43,7 +43,8 @@ class Schedule:
             no element ever comes or goes.
         present_at_start: those that are there before the first phase, per group [n_elem] bool, or
             None.
-        attached: whether new nodes go along with others, [n_phase] bool; None if no phase has any.
+        attached: whether newly active nodes move rigidly with active ones, [n_phase] bool; None if
+            they do so in no phase.
         is_consistent: `Activation.is_consistent`.
     """
 
@@ -73,26 +74,28 @@ class Schedule:
 
     @property
     def scanned_arrays(self) -> tuple[Any, ...]:
-        """All arrays with an axis of phases, a tuple to be scanned; see `phase_data`."""
+        """All arrays with an axis of phases, a tuple over which `lax.scan` runs."""
         data = self.statements, self.added_load, self.moved, self.changes, self.before
         return self.number, *data, self.present, self.attached
 
-    def phase_data(self, row: tuple[Any, ...]) -> PhaseData:
-        """Return the `PhaseData` of one phase from its entry in `scanned_arrays`."""
+    def unpack_phase(self, row: tuple[Any, ...]) -> PhaseData:
+        """Make the `PhaseData` of one phase from its slice of `scanned_arrays`."""
         number, statements, added, moved, changes, before, present, attached = row
         dof_map = self.dof_map if changes is None else copy_with(self.dof_map, **changes)
         was = None if before is None else copy_with(self.dof_map.without_unknowns, **before)
         return PhaseData(number, statements, added, moved, dof_map, was, present, attached)
 
     def phase(self, k: int) -> PhaseData:
-        """Return the `PhaseData` of phase `k`."""
-        return self.phase_data(jax.tree.map(lambda x: x[k], self.scanned_arrays))
+        """Return the `PhaseData` of the phase with index `k`."""
+        return self.unpack_phase(jax.tree.map(lambda x: x[k], self.scanned_arrays))
 
 
 def stack_statements(
     statements: Sequence[Sequence[dict[str, StatedValues]]], groups: Sequence[Element]
 ) -> list[dict[str, StatedValues]]:
-    """Stack the statements of all phases: for every group a dict from name to `StatedValues`.
+    """Stack what all phases state of elements: per group a dict from name to `StatedValues`.
+
+    The arrays get an axis [n_phase]; in phases without the statement they concern no element.
 
     Args:
         statements: for every phase a list with a dict for every group.
@@ -122,10 +125,10 @@ def stack_nodal_loads(
     shape: tuple[int, int],
     dtype: Any,
 ) -> NodalIncrement | None:
-    """Stack the nodal loads, or movements, that every phase adds, with an axis [n_phase], or None.
+    """Stack nodal loads, or movements, of all phases, with an axis [n_phase]; None without any.
 
     Args:
-        loads: for every phase a list of pairs: nodal load, or movement, and amplitude.
+        loads: for every phase a list of pairs: nodal load, or movement, and amplitude or None.
         method: the method that returns the array of one of them, "nodal_forces" or
             "nodal_movements".
         shape: shape of such an array, (n_row, 3 or 6).
@@ -161,16 +164,16 @@ def number_phases(
     numbered: Callable[[FixedDofs], DofMap],
     idle: Bool[ArrayLike, "1+n_phase n_row n_freedom"] | None = None,
 ) -> tuple[DofMap, dict[str, PyTree[ArrayLike]] | None, dict[str, ArrayLike] | None]:
-    """Number the unknowns of all phases, and find what supports change of it.
+    """Number the unknowns of all phases at once, and find what supports change from phase to phase.
 
     Args:
-        sets: held freedoms before the first phase and in every phase, `FixedDofs`.
-        numbered: function from a `FixedDofs` to the `DofMap` that it leaves.
-        idle: freedoms that no element touches before the first phase and in every phase; None if
-            elements neither come nor go. They are held.
+        sets: held degrees of freedom before the first phase and in every phase, `FixedDofs`.
+        numbered: function from `FixedDofs` to the `DofMap` that numbers the rest.
+        idle: degrees of freedom that no active element has, before the first phase and in every
+            phase, which are held; None if elements neither come nor go.
 
     Returns:
-        freedoms, changes, before: see `Schedule`.
+        `dof_map`, `changes` and `before` of `Schedule`.
     """
     was, now = sets[:-1], sets[1:]
     if idle is None and all(fixed == now[0] for fixed in now):
@@ -195,7 +198,7 @@ def number_phases(
 
 
 def _stack_fixed(sets):
-    """Stack held freedoms of several `FixedDofs`, and their directions, by name."""
+    """Stack masks and directions of several `FixedDofs`: a dict by name of a `DofMap` field."""
     held = {"fixed": np.stack([fixed.array for fixed in sets])}
     if sets[0].axes is not None:
         held["axes"] = np.stack([fixed.axes.array for fixed in sets])
@@ -203,21 +206,19 @@ def _stack_fixed(sets):
 
 
 def _stack_free_spins(spins):
-    """Stack `DofMap.free_spins` of every phase, padded; None if no phase has free spins."""
+    """Stack the `FreeSpins` of all phases (or None), padded to equal size; None if all are None.
+
+    Returns:
+        Their `rows`, `piece` (-1 in padding) and `ends`, each with an axis [n_phase].
+    """
     found = [some for some in spins if some is not None]
     if not found:
         return None
-    m, pieces = (
-        max(len(some.rows) for some in found),
-        max(len(some.ends) for some in found),
-    )
+    m, pieces = max(len(some.rows) for some in found), max(len(some.ends) for some in found)
     rows, piece = np.zeros((len(spins), m), np.int32), np.full((len(spins), m), -1, np.int32)
     ends = np.tile(found[0].ends[:1], (len(spins), pieces, 1))  # padding: any line will do
     for k, some in enumerate(spins):
         if some is not None:
-            rows[k, : len(some.rows)], piece[k, : len(some.rows)] = (
-                some.rows,
-                some.piece,
-            )
+            rows[k, : len(some.rows)], piece[k, : len(some.rows)] = some.rows, some.piece
             ends[k, : len(some.ends)] = some.ends
     return rows, piece, ends

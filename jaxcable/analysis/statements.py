@@ -1,4 +1,8 @@
-"""Statements of a phase: checked, and expanded to the elements of every group."""
+"""What a phase states of elements (statements): checked, and expanded to all of every group.
+
+Statements are a pretension, a temperature and others that `Phase` lists, and what only a class of
+elements knows, such as the clamp of a saddle.
+"""
 
 from __future__ import annotations
 
@@ -36,14 +40,17 @@ INCREMENTAL_STATEMENTS = ("shortening", "temperature")
 def check_statements(
     given: dict[str, Any], structure: Structure, where: str = ""
 ) -> list[dict[str, StatedValues]]:
-    """Return the statements of a phase for every group, checked: dicts from name to `StatedValues`.
+    """Check what a phase states of elements, and expand it to the elements of every group.
 
-    Warn of prestress that no cable bears.
+    Prestress that no cable bears gets a warning.
 
     Args:
         given: statements by name, as `Phase` takes them.
         structure: `Structure`.
         where: what messages put before the name of a statement, such as "phases[0].".
+
+    Returns:
+        For every group a dict from name to `StatedValues`.
 
     Raises:
         ValueError: a group cannot take a statement, or two statements contradict each other.
@@ -71,17 +78,17 @@ def statement_path(name: str) -> str:
 
 
 def _values_by_group(given, structure, name, path):
-    """Return the values of a statement, a list with an item per group, None where it has none."""
+    """Return what is `given` for a statement as a list with an item per group, None without."""
     groups = structure.groups
     if name not in STATEMENTS:
         _require_known_statement(name, path, groups)
     if is_single_number(given):
-        return [None if _is_left_out(group, name, structure) else given for group in groups]
+        return [None if _skips_single_number(group, name, structure) else given for group in groups]
     return value_per_group(given, structure, path)
 
 
 def _require_known_statement(name, path, groups):
-    """Raise ValueError if no group has a statement of this name."""
+    """Raise ValueError if no group can take a statement called `name`."""
     known = {statement: type(group) for group in groups for statement in statements_of(group)}
     if name not in known:
         own = [f"{s!r} of {kind.__name__}" for s, kind in known.items() if s not in STATEMENTS]
@@ -90,7 +97,7 @@ def _require_known_statement(name, path, groups):
 
 
 def _require_compatible(statements, where, key, group):
-    """Raise ValueError if two statements for an element of the group contradict each other.
+    """Raise ValueError if two statements for the same element of a group contradict each other.
 
     `key` is that of the group in the elements, as text; `where` as in `check_statements`.
     """
@@ -115,7 +122,7 @@ def _require_compatible(statements, where, key, group):
 
 
 def _describe_overlap(one, other, key, group):
-    """Name the first element of a group that two statements of a phase both concern, or None."""
+    """Return in words the first element of a group that two statements concern; None without."""
     if one.chosen is None and other.chosen is None:
         return f"elements{key}"
     both = _concerned_elements(one, group) & _concerned_elements(other, group)
@@ -127,10 +134,10 @@ def _concerned_elements(stated, group):
     return np.ones(len(group.links), bool) if stated.chosen is None else stated.chosen
 
 
-def _is_left_out(group, name, structure):
-    """Return whether a single number `name` for the whole structure is not applied to `group`.
+def _skips_single_number(group, name, structure):
+    """Return whether one number for the whole structure does not apply to `group`.
 
-    It leaves out groups that cannot take it, if another group can; and beams, and groups that take
+    It skips groups that cannot take it, if another group can; and beams, and groups that take
     several components, beside cables or bars.
     """
 
@@ -152,7 +159,7 @@ def _is_left_out(group, name, structure):
 def _check_statement(
     value: Any, group: Element, name: str, path: str, structure: Structure
 ) -> StatedValues:
-    """Return the value of a statement for a group as `StatedValues`.
+    """Check the value of a statement for a group, and return it as `StatedValues`.
 
     Raises:
         ValueError: the group cannot take it; the message begins with `path`, the statement and the
@@ -169,14 +176,16 @@ def _check_statement(
         value = value.merged_with(np.zeros((count, *given.shape[1:])))
     else:
         value = _values_per_element(value, count, path, components)
-    refuse_if_broken([_for_chosen(rule, chosen) for rule in value_rules(name, value, group, path)])
+    refuse_if_broken(
+        [_restrict_rule_to_elements(rule, chosen) for rule in value_rules(name, value, group, path)]
+    )
     refuse_if_broken(capacity_rules(name, value, group, group.capacity, path))
     refuse_if_broken(span_rules(name, group, structure.nodes, chosen, path))
     return StatedValues(value, chosen)
 
 
-def _for_chosen(rule, chosen):
-    """Return a rule for the `chosen` elements only, [n_elem] bool; None for all."""
+def _restrict_rule_to_elements(rule, chosen):
+    """Return a rule that looks at `chosen` elements only, [n_elem] bool; None for all."""
     if chosen is None:
         return rule
 
@@ -188,7 +197,7 @@ def _for_chosen(rule, chosen):
 
 
 def _require_ability(group, name, path, structure):
-    """Raise ValueError unless a group can take a statement of this name."""
+    """Raise ValueError unless the class of a group can take a statement called `name`."""
     known, kind = statements_of(group), type(group).__name__
     if name not in known and name not in STATEMENTS:
         having = [type(g).__name__ for g in structure.groups if name in statements_of(g)]
@@ -214,7 +223,10 @@ def _require_ability(group, name, path, structure):
 def _values_per_element(
     value: Any, count: int, path: str, components: tuple[str, ...]
 ) -> Float[ArrayLike, "n_elem ..."]:
-    """Return values as floats [n_elem] or [n_elem, n_component]; one number is for all of them."""
+    """Return values as floats [count], or [count, n_component] if there are components.
+
+    One number is for all of them; `path` begins the messages.
+    """
     if not components:
         return checks.floats_per_element(value, count, path)
     array, shape = checks.as_floats(value, path), (count, len(components))

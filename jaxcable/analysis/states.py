@@ -25,11 +25,11 @@ from .solution import Solution, State
 
 
 @pytree
-class LastConverged:
+class LastConvergedIncrement:
     """The last converged increment of an analysis: its phase, load factor and supports.
 
     Attributes:
-        number: number of the phase, -1 before the first increment.
+        number: index of the phase, -1 before the first increment.
         factor: load factor of that phase.
         held: the arrays of `DofMap` that depend on the supports, as they are there, by name
             (as `Schedule.before`); empty if the supports never change.
@@ -40,47 +40,52 @@ class LastConverged:
     held: dict[str, Array]
 
     @classmethod
-    def before_first(cls, schedule: Schedule, dtype: Any) -> LastConverged:
-        """Return the value before the first increment."""
+    def before_first(cls, schedule: Schedule, dtype: Any) -> LastConvergedIncrement:
+        """Return the value before the first increment: number -1, load factor 0."""
         held = {} if schedule.before is None else schedule.before
         first = {name: value[0] for name, value in held.items()}
         return cls(jnp.int32(-1), jnp.zeros((), dtype), first)
 
-    def after(self, data: PhaseData, factor: Float[Array, ""]) -> LastConverged:
-        """Return the value after a phase that came to `factor`; unchanged if that is 0."""
+    def updated(self, data: PhaseData, factor: Float[Array, ""]) -> LastConvergedIncrement:
+        """Return the value after a phase that reached `factor`; unchanged if that is 0."""
         held = {name: getattr(data.dof_map, name) for name in self.held}
-        new = LastConverged(data.number, factor, held)
+        new = LastConvergedIncrement(data.number, factor, held)
         return select_tree(factor > 0, new, self)
 
 
 def system_at_last(
     frame: tuple[Float[Array, "n_row 3"], list[Element]],
     restart: RestartState,
-    reached: LastConverged,
+    reached: LastConvergedIncrement,
     schedule: Schedule,
 ) -> System:
-    """Return the system of a carry with the supports of `reached`, without unknowns."""
+    """Return the `System` of a `RestartState`, all degrees of freedom held.
+
+    `frame` is (nodes, groups), `reached` the increment that it belongs to, with its supports.
+    """
     dof_map = copy_with(schedule.dof_map.without_unknowns, **reached.held)
     return make_system(*frame, restart, None, dof_map)
 
 
-def make_state(frame, restart, point, reached, schedule, seen=None):
-    """Compute the results of a carry; return its `State`, rows of motion summed at nodes.
+def make_state(frame, restart, point, reached, schedule, last_output=None):
+    """Compute all results of a `RestartState`; return its `State`.
+
+    Forces at hinged ends and other rows of motion are summed at their nodes.
 
     Args:
         frame: (nodes, groups).
-        carry: `RestartState`.
-        point: (motion of the carry, marks) as `bare` and `marks` of
+        restart: `RestartState`.
+        point: (motion of `restart`, marks) as `bare` and `marks` of
             `implicit.attach_derivative_with_marks`; marks may be None.
-        reached: `LastConverged`.
+        reached: `LastConvergedIncrement`.
         schedule: `Schedule`.
-        seen: `ElementOutput` of the restart state's motion without derivatives; None: read it now.
+        last_output: `ElementOutput` of this motion without derivatives; None: it is evaluated.
     """
     nodes, groups = frame
     system = system_at_last(frame, restart, reached, schedule)
     (motion, marks), n_node, dof_map = point, schedule.n_node, system.dof_map
     space = system.space
-    beside, within = _spread_marks(system, marks)
+    beside, within = _spread_derivative_marks(system, marks)
 
     def summed(values, marked=True):  # a hinged end passes its force to its node
         if marked and marks is not None:
@@ -91,11 +96,11 @@ def make_state(frame, restart, point, reached, schedule, seen=None):
 
     displacement = restart.motion[:n_node, :3]
     problem = split_indices((system, motion))
-    if seen is None:
-        found = _element_results(problem)
+    if last_output is None:
+        found = _evaluate_element_results(problem)
     else:
-        found = {name: seen.by_name[name] for name in (*seen.of_ends, "end_forces")}
-        found = with_deferred_derivative(_element_results, found, problem)
+        found = {name: last_output.by_name[name] for name in (*last_output.of_ends, "end_forces")}
+        found = with_deferred_derivative(_evaluate_element_results, found, problem)
     reactions = summed(system.reactions(motion, found.pop("end_forces")))
     follow = system.followers is not None or any(group.slides for group in groups)
     load = summed(_acting_loads(system, motion), follow)  # dead loads do not depend on the motion
@@ -115,17 +120,20 @@ def make_state(frame, restart, point, reached, schedule, seen=None):
     )
 
 
-def _element_results(problem):
-    """Evaluate element results at the end of a phase, by name, from a thawed (system, motion)."""
+def _evaluate_element_results(problem):
+    """Evaluate element results at the end of a phase, a dict by name.
+
+    `problem` is (system, motion), split by `split_indices`.
+    """
     system, motion = merge_indices(*problem)
     names = [name for name, result in system.results().items() if result.ends]
     return system.results_by_name(motion, *names, "end_forces")
 
 
-def _spread_marks(system, marks):
-    """Spread the marks of rows over elements and neighbouring rows.
+def _spread_derivative_marks(system, marks):
+    """Extend marks of nodes without derivative to elements and to nodes that share one with them.
 
-    Marks are zero; their derivative is NaN where there is no derivative.
+    Marks are zeros whose derivative is NaN where there is none (`marks` [n_row], or None).
 
     Returns:
         beside: marks of every row and of the rows that share an element with it, [n_row], or None.
@@ -149,7 +157,7 @@ def _spread_marks(system, marks):
 
 
 def _acting_loads(system, motion):
-    """Return all loads on every row, with loads that slide along ropes where they are now."""
+    """Return all loads on every row, [n_row, n_freedom], also those that slide along ropes."""
     load = system.external_force(motion)
     for group, state in zip(system.groups, system.states, strict=True):
         if group.slides and state.line_load is not None:
@@ -161,11 +169,11 @@ def _acting_loads(system, motion):
 def without_extra_rows(
     structure: Structure, part: Part, per_node: Sequence[str] = ("displacement",)
 ) -> Part:
-    """Return a result without the rows of motion that are no nodes.
+    """Cut rows of motion that are no nodes (hinged ends, inner unknowns) from results.
 
     Args:
         structure: `Structure`.
-        part: result of the compiled core.
+        part: result of the compiled program.
         per_node: names of the fields whose second axis is that of the rows of motion.
     """
     if structure.motion_rows()[0] is None:
@@ -180,7 +188,7 @@ def arrange_solution(structure: Structure, solution: Solution, task: PreparedAna
 
     Args:
         structure: `Structure`.
-        solution: `Solution` of the compiled core, with lists that have an item per group.
+        solution: `Solution` of the compiled program, with lists that have an item per group.
         task: `preparation.PreparedAnalysis`.
     """
 

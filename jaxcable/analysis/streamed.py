@@ -38,7 +38,7 @@ _N_COMPARED = 16  # cases that are compared where a function makes them
 
 @dataclasses.dataclass(frozen=True)
 class Study:
-    """Cases whose results are files in a folder; made by `streamed`.
+    """Cases whose results are files in a folder, a chunk of cases in each; made by `streamed`.
 
     Attributes:
         folder: where the files are: ``chunk-000000.npz`` and so on.
@@ -63,12 +63,12 @@ class Study:
 
     @property
     def n_chunk(self) -> int:
-        """Number of chunks."""
+        """Number of chunks, which is the number of files."""
         return -(-self.n_case // self.chunk)
 
     @property
     def missing(self) -> list[int]:
-        """Numbers of the chunks that have no results yet."""
+        """Numbers of the chunks that have no file yet, a list."""
         return [k for k in range(self.n_chunk) if not self.file(k).exists()]
 
     def file(self, k: int) -> Path:
@@ -96,9 +96,10 @@ class Study:
             )
 
     def _study_digest(self, there):
-        """Return the digest by which files name this study; None for files of earlier versions.
+        """Return the digest of this study that its files name; None for files of earlier versions.
 
-        Where nothing describes the study, it is the one that the first file of `there` names.
+        Where no ``study.json`` describes the study, it is the one in the first of the files
+        `there`.
         """
         known = self._read_description()
         if known is None:
@@ -106,7 +107,7 @@ class Study:
         return chunk_files.study_digest(known) if "function" in known else None
 
     def _read_description(self):
-        """Read ``study.json``, checked to be of this study; None without such a file."""
+        """Read ``study.json``, and check that it is of this study; None without such a file."""
         path = self.folder / _STUDY_FILE
         if not path.exists():
             return None
@@ -234,7 +235,7 @@ def streamed(
 
 
 def _as_case_function(cases, n_case):
-    """Return a function from numbers to cases, the number of cases, and cases to compare."""
+    """Return a function from numbers [n] to cases, the number of cases, and cases to compare."""
     if callable(cases):
         if n_case is None:
             raise ValueError(
@@ -260,17 +261,17 @@ def _as_case_function(cases, n_case):
 
 
 def _axis_lengths(cases):
-    """Return the lengths of the leading axes of cases, a set; None where there is no axis."""
+    """Return the set of lengths of the leading axes of all arrays; None for one without axes."""
     return {len(leaf) if leaf.ndim else None for leaf in jax.tree.leaves(cases)}
 
 
 def _jax_dtype(leaf):
-    """Return the dtype with which jax computes."""
+    """Return the dtype that jax gives an array (float32 for float64 without x64)."""
     return jax.dtypes.canonicalize_dtype(leaf.dtype)
 
 
 def _check_share(share):
-    """Return number of this process and number of processes; ValueError if they do not fit."""
+    """Return (number of this process, number of processes); ValueError if they do not fit."""
     rank, processes = share
     checks.require_whole_number(rank, "share[0]", least=0)
     checks.require_whole_number(processes, "share[1]")
@@ -280,7 +281,7 @@ def _check_share(share):
 
 
 def _expected_results(compute, shapes):
-    """Return (shape, dtype) of the results of a case by name, not computed; check the names."""
+    """Return (shape, dtype) of the results of one case by name, without computing; check names."""
     results = jax.eval_shape(compute, shapes)
     if not isinstance(results, dict):
         raise ValueError(
@@ -304,7 +305,11 @@ def _begin_study(study, compute, shapes, cases, made_by):
     """Make the folder of a study, or check that it holds this one; return its description.
 
     Args:
-        made_by: the function of `cases`, if not all of them are compared; None otherwise.
+        study: `Study`.
+        compute: the function that solves a chunk of cases.
+        shapes: shapes and dtypes of its argument.
+        cases: cases by which the study is recognized.
+        made_by: function that makes the cases, if not all of them are compared; None otherwise.
     """
     told = {
         "n_case": study.n_case,
@@ -361,7 +366,7 @@ def _package_version(name):
 
 
 def _read_study_file(path):
-    """Read ``study.json``, a dict; ValueError if it is damaged, or not of jaxcable."""
+    """Read ``study.json`` as a dict; ValueError if it is damaged, or not of jaxcable."""
     try:
         found = json.loads(path.read_text("utf-8"))
     except (ValueError, RecursionError) as error:

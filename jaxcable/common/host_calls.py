@@ -15,7 +15,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .jax_internals import register_host_function
+from .xla_calls import register_host_function
 from .types import Array
 
 HostFunction = Callable[..., Sequence[np.ndarray]]

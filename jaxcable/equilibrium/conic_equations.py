@@ -36,21 +36,26 @@ _SHIFT = 1e-6  # Levenberg shift over tension per length
 
 @pytree
 class ConicEquations:
-    """Linear equations of a step of a net of straight and sliding cables.
+    """Linear equations of one step of a net of straight and sliding cables.
 
-    They lead to the tensions ``base_tension + slope`` times the change of length. That is the sum
-    over the pieces of a cable of ``r c`` times the change of their vectors.
+    Their matrix is that of `pieces.cable_matrices`. After the step, the tension of a cable is
+    ``base_tension + slope (change of length)``, where the change of length is the sum over its
+    pieces of ``ratio across . (change of the piece's vector)``.
 
     Attributes:
-        unknowns: `tension_unknowns.TensionUnknowns` with the numbers that its mode begins with.
-        base_tension, slope: tensions without a change of length, and k, [n], N and N/m.
-        vector: X of every piece, [n_piece, 3], m.
-        stiff, across, ratio, spring: `numerics.cones.ConeScaling`, or what takes its place.
+        unknowns: `TensionUnknowns`, with the numbers that its mode begins with.
+        base_tension: tensions after a step without a change of length, [n], N.
+        slope: derivatives of the tensions by the changes of length, [n], N/m.
+        vector: present vectors of pieces from end to end, [n_piece, 3], m.
+        stiff: stiffness of pieces at right angles to `across`, [n_piece], N/m.
+        across: vectors along pieces, of length 1 or less (c of `numerics.cones`), [n_piece, 3].
+        ratio: factors of `across` in the change of length, [n_piece].
+        spring: compliance that the cone of a piece adds to its cable, [n_piece], m/N.
         rhs: right side, [n_free], N.
         guess: tensions for the geometric stiffness of pieces, [n], N.
         jacked: which cables have a tension that does not follow their length, [n], or None.
         load: largest dead load at a node or force of a jack, N.
-        length: of elements, m.
+        length: mean length of elements, m.
     """
 
     unknowns: PyTree[Array]
@@ -73,20 +78,24 @@ class ConicEquations:
         unknowns: Any,
         system: System,
         x: Motion,
-        pulls: TensionResponses,
+        responses: TensionResponses,
         residual: Float[Array, " n_free"],
         guess: Float[Array, " n"],
         load: Float[Array, ""],
         length: Float[Array, ""],
     ) -> ConicEquations:
-        """Return the equations of the next step from x, for the present mode.
+        """Return the equations of the next step from `x`, as the mode of `unknowns` says.
+
+        A *mixed* step is Newton's for displacements and tensions, an *interior* step one of the
+        interior-point method, a *finishing* step Newton's for the cables that are taut there.
 
         Args:
-            unknowns: `tension_unknowns.TensionUnknowns`.
-            system: `System`.
-            x: the point.
-            pulls, residual: those of the system at x.
-            guess, load, length: as of `ConicEquations`.
+            unknowns: `TensionUnknowns`.
+            system: `System`, a net.
+            x: motion of all nodes (rows).
+            responses: tensions and end forces at x.
+            residual: residual at x, [n_free], N.
+            guess, load, length: as in `ConicEquations`.
         """
         vector = pieces.piece_vectors(system, x)
         piece_length = norm(vector)
@@ -94,8 +103,8 @@ class ConicEquations:
         none = jnp.zeros_like(piece_length)
         mixed = cls(
             unknowns=unknowns,
-            base_tension=pulls.tension,
-            slope=pulls.slope,
+            base_tension=responses.tension,
+            slope=responses.slope,
             vector=vector,
             stiff=pieces.repeat_per_piece(system, guess) / piece_length,
             across=vector / repeat_for_vectors(piece_length, vector),
@@ -107,17 +116,20 @@ class ConicEquations:
             load=load,
             length=length,
         )
-        given = system, x, pulls, piece_length
+        given = system, x, responses, piece_length
         return lax.cond(
             unknowns.has_interior_matrix,
             lambda: mixed._with_interior_matrix(*given),
             lambda: mixed,
         )
 
-    def _with_interior_matrix(self, system, x, pulls, piece_length):
-        """Return the equations of an interior or a finishing step, from these of a mixed step.
+    def _with_interior_matrix(self, system, x, responses, piece_length):
+        """Return the equations of an interior or finishing step, made from those of a mixed step.
 
-        `pulls` are those at x, `piece_length` [n_piece], m, the lengths of pieces.
+        Args:
+            system, x: `System`, and motion of all nodes (rows).
+            responses: tensions and end forces at x.
+            piece_length: lengths of pieces, [n_piece], m.
         """
         unknowns = self.unknowns
         inner = unknowns.interior_point
@@ -125,22 +137,28 @@ class ConicEquations:
             unknowns.is_new_mode, lambda: inner.at_start(self, system, x), lambda: inner
         )
         new = copy_with(self, unknowns=copy_with(unknowns, interior_point=inner))
-        guess = jnp.where(unknowns.is_interior, inner.tension, unknowns.guess)
-        under = pulls.under_tensions(system, jnp.maximum(guess, 0.0))
+        guess = jnp.where(unknowns.uses_interior_point, inner.tension, unknowns.guess)
+        under = responses.under_tensions(system, jnp.maximum(guess, 0.0))
         given = system, guess, under.spare_length, under.compliance
         ways = (
             (lambda: new._interior_equations(*given)),
             (lambda: new._finish_equations(*given, piece_length)),
         )
-        new, pull = lax.cond(unknowns.is_interior, *ways)
+        new, pull = lax.cond(unknowns.uses_interior_point, *ways)
         unbalanced = system.external_force(x) - pieces.sum_piece_forces(system, pull)
         return copy_with(new, rhs=system.space.restrict(unbalanced, x))
 
     def _interior_equations(self, system, tension, spare_length, compliance):
-        """Return the equations of an interior step, and V without motion, [n_piece, 3], N.
+        """Return the equations of an interior step, and the forces of pieces if nothing moves.
 
-        At `tension`, straight cables could be longer by `spare_length`, whose derivative is
-        `compliance`.
+        Args:
+            system: `System`.
+            tension: tensions of the interior point, [n], N.
+            spare_length: by how much straight cables could be longer at these tensions, [n], m.
+            compliance: its derivative by the tensions, [n], m/N.
+
+        Returns:
+            `ConicEquations`; forces at the ends of pieces, [n_piece, 3], N.
         """
         inner = self.unknowns.interior_point
         single = pieces.repeat_per_piece(system, tension)
@@ -160,9 +178,10 @@ class ConicEquations:
         return copy_with(self, base_tension=base, slope=slope, **scaled._asdict()), pull
 
     def _finish_equations(self, system, guess, spare_length, compliance, piece_length):
-        """Return the equations of a finishing step, and forces without motion, [n_piece, 3], N.
+        """Return the equations of a finishing step, and the forces of pieces if nothing moves.
 
-        `guess` are tensions that may be negative; other arguments as of `_interior_equations`.
+        `guess` are tensions that may be negative, [n], N, `piece_length` lengths, [n_piece], m;
+        other arguments and results are those of `_interior_equations`.
         """
         unknowns, eps = self.unknowns, jnp.finfo(spare_length.dtype).eps
         force_per_length = unknowns.interior_point.force_scale / self.length
@@ -192,7 +211,10 @@ class ConicEquations:
         ) * self.across
 
     def matrix(self, system: System, x: Motion, residual: Float[Array, ""]) -> Matrix:
-        """Return the matrix of the equations, regularized; `residual` is the largest, N."""
+        """Assemble the matrix of the equations at `x`, with a shift of its diagonal, N/m.
+
+        `residual` is the largest residual, N, by which the shift of mixed steps is chosen.
+        """
         unknowns = self.unknowns
         blocks = pieces.cable_matrices(system, self.slope, self.stiff, self.across, self.ratio)
         matrix = system.tangent(x, [*blocks])
@@ -201,7 +223,7 @@ class ConicEquations:
         # rounding of the forces then moves nodes without stiffness by some part of a length only
         least = _MIN_SHIFT * jnp.finfo(force.dtype).eps * force
         shift = jnp.maximum(_SHIFT * jnp.minimum(residual, force), least) / self.length
-        shift = jnp.where(unknowns.is_interior, 0.0, shift)
+        shift = jnp.where(unknowns.uses_interior_point, 0.0, shift)
         eps, tiny = jnp.finfo(size.dtype).eps, jnp.finfo(size.dtype).tiny
         rounding = unknowns.min_shift_in_eps * (eps * size) + tiny
         return linear.add_to_diagonal(matrix, jnp.maximum(shift, rounding))
@@ -213,13 +235,17 @@ class ConicEquations:
         step: Float[Array, " n_free"],
         definite: Bool[Array, ""],
     ) -> tuple[Any, Float[Array, ""], Bool[ArrayLike, ""]]:
-        """Return the state after a step, the fraction that is taken, if it was a predictor.
+        """Update the tensions by the solution of the equations.
 
         Args:
             system: `System`.
-            x: the point.
-            step: solution of the equations.
-            definite: whether their matrix is.
+            x: motion of all nodes (rows).
+            step: solution of the equations, [n_free].
+            definite: whether their matrix is positive definite.
+
+        Returns:
+            `TensionUnknowns` after the step; the fraction of it that displacements are to take;
+            whether it was a predictor, which moves nothing.
         """
         unknowns = self.unknowns
         moved = pieces.piece_differences(system, system.space.prolong(x, step))
@@ -228,8 +254,8 @@ class ConicEquations:
 
         def newton_step():
             far = jnp.max(norm(moved)) / (_MAX_MOTION * self.length)
-            fraction = jnp.where(unknowns.is_finishing, 1 / jnp.maximum(far, 1.0), 1.0)
-            guess = jnp.where(unknowns.is_finishing, now, jnp.maximum(now, 0.0))
+            fraction = jnp.where(unknowns.takes_finishing_steps, 1 / jnp.maximum(far, 1.0), 1.0)
+            guess = jnp.where(unknowns.takes_finishing_steps, now, jnp.maximum(now, 0.0))
             after = copy_with(unknowns, guess=guess, steps_in_mode=unknowns.steps_in_mode + 1)
             return after, fraction, jnp.zeros((), bool)
 
@@ -246,5 +272,7 @@ class ConicEquations:
             )
             return after, fraction, predicted
 
-        after, fraction, predicted = lax.cond(unknowns.is_interior, interior_step, newton_step)
+        after, fraction, predicted = lax.cond(
+            unknowns.uses_interior_point, interior_step, newton_step
+        )
         return copy_with(after, is_new_mode=jnp.zeros((), bool)), fraction, predicted

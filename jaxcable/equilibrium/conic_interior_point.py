@@ -74,18 +74,22 @@ _MIN_CENTERING = 1e-6  # least m of a predictor step over that of its start
 
 @pytree
 class ConicInteriorPoint:
-    """State of the interior-point method with a cone for every straight piece.
+    """State of the interior-point method with a second-order cone for every straight piece.
+
+    Letters are those of the module: u is the bound of a piece's length, X its vector, N the tension
+    of its cable, V the force at its end.
 
     Attributes:
-        tension: N, [n], N.
-        pull: V, [n_piece, 3], N.
-        length_slack, force_slack: ``u - |X|`` and ``N - |V|``, [n_piece], m and N; positive.
+        tension: tensions N, [n], N.
+        pull: forces V, [n_piece, 3], N.
+        length_slack: ``u - |X|``, positive, [n_piece], m.
+        force_slack: ``N - |V|``, positive, [n_piece], N.
         corrector_tension, corrector_pull: what the predictor adds to the equations of the products,
-            a point for every piece, [n_piece] and [n_piece, 3], N.
+            a point (tension, vector) for every piece, [n_piece] and [n_piece, 3], N.
         has_predicted: whether a predictor step has been made, so that the next one is to correct.
         load: load, jack force or part of the tension at the start: the scale of forces, N.
         product: mean of ``u N - X.V``, the duality measure, N m.
-        target: mean m that the next step aims at, less that of the products of changes, N m.
+        target: mean product that the next step aims at, less that of the products of changes, N m.
     """
 
     tension: Float[Array, " n"]
@@ -106,7 +110,7 @@ class ConicInteriorPoint:
 
     @classmethod
     def zeros(cls, system: System, x: Motion) -> ConicInteriorPoint:
-        """Return zeros: the state before the method begins."""
+        """Return the state before the method begins: all numbers zero."""
         n = sum(len(group.links) for group in system.groups)
         number, vector = (jnp.zeros(s, x.dtype) for s in pieces.piece_shapes(system))
         none, zero, no = jnp.zeros(n, x.dtype), jnp.zeros((), x.dtype), jnp.zeros((), bool)
@@ -114,16 +118,16 @@ class ConicInteriorPoint:
 
     @property
     def force_scale(self) -> Float[Array, ""]:
-        """The force that imbalances are compared with, N."""
+        """Force that unbalanced forces are compared with, scalar, N."""
         return jnp.maximum(jnp.max(self.tension), self.load)
 
     def at_start(self, equations: Any, system: System, x: Motion) -> ConicInteriorPoint:
-        """Return the starting point: pieces without force, equal tensions, and bounds with slack.
+        """Return the starting point: equal tensions, pieces without force, bounds with slack.
 
         Args:
-            equations: `conic_equations.ConicEquations` at x.
+            equations: `ConicEquations` at x.
             system: `System`.
-            x: the point.
+            x: motion of all nodes (rows).
         """
         size, base, load = norm(equations.vector), equations.base_tension, equations.load
         load = jnp.where(load > 0, load, _UNLOADED * jnp.max(base))
@@ -160,9 +164,9 @@ class ConicInteriorPoint:
         relative_residual: Float[Array, ""],
         length: Float[Array, ""],
     ) -> FinishDecision:
-        """Return whether to try finishing steps; the true residual says little about it.
+        """Decide whether to try finishing steps, by the mean product of tensions and slacks.
 
-        Arguments are those of `InteriorPoint.decide_finish`.
+        Arguments are those of `InteriorPoint.decide_finish`; the residual says little here.
         """
         least = float(jnp.finfo(relative_residual.dtype).eps) ** _FINISH_POWER
         remaining = self.product / (least * length * self.force_scale)
@@ -181,19 +185,19 @@ class ConicInteriorPoint:
         moved: Float[Array, "n_piece 3"],
         definite: Bool[Array, ""],
     ) -> tuple[ConicInteriorPoint, Float[Array, ""], Bool[Array, ""]]:
-        """Make a predictor or a corrector step.
+        """Make a predictor step (which only sets the corrector), or else a corrector step.
 
         Args:
-            equations: `conic_equations.ConicEquations` of the step.
+            equations: `ConicEquations` of the step.
             system: `System`.
             tension: tensions to which the whole step leads, [n], N.
-            across: changes of vectors along c, [n_piece], m.
-            moved: changes of vectors, [n_piece, 3], m.
-            definite: whether the matrix of the equations is.
+            across: changes of the vectors of pieces along ``equations.across``, [n_piece], m.
+            moved: changes of the vectors of pieces, [n_piece, 3], m.
+            definite: whether the matrix of the equations is positive definite.
 
         Returns:
-            The state after it; the fraction of the step that is taken (none by a predictor);
-            whether it was a predictor.
+            The state after it; the fraction of the step that is taken (0 by a predictor, NaN if the
+            step is unusable); whether it was a predictor.
         """
         at, v = equations.vector, self.pull
         u, before = self.length_slack + norm(at), pieces.repeat_per_piece(system, self.tension)

@@ -44,15 +44,15 @@ _NO_LOAD = 64.0
 
 
 class IterationSettings(Protocol):
-    """What the iteration reads of its settings, which are a `newton.Newton` or similar."""
+    """Settings that the iteration needs, as `newton.Newton` has them."""
 
     @property
     def tol(self) -> Float[ArrayLike, ""] | None:
-        """Relative residual that counts as converged; None for the default."""
+        """Relative residual that counts as converged; None for the default of the dtype."""
 
     @property
     def max_steps(self) -> Int[ArrayLike, ""]:
-        """Largest number of steps per increment."""
+        """Largest number of Newton steps per increment."""
 
 
 def default_tolerance(dtype: DTypeLike) -> float:
@@ -61,7 +61,7 @@ def default_tolerance(dtype: DTypeLike) -> float:
 
 
 def residual_tolerance(method: IterationSettings, dtype: DTypeLike) -> Float[Array, ""]:
-    """Return the relative residual that counts as converged: `tol`, but at least 64 eps."""
+    """Return the relative residual that counts as converged: `method.tol`, at least 64 eps."""
     tol = default_tolerance(dtype) if method.tol is None else method.tol
     return jnp.maximum(jnp.asarray(tol, dtype), 64 * jnp.finfo(dtype).eps)
 
@@ -87,11 +87,11 @@ class ConvergenceCriterion:
         factor: Float[Array, ""],
         largest_added: Float[Array, ""] | None = None,
     ) -> ConvergenceCriterion:
-        """Return the criterion of an increment.
+        """Make the criterion of an increment.
 
         Args:
             system: `System` of the increment.
-            earlier_residual: as of `ConvergenceCriterion`.
+            earlier_residual: residual that earlier increments have left, [n_free], N.
             load_at_start: dead load at the start of the phase, [n_row, n_freedom], N and N m.
             factor: load factor of the increment; at 0 nothing is added.
             largest_added: largest load that the phase adds at a node, N, if loads are not
@@ -107,10 +107,10 @@ class ConvergenceCriterion:
     def carried_residual(
         self, scale: Float[Array, ""], tol: Float[Array, ""], steps: Int[Array, ""]
     ) -> Float[Array, " n_free"]:
-        """Return the earlier residual as far as it is carried along as a load, [n_free], N.
+        """Return the earlier residual if it is carried along as a load, else zeros, [n_free], N.
 
-        It is carried only beside a load that is small beside `scale`, and only for some steps:
-        where all elements of a node go slack, nothing can balance it.
+        It is carried only if the added load is small beside `scale`, and only for some steps: where
+        all elements of a node go slack, nothing can balance it.
 
         Args:
             scale: force that residuals are compared with, N.
@@ -129,16 +129,20 @@ class ConvergenceCriterion:
         start_residual: Float[Array, ""],
         tol: Float[Array, ""],
     ) -> tuple[Bool[Array, ""], Bool[Array, ""]]:
-        """Return whether a residual is small beside the load, and whether half its digits are lost.
+        """Compare a residual with the load that the phase adds.
 
         Args:
-            residual: N.
-            granted: what the rounding of displacements leaves of it, N.
+            residual: residual, [n_free], N.
+            granted: part of it that the rounding of displacements explains, [n_free], N.
             scale: force that residuals are compared with, N.
             start_residual: largest residual at the start of the increment, N. It includes
                 prestress and movements of supports: a load that is small beside them need not be
                 resolved.
             tol: relative tolerance.
+
+        Returns:
+            Whether the residual is small beside the load; whether it leaves less than half of the
+            digits of the load.
         """
         added, eps = jnp.maximum(self.added_load, start_residual), jnp.finfo(residual.dtype).eps
         allowed = jnp.maximum(
@@ -151,5 +155,5 @@ class ConvergenceCriterion:
 
 
 def is_stagnant(steps_without_halving: Int[Array, ""]) -> Bool[Array, ""]:
-    """Return whether so many steps without halving the residual are enough to stop."""
+    """Return whether the iteration is to stop after so many steps without halving the residual."""
     return steps_without_halving >= _STAGNANT_STEPS

@@ -8,13 +8,15 @@ from ..common.types import Array, Bool, Float
 
 
 class FinishDecision(NamedTuple):
-    """Whether an interior-point iteration is near enough to its solution for finishing steps.
+    """Decision of an interior-point method whether its solution is near enough for finishing steps.
+
+    Finishing steps are Newton steps on the cables that are taut there.
 
     Attributes:
         now: whether to try finishing steps now.
         stuck: whether the reason is that interior steps have become short or useless.
-        remaining: what the iteration still has to reduce, relative; finishing steps are tried from
-            a threshold of it.
+        remaining: what the iteration still has to reduce, relative; finishing steps are tried when
+            it falls below a threshold.
         final: whether the iteration cannot go on if the finishing steps fail; None: it can.
         failed: whether the iteration cannot go on, and finishing steps are of no use; None: it can.
     """

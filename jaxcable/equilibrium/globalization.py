@@ -26,21 +26,23 @@ ASTRAY = 10.0  # displacement, in structure sizes, at which full steps count as 
 
 @pytree
 class LevenbergShift:
-    """Levenberg shift ``kappa |R| / l`` on the tangent, which vanishes with the residual.
+    """Levenberg shift of the tangent's diagonal, proportional to the residual.
+
+    It is ``kappa |R| / l`` with the largest residual R, N, and the mean length l of elements, m.
 
     Attributes:
-        kappa: scalar, in |R| / length.
+        kappa: dimensionless factor.
     """
 
     kappa: Float[Array, ""]
 
     @classmethod
     def initial(cls, dtype: DTypeLike) -> LevenbergShift:
-        """Return the first shift."""
+        """Return the shift with the first `kappa`."""
         return cls(jnp.asarray(_KAPPA, dtype))
 
     def value(self, residual: Float[Array, ""], length: Float[Array, ""]) -> Float[Array, ""]:
-        """Return the shift, N/m, for the largest `residual`, N, and the structure's `length`, m."""
+        """Return the shift, N/m, for the largest `residual`, N, and mean element `length`, m."""
         return self.kappa * residual / length
 
     def update(self, accepted: Bool[Array, ""], fraction: Float[Array, ""]) -> LevenbergShift:
@@ -48,7 +50,7 @@ class LevenbergShift:
 
         Args:
             accepted: whether a step was taken.
-            fraction: the fraction of it that was taken, in (0, 1].
+            fraction: the fraction of the step that was taken, in (0, 1].
         """
         factor = jnp.where(fraction >= 1, 0.1, jnp.where(fraction < 0.1, 10.0, 1.0))
         kappa = self.kappa * jnp.where(accepted, factor, 100.0)
@@ -57,15 +59,15 @@ class LevenbergShift:
 
 @pytree
 class FullStepPhase:
-    """First phase of an iteration: full Newton steps without line search, up to 20.
+    """Up to 20 full Newton steps without line search, with which an iteration begins.
 
     If they fail, the iteration starts again from its first point, with line search.
 
     Attributes:
         is_on: whether the iteration takes full steps without line search.
-        may_go_uphill: whether, after this phase, the symmetric part of an unsymmetric tangent is
-            not positive definite, so that the step need not be a descent direction: it is tried
-            whole, and taken if it decreases the residual. None where all tangents are symmetric.
+        may_go_uphill: whether, later, the symmetric part of an unsymmetric tangent is not positive
+            definite, so that the step need not be a descent direction: it is tried whole, and taken
+            if it decreases the residual. None where all tangents are symmetric.
     """
 
     is_on: Bool[Array, ""]
@@ -85,9 +87,12 @@ class FullStepPhase:
         """Decide whether a point is accepted, and whether a shorter step is tried if not.
 
         Args:
-            searched: what the line search decides on both; it has no say on full steps.
+            searched: these two decisions by the line search; full steps ignore them.
             finite: whether the forces at the point are finite.
-            residuals: before the step and at the point, N.
+            residuals: before the step and at the point, [n_free] each, N.
+
+        Returns:
+            The two decisions.
         """
         fine, again = searched
         fine, again = jnp.where(self.is_on, finite, fine), again & ~self.is_on

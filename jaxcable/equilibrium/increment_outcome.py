@@ -48,16 +48,19 @@ class IncrementOutcome:
 
     @property
     def log_row(self) -> Float[Array, " n_log"]:
-        """The first eight numbers of `phase_results.LOG_COLUMNS`: all fields but the point."""
+        """Numbers of the first eight `phase_results.LOG_COLUMNS`, [8]: all fields but x."""
         noted = (self.code, self.steps, self.factorizations, self.residual, self.scale)
         rest = (self.rounding, self.equilibrated, self.stable)
         return jnp.stack([jnp.asarray(x, self.x.dtype) for x in (*noted, *rest)])
 
 
 def _find_failure_cause(system, end, residual, rounding):
-    """Return the status of an iteration: COLLAPSED or AT_ROUNDING if that is why it stopped.
+    """Return the status of an iteration; COLLAPSED or AT_ROUNDING if that is why it stopped.
 
-    `residual` and `rounding` are the largest, N.
+    Args:
+        system: `System`.
+        end: `NewtonState` in which it has ended.
+        residual, rounding: largest residual and its largest rounding error, N.
     """
     ends = [(system.nodes[g.links], end.x[g.links][..., :3]) for g in system.groups]
     pieces = [chain_differences(at) for at, _ in ends], [chain_differences(sum(at)) for at in ends]
@@ -68,15 +71,18 @@ def _find_failure_cause(system, end, residual, rounding):
     stuck = end.code == status.NOT_CONVERGED
     code = jnp.where(stuck & met, status.COLLAPSED, end.code)
     if end.rounding is not None:
-        near = is_at_rounding(system, residual, rounding)
+        near = is_residual_at_rounding(system, residual, rounding)
         code = jnp.where(stuck & near & ~met, status.AT_ROUNDING, code)
     return code
 
 
-def is_at_rounding(
+def is_residual_at_rounding(
     system: System, residual: Float[Array, ""], rounding: Float[Array, ""]
 ) -> Bool[Array, ""]:
-    """Return whether a residual is as small as rounding allows; both the largest, N."""
+    """Return whether a residual is about as small as the rounding of displacements allows.
+
+    `residual` and `rounding` are the largest residual and its largest rounding error, N.
+    """
     # in a net the matrix, which has no fine part, is what cannot tell less than this apart
     plain = jnp.finfo(rounding.dtype).eps if system.is_net else 1.0
     return residual <= _NEAR_ROUNDING * rounding / plain
@@ -90,15 +96,15 @@ def make_outcome(
     ruptured: Bool[ArrayLike, ""],
     factored: FactoredMatrix | None,
 ) -> IncrementOutcome:
-    """Return the outcome of an increment from the end of its iteration.
+    """Make the `IncrementOutcome` from the end of an iteration.
 
     Args:
         system: `System`.
         end: `NewtonState` in which the iteration has ended.
-        x: motion that it began with.
+        x: motion that it began with, the result if it has failed.
         active: False if an earlier increment has failed.
-        ruptured: whether it ended beyond the end of a law's curve.
-        factored: what was factored at its start.
+        ruptured: whether an element ended beyond its rupture strain.
+        factored: factored matrix at its start, to count factorizations; None with dense ones.
     """
     forces = max_abs(end.residual), _largest_rounding(end)
     code = jnp.maximum(_find_failure_cause(system, end, *forces), status.OK)
@@ -120,8 +126,7 @@ def make_outcome(
 def _largest_rounding(end):
     """Return the largest residual that the rounding of displacements leaves, N.
 
-    It is that of the displacements at the end of an iteration or, where that is more, of those that
-    it began with.
+    It is the larger of that at the end of an iteration (a `NewtonState`) and that at its start.
     """
     if end.rounding is None:
         return jnp.zeros_like(end.scale)

@@ -88,7 +88,7 @@ class Incremental:
         linear.check_solver_name(self.linear_solver)
 
     def rules(self) -> list[Rule]:
-        """Return the rule of `tol`, see `common.rules`; a NaN breaks it."""
+        """Return the rule that `tol` is positive and no NaN."""
         return [Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive")]
 
 
@@ -100,10 +100,21 @@ def solve_increments(
     code: Int[Array, ""],
     report: Callable[[Float[Array, ""], IncrementOutcome], None] | None = None,
 ) -> tuple[Float[Array, "n n_row n_motion"], Float[Array, "n n_log"]]:
-    """Solve all increments of a phase, and return their points and their log.
+    """Solve the increments of a phase one after the other by linear solves.
 
-    Arguments and results are those of `newton.solve_increments`. Differentiable; increments are
-    checkpointed, so that the backward pass stores one point of each and no stiffness matrix.
+    It is differentiable; increments are checkpointed, so that the backward pass stores one point of
+    each and no stiffness matrix.
+
+    Args:
+        ramp: the phase, whose ``system_at(factor)`` is the `System` at a load factor.
+        x: motion to start from, [n_row, n_motion].
+        increments: (load factors, whether the phase has them), both [n]; others are skipped.
+        method: `Incremental`.
+        code: status so far; after a failure nothing moves.
+        report: function called after each increment with its load factor and `IncrementOutcome`.
+
+    Returns:
+        Points after each increment, [n, n_row, n_motion]; log, `IncrementOutcome.log_row` of each.
     """
 
     @jax.checkpoint
@@ -130,7 +141,7 @@ def solve_increments(
 
 
 def _solve_increment(ramp, factor, x, method, code, memory, first):
-    """Return the `IncrementOutcome` of one increment, and the history variables after it.
+    """Solve one increment; return its `IncrementOutcome`, and the history variables after it.
 
     The `first` increment of a phase is solved to equilibrium if its stiffness is singular.
     """
@@ -182,7 +193,7 @@ def _solve_increment(ramp, factor, x, method, code, memory, first):
 
 
 def _solve_linear_step(system, x, ramp, method):
-    """Return the next point by one linear solve, and whether the stiffness was regular."""
+    """Return the next motion by one linear solve, and whether the stiffness was regular."""
     if method.stiffness == "tangent":
         function, numbers, back = system.local_residual(x)
         residual, linearized = jax.linearize(function, numbers)

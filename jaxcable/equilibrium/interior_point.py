@@ -59,12 +59,13 @@ _MIN_CENTERING, _FIRST_CENTERING = 0.01, 0.2  # m over the mean of N y: least, a
 
 @pytree
 class InteriorPoint:
-    """State of the interior-point method with a bound on every length.
+    """State of the interior-point method with a bound on the length of every cable.
 
     Attributes:
-        tension, length_slack: N and y, [n], N and m.
-        centering: m of the next step over the present mean of N y.
-        damping: shift of the matrix, N/m: more after a step that was too long.
+        tension: tensions N, [n], N.
+        length_slack: slacks y of the bounds: how much longer each cable could be, [n], m.
+        centering: aim for the products N y after the next step, over their present mean.
+        damping: shift of the matrix, N/m: larger after a step that was too long.
     """
 
     tension: Float[Array, " n"]
@@ -79,7 +80,7 @@ class InteriorPoint:
 
     @classmethod
     def zeros(cls, system: System, x: Motion) -> InteriorPoint:
-        """Return zeros: the state before the method begins."""
+        """Return the state before the method begins: all numbers zero."""
         none, zero = jnp.zeros_like(rest_lengths(system)), jnp.zeros((), x.dtype)
         return cls(none, none, zero, zero)
 
@@ -91,14 +92,14 @@ class InteriorPoint:
         relative_residual: Float[Array, ""],
         length: Float[Array, ""],
     ) -> FinishDecision:
-        """Return whether to try finishing steps.
+        """Decide whether to try finishing steps; return a `FinishDecision`.
 
         Args:
-            unknowns: `tension_unknowns.TensionUnknowns`.
+            unknowns: `TensionUnknowns`.
             finite: whether the last step led to finite forces.
             steps_since_halved: steps since the residual was halved.
             relative_residual: residual over the force it is compared with.
-            length: of elements, m.
+            length: mean length of elements, m.
         """
         stalled = (steps_since_halved >= _STALLED_STEPS) & (relative_residual <= _STALLED_BELOW)
         stuck = (unknowns.blocked_steps >= 2) | stalled
@@ -109,17 +110,21 @@ class InteriorPoint:
 
 @pytree
 class LengthBoundEquations:
-    """Linear equations of a step of a net with hanging cables or curved laws.
+    """Linear equations of one step of a net with hanging cables or curved laws.
+
+    After the step, the tension of a cable is ``base_tension + slope (change of length)``.
 
     Attributes:
-        base_tension, slope: B and k of every cable, [n], N and N/m.
+        base_tension: tensions after a step without a change of length, [n], N.
+        slope: derivatives of the tensions by the changes of length, [n], N/m.
         unit_forces: derivatives of the lengths by the ends, per group [n_elem, n_end, 3].
         jacked: which cables have a tension that does not follow their length, [n].
         rhs: right side, [n_free], N.
-        spare_length, compliance: L(N) - l and L'(N), [n], m and m/N.
+        spare_length: length that each cable has under its tension, less its present length, [n], m.
+        compliance: derivatives of `spare_length` by the tensions, [n], m/N.
         load: largest dead load at a node or force of a jack, N.
-        length: of elements, m.
-        unknowns: `tension_unknowns.TensionUnknowns` with the numbers that its mode begins with.
+        length: mean length of elements, m.
+        unknowns: `TensionUnknowns`, with the numbers that its mode begins with.
     """
 
     base_tension: Float[Array, " n"]
@@ -139,18 +144,22 @@ class LengthBoundEquations:
         unknowns: Any,
         system: System,
         x: Motion,
-        pulls: TensionResponses,
+        responses: TensionResponses,
         residual: Float[Array, " n_free"],
         guess: Float[Array, " n"],
         load: Float[Array, ""],
         length: Float[Array, ""],
     ) -> LengthBoundEquations:
-        """Return the equations of the next step from x, see `ConicEquations.at_point`."""
-        none, jacked = jnp.zeros_like(pulls.tension), prescribed_tensions(system)
+        """Return the equations of the next step from `x`, as the mode of `unknowns` says.
+
+        A *mixed* step is Newton's for displacements and tensions, an *interior* step one of the
+        interior-point method. Arguments are those of `ConicEquations.at_point`.
+        """
+        none, jacked = jnp.zeros_like(responses.tension), prescribed_tensions(system)
         mixed = cls(
-            base_tension=pulls.tension,
-            slope=pulls.slope,
-            unit_forces=pulls.unit_forces,
+            base_tension=responses.tension,
+            slope=responses.slope,
+            unit_forces=responses.unit_forces,
             jacked=jnp.zeros(none.shape, bool) if jacked is None else jacked,
             rhs=-residual,
             spare_length=none,
@@ -160,22 +169,24 @@ class LengthBoundEquations:
             unknowns=copy_with(unknowns, guess=guess),
         )
         interior = mixed._interior_equations
-        return lax.cond(unknowns.is_interior, lambda: interior(system, x, pulls), lambda: mixed)
+        return lax.cond(
+            unknowns.uses_interior_point, lambda: interior(system, x, responses), lambda: mixed
+        )
 
-    def _interior_equations(self, system, x, pulls):
-        """Return the equations of an interior step, from these of a mixed step; `pulls` at x."""
+    def _interior_equations(self, system, x, responses):
+        """Return the equations of an interior-point step at x, made from these of a mixed step."""
         unknowns, free = self.unknowns, ~self.jacked
-        first = jnp.maximum(self.load, _UNLOADED * jnp.max(pulls.tension))
+        first = jnp.maximum(self.load, _UNLOADED * jnp.max(responses.tension))
         least, most = (part * first for part in _FIRST_TENSION)
         # a first guess only: steps change it freely
-        start = jnp.clip(pulls.tension, least, most)
+        start = jnp.clip(responses.tension, least, most)
         tension = select_tree(unknowns.is_new_mode, start, unknowns.interior_point.tension)
-        under = pulls.under_tensions(system, tension)
+        under = responses.under_tensions(system, tension)
         first_slack = jnp.maximum(under.spare_length, _FIRST_SLACK * rest_lengths(system))
         if under.sag is not None:
             first_slack = jnp.maximum(first_slack, under.sag)
         slack = select_tree(unknowns.is_new_mode, first_slack, unknowns.interior_point.length_slack)
-        product = jnp.where(free, tension * under.beyond_sag(slack), 0.0)
+        product = jnp.where(free, tension * under.slack_beyond_sag(slack), 0.0)
         centering = unknowns.interior_point.centering
         centering = jnp.where(unknowns.is_new_mode, _FIRST_CENTERING, centering)
         target, falls = under.target_product(
@@ -205,10 +216,13 @@ class LengthBoundEquations:
         x: Motion,
         residual: Float[Array, ""],
     ) -> Matrix:
-        """Return the matrix of the equations, regularized; `residual` is the largest, N."""
+        """Assemble the matrix of the equations at `x`, with a shift of its diagonal, N/m.
+
+        `residual` is the largest residual, N, by which the shift of mixed steps is chosen.
+        """
         unknowns = self.unknowns
         tensions = select_tree(
-            unknowns.is_interior, unknowns.interior_point.tension, unknowns.guess
+            unknowns.uses_interior_point, unknowns.interior_point.tension, unknowns.guess
         )
         matrix = system.tangent(
             x, [*net_stiffness(system, x, self.unit_forces, self.slope, tensions)]
@@ -217,7 +231,7 @@ class LengthBoundEquations:
         eps, tiny = jnp.finfo(x.dtype).eps, jnp.finfo(x.dtype).tiny
         rounding = unknowns.min_shift_in_eps * (eps * size) + tiny
         shift = _SHIFT * jnp.minimum(residual, jnp.max(tensions) + self.load) / self.length
-        shift = jnp.where(unknowns.is_interior, unknowns.interior_point.damping, shift)
+        shift = jnp.where(unknowns.uses_interior_point, unknowns.interior_point.damping, shift)
         return linear.add_to_diagonal(matrix, jnp.maximum(shift, rounding))
 
     def take_step(
@@ -227,32 +241,37 @@ class LengthBoundEquations:
         step: Float[Array, " n_free"],
         definite: Bool[Array, ""],
     ) -> tuple[Any, Float[Array, ""], Bool[ArrayLike, ""]]:
-        """Return the state after a step, the fraction that is taken, and False: no predictor."""
+        """Update the tensions by the solution `step` of the equations, [n_free].
+
+        Returns:
+            `TensionUnknowns` after the step; the fraction of it that displacements are to take;
+            False, because no step is a predictor.
+        """
         spread, unknowns = system.space.prolong(x, step), self.unknowns
-        longer = linearized_elongation(system, self.unit_forces, spread)
-        now = self.base_tension + self.slope * longer
+        elongation = linearized_elongation(system, self.unit_forces, spread)
+        now = self.base_tension + self.slope * elongation
         mixed = copy_with(unknowns, guess=jnp.maximum(now, 0.0)), jnp.ones_like(self.length)
         after, fraction = lax.cond(
-            unknowns.is_interior,
+            unknowns.uses_interior_point,
             lambda: self._take_interior_step(
-                now, longer, jnp.max(relative_node_motion(system, spread))
+                now, elongation, jnp.max(relative_node_motion(system, spread))
             ),
             lambda: mixed,
         )
         new, count = jnp.zeros((), bool), unknowns.steps_in_mode + 1
         return copy_with(after, is_new_mode=new, steps_in_mode=count), fraction, jnp.zeros((), bool)
 
-    def _take_interior_step(self, tension, longer, motion):
-        """Return the state after an interior step, and the fraction of it that is taken.
+    def _take_interior_step(self, tension, elongation, motion):
+        """Return `TensionUnknowns` after an interior step, and the fraction of it that is taken.
 
         Args:
             tension: tensions to which the whole step leads, [n], N.
-            longer: changes of the lengths by the whole step, [n], m.
-            motion: largest relative motion of the ends of a cable, in its lengths.
+            elongation: changes of the lengths by the whole step, [n], m.
+            motion: largest relative motion of the ends of a cable, over its length.
         """
         unknowns, inner = self.unknowns, self.unknowns.interior_point
         change = jnp.where(self.jacked, 0.0, tension - inner.tension)
-        slack = self.spare_length + self.compliance * change - longer
+        slack = self.spare_length + self.compliance * change - elongation
         wider = jnp.where(self.jacked, 0.0, slack - inner.length_slack)
         of_tension, fraction = (
             _fraction_to_zero(inner.tension, change),
@@ -274,7 +293,7 @@ class LengthBoundEquations:
         return after, fraction
 
     def _next_damping(self, was_too_long):
-        """Return the shift for the next interior step: larger after one that was too long."""
+        """Return the shift of the next interior step, N/m: larger if this one was too long."""
         inner = self.unknowns.interior_point
         least = _MIN_DAMPING * jnp.max(inner.tension) / self.length
         more = jnp.maximum(_DAMPING_FACTOR * inner.damping, least)
@@ -283,7 +302,7 @@ class LengthBoundEquations:
 
 
 def _fraction_to_zero(values, changes):
-    """Return the fraction of the changes, at most 1, up to which positive values stay positive."""
+    """Return which fraction (up to 1) of `changes` positive `values` can take and stay positive."""
     falls = changes < 0
     ratio = jnp.where(falls, -values / jnp.where(falls, changes, -1.0), jnp.inf)
     return jnp.minimum(1.0, _TO_BOUND * jnp.min(ratio, initial=jnp.inf))

@@ -35,15 +35,15 @@ _NET_RUNAWAY = 1e4  # the same for nets, whose mixed steps end at a part of it
 
 
 class EquilibriumSearch:
-    """An iteration to the equilibrium of a system: its constants, its start, and one step of it.
+    """Newton's iteration to the equilibrium of a system: its constants, start, and one iteration.
 
     Args:
         system: `System` of one load factor.
         x: motion to start from.
         method: `IterationSettings`.
         judges_stability: whether to find out if the equilibrium is stable.
-        criterion: `ConvergenceCriterion` of the increment; None: only forces judge the residual, as
-            in float32.
+        criterion: `ConvergenceCriterion` of the increment; None, as in float32: the residual is
+            only compared with forces.
         only_evaluates: whether to evaluate the start only.
     """
 
@@ -59,7 +59,7 @@ class EquilibriumSearch:
         self.system, self.method = system, method
         self.judges_stability, self.only_evaluates = judges_stability, only_evaluates
         self.criterion = criterion if jnp.finfo(x.dtype).eps < 1e-12 else None
-        self.begin = system.impose_supports(system.with_low_part(x))
+        self.begin = system.impose_supports(system.with_low_order_part(x))
         self.tol = residual_tolerance(method, x.dtype)
         self.length, self.extent = system.length_scale(), system.extent()
         self.is_net = system.is_net
@@ -73,7 +73,7 @@ class EquilibriumSearch:
         self.has_full_steps = tension_only or system.may_be_unsymmetric
 
     def initial_state(self, factored: FactoredMatrix | None) -> NewtonState:
-        """Return the state before the first evaluation, which is at the start itself."""
+        """Return the `NewtonState` before the first evaluation, which is at the start itself."""
         zero = jnp.zeros((), self.begin.dtype)
         still = jnp.zeros(self.system.dof_map.free.shape[0], zero.dtype)
         no = jnp.zeros((), bool)
@@ -112,21 +112,21 @@ class EquilibriumSearch:
         )
 
     def iterate(self, state: NewtonState) -> NewtonState:
-        """Evaluate a trial point, decide whether to accept it, and compute the next step."""
-        exact, residual_before = self._needs_fine_part(state), max_abs(state.residual)
+        """Evaluate the trial point, decide whether to accept it, and compute the next step."""
+        exact, residual_before = self._needs_low_order_part(state), max_abs(state.residual)
         state, fraction, accepted, search_over = self._evaluate_trial(state, exact)
         state, converged = self._check_convergence(state, search_over, residual_before)
         if self.is_net:  # a long step may lead to where the fine part matters after all
-            converged = converged & (exact | ~self._needs_fine_part(state))
+            converged = converged & (exact | ~self._needs_low_order_part(state))
         given = fraction, accepted, search_over, converged
         state, reevaluate = self._update_strategies(state, *given)
         return self._compute_step(state, search_over & ~state.done & ~reevaluate, converged)
 
     def _evaluate_trial(self, state, exact):
-        """Evaluate forces at `search.length` of the step, and decide whether to accept this point.
+        """Evaluate forces at the trial point of the line search, and decide whether to accept it.
 
         Returns:
-            state: with the point if it is accepted, and the next length of the search.
+            state: `NewtonState`, with the point if it is accepted, and the next trial length.
             fraction: the fraction of the step that was tried.
             accepted: whether a step was taken.
             search_over: whether the search along the step has ended.
@@ -172,15 +172,15 @@ class EquilibriumSearch:
     def carried_residual(
         self, scale: Float[Array, ""], steps: Int[Array, ""]
     ) -> Float[ArrayLike, " n_free"]:
-        """Return the earlier residual that counts as a load, see `convergence`, [n_free], N."""
+        """Return the earlier residual that counts as a load (`convergence`), [n_free], N."""
         if self.criterion is None:
             return 0.0
         return self.criterion.carried_residual(scale, self.tol, steps)
 
     def _energy_slope(self, state, x, residual, elements):
-        """Return the derivative of the energy along the step at x, J.
+        """Return the derivative of the energy at `x` along the step of `state`, J.
 
-        Axial forces count up to the cut-off of `PredictedForces` only.
+        Axial forces beyond the cut-off of `PredictedForces` are left out.
         """
         slope = residual @ state.step
         if state.predicted is None:
@@ -189,8 +189,8 @@ class EquilibriumSearch:
         longer = chords.elongation(relative_to_first_end(self.system, spread))
         return slope - state.predicted.excess_force(chords.force) @ longer
 
-    def _needs_fine_part(self, state):
-        """Return whether the fine part of the next point will matter, judged by the present one."""
+    def _needs_low_order_part(self, state):
+        """Return whether the next point of a net needs the low-order part of displacements."""
         if not self.is_net:
             return False
         # rounding is that of a fine part, of eps times the displacement and not eps^2
@@ -202,7 +202,7 @@ class EquilibriumSearch:
         )
 
     def _check_convergence(self, state, search_over, residual_before):
-        """Judge the residual: return the state with its status, and whether x is an equilibrium.
+        """Return `state` with its status, and whether its residual is within the tolerances.
 
         `residual_before` is the largest residual at the point before, N.
         """
@@ -243,10 +243,10 @@ class EquilibriumSearch:
         That is: the Levenberg shift of the stiffness, whether full steps go on without a line
         search, and the mode of the tension unknowns.
 
-        Arguments as `_evaluate_trial` and `_check_convergence` return them.
+        Arguments are those that `_evaluate_trial` and `_check_convergence` return.
 
         Returns:
-            The `NewtonState`, and whether forces are to be evaluated before the next step, because
+            The `NewtonState`; whether forces are to be evaluated before the next step, because
             the iteration goes on from another point.
         """
         moved = search_over & (~state.stays_at_x | state.has_no_step)
@@ -291,7 +291,7 @@ class EquilibriumSearch:
         return after, reevaluate
 
     def _compute_step(self, state, wanted, converged):
-        """Compute the next step if `wanted`; at an equilibrium only judge whether it is stable."""
+        """Return `state` with its next step if `wanted`; at an equilibrium only judge stability."""
 
         def compute(state):
             unknowns, predicted, fraction = state.tension_unknowns, state.predicted, 1.0
@@ -353,7 +353,7 @@ class EquilibriumSearch:
         return lax.cond(wanted, compute, lambda state: state, state)
 
     def _step_matrix(self, state, is_full, converged):
-        """Return the matrix of a step of a structure that is no net of cables.
+        """Assemble the matrix of a step of a structure that is no net of cables.
 
         Args:
             state: `NewtonState`.
@@ -361,8 +361,8 @@ class EquilibriumSearch:
             converged: whether its point is an equilibrium.
 
         Returns:
-            Matrix, shift on its diagonal, whether it has predicted forces, and the derivatives of
-            axial forces by lengths, [n], N/m; the last two None where no element has a chord.
+            Matrix; shift of its diagonal, N/m; whether it has predicted axial forces; derivatives
+            of these by lengths, [n], N/m. The last two are None where no element has a chord.
         """
         tangents, chords = state.elements
         size, predicting, slopes = max_abs(state.residual), None, None
@@ -383,15 +383,16 @@ class EquilibriumSearch:
         return matrix, shift, predicting, slopes
 
     def _predict_forces(self, state, step, slopes, predicting):
-        """Return `PredictedForces` for a step, the fraction to take, and the work of cut forces.
+        """Return `PredictedForces` after a step, the fraction to take, the work of cut forces, J.
 
-        `slopes` are derivatives of axial forces by lengths, [n], N/m; the work is in J.
+        `slopes` are derivatives of axial forces by lengths, [n], N/m; `predicting` says whether the
+        matrix of the step has predicted forces.
         """
         chords, system = state.elements[1], self.system
         apart = relative_to_first_end(system, system.space.prolong(state.x, step))
         longer = chords.elongation(apart)
         predicted = state.predicted.for_step(system, chords.force + slopes * longer, predicting)
         fraction = jnp.where(
-            predicting, step_fraction_within_length(chords.largest_turn_squared(apart)), 1.0
+            predicting, step_fraction_within_length(chords.max_relative_motion_squared(apart)), 1.0
         )
         return predicted, fraction, predicted.excess_force(chords.force) @ longer

@@ -54,7 +54,7 @@ from ..mechanics.element_output import ElementOutput, evaluate_output
 from ..mechanics.load_ramp import LoadRamp
 from ..spaces.translations import drop_low_part
 from .convergence import ConvergenceCriterion, IterationSettings, residual_tolerance
-from .increment_outcome import IncrementOutcome, is_at_rounding, make_outcome
+from .increment_outcome import IncrementOutcome, is_residual_at_rounding, make_outcome
 from .iteration import EquilibriumSearch
 from .newton_step import CG_LIMIT, max_abs, zero_eigenvalue_bound
 
@@ -64,16 +64,18 @@ class Newton:
     """Iterate every increment to equilibrium.
 
     Args:
-        tol: largest residual at a free degree of freedom, relative to the largest over nodes of
-            (sum of absolute end forces + load); at least 64 eps. Default 1e-10, in float32 1e-5.
-            Where a phase adds dead loads below 1 % of this force, the residual is at most 50 tol
-            of the largest of these, too, and what earlier increments have left is carried along;
-            if rounding leaves less than half of the digits of the load, the status is AT_ROUNDING
-            (see `convergence`; not in float32). The residual that the rounding of the displacements
-            leaves, ``8 eps u/L (EA along, 12 EI/L^2 across)``, is allowed, too (`path.rounding`).
-            Nets of cables are iterated with nearly twice the digits: there it is ``8 eps^2 u/L
-            EA``. Where it is more than 1 % of the forces of a net under load, the status is
-            AT_ROUNDING.
+        tol: largest residual (unbalanced force) at a free degree of freedom, relative to the
+            largest, over nodes, of the sum of absolute end forces plus the load. Default 1e-10, in
+            float32 1e-5; at least 64 eps.
+
+            - Small loads: where a phase adds dead loads below 1 % of this force, the residual is
+              at most 50 tol of the largest of them, too (see `convergence`; not in float32). If
+              rounding leaves less than half of the digits of the load, the status is AT_ROUNDING.
+            - Rounding: displacements u have a relative error eps, which makes a residual of
+              ``8 eps u/L EA`` along an element and ``8 eps u/L 12 EI/L^2`` across. This much is
+              allowed, too (`path.rounding`). Nets of cables have twice the digits:
+              ``8 eps^2 u/L EA``. Where it is more than 1 % of the forces of a net under load, the
+              status is AT_ROUNDING.
         max_steps: steps allowed per increment; after them the status is NOT_CONVERGED, or says
             more exactly why: AT_ROUNDING, COLLAPSED.
         linear_solver: "dense", "superlu" (SciPy), "cholmod" (if `cvxopt` is installed) or "pardiso"
@@ -110,7 +112,7 @@ class Newton:
             raise ValueError(f"watch = {self.watch!r}: expected True or False")
 
     def rules(self) -> list[Rule]:
-        """Return the rules of its numbers, see `common.rules`; a NaN breaks them."""
+        """Return the rules of `tol` and `max_steps`, a list of `Rule`; a NaN breaks them."""
         large = "must be below 1: it is relative to the forces, and any state would meet 1"
         return [
             Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive"),
@@ -123,9 +125,9 @@ class Newton:
 def adjoint_cg_settings(
     method: IterationSettings, system: System, dtype: DTypeLike
 ) -> tuple[Float[Array, ""], Int[Array, ""]]:
-    """Return tolerance and limit of conjugate gradient steps for an adjoint (`linear.factorize`).
+    """Return tolerance and step limit of conjugate gradients for an adjoint (`linear.factorize`).
 
-    The tolerance is a tenth of that of the equilibrium, so that derivatives are as exact.
+    The tolerance is a tenth of that of the equilibrium, so that derivatives are as accurate.
     """
     return 0.1 * residual_tolerance(method, dtype), jnp.where(system.convex, CG_LIMIT, 0)
 
@@ -138,20 +140,20 @@ def equilibrate(
     factored: FactoredMatrix | None = None,
     judges_stability: Bool[ArrayLike, ""] = False,
 ) -> tuple[IncrementOutcome, FactoredMatrix | None]:
-    """Bring `system` to equilibrium from `x`.
+    """Iterate a system to equilibrium, starting from motion `x`.
 
     Args:
         system: `System` of one load factor.
         x: motion to start from.
         method: `Newton`.
         active: False to return at once (an earlier increment has failed).
-        factored: what sparse solves have factorised in earlier increments of the same pattern;
-            None: nothing.
+        factored: matrix that sparse solves have factorised in earlier increments of the same
+            pattern; None: nothing.
         judges_stability: whether to find out if the equilibrium is stable.
 
     Returns:
-        `IncrementOutcome`, and what is factored now. Not differentiable: its derivative is added by
-        `implicit.attach_derivative`.
+        `IncrementOutcome`; the last factored matrix. Not differentiable: its derivative is added
+        by `implicit.attach_derivative`.
     """
     if factored is None:
         factored = linear.no_factored_matrix(system.dof_map.pattern, x.dtype)
@@ -172,7 +174,7 @@ def _iterate_until_done(
     criterion=None,
     only_evaluates=False,
 ):
-    """Return the `NewtonState` in which Newton's method ends; options as of `EquilibriumSearch`.
+    """Return the `NewtonState` in which Newton's method ends; arguments as of `EquilibriumSearch`.
 
     Nets with softening laws begin with laws that do not soften (`Law.without_softening`), which
     make their energy convex. If this equilibrium is below the peaks of all laws, it is the one that
@@ -208,7 +210,7 @@ def _iterate_until_done(
     steps = jnp.where(found, first.steps, 0)
     end = iterate(system, at, active & ~below, first.factored, steps)
     lost = (end.code == status.NOT_CONVERGED) | (end.code == status.MECHANISM)
-    near = is_at_rounding(convex, max_abs(first.residual), max_abs(first.rounding))
+    near = is_residual_at_rounding(convex, max_abs(first.residual), max_abs(first.rounding))
     near = ~found & near & (end.code == status.NOT_CONVERGED)
     code = jnp.where(near, status.AT_ROUNDING, end.code)
     code = jnp.where(found & lost, status.BEYOND_PEAK, code)
@@ -221,7 +223,7 @@ def _iterate_until_done(
 
 
 def is_stable(system: System, x: Float[Array, "n_row n_motion"]) -> Bool[Array, ""]:
-    """Return whether the tangent at a point has no negative eigenvalue."""
+    """Return whether the tangent at motion `x` has no negative eigenvalue, scalar bool."""
     if system.always_convex:
         return jnp.ones((), bool)
     matrix = system.tangent(x)
@@ -237,7 +239,7 @@ def solve_increments(
     method: Newton,
     code: Int[Array, ""],
     factored: FactoredMatrix | None,
-    last_reading: ElementOutput,
+    last_output: ElementOutput,
     is_first: Bool[Array, ""],
     report: Callable[[Float[Array, ""], IncrementOutcome], None] | None = None,
 ) -> tuple[
@@ -258,25 +260,25 @@ def solve_increments(
         method: `Newton`.
         code: status so far; after a failure nothing moves.
         factored: as for `equilibrate`.
-        last_reading: `ElementOutput` of the last good increment.
-        is_first: whether no increment has been good so far: then the start is read.
+        last_output: `ElementOutput` of the last increment that has converged.
+        is_first: whether no increment has converged so far: then the start is evaluated.
         report: function that is called after every increment with its load factor and its
             `IncrementOutcome`, or None.
 
     Returns:
-        xs: points, [1 + n_inc, ...]; those of nets with a fine part (`spaces.translations`).
+        xs: points, [1 + n_inc, ...]; those of nets with a low-order part (`spaces.translations`).
         log: `IncrementOutcome.log_row` of every increment, with latched status.
-        readings: `ElementOutput.of_path` of every increment; after a failure, of the last good one.
-        last_reading: `ElementOutput` of the last good increment.
+        outputs: `ElementOutput.of_path` of every increment; after a failure, of the last converged.
+        last_output: `ElementOutput` of the last converged increment.
         memory: history variables at the end.
-        factored: what is factored at the end.
+        factored: last factored matrix.
     """
     begun = ramp.initial_system()
-    x = first = begun.with_low_part(x)
-    largest_added = ramp.largest_added_load(begun, increments[0]) if ramp.varies else None
+    x = first = begun.with_low_order_part(x)
+    largest_added = ramp.largest_added_load(begun, increments[0]) if ramp.has_amplitudes else None
 
     def solve_increment(carry, increment):
-        x, code, memory, factored, last_reading, earlier_residual = carry
+        x, code, memory, factored, last_output, earlier_residual = carry
         factor, live = increment
         system, judges = ramp.system_at(factor, memory), method.watch | (factor == 1)
         good, at_start = code == status.OK, factor == 0
@@ -290,14 +292,14 @@ def solve_increments(
         motion, ruptured = select_tree(begins, first, end.x), False
         reading = lax.cond(
             begins | ended,
-            lambda: evaluate_output(_with_states_of_start(system, begun, factor), motion),
-            lambda: last_reading,
+            lambda: evaluate_output(_with_initial_element_states(system, begun, factor), motion),
+            lambda: last_output,
         )
         if system.has_rupture:
             ruptured = jnp.any(system.ruptured_elements(reading.strains))
         outcome = make_outcome(system, end, x, active, ruptured, factored)
         if system.has_rupture:
-            reading = select_tree(begins | outcome.equilibrated, reading, last_reading)
+            reading = select_tree(begins | outcome.equilibrated, reading, last_output)
         code = status.first_failure(code, outcome.code)
         if memory is not None:
             good = outcome.equilibrated
@@ -309,14 +311,14 @@ def solve_increments(
         return carry, (outcome.x, outcome.log_row, reading.of_path)
 
     none = jnp.zeros(ramp.dof_map.free.shape[0], x.dtype)
-    start = x, code, ramp.memory, factored, last_reading, none
-    carry, (xs, log, readings) = lax.scan(solve_increment, start, increments)
-    _, _, memory, factored, last_reading, _ = carry
-    return xs, log, readings, last_reading, memory, factored
+    start = x, code, ramp.memory, factored, last_output, none
+    carry, (xs, log, outputs) = lax.scan(solve_increment, start, increments)
+    _, _, memory, factored, last_output, _ = carry
+    return xs, log, outputs, last_output, memory, factored
 
 
-def _with_states_of_start(system, begun, factor):
-    """Return the system; at load factor 0 with the states of elements at the start of the phase.
+def _with_initial_element_states(system, begun, factor):
+    """Return the system; at load factor 0 with the element states of `begun`, the phase's start.
 
     They are exact there, even where the states at the end of the phase are NaN.
     """

@@ -16,27 +16,30 @@ class NewtonState:
     """The state of an iteration: the last accepted point, the next step, and the globalization.
 
     Attributes:
-        x, residual, scale: last accepted point, R(x), and the force that R is compared with, N.
-        rounding: error that rounding leaves in the residual, N; None if no element states any.
+        x: motion at the last accepted point.
+        residual: residual there, [n_free], N.
+        scale: the force that the residual is compared with, N.
+        rounding: error that rounding leaves in the residual, N; None if no element estimates any.
         elements: what elements give together with their forces at x: `TensionResponses` of a net,
             else tangents (`System.forces_and_tangents`) and `Chords`.
-        step, search: the step from x, and which fraction of it is tried next (`search.LineSearch`).
+        step, search: the step from x, and which fraction of it is tried next
+            (`line_search.LineSearch`).
         stays_at_x: whether the next evaluation is at x itself: at the start, when the iteration
             starts again, and when no usable step was found.
         has_no_step: whether the reason for `stays_at_x` is that no usable step was found.
         shift: Levenberg shift of the tangent.
-        full_steps: phase of full steps, where there is one (`FullStepPhase`), else None.
+        full_steps: `FullStepPhase` of structures that begin with full steps, else None.
         tension_unknowns: tensions of a net as unknowns; None for other structures.
-        predicted: predicted axial forces of others; None where no element has a chord.
+        predicted: predicted axial forces of other structures; None where no element has a chord.
         start_residual: largest residual at the start of the increment, N.
         stagnant_steps: steps that met the criterion of forces without halving the residual.
         steps: number of Newton steps so far.
         code: status so far; negative before the first evaluation.
         factored: last matrix that a sparse solve has factorised (`linear.solve_reusing_factor`).
-        released, start_rounding: residuals that rounding at the first point excuses, N: a structure
-            that is released ends with the rounding of the forces that it began with. One for all
-            unknowns of a net, or one for each (`System.rounding`) of others; else None.
-        stable: whether the tangent at the end is definite.
+        released: residual that is allowed in a net without load, N: a structure that is released
+            ends with the rounding of the forces that it began with. None for other structures.
+        start_rounding: `rounding` at the first point, which is allowed, too; None for nets.
+        stable: whether the tangent at the end is positive definite.
         done: whether the iteration has ended.
     """
 

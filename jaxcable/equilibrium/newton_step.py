@@ -43,7 +43,7 @@ def newton_direction(
 
     Returns:
         Step [n_free], NaN if an unsymmetric matrix is singular; whether the symmetric part of the
-        matrix is positive definite; what sparse solves have factorised.
+        matrix is positive definite; the last factored sparse matrix, or None.
     """
     # Conjugate gradients cannot see that a matrix is indefinite, so they are used only where the
     # energy is convex. Their tolerance is about the residual that the next Newton step leaves
@@ -85,6 +85,6 @@ def max_abs(residual: Float[Array, " n_free"]) -> Float[Array, ""]:
 
 
 def zero_eigenvalue_bound(matrix: Matrix) -> Float[Array, ""]:
-    """Return a bound of what rounding makes of a zero eigenvalue of a tangent, N/m; positive."""
+    """Return how large rounding can make a zero eigenvalue of a tangent, N/m; positive."""
     size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
     return _ZERO_ROUNDINGS * jnp.finfo(size.dtype).eps * size + jnp.finfo(size.dtype).tiny

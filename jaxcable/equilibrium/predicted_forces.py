@@ -48,9 +48,9 @@ class PredictedForces:
     """Predicted axial forces of all elements with two ends and no rotations.
 
     Attributes:
-        force: N^ of every element with a chord, [n], N.
-        cut_off: size of the force beyond which the line search cuts it, [n], N.
-        is_known: whether the last step has predicted N^; if not, the current forces are used.
+        force: predicted axial forces, [n], N; tension positive.
+        cut_off: size up to which the line search counts axial forces, [n], N.
+        is_known: whether the last step has predicted forces; if not, current ones are used.
     """
 
     force: Float[Array, " n"]
@@ -59,27 +59,27 @@ class PredictedForces:
 
     @classmethod
     def initial(cls, system: System, dtype: DTypeLike) -> PredictedForces:
-        """Return the state before any force is predicted."""
+        """Return the state before any force is predicted: nothing known, nothing cut off."""
         n = len(tension_only_chords(system.groups))
         return cls(jnp.zeros(n, dtype), jnp.full(n, jnp.inf, dtype), jnp.zeros((), bool))
 
     def excess_force(self, force: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Return how far forces exceed the cut-off beyond which the line search ignores them, N."""
+        """Return the parts of axial forces that the line search ignores, beyond its cut-off, N."""
         return force - lax.clamp(-self.cut_off, force, self.cut_off)
 
     def geometric_forces(self, chords: Chords, predicting: Bool[Array, ""]) -> Float[Array, " n"]:
-        """Return forces for the geometric stiffness, [n], N: predicted ones if `predicting`."""
+        """Return axial forces for the geometric stiffness, [n], N: predicted if `predicting`."""
         return jnp.where(predicting & self.is_known, self.force, chords.force)
 
     def for_step(
         self, system: System, force: Float[Array, " n"], predicting: Bool[Array, ""]
     ) -> PredictedForces:
-        """Return the predicted forces and their cut-off for a step.
+        """Return the predicted forces after a step, with their cut-off.
 
         Args:
             system: `System`.
             force: forces to which the step leads by its linear equations, [n], N.
-            predicting: whether the step has predicted forces; else the line search uses true ones.
+            predicting: whether the step's matrix has predicted forces; else nothing is cut off.
         """
         least = np.where(tension_only_chords(system.groups), 0.0, -np.inf).astype(force.dtype)
         force = jnp.maximum(force, least)
@@ -90,7 +90,7 @@ class PredictedForces:
 
 
 def is_prediction_step(steps: Int[Array, ""]) -> Bool[Array, ""]:
-    """Return whether the step after so many is one with predicted forces."""
+    """Return whether the step after so many `steps` is to use predicted forces (40 of 50 are)."""
     cycle, predicted = _CYCLE
     return steps % cycle < predicted
 
@@ -98,7 +98,6 @@ def is_prediction_step(steps: Int[Array, ""]) -> Bool[Array, ""]:
 def step_fraction_within_length(squared_motion: Float[Array, ""]) -> Float[Array, ""]:
     """Return the fraction of a step that moves no element's ends apart by more than its length.
 
-    Args:
-        squared_motion: largest square of their relative motion over the length (`Chords.turn`).
+    `squared_motion` is `Chords.max_relative_motion_squared` of the whole step.
     """
     return lax.rsqrt(jnp.maximum(squared_motion, 1.0))

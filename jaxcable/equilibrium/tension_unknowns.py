@@ -1,4 +1,4 @@
-"""TensionUnknowns of cables as unknowns beside the displacements, so that stiff nets converge.
+"""Tensions of cables as unknowns beside the displacements, so that stiff nets converge.
 
 A step sideways lengthens a cable in second order. Where EA is large, the force EA e at the next
 point is then larger than the true tension by orders of magnitude, and so is the geometric stiffness
@@ -68,15 +68,17 @@ class TensionUnknowns:
     """Tensions as unknowns, and the mode in which the iteration solves for them.
 
     Attributes:
-        mode: `MIXED`, `INTERIOR`, `FINISH` or `SEARCH`.
+        mode: `MIXED` (Newton steps for displacements and tensions), `INTERIOR` (steps of the
+            interior-point method), `FINISH` (Newton steps from its end) or `SEARCH` (Newton steps
+            with line search).
         guess: tensions for the geometric stiffness of mixed steps, [n], N, of all groups.
         interior_point: state of the interior-point method.
         is_new_mode: whether the mode begins at its next step.
         best_residual: smallest residual since the mode began, N.
-        steps_since_halved, steps_in_mode: steps since the residual was halved, and since the mode
-            began; after finishing steps that have failed, the latter goes on.
-        blocked_steps: interior steps in succession that a bound has blocked.
-        finish_threshold: `FinishDecision.remaining` from which finishing steps are tried.
+        steps_since_halved: steps since the residual was halved.
+        steps_in_mode: steps since the mode began; finishing steps that have failed do not reset it.
+        blocked_steps: interior steps in succession that a bound has made short.
+        finish_threshold: `FinishDecision.remaining` below which finishing steps are tried.
         finishes: how often they were tried.
         interior_motion: point of the interior iteration, while finishing steps are tried.
         indefinite_count: how often rounding has left a matrix of the mode indefinite.
@@ -97,7 +99,7 @@ class TensionUnknowns:
 
     @classmethod
     def initial(cls, system: System, x: Motion) -> TensionUnknowns:
-        """Return the state at the start of an increment: mixed steps, nothing known."""
+        """Return the state at the start of an increment: mixed steps, zero tensions."""
         zero, first = jnp.zeros((), x.dtype), jnp.int32(0)
         # in float32 the slacks of cones lose their digits before the iteration can be finished
         cones = all_suit_cone_solver(system) and jnp.finfo(x.dtype).eps < 1e-12
@@ -119,31 +121,35 @@ class TensionUnknowns:
 
     @property
     def has_cones(self) -> bool:
-        """Whether the interior-point method has a cone for every piece, known on the host."""
+        """Whether the interior-point method is the one with a cone for every piece."""
         return isinstance(self.interior_point, ConicInteriorPoint)
 
     @property
     def uses_line_search(self) -> Bool[Array, ""]:
-        """Whether steps are plain Newton steps with a line search."""
+        """Whether the mode is `SEARCH`: Newton steps with a line search."""
         return self.mode == SEARCH
 
     @property
-    def is_interior(self) -> Bool[Array, ""]:
-        """Whether steps are those of the interior-point method."""
+    def uses_interior_point(self) -> Bool[Array, ""]:
+        """Whether the mode is `INTERIOR`: steps of the interior-point method."""
         return self.mode == INTERIOR
 
     @property
-    def is_finishing(self) -> Bool[Array, ""]:
-        """Whether steps are finishing steps of an interior iteration."""
+    def takes_finishing_steps(self) -> Bool[Array, ""]:
+        """Whether the mode is `FINISH`: finishing steps after an interior iteration."""
         return self.mode == FINISH
 
     @property
     def has_interior_matrix(self) -> Bool[Array, ""]:
-        """Whether matrices are those of interior steps, or of finishing steps with cones.
+        """Whether the matrix is that of an interior step, or of a finishing step with cones.
 
         They differ too much from each other for conjugate gradients with an earlier factor.
         """
-        return (self.is_interior | self.is_finishing) if self.has_cones else self.is_interior
+        return (
+            (self.uses_interior_point | self.takes_finishing_steps)
+            if self.has_cones
+            else self.uses_interior_point
+        )
 
     @property
     def awaits_corrector(self) -> Bool[ArrayLike, ""]:
@@ -151,13 +157,13 @@ class TensionUnknowns:
         point = self.interior_point
         if not isinstance(point, ConicInteriorPoint):
             return False
-        return self.is_interior & point.has_predicted
+        return self.uses_interior_point & point.has_predicted
 
     @property
     def min_shift_in_eps(self) -> Int[Array, ""]:
-        """Least shift of the matrix, in roundings (eps) of its largest stiffness.
+        """Least shift of the matrix's diagonal, as a multiple of eps times its largest entry.
 
-        It is what rounding may make of a zero stiffness; larger after indefinite matrices.
+        It covers what rounding makes of a zero stiffness, and grows after indefinite matrices.
         """
         return jnp.where(self.uses_line_search, 1, self.indefinite_count**6)  # 0, 1, 64, 729
 
@@ -174,16 +180,20 @@ class TensionUnknowns:
         """Choose the mode after a step: the same, interior, finishing, or line search.
 
         Args:
-            x, begin: the point reached, and the start of the increment.
+            x, begin: the point reached, and the start of the increment (motions of all rows).
             finite: whether the step led to finite forces.
             residual, scale: largest residual at x and the force it is compared with, N.
             astray: whether the point is far from the structure.
-            length: of elements, m.
+            length: mean length of elements, m.
 
         Returns:
-            The state, the point to go on from, whether this is another one than x.
+            The state; the point to go on from; whether this is another one than x.
         """
-        mixed, finishing, interior = self.mode == MIXED, self.is_finishing, self.is_interior
+        mixed, finishing, interior = (
+            self.mode == MIXED,
+            self.takes_finishing_steps,
+            self.uses_interior_point,
+        )
         halved = finite & (self.is_new_mode | (residual < 0.5 * self.best_residual))
         starts = mixed & (self.steps_in_mode <= _FIRST_STEPS)
         best = jnp.where(halved | starts, residual, self.best_residual)
@@ -234,8 +244,8 @@ class TensionUnknowns:
     ) -> tuple[TensionUnknowns, Bool[Array, ""]]:
         """Return the state after a step, and whether to repeat the step with a larger shift.
 
-        It is repeated if its matrix was not `definite`, which rounding may have made of a zero
-        stiffness; otherwise the state is `after`.
+        It is repeated if its matrix was not `definite`, because rounding can make a zero stiffness
+        negative; otherwise the state is `after`.
         """
         again = ~definite & (self.indefinite_count < _MAX_SHIFTS) & ~self.uses_line_search
         return select_tree(
@@ -246,19 +256,20 @@ class TensionUnknowns:
         self,
         system: System,
         x: Motion,
-        pulls: TensionResponses,
+        responses: TensionResponses,
         residual: Float[Array, " n_free"],
         length: Float[Array, ""],
     ) -> ConicEquations | LengthBoundEquations:
         """Return the linear equations of the next step from x.
 
         Args:
-            system: `System`.
-            x: the point.
-            pulls, residual: those of the system at x.
-            length: of elements, m.
+            system: `System`, a net.
+            x: motion of all nodes (rows).
+            responses: tensions and end forces at x.
+            residual: residual at x, [n_free], N.
+            length: mean length of elements, m.
         """
-        load, tension = jnp.max(jnp.abs(system.external_force(x)), initial=0.0), pulls.tension
+        load, tension = jnp.max(jnp.abs(system.external_force(x)), initial=0.0), responses.tension
         if (jacked := prescribed_tensions(system)) is not None:
             load = jnp.maximum(load, jnp.max(jnp.where(jacked, tension, 0.0)))
         guess = select_tree(self.is_new_mode | self.uses_line_search, tension, self.guess)
@@ -270,4 +281,4 @@ class TensionUnknowns:
             kind = ConicEquations
             slack = self.is_new_mode & (self.mode == MIXED) & (jnp.max(tension) <= _SLACK * load)
             unknowns = copy_with(unknowns, mode=jnp.where(slack, INTERIOR, self.mode))
-        return kind.at_point(unknowns, system, x, pulls, residual, guess, load, length)
+        return kind.at_point(unknowns, system, x, responses, residual, guess, load, length)

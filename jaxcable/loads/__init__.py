@@ -40,8 +40,8 @@ __all__ = [
 ]
 
 
-def _loads_hint(thing):
-    """Return advice, for an error message, on how to make a load of something that is none."""
+def _hint_for_wrong_load(thing):
+    """Return advice for an error message about `thing`, which was given as a load but is none."""
     if isinstance(thing, type):
         return f"; call it: {thing.__name__}(...)"
     if isinstance(thing, float | int):
@@ -75,5 +75,5 @@ def as_list(loads: Load | Sequence[Load] | None) -> list[Load]:
         if not isinstance(load, Load):
             is_class = isinstance(load, type)
             kind = f"the class {load.__name__}" if is_class else type(load).__name__
-            raise ValueError(f"loads[{k}]: {kind} is not a load{_loads_hint(load)}")
+            raise ValueError(f"loads[{k}]: {kind} is not a load{_hint_for_wrong_load(load)}")
     return items

@@ -27,19 +27,29 @@ GEOMETRIES = ("input", "begun")
 
 
 class AlongElements(OnGroups, Dead):
-    """Dead load along elements: one vector times an amount, such as a weight, for each element."""
+    """Base of dead loads along elements: one vector times an amount for each element.
+
+    The amount is a weight (N) or a length (m), the vector a direction or a force per length.
+    """
 
     @abc.abstractmethod
     def _load_vector(self):
-        """Return direction and size of the load, [3]."""
+        """Return the vector that amounts are multiplied by, [3]: a direction, or N/m."""
 
     @abc.abstractmethod
     def _amounts_at_ends(self, number, group, state, nodes):
-        """Return the amounts at the ends of the elements of a group, [n_elem, n_end], or None."""
+        """Return the amount (N, or m) that acts at each end of a group's elements, [n_elem, n_end].
+
+        None if the group has none. `number` is the index of the group, `nodes` are its initial
+        positions.
+        """
 
     @abc.abstractmethod
     def _amounts_between_ends(self, number, group, state, nodes):
-        """Return the amounts between the ends of the elements of a group, [n_elem], or None."""
+        """Return the amount (N, or m) that acts along each element of a group, [n_elem].
+
+        None if the group has none. It bends beams and lets catenaries hang.
+        """
 
     def element_forces(
         self,
@@ -49,7 +59,10 @@ class AlongElements(OnGroups, Dead):
         shape: tuple[int, int],
         dtype: DTypeLike,
     ) -> OnEveryNode:
-        """Return the force on every node, of `shape`, N, for the given element states."""
+        """Return forces, N, and zero moments on all nodes, in an array of `shape`.
+
+        `nodes` are initial positions, `shape` is (n_row, 3 or 6), `dtype` that of the result.
+        """
         total = jnp.zeros(shape[0], dtype)
         for number in self.on:
             amounts = self._amounts_at_ends(number, groups[number], states[number], nodes)
@@ -60,7 +73,7 @@ class AlongElements(OnGroups, Dead):
     def load_per_length(
         self, number: int, group: Element, state: OwnState, nodes: Positions
     ) -> Float[Array, "n_elem 3"] | None:
-        """Return the load of a group per unstressed length, [n_elem, 3], N/m, or None."""
+        """Return the load per unstressed length of a group, [n_elem, 3], N/m; None without any."""
         amounts = (
             self._amounts_between_ends(number, group, state, nodes) if number in self.on else None
         )
@@ -126,7 +139,7 @@ class SelfWeight(AlongElements):
         set_fields(self, direction=direction)
 
     def check(self, structure: Structure) -> None:
-        """Raise ValueError if the structure has no such elements, or they have no weight."""
+        """Raise ValueError if the structure lacks the loaded group, or it has no weight."""
         groups = [structure.groups[number] for number in self.loaded_groups(structure)[0]]
         if all(group.weight is None for group in groups):
             kind = "no element group" if self.on is None else f"on = {self.on!r}: no such group"
@@ -136,12 +149,15 @@ class SelfWeight(AlongElements):
             )
 
     def _load_vector(self):
+        """Return the direction of the weight times its factor, [3]."""
         return self.direction
 
     def _amounts_between_ends(self, number, group, state, nodes):
+        """Return the weight of every element of a group, [n_elem], N; None without a weight."""
         return group.weights(state)
 
     def _amounts_at_ends(self, number, group, state, nodes):
+        """Return the weight at every end of a group, [n_elem, n_end], N; None without a weight."""
         weights = group.weights(state)
         if weights is None:
             return None
@@ -214,7 +230,7 @@ class LineLoads(AlongElements, Measured):
         require_known_geometry(self.geometry, self.per)
 
     def check(self, structure: Structure) -> None:
-        """Raise ValueError if the structure has no such elements, or they have no length."""
+        """Raise ValueError if the structure lacks the loaded group, or it has no lengths."""
         numbers, _ = self.loaded_groups(structure)
         without = [number for number in numbers if not structure.groups[number].has_length]
         if without and (self.on is not None or len(without) == len(numbers)):
@@ -225,9 +241,11 @@ class LineLoads(AlongElements, Measured):
             )
 
     def _load_vector(self):
+        """Return the force per length, [3], N/m."""
         return self.factor * self.forces
 
     def _amounts_at_ends(self, number, group, state, nodes):
+        """Return the length whose load each end of a group takes, [n_elem, n_end], m; or None."""
         if not group.has_length:
             return None
         ends = self._end_positions(group, nodes)
@@ -241,6 +259,7 @@ class LineLoads(AlongElements, Measured):
         return self.apply_factors(number, share, state)
 
     def _amounts_between_ends(self, number, group, state, nodes):
+        """Return the loaded length of each element of a group, [n_elem], m; None if it has none."""
         slides = group.slides and self.per != "unstressed"
         if slides or not group.has_length:
             return None
@@ -250,11 +269,14 @@ class LineLoads(AlongElements, Measured):
         return jnp.sum(self._piece_lengths(ends[:, : ends.shape[1] - group.n_inner_row]), axis=-1)
 
     def _end_positions(self, group, nodes):
-        """Return the ends in the geometry that lengths are measured in, [n_elem, n_end, 3]."""
+        """Return ends of elements in the geometry that lengths refer to, [n_elem, n_end, 3], m."""
         return self.measuring_positions(nodes)[group.links]
 
     def _piece_lengths(self, ends):
-        """Return initial or projected lengths between successive ends, [n_elem, n_end - 1], m."""
+        """Return distances of successive ends [n_elem, n_end, 3], as [n_elem, n_end - 1], m.
+
+        With ``per="projected"`` only their parts at right angles to the force count.
+        """
         pieces = ends[:, 1:] - ends[:, :-1]
         if self.per == "projected":
             square = self.forces @ self.forces
@@ -264,7 +286,7 @@ class LineLoads(AlongElements, Measured):
 
 
 def require_known_geometry(geometry: str, per: str) -> None:
-    """Raise ValueError for an unknown geometry, or a combination that does not exist.
+    """Raise ValueError for an unknown `geometry`, or one that does not go with `per`.
 
     Unstressed lengths do not change, so that they have no shape at the start of a phase ("begun").
     """
@@ -279,5 +301,5 @@ def require_known_geometry(geometry: str, per: str) -> None:
 def pad_moments(
     forces: Float[Array, "n_row 3"], shape: tuple[int, int]
 ) -> Float[Array, "n_row n_freedom"]:
-    """Return forces [n_node, 3] in the columns of `shape`, with zero moments if it has six."""
+    """Append zero moments to forces [n_row, 3] if `shape` is (n_row, 6)."""
     return jnp.pad(forces, ((0, 0), (0, shape[1] - 3)))

@@ -91,7 +91,10 @@ class AreaLoads(OnFaces, Measured):
         shape: tuple[int, int],
         dtype: DTypeLike,
     ) -> OnEveryNode:
-        """Return the force on every node, of `shape`, N."""
+        """Return forces, N, and zero moments on all nodes, in an array of `shape`.
+
+        `nodes` are initial positions, `shape` is (n_row, 3 or 6), `dtype` that of the result.
+        """
         total = jnp.zeros((shape[0], 3), dtype)
         for faces, per_area in self._faces_and_values(groups, states, dtype):
             for numbers, vector in area_vectors(self.measuring_positions(nodes)[faces]):

@@ -26,7 +26,7 @@ _SPLITS = {
 
 
 def as_faces(faces: Int[ArrayLike, "n 3or4"]) -> Indices:
-    """Return faces [n, 3] or [n, 4] as `Indices`; ValueError for wrong or degenerate ones."""
+    """Check node numbers of faces, [n, 3] or [n, 4] (ValueError); return them as `Indices`."""
     if isinstance(faces, Indices):
         return faces
     array = np.asarray(faces)
@@ -65,10 +65,10 @@ def face_areas(corners: Float[Array, "*n 3or4 3"]) -> Float[Array, "*n"]:
 
 
 class OnFaces(OnGroups):
-    """Base of loads on faces: those that are given, or those of groups (`Element.face`).
+    """Base of loads on faces: either given faces, or those of element groups (`Element.face`).
 
     Attributes:
-        faces: `Indices` [n_face, 3] or [n_face, 4], or None.
+        faces: node numbers, `Indices` [n_face, 3] or [n_face, 4]; None for faces of groups.
         on: `Key` of the group whose faces are loaded; None means `faces`, or without them all
             groups that have some.
     """
@@ -76,22 +76,25 @@ class OnFaces(OnGroups):
     faces: Int[ArrayLike, "n_face 3or4"] | None
 
     def _check_faces(self):
-        """Raise ValueError for wrong faces, faces beside a group, or wrong values."""
+        """Raise ValueError for invalid faces, faces beside a group, or values of wrong shape."""
         self._check_selection()
         if self.faces is None:
-            return self._check_values()
+            return self._check_value_shape()
         for name in ("on", "elements"):
             if getattr(self, name) is not None:
                 raise ValueError(
                     f"faces, {name}: give either faces, or a group whose elements have faces"
                 )
         set_fields(self, faces=as_faces(self.faces))
-        return self._check_values(len(self.faces))
+        return self._check_value_shape(len(self.faces))
 
     def loaded_groups(
         self, structure: Structure
     ) -> tuple[tuple[int, ...], Bool[np.ndarray, " n_elem"] | None]:
-        """Select groups with faces, see `OnGroups.loaded_groups`; none if `faces` are given."""
+        """Return indices of the loaded groups, and a mask of their loaded elements, [n_elem].
+
+        The mask is None if all elements are loaded. There are no groups if `faces` are given.
+        """
         if self.faces is not None:
             return (), None
         numbers, mask = super().loaded_groups(structure)
@@ -112,10 +115,10 @@ class OnFaces(OnGroups):
         """Raise ValueError if a node is unknown to the structure, or a group has no faces."""
         if self.faces is not None:
             checks.require_known_nodes(self.faces.array, structure.n_node, "faces")
-        self._check_counts(structure, self.loaded_groups(structure)[0])
+        self._check_value_counts(structure, self.loaded_groups(structure)[0])
 
     def coupled_nodes(self, groups: Groups) -> list[Indices]:
-        """Return the nodes whose forces depend on each other's positions, a list of [n, 3 or 4]."""
+        """Return nodes whose forces are coupled: around each loaded face, a list of [n, 3 or 4]."""
         if self.faces is not None:
             return [self.faces]
         found = [groups[number] for number in self.on]
@@ -124,9 +127,11 @@ class OnFaces(OnGroups):
     def _faces_and_values(
         self, groups: Groups, states: States, dtype: Any
     ) -> Iterator[tuple[Any, Float[Array, "n_face ..."]]]:
-        """Iterate over pairs: node numbers around faces [n_face, 3 or 4], and values there.
+        """Iterate over loaded faces, group by group, with the value of the load on each.
 
-        Values are zero where the load, or the element, is not.
+        Yields:
+            Node numbers around faces, [n_face, 3 or 4]; values of the field named by `varies`,
+            [n_face, ...], zero where the load does not act or the element is inactive.
         """
         name, one = self.varies  # type: ignore[misc]  # loads on faces have such a field
         values = getattr(self, name).astype(dtype)

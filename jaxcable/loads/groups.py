@@ -32,9 +32,9 @@ class OnGroups(Acting):
     Attributes:
         on: `Key` of the loaded group.
         elements: the loaded elements of this group; None means all.
-        varies: name of the field that has one value, or one for every element of a group, and the
-            shape of one value; None if no field does.
-        element_factors: by number of group, factors of its elements, [n_elem], or of each component
+        varies: (name of the field that may have a value for every element, shape of one value);
+            None if no field does.
+        element_factors: by index of group, factors of its elements, [n_elem], or of each component
             of their values, [n_elem, ...]; set by the analysis.
     """
 
@@ -44,7 +44,7 @@ class OnGroups(Acting):
     element_factors: dict[int, Float[Array, "n_elem ..."]] | None
 
     def _check_selection(self):
-        """Raise ValueError unless `elements` is a selection or None."""
+        """Raise ValueError unless `elements` is a `Selection` or None."""
         if self.elements is not None and not isinstance(self.elements, Selection):
             raise ValueError(
                 "elements: expected a selection of elements such as only([4, 5]), without values, "
@@ -54,7 +54,7 @@ class OnGroups(Acting):
     def loaded_groups(
         self, structure: Structure
     ) -> tuple[tuple[int, ...], Bool[np.ndarray, " n_elem"] | None]:
-        """Return numbers of the loaded groups, and a mask of their loaded elements, [n_elem].
+        """Return indices of the loaded groups, and a mask of their loaded elements, [n_elem].
 
         The mask is None if all elements are loaded.
 
@@ -72,10 +72,10 @@ class OnGroups(Acting):
         label = f"elements of {path_of_group(structure, numbers[0])}"
         return numbers, self.elements.element_mask(len(structure.groups[numbers[0]].links), label)
 
-    def _check_values(self, count: int | None = None) -> None:
-        """Raise ValueError unless the field that varies has values of the right shape.
+    def _check_value_shape(self, count: int | None = None) -> None:
+        """Raise ValueError unless the field named by `varies` has one value, or one per element.
 
-        They are one for all, or one for each of `count` elements; of any number if it is not known.
+        `count` is the number of elements; None if it is not known yet.
         """
         name, one = self.varies  # type: ignore[misc]  # asked only of loads that have such a field
         value = getattr(self, name)
@@ -86,8 +86,11 @@ class OnGroups(Acting):
             count = len(values) if values.ndim else 1
         set_fields(self, **{name: checks.floats_of_shape(values, name, one, (count, *one))})
 
-    def _check_counts(self, structure: Structure, numbers: tuple[int, ...]) -> None:
-        """Raise ValueError unless there is one value, or one for every element of the groups."""
+    def _check_value_counts(self, structure: Structure, numbers: tuple[int, ...]) -> None:
+        """Raise ValueError unless the field named by `varies` fits the groups `numbers`.
+
+        It has one value, or one for every element of each of these groups (indices).
+        """
         name, one = self.varies  # type: ignore[misc]
         for number in numbers:
             count = len(structure.groups[number].links)
@@ -95,9 +98,10 @@ class OnGroups(Acting):
             checks.floats_of_shape(getattr(self, name), name, one, (count, *one), hint=hint)
 
     def with_group_numbers(self, structure: Structure) -> Self:
-        """Return the load with numbers of groups, and factors of elements: 1 if loaded, else 0.
+        """Return the load in the form of an analysis: `on` becomes indices of groups.
 
-        Values of elements become their factors, and the field that has them ones.
+        Which elements are loaded (1 or 0), times the value of each, becomes `element_factors`; a
+        field that has had values per element becomes ones.
         """
         numbers, mask = self.loaded_groups(structure)
         load = copy_with(self, on=numbers, elements=None)
@@ -115,7 +119,7 @@ class OnGroups(Acting):
         )
 
     def on_bundles(self, bundles: Bundles) -> Self:
-        """Return the load, after `with_group_numbers`, on bundles of groups."""
+        """Return the load with indices of bundles (groups evaluated as one), and joined factors."""
         if bundles.are_groups:
             return self
         given = self.element_factors or {}
@@ -126,7 +130,7 @@ class OnGroups(Acting):
         return copy_with(self, on=tuple(spread), element_factors=part or None)
 
     def with_bundle_numbers(self, bundles: Bundles) -> Self:
-        """Return the load with the numbers of the bundles that it acts on."""
+        """Return the load with indices of bundles in place of groups, but factors as they were."""
         return copy_with(self, on=bundles.containing(self.on))
 
     def apply_factors(
@@ -135,9 +139,10 @@ class OnGroups(Acting):
         amounts: Float[ArrayLike, "n_elem ..."],
         state: ElementState | None = None,
     ) -> Float[Array, "n_elem ..."]:
-        """Multiply amounts [n_elem, ...] of a group by the factors of its elements.
+        """Multiply amounts of a group by factors of its elements; zero for inactive elements.
 
-        They are zero where an element is not there, too, if the `state` of the group says so.
+        `number` is the index of the group (or bundle), `amounts` are loads or lengths, [n_elem,
+        ...]; its `state` says which elements are active (None: all).
         """
         if self.element_factors is not None and number in self.element_factors:
             factors = self.element_factors[number].astype(amounts.dtype)
@@ -147,7 +152,7 @@ class OnGroups(Acting):
 
 
 def _group_numbers(on, structure):
-    """Return the numbers of the groups that a key of the elements names; all if None."""
+    """Return indices of the groups under key `on` of the elements, a tuple; all for None."""
     numbers = structure.arrange(list(range(len(structure.groups))))
     try:
         return tuple(jax.tree.leaves(numbers if on is None else numbers[on]))
@@ -163,14 +168,13 @@ def scatter_to_nodes(
     shape: tuple[int, int],
     dtype: DTypeLike,
 ) -> OnEveryNode:
-    """Add vectors at their nodes; return an array of `shape`, NumPy unless something is traced.
+    """Scatter vectors to nodes; return an array of `shape`, NumPy unless something is traced.
 
     Args:
-        nodes: `Indices` [n], or a traced array.
-        parts: vectors for the first three columns of the result and for the last three: one for all
-            nodes [3], or one for each [n, 3], or None.
-        shape: of the result, [n_node, 3 or 6].
-        dtype: of the result.
+        nodes: node numbers, `Indices` [n] or a traced array; contributions to a node add up.
+        parts: (forces, moments) or (displacements, rotations), each [3], [n, 3] or None.
+        shape: shape of the result, (n_node, 3 or 6).
+        dtype: dtype of the result.
     """
     nodes = index_array(nodes)
     known = [checks.array_if_known(part) for part in parts]

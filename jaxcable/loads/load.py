@@ -31,19 +31,19 @@ Blocks: TypeAlias = 'list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]'
 
 
 class Bundles(Protocol):
-    """What loads need to know of groups that are evaluated together, see `mechanics.bundles`."""
+    """Protocol of `mechanics.bundles`: groups that are evaluated as one, as loads need them."""
 
     @property
     def are_groups(self) -> bool:
-        """Whether every bundle is a single group, in the order of the groups."""
+        """Whether no groups are joined: every bundle is one group, in the order of the groups."""
 
     def containing(self, on: tuple[int, ...]) -> tuple[int, ...]:
-        """Numbers of the bundles that contain any of the groups `on`, in ascending order."""
+        """Return indices of the bundles that contain any group with an index in `on`, ascending."""
 
     def join_values(
         self, on: tuple[int, ...], values: dict[int, Float[ArrayLike, " ..."]]
     ) -> Mapping[int, Float[ArrayLike, " ..."]]:
-        """Convert arrays [n_elem] or scalars by number of group to the same by number of bundle."""
+        """Convert a dict {index of group: [n_elem] or scalar} to one by index of bundle."""
 
 
 class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstract methods
@@ -54,7 +54,7 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
 
     Attributes:
         worked_out: names of fields that the analysis sets and the user does not give.
-        scales: names of fields that a factor of the load multiplies.
+        scales: names of fields that `scaled` multiplies by a factor.
     """
 
     worked_out: tuple[str, ...] = ("begin_nodes", "element_factors")
@@ -65,11 +65,11 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
         refuse_old_names(cls, LOAD)
 
     def check(self, structure: Structure) -> None:
-        """Raise ValueError if the load does not fit a structure."""
+        """Raise ValueError if the load does not fit the structure."""
         return None
 
     def scaled(self, factor: Float[ArrayLike, ""]) -> Self:
-        """Return the load times `factor`, which multiplies the fields `scales`."""
+        """Return a copy whose fields named in `scales` are multiplied by `factor`."""
         if not self.scales:
             kind = type(self).__name__
             raise ValueError(
@@ -80,7 +80,7 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
         return copy_with(self, **{name: factor * x for name, x in given.items() if x is not None})
 
     def rules(self) -> list[Rule]:
-        """Return the rules of its numbers, see `common.rules`."""
+        """Return the rules that the numbers of the load must satisfy, a list of `Rule`."""
         return []
 
     def __str__(self) -> str:
@@ -88,60 +88,60 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
 
 
 class OnNodes(Load):
-    """Base of dead loads on nodes; at a degree of freedom that becomes fixed they end."""
+    """Base of dead loads on nodes; they end where a later phase fixes a degree of freedom."""
 
     def forces_at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]] | None:
-        """Return nodes [n] and the forces on them, [3] or [n, 3], N, for warnings.
+        """Return node numbers [n] and the forces on them, [3] or [n, 3], N, for warnings.
 
-        None (the default) of a load that has them in another form, which is not warned of.
+        None (the default): the load has no such list, and there are no warnings about its size.
         """
         return None
 
     @property
     def has_moments(self) -> bool:
-        """Whether it may have moments, which have no potential."""
+        """Whether the load may have moments, which have no potential."""
         return True
 
     @abc.abstractmethod
     def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Return force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
+        """Return forces, N, and moments, N m, on all nodes, in an array of `shape` (n, 3 or 6)."""
 
 
 class Moving(Load):
-    """Base of movements of supports."""
+    """Base of prescribed movements of supports."""
 
     @abc.abstractmethod
     def check_supported(self, fixed: FixedDofs) -> None:
-        """Raise ValueError if a moved degree of freedom is not held."""
+        """Raise ValueError if a moved degree of freedom is not held by `fixed`, the supports."""
 
     @abc.abstractmethod
     def nodal_movements(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Return the movement of every node, of `shape`: translation, and rotation vector."""
+        """Return displacements and rotation vectors of all nodes in an array of `shape`, m, rad."""
 
 
 class Acting(Load):
-    """Base of loads on elements or areas, which go on acting in later phases."""
+    """Base of loads on elements or faces, which go on acting in later phases."""
 
     @property
     def needs_begin_nodes(self) -> bool:
-        """Whether it depends on where the nodes are when its phase begins (`Measured`)."""
+        """Whether the load depends on where nodes are when the phase that adds it begins."""
         return False
 
     def with_group_numbers(self, structure: Structure) -> Acting:
-        """Return the load as an analysis of a structure needs it, with groups by their numbers."""
+        """Return the load with indices of groups in place of keys; the load itself by default."""
         return self
 
     def on_bundles(self, bundles: Bundles) -> Acting:
-        """Return the load, after `with_group_numbers`, on bundles of groups."""
+        """Return the load on bundles (groups evaluated as one); the load itself by default."""
         return self
 
     def with_bundle_numbers(self, bundles: Bundles) -> Acting:
-        """Return the load as `on_bundles` does, with only the numbers of its bundles."""
+        """Return the load with indices of bundles in place of groups, otherwise unchanged."""
         return self
 
 
 class Dead(Acting):
-    """Base of forces that depend on no current positions, but may on states of elements."""
+    """Base of loads that do not depend on current positions, but may on states of elements."""
 
     @abc.abstractmethod
     def element_forces(
@@ -152,27 +152,29 @@ class Dead(Acting):
         shape: tuple[int, int],
         dtype: DTypeLike,
     ) -> OnEveryNode:
-        """Return the force on every node, as `shape`, N, for the given element states."""
+        """Return forces, N, and moments, N m, on all nodes, in an array of `shape`.
+
+        `nodes` are initial positions, `shape` is (n_row, 3 or 6), `dtype` that of the result.
+        """
 
     def load_per_length(
         self, number: int, group: Element, state: OwnState, nodes: Positions
     ) -> Float[Array, "n_elem 3"] | None:
-        """Return the load along the elements of a group, which bends them or makes them hang.
+        """Return the load along a group with index `number`, by which its elements bend or hang.
 
-        Returns:
-            Force per unstressed length, [n_elem, 3], N/m; None if the load has no such part.
+        It is a force per unstressed length, [n_elem, 3], N/m; None if the load has no such part.
         """
         return None
 
 
 class Measured(Dead):
-    """Base of dead loads per length or area of a geometry.
+    """Base of dead loads per length or area, which are those of a certain geometry.
 
     Attributes:
         geometry: "input", that of the structure's nodes, or "begun", that at the beginning of the
             phase.
-        begin_nodes: nodes at the beginning of the phase, [n_row, 3], m, set by the analysis; else
-            None.
+        begin_nodes: positions at the beginning of the phase, [n_row, 3], m, set by the analysis;
+            None for "input".
     """
 
     geometry: str = "input"
@@ -180,11 +182,11 @@ class Measured(Dead):
 
     @property
     def needs_begin_nodes(self) -> bool:
-        """Whether it is measured in the geometry at the beginning of its phase."""
+        """Whether lengths or areas are those at the beginning of the phase that adds the load."""
         return self.geometry == "begun"
 
     def measuring_positions(self, nodes: Positions) -> Positions:
-        """Return the positions in which lengths or areas are measured, [n_row, 3], m.
+        """Return the positions [n_row, 3], m, by which lengths or areas are computed.
 
         `nodes` are the initial positions.
         """
@@ -196,26 +198,30 @@ class Following(Acting):
 
     @abc.abstractmethod
     def coupled_nodes(self, groups: Groups) -> list[Indices]:
-        """Return nodes whose forces depend on each other's positions, list of `Indices` [n, k]."""
+        """Return sets of k nodes whose forces depend on each other's positions, list of [n, k]."""
 
     @abc.abstractmethod
     def following_forces(
         self, groups: Groups, states: States, nodes: Positions, moved: Positions
     ) -> Positions:
-        """Return the force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
+        """Return the force on every node, [n_row, 3], N, with nodes at `moved` [n_row, 3], m."""
 
     @abc.abstractmethod
     def following_blocks(
         self, groups: Groups, states: States, nodes: Positions, moved: Positions
     ) -> Blocks:
-        """Return the derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
+        """Return derivatives of the forces by current positions `moved`, [n_row, 3].
+
+        The list has pairs (blocks [n, k, 3, k, 3], N/m, nodes [n, k]) for n sets of k coupled
+        nodes.
+        """
 
     def bending_pressure(
         self, number: int, group: Element
     ) -> tuple[str, Float[Array, " n_elem"], Float[Array, "n_elem 3"]] | None:
-        """Return the pressure that bends the elements of a group (beams, between their ends).
+        """Return (per, pressure [n_elem], N/m, axes [n_elem, 3]) that bend a group, or None.
 
-        Returns:
-            The length that it is per, pressure [n_elem], axes [n_elem, 3]; None if it bends none.
+        `per` is the length that the pressure refers to, "current" or "unstressed"; `number` is the
+        index of the group.
         """
         return None

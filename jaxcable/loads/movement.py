@@ -73,7 +73,7 @@ class SupportMovement(Moving):
             )
 
     def check_supported(self, fixed: FixedDofs) -> None:
-        """Raise ValueError if a moved degree of freedom is not held.
+        """Raise ValueError if a moved degree of freedom is not held by `fixed`, the supports.
 
         It is not known which components of a traced movement are zero: here only nodes without any
         support are refused; a free component that moves ends in NONFINITE (see
@@ -105,5 +105,5 @@ class SupportMovement(Moving):
                 )
 
     def nodal_movements(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Return the movement of every node, of `shape`: translation, and rotation vector."""
+        """Return displacements and rotation vectors of all nodes in an array of `shape`, m, rad."""
         return scatter_to_nodes(self.nodes, (self.displacements, self.rotations), shape, dtype)

@@ -99,9 +99,11 @@ def net_faces(
     rings = _trace_rings(plan, edges)
     _require_planar(plan, edges, rings, nothing)
     if border != "links":
-        lines = _border_lines(plan, edges, [r for r in rings if signed_area(plan[r]) <= nothing])
+        lines = _find_border_lines(
+            plan, edges, [r for r in rings if signed_area(plan[r]) <= nothing]
+        )
         if lines:
-            _require_uncrossed(plan, lines, edges)
+            _require_uncrossed_lines(plan, lines, edges)
             closed, rings = rings, _trace_rings(plan, edges | lines)
             if border is None:
                 _warn_of_open_border(plan, lines, closed, rings, nothing)
@@ -110,7 +112,7 @@ def net_faces(
         if signed_area(plan[ring]) <= nothing:
             continue  # the outside of the net, or a line
         ring = _remove_spurs(ring)
-        if not _is_convex(plan[ring]):
+        if not _is_convex_ring(plan[ring]):
             faces += _triangulate(plan, ring)
         elif len(ring) <= largest:
             faces.append([*ring, ring[-1]][:4])
@@ -122,7 +124,11 @@ def net_faces(
 
 
 def _trace_rings(plan, edges):
-    """Trace the rings of a planar graph: anticlockwise around meshes, clockwise around parts."""
+    """Return the rings of a planar graph, lists of nodes: around each mesh and each connected part.
+
+    Those around meshes are anticlockwise, those around parts clockwise. `plan` are nodes in plan,
+    [n_node, 2], `edges` a set of pairs of linked nodes.
+    """
     spokes = [[] for _ in plan]
     for i, j in edges:
         spokes[i].append(j)
@@ -154,7 +160,10 @@ def _trace_rings(plan, edges):
 
 
 def _require_planar(plan, edges, rings, nothing):
-    """Raise ValueError if links cross, or a part of the net lies within a mesh of another part."""
+    """Raise ValueError if links cross, or a part of the net lies within a mesh of another part.
+
+    `rings` are those of `_trace_rings`, `nothing` is the area, m2, below which a ring is a line.
+    """
     ends = np.array(sorted(edges)).T
     graph = coo_array((np.ones(len(edges)), ends), shape=(len(plan), len(plan)))
     count, part = connected_components(graph, directed=False)
@@ -175,7 +184,7 @@ def _require_planar(plan, edges, rings, nothing):
 
 
 def _remove_spurs(ring):
-    """Return a ring of nodes without the ways into dead ends and back."""
+    """Return a ring of nodes without dead ends (links that the ring passes to and fro)."""
     k = 0
     while k < len(ring) and len(ring) > 3:
         if ring[k - 1] == ring[(k + 1) % len(ring)]:
@@ -186,25 +195,25 @@ def _remove_spurs(ring):
     return ring
 
 
-def _corner_areas(places):
-    """Return twice the area of the triangle of each corner of a ring and its two neighbours, [n].
+def _signed_corner_areas(places):
+    """Return twice the area of the triangle of each corner of a ring and its neighbours, [n].
 
-    Positive where the ring turns to the left.
+    Positive where the ring turns to the left. `places` are its nodes in plan, [n, 2].
     """
     a, b = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-def _is_convex(places):
-    """Return whether an anticlockwise ring nowhere turns to the right."""
-    return bool((_corner_areas(places) >= -1e-9 * np.ptp(places, axis=0).max() ** 2).all())
+def _is_convex_ring(places):
+    """Return whether an anticlockwise ring, nodes in plan [n, 2], is convex."""
+    return bool((_signed_corner_areas(places) >= -1e-9 * np.ptp(places, axis=0).max() ** 2).all())
 
 
 def _triangulate(plan, ring):
-    """Split a mesh, which need not be convex, into triangles by cutting off its corners."""
+    """Split a ring of nodes, convex or not, into triangles (ear clipping), a list of nodes."""
     ring, faces = list(ring), []
     while len(ring) > 3:
-        turns = _corner_areas(plan[ring])
+        turns = _signed_corner_areas(plan[ring])
         best, cut = 0.0, None
         for k in range(len(ring)):
             a, b, c = ring[k - 1], ring[k], ring[(k + 1) % len(ring)]
@@ -221,14 +230,14 @@ def _triangulate(plan, ring):
 
 
 def _signed_areas(a, b, places):
-    """Return twice the areas of triangles (a, b, place), [n]; positive left of a to b."""
+    """Return twice the areas of triangles (a, b, places [n, 2]), [n]; positive left of a to b."""
     return (b[..., 0] - a[..., 0]) * (places[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (
         places[..., 0] - a[..., 0]
     )
 
 
-def _border_lines(plan, edges, outsides):
-    """Find lines that close the border between free ends; `outsides` are clockwise rings."""
+def _find_border_lines(plan, edges, outsides):
+    """Return pairs of nodes, lines between free ends; `outsides` are rings around the parts."""
     count = np.bincount(np.array(sorted(edges)).ravel(), minlength=len(plan))
     open_ = [ring for ring in outsides if (count[ring] == 1).sum() > 1]
     if len(open_) > 1:
@@ -251,20 +260,23 @@ def _border_lines(plan, edges, outsides):
 
 
 def _successive_pairs(way):
-    """Return the pairs of successive nodes on a way, a set of sorted pairs."""
+    """Return the set of pairs (sorted) of successive nodes of a path."""
     return {tuple(sorted(pair)) for pair in itertools.pairwise(way)}
 
 
 def _find_corners(places):
-    """Find corners of a clockwise ring: turns to the right by `CORNER_ANGLE` or more, [n] bool."""
+    """Return which nodes of a clockwise ring are corners, [n] bool; `places` in plan [n, 2].
+
+    A corner turns to the right by `CORNER_ANGLE` or more.
+    """
     a, b = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
-    return np.arctan2(_corner_areas(places), np.sum(a * b, axis=1)) <= -np.radians(CORNER_ANGLE) * (
-        1 - 1e-9
-    )
+    return np.arctan2(_signed_corner_areas(places), np.sum(a * b, axis=1)) <= -np.radians(
+        CORNER_ANGLE
+    ) * (1 - 1e-9)
 
 
 def _is_single_cable(places):
-    """Return whether a way through places [n, 2] nowhere turns by `CORNER_ANGLE` or more."""
+    """Return whether a path through places [n, 2] turns by less than `CORNER_ANGLE` everywhere."""
     way = np.diff(places, axis=0)
     way = way / np.linalg.norm(way, axis=1, keepdims=True)
     return bool(
@@ -273,7 +285,7 @@ def _is_single_cable(places):
 
 
 def _hull_of_way(plan, way):
-    """Return the nodes of the convex hull of a way, clockwise from its first node to its last."""
+    """Return nodes of the convex hull of a path, clockwise from its first to its last node."""
     hull = _convex_hull(plan, sorted(set(way)))[:-1]
     if way[0] not in hull or way[-1] not in hull:
         return [way[0], way[-1]]
@@ -285,7 +297,8 @@ def _hull_of_way(plan, way):
 def _convex_hull(plan, nodes):
     """Return the nodes on the convex hull of `nodes`, clockwise, from the leftmost and back to it.
 
-    Nodes on the straight sides of the hull are included (Andrew's monotone chain).
+    Nodes on the straight sides of the hull are included (Andrew's monotone chain). `plan` has the
+    positions of all nodes, [n_node, 2].
     """
     line = 1e-9 * np.ptp(plan[nodes], axis=0).max() ** 2
     ordered = sorted(nodes, key=lambda k: tuple(plan[k]))
@@ -304,7 +317,7 @@ def _convex_hull(plan, nodes):
     return half(ordered) + half(ordered[::-1])[1:]
 
 
-def _require_uncrossed(plan, lines, edges):
+def _require_uncrossed_lines(plan, lines, edges):
     """Raise ValueError if a line between free ends crosses a link or another such line."""
     links = np.array(sorted(edges | lines))
 
@@ -325,7 +338,10 @@ def _require_uncrossed(plan, lines, edges):
 
 
 def _warn_of_open_border(plan, lines, closed, rings, nothing):
-    """Warn of area that lies outside of all links, if there is any."""
+    """Warn if lines between free ends add faces, which lie outside of all links.
+
+    `closed` are the rings of the links alone, `rings` those with the lines.
+    """
     before, after = (
         sum(area for ring in found if (area := signed_area(plan[ring])) > nothing)
         for found in (closed, rings)

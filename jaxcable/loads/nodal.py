@@ -63,7 +63,7 @@ class NodalLoads(OnNodes):
 
     @property
     def has_moments(self) -> bool:
-        """Whether it has moments."""
+        """Whether the load has moments."""
         return self.moments is not None
 
     def check(self, structure: Structure) -> None:
@@ -87,5 +87,5 @@ class NodalLoads(OnNodes):
         return f"NodalLoads on {len(self.nodes)} nodes, sum ({total}) N"
 
     def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
-        """Return force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
+        """Return forces, N, and moments, N m, on all nodes, in an array of `shape` (n, 3 or 6)."""
         return scatter_to_nodes(self.nodes, (self.forces, self.moments), shape, dtype)

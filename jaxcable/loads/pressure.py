@@ -30,22 +30,27 @@ PRESSURE_REFERENCES = ("current", "unstressed")
 
 
 class Pressure(Following):
-    """Base of follower loads that add up the forces on pieces: elements or faces."""
+    """Base of follower loads on pieces (elements or faces), which add up the force on each."""
 
     scales = ("pressure",)
 
     @abc.abstractmethod
     def _pressed_pieces(self, groups, states, moved):
-        """Iterate over arrays of pieces: current corners [n, k, 3], pressures, nodes [n, k]."""
+        """Iterate over the loaded groups, or the given faces, as arrays of pieces.
+
+        Yields:
+            Current positions of corners, [n, k, 3], m; numbers of each piece that `_force_on_piece`
+            needs, such as its pressure; node numbers of corners, [n, k].
+        """
 
     @abc.abstractmethod
     def _force_on_piece(self, corners, numbers):
-        """Return the force at the corners of one piece, [k, 3], N."""
+        """Return the force at the corners [k, 3] of one piece with its `numbers`, [k, 3], N."""
 
     def following_forces(
         self, groups: Groups, states: States, nodes: Positions, moved: Positions
     ) -> Positions:
-        """Return the force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
+        """Return the force on every node, [n_row, 3], N, with nodes at `moved` [n_row, 3], m."""
         total = jnp.zeros_like(moved)
         for corners, numbers, links in self._pressed_pieces(groups, states, moved):
             total = total.at[links].add(jax.vmap(self._force_on_piece)(corners, numbers))
@@ -54,7 +59,10 @@ class Pressure(Following):
     def following_blocks(
         self, groups: Groups, states: States, nodes: Positions, moved: Positions
     ) -> Blocks:
-        """Return the derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
+        """Return derivatives of the forces by current positions `moved`, [n_row, 3].
+
+        The list has pairs (blocks [n, k, 3, k, 3], N/m, nodes [n, k]) for n pieces with k corners.
+        """
         return [
             (jax.vmap(jax.jacfwd(self._force_on_piece))(corners, numbers), links)
             for corners, numbers, links in self._pressed_pieces(groups, states, moved)
@@ -113,16 +121,16 @@ class CablePressure(OnGroups, Pressure):
     def __post_init__(self):
         set_fields(self, axis=checks.floats_of_shape(self.axis, "axis", (3,)))
         refuse_if_broken(self.rules())
-        self._check_values()
+        self._check_value_shape()
         checks.require_one_of(self.per, "per", PRESSURE_REFERENCES)
 
     def rules(self) -> list[Rule]:
-        """Return the rules of its numbers, see `common.rules`."""
+        """Return the rules that the numbers of the load must satisfy, a list of `Rule`."""
         text = "is zero; give the normal of the plane in which the cable bends"
         return [Rule("axis", self.axis, lambda v: (v == 0).all(), text)]
 
     def check(self, structure: Structure) -> None:
-        """Raise ValueError if a loaded group cannot take pressure."""
+        """Raise ValueError if the structure lacks the loaded group, or it takes no pressure."""
         numbers, _ = self.loaded_groups(structure)
         for number in numbers:
             group = structure.groups[number]
@@ -137,20 +145,18 @@ class CablePressure(OnGroups, Pressure):
                     f'per = "unstressed": {path_of_group(structure, number)} '
                     f'({type(group).__name__}) has no unstressed length; give per="current"'
                 )
-        self._check_counts(structure, numbers)
+        self._check_value_counts(structure, numbers)
 
     def coupled_nodes(self, groups: Groups) -> list[Indices]:
-        """Return the nodes whose forces depend on each other's positions, a list of [n, 2]."""
+        """Return both ends of loaded elements, whose forces are coupled, [n_elem, 2] per group."""
         return [Indices(groups[number].links.array[:, :2]) for number in self.on]
 
     def bending_pressure(
         self, number: int, group: Element
     ) -> tuple[str, Float[Array, " n_elem"], Float[Array, "n_elem 3"]] | None:
-        """Return the pressure that bends the elements of a group.
+        """Return (`per`, pressure [n_elem], N/m, axes [n_elem, 3]) that bend a group, or None.
 
-        Returns:
-            `per`, pressure [n_elem], axes [n_elem, 3]; None if the load does not act on the group,
-            or its elements cannot bend.
+        None: the load does not act on the group, or its elements cannot bend.
         """
         if number not in self.on or not group.rotates:
             return None
@@ -160,6 +166,7 @@ class CablePressure(OnGroups, Pressure):
         return self.per, pressure, jnp.broadcast_to(axis, (count, 3))
 
     def _pressed_pieces(self, groups, states, moved):
+        """Iterate over groups: ends [n, 2, 3], (pressure, unstressed length), nodes [n, 2]."""
         for number in self.on:
             group, state = groups[number], states[number]
             pressure = jnp.broadcast_to(self.pressure, (len(group.links),)).astype(moved.dtype)
@@ -168,6 +175,7 @@ class CablePressure(OnGroups, Pressure):
             yield moved[links], (pressure, state.rest_length), links
 
     def _force_on_piece(self, corners, numbers):
+        """Return the force of a pressure at the two ends of one chord, [2, 3], N."""
         pressure, rest_length = numbers
         axis = self.axis.astype(corners.dtype)
         axis = axis / _norm_or_one(axis)
@@ -227,10 +235,12 @@ class FacePressure(OnFaces, Pressure):
         self._check_faces()
 
     def _pressed_pieces(self, groups, states, moved):
+        """Iterate over faces: current corners [n, k, 3], pressure [n], nodes [n, k]."""
         for faces, pressure in self._faces_and_values(groups, states, moved.dtype):
             yield moved[faces], pressure, faces
 
     def _force_on_piece(self, corners, numbers):
+        """Return the force of a pressure at the corners of one face, [k, 3], N."""
         force, pressure = jnp.zeros_like(corners), numbers
         for triangle, vector in area_vectors(corners):
             force = force.at[jnp.array(triangle)].add(pressure * vector / 3)

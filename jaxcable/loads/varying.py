@@ -23,15 +23,15 @@ class Amplitude:
     """Factor of a load as a piecewise linear function of the load factor of its phase.
 
     Attributes:
-        parameters: increasing from 0 to 1, [..., n_point].
-        factors: of the load at these, [..., n_point].
+        parameters: load factors of the points, increasing from 0 to 1, [..., n_point].
+        factors: factors of the load at these points, [..., n_point].
     """
 
     parameters: Float[ArrayLike, "... n_point"]
     factors: Float[ArrayLike, "... n_point"]
 
     def factor_at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, " ..."]:
-        """Interpolate the factor at a parameter, the load factor of the phase.
+        """Interpolate the factor of the load at `parameter`, the load factor of the phase.
 
         At 0 it is zero, whatever the first factor: a phase begins with what earlier ones left.
         """
@@ -44,7 +44,7 @@ class Amplitude:
         return jnp.where(parameter > 0, factor, 0.0)
 
     def with_points(self, n_point: int) -> Amplitude:
-        """Return the same function with `n_point` points; the new ones are on its last line."""
+        """Return the same function by `n_point` points; additional ones lie on its last line."""
         count = n_point - len(self.parameters)
         if not count:
             return self
@@ -57,7 +57,7 @@ class Amplitude:
         return jax.tree.map(more, self)
 
     def rules(self) -> list[Rule]:
-        """Return the rules of the parameters, see `common.rules`."""
+        """Return the rules of `parameters` (increasing from 0 to 1), a list of `Rule`."""
         given = self.parameters
         return [
             Rule("parameters", given, lambda v: abs(v[..., :1]) > 0, _describe_first_parameter),
@@ -69,9 +69,9 @@ class Amplitude:
 
 
 def stack_amplitudes(amplitudes: Sequence[Amplitude | None]) -> Amplitude | None:
-    """Stack amplitudes with a leading axis and equally many points; None if no load has any.
+    """Stack amplitudes to one with a leading axis, padded to equally many points.
 
-    A load without an amplitude is proportional to the parameter.
+    An item that is None is proportional to the load factor of the phase. None if all are None.
     """
     if all(amplitude is None for amplitude in amplitudes):
         return None
@@ -141,7 +141,7 @@ class Varying(Load):
 
     @property
     def amplitude(self) -> Amplitude:
-        """Its factors as a function of the parameter of the phase."""
+        """Factor of the load as a function of the load factor of the phase."""
         return Amplitude(self.parameters, self.factors)
 
     def check(self, structure: Structure) -> None:
@@ -158,13 +158,13 @@ class Varying(Load):
 
 
 def split_amplitude(load: Load, where: str, increments: int) -> tuple[Load, Amplitude | None]:
-    """Return a load of a phase without its amplitude, and the amplitude, None if it has none.
+    """Split a load of a phase into the load itself, and its amplitude (None if it has none).
 
     Warn if no increment ends at the largest or the smallest factor of the amplitude.
 
     Args:
-        load: any load.
-        where: its place, for the warning.
+        load: any load; a `Varying` has an amplitude.
+        where: the load as a user writes it, for the warning.
         increments: number of increments of the phase.
     """
     if not isinstance(load, Varying):
@@ -196,16 +196,16 @@ def scale_to_peak(load: Load, amplitude: Amplitude | None) -> Load:
 
 
 def _describe_first_parameter(index, values):
-    """Return the message for amplitudes that do not begin at 0."""
+    """Return the error message for `parameters` that do not begin at 0 (index, array)."""
     return f"parameters[0] = {values[0]}: must be 0, where the phase begins"
 
 
 def _describe_last_parameter(index, values):
-    """Return the message for amplitudes that do not end at 1."""
+    """Return the error message for `parameters` that do not end at 1 (index, array)."""
     return f"parameters[{len(values) - 1}] = {values[-1]}: must be 1, where the phase ends"
 
 
 def _describe_not_increasing(index, values):
-    """Return the message for parameters that do not increase."""
+    """Return the error message for `parameters` that do not increase (index, array)."""
     k = index[0] + 1
     return f"parameters[{k}] = {values[k]}: must be above parameters[{k - 1}] = {values[k - 1]}"

@@ -38,8 +38,8 @@ def apply_activation(
     """Activate and deactivate elements at the start of a phase.
 
     Args:
-        nodes, groups, carry: structure, and `RestartState` of the phase before.
-        present: active elements of this phase.
+        nodes, groups, restart: structure, and `RestartState` of the phase before.
+        present: which elements are active in this phase, per group [n_elem] bool.
         before, now: `DofMap` with the supports and inactive nodes of both phases.
         attached: whether inactive nodes move rigidly with the node to which their first element
             joins them; None if this is so in no phase.
@@ -75,10 +75,10 @@ def apply_activation(
 
 
 def _attach_nodes(nodes, groups, motion, new, before, now):
-    """Move newly activated nodes as if they were joined rigidly to active nodes.
+    """Return the motion in which newly activated nodes have moved rigidly with active ones.
 
-    Activated elements join them to an active node; of several ones those with the lowest indices
-    do, from node to node as far as they reach.
+    Each goes with the active node to which activated elements join it, directly or from node to
+    node; of several such elements the one with the lowest index counts.
     """
     owner = _displacement_rows(len(nodes), now)
     # held before, because nothing touched them, and now not by a support
@@ -93,15 +93,22 @@ def _attach_nodes(nodes, groups, motion, new, before, now):
 
 
 def _displacement_rows(n_row, dof_map):
-    """Return the row whose displacement every row has: of a hinged end its node, [n_row]."""
+    """Return the row of motion with the displacement of each row: a hinged end has its node's."""
     rows = jnp.arange(n_row)
     return rows if dof_map.node_of_row is None else jnp.asarray(dof_map.node_of_row, rows.dtype)
 
 
 def _root_rows(groups, new, owner, waiting):
-    """Return the active row to which activated elements join every waiting row, [n_row].
+    """Return the active row to which activated elements join every inactive row, [n_row].
 
-    Rows that nothing joins to an active row are their own root.
+    Args:
+        groups: element groups.
+        new: which elements are activated, per group [n_elem] bool.
+        owner: row with the displacement of each row, [n_row].
+        waiting: which rows have been inactive and become active, [n_row] bool.
+
+    Returns:
+        Row numbers; the own one where nothing joins a row to an active one.
     """
     pairs, comes = [], []
     for group, coming in zip(groups, new, strict=True):
@@ -132,7 +139,7 @@ def _root_rows(groups, new, owner, waiting):
 
 
 def _move_where_free(moved, still, dof_map):
-    """Return displacements `moved` where no support holds them, else `still`, [n_row, 3]."""
+    """Return displacements `moved` along free directions, `still` along held ones, [n_row, 3]."""
     fixed = dof_map.fixed[:, :3]
     if dof_map.axes is None:
         return jnp.where(fixed, still, moved)

@@ -53,21 +53,21 @@ class System(Elementwise):
     followers: list[ActiveFollowers] | None = None
 
     def without_softening(self) -> System:
-        """Return the system with laws without softening, see `Law.without_softening`."""
+        """Return a copy with laws that do not soften (`Law.without_softening`)."""
         return copy_with(self, groups=[group.without_softening() for group in self.groups])
 
     # --- points and steps
 
     def impose_supports(self, x: Motion) -> Motion:
-        """Return `x` with supported degrees of freedom at their prescribed values."""
+        """Return motion `x` with supported degrees of freedom at their prescribed values."""
         return self.space.impose_supports(x)
 
     def with_support_rotations(self, x: Motion) -> Motion:
-        """Return the constant `x` as a function of the supports, see `Space.carried`."""
+        """Return the constant `x` with its derivative by prescribed rotations of supports."""
         return self.space.with_support_rotations(x)
 
     def move(self, x: Motion, step: Step) -> Motion:
-        """Return the motion after a step [n_free]."""
+        """Return the motion after a step of the unknowns, [n_free], from motion `x`."""
         return self.space.move(x, step)
 
     def largest_displacement(self, x: Motion) -> Float[Array, ""]:
@@ -77,7 +77,7 @@ class System(Elementwise):
     def local_residual(
         self, x: Motion
     ) -> tuple[Callable[[Step], Step], Step, Callable[[Step], Motion]]:
-        """Return the residual as a function of a step from `x`, the zero step, and `move`."""
+        """Return (residual of a step from `x`, zero step, motion after a step) to linearize."""
         x = self.impose_supports(x)
         # computed from x, so that the zero step has the batch axes of x
         zero = jnp.where(jnp.isnan(x[0, 0]), 0.0, 0.0)
@@ -88,8 +88,8 @@ class System(Elementwise):
 
         return residual, zero, lambda step: self.move(x, step)
 
-    def with_low_part(self, x: Motion) -> Motion:
-        """Return `x` with a low-order part if this is a net (`spaces.translations`)."""
+    def with_low_order_part(self, x: Motion) -> Motion:
+        """Return `x`; for cable nets with an added low-order part, which doubles its digits."""
         return append_low_part(drop_low_part(x)) if self.is_net else x
 
     # --- forces
@@ -97,9 +97,9 @@ class System(Elementwise):
     def internal_force(
         self, x: Motion, end_forces: EndForces | None = None
     ) -> tuple[Forces, Float[Array, " n_row"]]:
-        """Sum up end forces at rows, [n_row, n_freedom], and their absolute values, [n_row], N.
+        """Assemble end forces at nodes (rows), [n_row, n_freedom], and their norms, [n_row], N.
 
-        `end_forces` of every group are evaluated unless they are given.
+        They are evaluated at `x` unless given.
         """
         if end_forces is None:
             end_forces = self.results_by_name(x, "end_forces")["end_forces"]
@@ -107,7 +107,7 @@ class System(Elementwise):
         return self.sum_at_rows(ends), self.sum_at_rows(self.end_force_norms(ends, x))
 
     def end_force_norms(self, ends: EndForces, x: Motion) -> list[Float[Array, "n_elem n_end"]]:
-        """Return norms of end forces, plus `internal_absolute_forces` where laws have a memory."""
+        """Return norms of end forces plus `internal_absolute_forces`, [n_elem, n_end] each, N."""
         sizes = [self.space.force_norm(forces) for forces in ends]
         for k, (group, state) in enumerate(zip(self.groups, self.states, strict=True)):
             if group.has_memory:
@@ -115,7 +115,7 @@ class System(Elementwise):
         return sizes
 
     def sum_at_rows(self, values: Sequence[Float[Array, "n_elem n_end ..."]]) -> Array:
-        """Sum up `values` at the ends of all elements for every row, [n_row, ...]."""
+        """Assemble values at element ends, [n_elem, n_end, ...] each, at nodes: [n_row, ...]."""
         parts = [value.reshape(-1, *value.shape[2:]) for value in values]
         flat = parts[0] if len(parts) == 1 else jnp.concatenate(parts)
         if self.dof_map.nodal_assembly is not None:
@@ -124,7 +124,7 @@ class System(Elementwise):
         return jnp.zeros((len(self.nodes), *flat.shape[1:]), flat.dtype).at[rows].add(flat)
 
     def _end_forces_after(self, x, spread):
-        """Return the end forces of every group after a step of all rows from `x`."""
+        """Return end forces after a step `spread` of all rows from `x`, one array per group."""
         found = []
         placed = zip(*map(self.gather_at_ends, (self.nodes, x, spread)), strict=True)
         for group, state, (*at, step) in zip(self.groups, self.states, placed, strict=True):
@@ -144,14 +144,14 @@ class System(Elementwise):
         return jnp.repeat(sizes, group.links.shape[1], axis=1)
 
     def external_force(self, x: Motion, spread: Forces | None = None) -> Forces:
-        """Return the dead and following loads on every row, as `load`.
+        """Return dead and following loads on all nodes (rows), [n_row, n_freedom], N and N m.
 
         A system with further forces, such as inertia, adds them here, and their tangent to
         `external_stiffness_parts`; every solver uses these two methods.
 
         Args:
-            x: motion of all rows.
-            spread: step of all rows from `x`; the loads are those after the step, conjugate to it.
+            x: motion of all nodes (rows).
+            spread: step of all rows from `x`; the loads are those after it, conjugate to it.
         """
         load = self.load if spread is None else self.space.conjugate_loads(self.load, spread)
         if self.followers is None:
@@ -161,21 +161,21 @@ class System(Elementwise):
         return load + self.space.pad_moments(self.following(moved))
 
     def following(self, moved: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
-        """Return the following loads on every row for nodes at `moved`, both [n_row, 3], N, m."""
+        """Return follower loads on nodes, [n_row, 3], N, with nodes at `moved`, [n_row, 3], m."""
         arguments = self.groups, self.states, self.nodes, moved
         forces: list[Any] = [follower.following_forces(*arguments) for follower in self.followers]
         return sum(forces)
 
     def unbalanced(self, x: Motion, end_forces: EndForces | None = None) -> Forces:
-        """Return the unbalanced force (internal force minus load) at every row, as `load`."""
+        """Return internal forces less loads at all nodes, [n_row, n_freedom], N and N m."""
         return self.internal_force(x, end_forces)[0] - self.external_force(x)
 
     def residual(self, x: Motion) -> Step:
-        """Return the residual: unbalanced force of every unknown, [n_free], N."""
+        """Return the residual at motion `x`: the unbalanced force of every unknown, [n_free], N."""
         return self.space.restrict(self.unbalanced(x), x)
 
     def _residual_after_step(self, x: Motion, step: Step) -> Step:
-        """Return the residual after a step [n_free] from `x`, conjugate to it, [n_free], N."""
+        """Return the residual after a step of the unknowns, [n_free], from `x`, [n_free], N."""
         spread = self.space.prolong(x, step)
         load = self.external_force(x, spread)
         internal, _ = self.internal_force(x, self._end_forces_after(x, spread))
@@ -184,9 +184,9 @@ class System(Elementwise):
     def residual_and_scale(
         self, x: Motion, end_forces: EndForces | None = None
     ) -> tuple[Step, Float[Array, ""]]:
-        """Return the residual [n_free], and the force that its tolerance is relative to, N.
+        """Return the residual at `x`, [n_free], and the force that its tolerance refers to, N.
 
-        The scale is the largest, over rows, of the sum of absolute end forces plus the load.
+        This scale is the largest, over rows, of the sum of absolute end forces plus the load.
         """
         (force, size), load = self.internal_force(x, end_forces), self.external_force(x)
         scale = jnp.max(size + self.space.force_norm(load))
@@ -194,11 +194,11 @@ class System(Elementwise):
 
     @property
     def estimates_rounding(self) -> bool:
-        """Whether any elements estimate the rounding error of their forces."""
+        """Whether any elements estimate the rounding error of forces (`abilities.Rounding`)."""
         return any(isinstance(group, Rounding) for group in self.groups)
 
     def rounding_error(self, x: Motion) -> Step:
-        """Return the error of the residual by rounding of displacements, [n_free], N."""
+        """Return the error of the residual by rounding of displacements at `x`, [n_free], N."""
         left = []
         for group, state in zip(self.groups, self.states, strict=True):
             if isinstance(group, Rounding):
@@ -217,7 +217,7 @@ class System(Elementwise):
 
     @property
     def may_be_unsymmetric(self) -> bool:
-        """Whether the tangent can be unsymmetric: by rotations, following loads or elements."""
+        """Whether the tangent can be unsymmetric: by rotations, follower loads or elements."""
         return self.followers is not None or self.space.rotates or not self._has_symmetric_elements
 
     @property
@@ -249,16 +249,16 @@ class System(Elementwise):
     # --- matrices
 
     def tangent(self, x: Motion, known: PerGroup | None = None) -> Matrix:
-        """Assemble the tangent stiffness, N/m: the derivative of the residual by a step.
+        """Assemble the tangent stiffness, N/m: the derivative of the residual by a step from `x`.
 
         By autodiff of the element forces. A matrix of `linear`: dense [n_free, n_free], or sparse
-        if the degrees of freedom have a pattern. `known`: element tangents from `linearized`.
+        if the degrees of freedom have a pattern. `known`: as in `tangents`.
         """
         parts = self.parts(self.tangents(x, known), x) + self.external_stiffness_parts(x)
         return self.space.stabilize_free_spins(self._assemble_matrix(parts), x)
 
     def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[MatrixPart]:
-        """Return element matrices [n_elem, d, d] in the form of `linear.assemble_matrix`."""
+        """Transform element matrices [n_elem, d, d] to unknowns, for `linear.assemble_matrix`."""
         return [
             self.space.transform_to_unknowns(
                 blocks, group.links, group.n_freedom, group.inner_unknowns, x
@@ -271,8 +271,8 @@ class System(Elementwise):
     ) -> Matrix:
         """Assemble the mass matrix of the elements, on the pattern of `tangent`, kg.
 
-        Arguments as of `masses`. The masses of paired elements are not paired: the pattern has to
-        be one without pairs.
+        Arguments are those of `mass_matrices`. Elements whose stiffness blocks the pattern stores
+        in pairs have no such masses: the pattern must be one without pairs (ValueError).
         """
         pattern = self.dof_map.pattern
         if pattern is not None and any(pattern.paired):
@@ -285,7 +285,7 @@ class System(Elementwise):
         )
 
     def external_stiffness_parts(self, x: Motion) -> list[MatrixPart]:
-        """Return the load stiffness, as `parts`: of following loads and moments.
+        """Return minus the derivative of loads by a step, in the form of `parts` (load stiffness).
 
         A sparse pattern needs places for them, after those of the elements (`make_dof_map`).
         """
@@ -298,7 +298,7 @@ class System(Elementwise):
         return following + self.space.load_stiffness(self.load, lambda: self.unbalanced(x), x)
 
     def secant(self, before: Motion, x: Motion) -> Matrix:
-        """Assemble the secant stiffness between two points, a matrix like `tangent`, N/m."""
+        """Assemble the secant stiffness between two motions, a matrix like `tangent`, N/m."""
         return self._assemble_matrix(self.parts(self.secants(before, x), x))
 
     def displacement_jacobian(self, x: Motion) -> Float[Array, "n_row 3 n_free"]:
@@ -315,7 +315,7 @@ class System(Elementwise):
         return moved.at[at].add(slopes[:, :3])[..., :-1]
 
     def _assemble_matrix(self, parts: list[MatrixPart]) -> Matrix:
-        """Assemble a matrix from parts; unknowns that are bound get unit rows and columns."""
+        """Assemble a matrix from `parts`, with unit rows for temporarily fixed unknowns."""
         matrix = linear.assemble_matrix(parts, self.dof_map.free.shape[0], self.dof_map.pattern)
         bound = self.dof_map.temporarily_fixed
         return matrix if bound is None or not bound.size else linear.hold_unknowns(matrix, bound)
@@ -323,20 +323,20 @@ class System(Elementwise):
     # --- results
 
     def potential(self, x: Motion) -> Float[Array, ""]:
-        """Return stored energy minus work of dead nodal forces, J; the residual is its gradient.
+        """Return stored energy less the work of dead nodal forces, J; the residual is its gradient.
 
         Following loads and nodal moments are left out, because they need not have a potential.
         """
         return self.stored_energy(x) - jnp.sum(self.load[:, :3] * x[:, :3])
 
     def reactions(self, x: Motion, end_forces: EndForces | None = None) -> Forces:
-        """Return the forces of the supports on the structure, as `load`; zero where free."""
+        """Return forces of supports on the structure, [n_row, n_freedom]; zero where free."""
         return self.space.reactions(self.unbalanced(x, end_forces), x)
 
     def nodes_without_stiffness(
         self, motion: Motion, slack: list[Bool[Array, " n_elem"]] | None = None
     ) -> Bool[Array, " n_row"]:
-        """Return which free nodes have no stiffness: slack elements only, [n_node] bool."""
+        """Return which free nodes have only elements that are `slack` (per group), [n_row] bool."""
         slack = self.slack(motion) if slack is None else slack
         taut = []
         for group, state, loose in zip(self.groups, self.states, slack, strict=True):
@@ -348,7 +348,7 @@ class System(Elementwise):
         return ~stiffened & ~jnp.all(self.dof_map.fixed, axis=-1)
 
     def nonsmooth(self, motion: Motion) -> Bool[Array, ""]:
-        """Return whether equilibrium has no derivative: a cable at a free node is at its kink.
+        """Return whether a cable at a free node is exactly at the kink of its law, scalar bool.
 
         Cables whose law has history variables go slack at other strains and do not count.
         """
@@ -362,14 +362,14 @@ class System(Elementwise):
 
     @property
     def may_be_convex(self) -> bool:
-        """Whether the energy is convex under dead loads: all groups are tension-only and rising."""
+        """Whether all elements are tension-only and have monotone, symmetric laws."""
         return self._has_symmetric_elements and all(
             group.tension_only and group.monotone for group in self.groups
         )
 
     @property
     def always_convex(self) -> bool:
-        """Whether the energy is convex in all phases: no load ever follows or slides."""
+        """Whether energy is convex in all phases: `may_be_convex`, no load follows or slides."""
         return self.may_be_convex and self.followers is None and not self._sliding_loads
 
     @property
@@ -382,14 +382,14 @@ class System(Elementwise):
 
     @property
     def _sliding_loads(self) -> list[Float[Array, "n_elem 3"]]:
-        """Loads that slide along elements, a list of [n_elem, 3], N/m."""
+        """Loads that slide along elements (ropes on pulleys), a list of [n_elem, 3], N/m."""
         pairs = zip(self.groups, self.states, strict=True)
         loads = [state.line_load for group, state in pairs if group.slides]
         return [load for load in loads if load is not None]
 
     @property
     def is_net(self) -> bool:
-        """Whether it is a net of cables under dead loads, with one tension for each cable."""
+        """Whether this is a net of cables under dead loads, each with one tension as an unknown."""
         pairs = zip(self.groups, self.states, strict=True)
         cables = [isinstance(g, TensionElement) and g.has_tension_unknown(s) for g, s in pairs]
         return all(cables) and self.always_convex and not self.space.rotates

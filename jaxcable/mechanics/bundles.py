@@ -27,7 +27,7 @@ _NEUTRAL_VALUES = {"weight": 0.0, "expansion": 0.0}
 
 
 class Bundles(NamedTuple):
-    """Which groups are evaluated together; hashable, static in a program.
+    """Which groups are evaluated together (a bundle); hashable, static in a program.
 
     Attributes:
         group_indices: indices of the groups of every bundle, in ascending order.
@@ -39,7 +39,7 @@ class Bundles(NamedTuple):
 
     @classmethod
     def of(cls, groups: Sequence[Element]) -> Bundles:
-        """Find the bundles of element groups, whose links are indices of rows of motion."""
+        """Find which element groups differ in numbers only, and put them into one bundle."""
         found = {}
         for number, group in enumerate(groups):
             found.setdefault(_bundle_key(number, group), []).append(number)
@@ -48,11 +48,11 @@ class Bundles(NamedTuple):
 
     @property
     def are_groups(self) -> bool:
-        """Whether no groups are evaluated together: every bundle is one group, in their order."""
+        """Whether no groups are joined: every bundle is one group, in the order of the groups."""
         return len(self.group_indices) == len(self.sizes)
 
     def join_groups(self, groups: list[Element]) -> list[Element]:
-        """Return one group for every bundle, with the elements of its groups."""
+        """Return one element group for every bundle, with the elements of all its groups."""
         return (
             groups
             if self.are_groups
@@ -60,7 +60,7 @@ class Bundles(NamedTuple):
         )
 
     def join(self, per_group: Any) -> list[PyTree[Float[Array, "n_elem ..."]]]:
-        """Join pytrees of arrays [n_elem, ...] of groups to one for every bundle."""
+        """Concatenate pytrees of arrays [n_elem, ...], one per group, to one per bundle."""
         if self.are_groups:
             return per_group
 
@@ -72,7 +72,7 @@ class Bundles(NamedTuple):
         ]
 
     def split(self, per_bundle: Any, axis: int = 0) -> list[PyTree[Float[Array, "n_elem ..."]]]:
-        """Split pytrees of bundles, with elements on `axis`, into groups: inverse of `join`."""
+        """Split pytrees of arrays, one per bundle with elements on `axis`, into one per group."""
         if self.are_groups:
             return per_bundle
         found = [None] * len(self.sizes)
@@ -85,7 +85,7 @@ class Bundles(NamedTuple):
         return found
 
     def containing(self, on: Collection[int]) -> tuple[int, ...]:
-        """Return the indices of the bundles that contain any of the groups `on`, ascending."""
+        """Return indices of the bundles that contain any group with an index in `on`, ascending."""
         return tuple(b for b, numbers in enumerate(self.group_indices) if set(numbers) & set(on))
 
     def join_values(
@@ -119,7 +119,7 @@ class Bundles(NamedTuple):
     def join_statements(
         self, per_group: list[dict[str, StatedValues]]
     ) -> list[dict[str, StatedValues]]:
-        """Join the statements of a phase: a dict from name to `StatedValues` for every bundle."""
+        """Join what a phase states of groups (dicts of `StatedValues` by name) to bundles."""
         found = []
         for numbers in self.group_indices:
             names = dict.fromkeys(name for k in numbers for name in per_group[k])
@@ -127,7 +127,7 @@ class Bundles(NamedTuple):
         return found
 
     def _join_statement(self, name, numbers, per_group):
-        """Join the statements `name` of the groups of one bundle to one."""
+        """Return `StatedValues` of statement `name` for all elements of groups `numbers`."""
         parts = [per_group[k].get(name) for k in numbers]
         sizes = [self.sizes[k] for k in numbers]
         several = next(np.shape(part.values)[1:] for part in parts if part is not None)
@@ -145,7 +145,7 @@ class Bundles(NamedTuple):
 
 
 def _bundle_key(number, group):
-    """Return a key that is equal for groups which can be evaluated together."""
+    """Return a hashable key of the group with index `number`: groups with equal keys are joined."""
     key = [type(group)]
     for field in dataclasses.fields(group):
         value = getattr(group, field.name)
@@ -195,7 +195,7 @@ def _join_links(links):
 
 
 def _join_values(values, sizes):
-    """Return one object for all elements of several groups: a common one, or `PerElement`."""
+    """Join a field of several groups: one common value, or `PerElement` with one for each."""
     if isinstance(values[0], Section):
         values = padding.pad_to_equal(values)
     leaves = [jax.tree.leaves(value) for value in values]

@@ -20,7 +20,9 @@ from .assembly import EndForces, System
 
 @pytree
 class Chords:
-    """Chords of all elements with two ends at a point, all groups in one array [n].
+    """Chords (lines from end to end) of all elements with two ends, at one point of the iteration.
+
+    Arrays of all groups are joined, [n].
 
     Attributes:
         force: axial force, the part of the force on the second end along the chord, [n], N;
@@ -35,7 +37,7 @@ class Chords:
 
     @classmethod
     def of(cls, system: System, x: Motion, end_forces: EndForces) -> Chords:
-        """Return the chords of a system at `x`, where every group has these end forces."""
+        """Compute the chords of a system at motion `x` from its end forces, per group."""
         vector = relative_to_first_end(system, system.nodes + x[:, :3])
         length = jnp.sqrt(jnp.sum(vector**2, axis=1))
         along = vector / length[:, None]
@@ -43,18 +45,24 @@ class Chords:
         pull = jnp.concatenate([forces[:, 1, :3] for group, forces in pairs if has_chord(group)])
         return cls(jnp.sum(pull * along, axis=1), along, length)
 
-    def elongation(self, apart: Float[Array, "n 3"]) -> Float[Array, " n"]:
-        """Return the linearized elongations [n], m, by motions `apart` of second ends to first."""
-        return jnp.sum(self.along * apart, axis=1)
+    def elongation(self, relative_motion: Float[Array, "n 3"]) -> Float[Array, " n"]:
+        """Return the linearized elongations, [n], m.
 
-    def largest_turn_squared(self, apart: Float[Array, "n 3"]) -> Float[Array, ""]:
-        """Return the square of the largest motion `apart` over the length."""
-        return jnp.max(jnp.sum(apart**2, axis=1) / self.length**2)
+        `relative_motion` [n, 3], m, is the displacement of second ends less that of first ends.
+        """
+        return jnp.sum(self.along * relative_motion, axis=1)
+
+    def max_relative_motion_squared(self, relative_motion: Float[Array, "n 3"]) -> Float[Array, ""]:
+        """Return the largest square of relative motion over length, scalar.
+
+        `relative_motion` [n, 3], m, is the displacement of second ends less that of first ends.
+        """
+        return jnp.max(jnp.sum(relative_motion**2, axis=1) / self.length**2)
 
     def axial_stiffness(
         self, system: System, tangents: Sequence[Float[Array, "n_elem d d"]]
     ) -> Float[Array, " n"]:
-        """Return the derivative of the force by the length, from element tangents, [n], N/m."""
+        """Return derivatives of axial forces by lengths from element tangents, [n], N/m."""
         blocks = []
         for group, matrix in zip(system.groups, tangents, strict=True):
             if has_chord(group):
@@ -67,7 +75,10 @@ class Chords:
         tangents: Sequence[Float[Array, "n_elem d d"]],
         force: Float[Array, " n"],
     ) -> list[Float[Array, "n_elem d d"]]:
-        """Return the tangents with the geometric stiffness of another axial `force` [n], N."""
+        """Return element tangents with the geometric stiffness of other axial forces [n], N.
+
+        `tangents` have an array [n_elem, d, d], N/m, for every group, and so has the result.
+        """
         density = (force - self.force) / self.length
         square = self.along[:, :, None] * self.along[:, None, :]
         block = density[:, None, None] * (jnp.eye(3, dtype=density.dtype)[None] - square)
@@ -84,7 +95,7 @@ class Chords:
 
 
 def has_chord(group: Element) -> bool:
-    """Return whether the elements of a group have two ends without rotations.
+    """Return whether the elements of a group have two ends and no rotations.
 
     The iteration predicts the axial forces of such elements only: with predicted forces of beams,
     columns beyond their buckling loads converge less often.
@@ -93,19 +104,19 @@ def has_chord(group: Element) -> bool:
 
 
 def any_chords(groups: Sequence[Element]) -> bool:
-    """Return whether any element has two ends without rotations."""
+    """Return whether any group has elements with two ends and no rotations."""
     return any(map(has_chord, groups))
 
 
 def tension_only_chords(groups: Sequence[Element]) -> Bool[np.ndarray, " n"]:
-    """Return which of the elements with chords are tension-only, on the host."""
+    """Return which elements with two ends and no rotations are tension-only, [n] bool, NumPy."""
     return np.concatenate(
         [np.full(len(group.links), group.tension_only) for group in groups if has_chord(group)]
     )
 
 
 def relative_to_first_end(system: System, values: Float[Array, "n_row n"]) -> Float[Array, "n 3"]:
-    """Return positions or translations of second ends relative to first ends, [n, 3], m."""
+    """Return `values` [n_row, 3] of second ends less those of first ends, [n, 3], m."""
     links = jnp.concatenate([group.links[:, :2] for group in system.groups if has_chord(group)])
     ends = values[:, :3][links]
     return ends[:, 1] - ends[:, 0]

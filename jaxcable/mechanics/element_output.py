@@ -32,7 +32,7 @@ class ElementOutput:
 
     @property
     def strains(self) -> PerGroup | None:
-        """Section strains, a list with an array per group; None for a group without this result.
+        """Section strains, an array per group (None for a group without); None if no group has any.
 
         None instead of a list if no group has it.
         """
@@ -40,12 +40,12 @@ class ElementOutput:
 
     @property
     def of_path(self) -> ElementOutput:
-        """The part of the output that is recorded for every increment."""
+        """Output with only those results that are recorded for every increment."""
         return copy_with(self, by_name={name: self.by_name[name] for name in self.of_increments})
 
 
 def evaluate_output(system: System, motion: Motion) -> ElementOutput:
-    """Evaluate all results of a system at a motion of all rows."""
+    """Evaluate all element results of a system at a motion of all nodes: `ElementOutput`."""
     results = system.results()
     found = system.results_by_name(motion, *results, "end_forces", "is_slack")
     slack = found.pop("is_slack")

@@ -24,7 +24,7 @@ Memory: TypeAlias = 'list[PyTree[Float[Array, "n_elem ..."]] | None]'
 
 
 class Elementwise:
-    """The part of a `System` that evaluates its elements; needs the attributes named here."""
+    """Base of `System`: evaluates its elements, group by group."""
 
     nodes: Float[Array, "n_row 3"]
     groups: list[Element]
@@ -39,7 +39,10 @@ class Elementwise:
     def gather_at_ends(
         self, values: Float[Array, "n_row ..."]
     ) -> list[Float[Array, "n_elem n_end ..."]]:
-        """Gather `values` of rows at the ends of all elements; the transpose is `sum_at_rows`."""
+        """Gather values of rows, [n_row, ...], at ends of elements, [n_elem, n_end, ...] each.
+
+        The transpose is `sum_at_rows`.
+        """
         meeting = None if self.dof_map is None else self.dof_map.nodal_assembly
         if meeting is None:
             return [values[group.links] for group in self.groups]
@@ -59,16 +62,14 @@ class Elementwise:
         return total
 
     def results_by_name(self, motion: Motion, *names: str) -> dict[str, list[Any]]:
-        """Return results of all elements; each element is evaluated once for all of them.
+        """Return named results of all elements; each element is evaluated once for all of them.
 
         Args:
-            motion: motion of all rows.
+            motion: motion of all nodes (rows).
             names: names of element methods.
 
         Returns:
-            By name a list with an array for every group; None for a group without this result:
-            strains of elements with a constant stiffness, section forces of a cable, the peak
-            tension of elements without load along them, which is their axial force.
+            Dict by name of lists with an array per group; None for a group without this result.
         """
         found = []
         placed = zip(self.gather_at_ends(self.nodes), self.gather_at_ends(motion), strict=True)
@@ -85,7 +86,7 @@ class Elementwise:
         return {name: [values.get(name) for values in found] for name in names}
 
     def results(self) -> dict[str, Result]:
-        """Return the results that any group has in its state, `Result` by name; always tensions."""
+        """Return descriptions (`Result`: unit, components) of all groups' results, by name."""
         pairs = zip(self.groups, self.states, strict=True)
         found = [result for g, s in pairs for result in g.results if g.has_result(result.name, s)]
         if any(state.present is not None for state in self.states):
@@ -95,7 +96,8 @@ class Elementwise:
     def forces_and_tangents(self, motion: Motion) -> list[list[Any]]:
         """Return end forces of all groups, and tangents of groups that compute both together.
 
-        Two lists; None for the tangents of other groups, which may never be needed.
+        Two lists with an array per group; the tangent is None for other groups, as it may never be
+        needed.
         """
         pairs = []
         for group, state in zip(self.groups, self.states, strict=True):
@@ -108,7 +110,10 @@ class Elementwise:
     def tangents(
         self, motion: Motion, known: PerGroup | None = None
     ) -> list[Float[Array, "n_elem d d"]]:
-        """Return the tangent stiffness of all elements, list of [n_elem, d, d]; or `known` ones."""
+        """Return the tangent stiffness of all elements, per group [n_elem, d, d], N/m.
+
+        A group's tangent in `known` is taken instead, unless it is None.
+        """
         known = [None] * len(self.groups) if known is None else known
         found = []
         for group, state, matrix in zip(self.groups, self.states, known, strict=True):
@@ -124,12 +129,12 @@ class Elementwise:
     def mass_matrices(
         self, motion: Motion, gravity: Float[ArrayLike, ""], distribution: str | None = None
     ) -> list[Float[Array, "n_elem d d"]]:
-        """Return the mass matrices of all elements, as `tangents`, kg; zero without a weight.
+        """Return mass matrices of all elements, per group [n_elem, d, d], kg; zero without weight.
 
         Args:
-            motion: motion of all rows.
+            motion: motion of all nodes (rows).
             gravity: acceleration by which weights are divided, m/s2.
-            distribution: as of `Element.mass_matrix`.
+            distribution: as in `Element.mass_matrix`.
         """
 
         def of_element(one, state, ends, motion, mass):
@@ -147,7 +152,7 @@ class Elementwise:
         return found
 
     def secants(self, before: Motion, motion: Motion) -> list[Float[Array, "n_elem ..."]]:
-        """Return the secant stiffness of all elements between two motions, [n_elem, ...] each."""
+        """Return secant stiffnesses of elements between two motions, [n_elem, ...] per group."""
         return [
             evaluate_elements("secant", group, state, self.nodes, before, motion)
             for group, state in zip(self.groups, self.states, strict=True)
@@ -158,7 +163,7 @@ class Elementwise:
         return self.results_by_name(motion, "tension")["tension"]
 
     def slack(self, motion: Motion) -> list[Bool[Array, " n_elem"]]:
-        """Return which elements are slack, one boolean array [n_elem] per group."""
+        """Return which elements are slack (cables without tension), per group [n_elem] bool."""
         return self.results_by_name(motion, "is_slack")["is_slack"]
 
     @property
@@ -172,11 +177,11 @@ class Elementwise:
         return any(group.has_rupture for group in self.groups)
 
     def strains(self, motion: Motion) -> PerGroup:
-        """Return the section strains, an array for every group; None for one without them."""
+        """Return section strains of all elements, an array per group; None for a group without."""
         return self.results_by_name(motion, "section_strain")["section_strain"]
 
     def ruptured_elements(self, strains: PerGroup) -> Bool[Array, " n"]:
-        """Return which elements have ruptured, all groups in one array, [n] bool."""
+        """Return which elements are ruptured at section `strains`, all groups in one, [n] bool."""
         return jnp.concatenate(
             [
                 call_each_element("is_ruptured", group, strain)
@@ -187,16 +192,18 @@ class Elementwise:
         )
 
     def is_ruptured(self, motion: Motion) -> Bool[Array, ""]:
-        """Return whether any element is strained beyond its rupture strain."""
+        """Return whether any element exceeds its rupture strain at a motion of all nodes (rows)."""
         return jnp.any(self.ruptured_elements(self.strains(motion)))
 
     def commit_memory(
         self, motion: Motion, strains: PerGroup | None = None, duration: float = 0.0
     ) -> Memory:
-        """Return the history variables of every group after an increment of a `duration`, s.
+        """Return the history variables of every group at the end of an increment.
 
-        The increment ended at a motion, whose section strains are evaluated unless they are given.
-        The duration is always 0, because phases have none yet.
+        Args:
+            motion: motion of all nodes (rows) at the end.
+            strains: section strains there, per group; None: they are evaluated.
+            duration: duration of the increment, s; always 0, because phases have none yet.
         """
         strains = self.strains(motion) if strains is None else strains
         found, options = [], {"duration": duration}
@@ -210,21 +217,21 @@ class Elementwise:
             else:
                 at = self.nodes[group.links], motion[group.links]
                 found.append(
-                    map_elements_at_ends(_memory_after(duration), group, state, at, absent=True)
+                    map_elements_at_ends(_memory_committer(duration), group, state, at, absent=True)
                 )
         return found
 
     def length_scale(self) -> Float[Array, ""]:
-        """Return the mean initial element length, by which steps are measured, m."""
+        """Return the mean initial length of elements, m, by which steps are measured."""
         return jnp.mean(jnp.concatenate([g.chord(self.nodes[g.links]) for g in self.groups]))
 
     def extent(self) -> Float[Array, ""]:
-        """Return the size of the structure: the diagonal of its bounding box, m."""
+        """Return the diagonal of the structure's bounding box, m."""
         return jnp.linalg.norm(jnp.max(self.nodes, axis=0) - jnp.min(self.nodes, axis=0))
 
 
-def _memory_after(duration):
-    """Return the function that commits the memory of one element after a `duration`, s."""
+def _memory_committer(duration):
+    """Return a function that commits history variables of one element after `duration`, s."""
     return lambda one, state, ends, motion: one.committed_memory(state, ends, motion, duration)
 
 
@@ -237,7 +244,11 @@ def evaluate_elements(
     exact: Bool[ArrayLike, ""] = True,
     absent: bool = False,
 ) -> Any:
-    """Call a method for all elements of a group, by vmap; options as of `map_elements_at_ends`."""
+    """Call a method of every element of a group, by vmap; return arrays [n_elem, ...].
+
+    The method takes (state, ends, motion, ...) of one element. `nodes` and `motions` are those of
+    all rows; `exact` and `absent` are those of `map_elements_at_ends`.
+    """
 
     def one(law, *at):
         return getattr(law, method)(*at)
@@ -253,7 +264,7 @@ def map_elements(
     *motions: Motion,
     **options: Any,
 ) -> Any:
-    """Call `map_elements_at_ends` with the positions and motions of all rows."""
+    """Call `map_elements_at_ends` with positions and motions of rows, gathered at ends."""
     at = nodes[group.links], *(motion[group.links] for motion in motions)
     return map_elements_at_ends(function, group, state, at, **options)
 
@@ -270,14 +281,17 @@ def map_elements_at_ends(
     """Call ``function(one, state, ends, motion, *beside)`` for all elements of a group, by vmap.
 
     Args:
-        function: function of one element.
+        function: function of one element, `one`.
         group, state: elements and their state.
-        at: initial positions, and motions, at the ends of the elements.
+        at: initial positions, and motions, at the ends of the elements, [n_elem, n_end, ...].
         beside: further arrays [n_elem, ...].
-        exact: whether elements are rebased with full precision, where a motion has a low-order
-            part. They are rebased because functions take motions [n_end, 3] only.
+        exact: whether the low-order part of a motion, where it has one, counts in full. Functions
+            take motions [n_end, 3] without it, so that elements are rebased to the moved position.
         absent: whether inactive elements get results, as of elements that have not moved; else
-            their results are zero (`ElementState.present`).
+            their results are zero.
+
+    Returns:
+        Results of all elements, arrays [n_elem, ...].
     """
     exact = jnp.asarray(exact)
     nodes, *motions = at
@@ -296,7 +310,7 @@ def map_elements_at_ends(
 
 
 def _zero_motion_unless(present, motion):
-    """Return motions of ends, without displacement and rotation for inactive elements."""
+    """Return motions of ends [n_elem, n_end, n], zero for elements that are not `present`."""
     still = jnp.zeros(motion.shape[-1], motion.dtype)
     if len(still) == 7:
         still = still.at[3:].set(jnp.asarray(IDENTITY, motion.dtype))
@@ -304,10 +318,10 @@ def _zero_motion_unless(present, motion):
 
 
 def motion_at_ends(group: Element, motion: Motion) -> Float[Array, "n_elem n_end n_motion"]:
-    """Return the motion of the ends of a group, [n_elem, n_end, 3, 7 or 6 (low-order part)]."""
+    """Gather motions of all rows at the ends of a group, [n_elem, n_end, 3, 6 or 7]."""
     return _motion_columns(group, motion[group.links])
 
 
 def _motion_columns(group, ends):
-    """Return the columns of motions that a group uses: rotations only if it rotates."""
+    """Return the columns of motions `ends` that a group needs: rotations only if it has some."""
     return ends if has_low_part(ends) else ends[..., : group.n_motion]

@@ -5,7 +5,8 @@ loads with an amplitude (`loads.varying`).
 
 The phase begins with the restart state of earlier phases (`restart_state.RestartState`) and adds
 its own data (`PhaseData`), both with index arrays in place of topology. `LoadRamp.build` converts
-the prestress statements into start and end states once; `LoadRamp.system_at` interpolates.
+what the phase states of elements (pretension, temperature, ...) into start and end states once;
+`LoadRamp.system_at` interpolates.
 """
 
 from __future__ import annotations
@@ -37,16 +38,17 @@ class NodalIncrement:
     """Loads on nodes, or movements of supports, that a phase adds.
 
     Attributes:
-        values: their sum, [n_row, 3 or 6], N and N m, or m and rad; with an amplitude the sum of
-            those that are proportional to the parameter, then each other one, [m, n_row, 3 or 6].
-        amplitude: factors of these m arrays; None if all are proportional to the parameter.
+        values: their sum, [n_row, 3 or 6], N and N m, or m and rad. With an amplitude
+            [m, n_row, 3 or 6]: the sum of those that are proportional to the load factor, then each
+            of the others.
+        amplitude: amplitudes of these m arrays; None if all are proportional to the load factor.
     """
 
     values: Float[ArrayLike, "... n_row n_freedom"]
     amplitude: Amplitude | None = None
 
-    def at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
-        """Return their sum at a parameter, [n_row, 3 or 6]."""
+    def value_at(self, parameter: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
+        """Return the loads or movements of the phase at a load factor, [n_row, 3 or 6]."""
         if self.amplitude is None:
             return parameter * self.values
         return jnp.sum(self.amplitude.factor_at(parameter)[:, None, None] * self.values, axis=0)
@@ -58,11 +60,12 @@ class PhaseData:
 
     Attributes:
         number: index of the phase.
-        statements: prestress statements, a dict from name to `StatedValues` for every group.
-        added_load: the nodal loads that it adds, or None.
-        moved: its movements of supports, or None.
+        statements: what it states of elements, such as pretension: for every group a dict from name
+            to `StatedValues`.
+        added_load: nodal loads that it adds, or None.
+        moved: movements of supports in it, or None.
         dof_map: map of the degrees of freedom, with the supports of this phase.
-        freedoms_before: the same with the supports of the phase before, if supports change in any
+        dof_map_before: the same with the supports of the phase before, if supports change in any
             phase, else None.
         present: active elements of this phase, per group; None if all are active in all phases.
         attached: whether newly activated nodes move rigidly with active ones, see
@@ -115,11 +118,11 @@ class LoadRamp:
         restart: RestartState,
         data: PhaseData,
     ) -> LoadRamp:
-        """Build the ramp of a phase from its data and the `RestartState` before it."""
+        """Build the ramp of a phase from its data and the `RestartState` of the phase before."""
         added = [stack.phase == data.number for stack in restart.loads]
         moved = nodes + restart.motion[:, :3]
         pairs = zip(restart.load_factors, added, strict=True)
-        amounts = [amounts.at_start(which, moved) for amounts, which in pairs]
+        amounts = [amounts.with_start_positions(which, moved) for amounts, which in pairs]
         restart = copy_with(restart, load_factors=amounts)
         released = None
         if data.dof_map_before is not None:
@@ -155,8 +158,8 @@ class LoadRamp:
         )
 
     @property
-    def varies(self) -> bool:
-        """Whether any load of the analysis has an amplitude."""
+    def has_amplitudes(self) -> bool:
+        """Whether any load follows an amplitude instead of the load factor itself."""
         parts = [self.added_load, self.moved, *self.start.loads]
         return any(part is not None and part.amplitude is not None for part in parts)
 
@@ -170,7 +173,10 @@ class LoadRamp:
     def states(
         self, parameter: Float[ArrayLike, ""], memory: Memory | None = None
     ) -> list[ElementState]:
-        """Return the element states at a parameter; `memory` replaces that of the start."""
+        """Return element states at a load factor (`parameter`), one per group.
+
+        `memory`, history variables per group, replaces that of the start of the phase.
+        """
         now = []
         groups: list[Any] = self.groups  # `Prestressable` where there is an end state
         parts = groups, self.start.states, self.end_states, self.jacks
@@ -189,37 +195,39 @@ class LoadRamp:
         return now
 
     def nodal_load(self, parameter: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
-        """Return nodal loads plus the remaining part of `released`, at a parameter."""
+        """Return nodal loads and remaining released forces at a load factor, [n_row, n_freedom]."""
         load = self.start.nodal_load
         if self.added_load is not None:
-            load = load + self.added_load.at(parameter)
+            load = load + self.added_load.value_at(parameter)
         if self.released is not None:
             load = load + (1 - parameter) * self.released
         return load
 
     def load_factors(self, parameter: Float[ArrayLike, ""]) -> list[load_stacks.LoadFactors]:
-        """Return the factors of the element loads at a parameter."""
+        """Return a list of the `LoadFactors` of element loads at a load factor of the phase."""
         parts = zip(self.start.loads, self.start.load_factors, self.added, strict=True)
-        return [amounts.added(which, stack.factors(parameter)) for stack, amounts, which in parts]
+        return [
+            amounts.with_factors(which, stack.factors(parameter)) for stack, amounts, which in parts
+        ]
 
     def prescribed_motion(self, parameter: Float[ArrayLike, ""]) -> Motion:
-        """Return the motion of all rows that the supports prescribe at a parameter."""
+        """Return the motion of all nodes (rows) that supports prescribe at a load factor."""
         begin = self.start.motion
         if self.moved is None:
             return begin
-        return space_of(self.groups).moved_by(begin, self.moved.at(parameter))
+        return space_of(self.groups).moved_by(begin, self.moved.value_at(parameter))
 
     def system_at(self, parameter: Float[ArrayLike, ""], memory: Memory | None = None) -> System:
-        """Return the `System` at a parameter."""
+        """Return the equations of the structure, `System`, at a load factor (`parameter`)."""
         now = self._restart_at(self.start.motion, self.states(parameter, memory), parameter)
         return make_system(
             self.nodes, self.groups, now, self.prescribed_motion(parameter), self.dof_map
         )
 
     def largest_added_load(self, begun: System, parameters: Float[Array, " n"]) -> Float[Array, ""]:
-        """Return the largest dead load that the phase adds to a node at any of the parameters, N.
+        """Return the largest dead load that the phase adds to a node at any of the load factors, N.
 
-        `begun` is the system at the start of the phase.
+        `begun` is the system at the start of the phase, `parameters` are the load factors, [n].
         """
 
         def added(parameter):
@@ -236,20 +244,28 @@ class LoadRamp:
         ok: Bool[Array, ""],
         memory: Memory,
     ) -> Memory:
-        """Commit history variables after an increment to a motion; keep the old ones unless `ok`.
+        """Return the history variables after an increment, or the old ones unless `ok`.
 
-        Section `strains` as of `System.commit_memory`.
+        Args:
+            system, motion: system and motion at the end of the increment.
+            strains: section strains there; None: they are evaluated.
+            ok: whether the increment has converged.
+            memory: history variables before it, per group.
         """
         return select_tree(ok, system.commit_memory(motion, strains), memory)
 
     def initial_system(self) -> System:
-        """Return the system at the start of the phase, without prescribed motion."""
+        """Return the `System` at the start of the phase, with nothing prescribed by supports."""
         return make_system(self.nodes, self.groups, self.start, None, self.dof_map)
 
     def commit(
         self, parameter: Float[ArrayLike, ""], motion: Motion, memory: Memory | None = None
     ) -> RestartState:
-        """Commit the phase at its end: return its `RestartState`, with jacks locked off."""
+        """Return the `RestartState` at a load factor (`parameter`), with jacks locked off.
+
+        `motion` is that of all rows in equilibrium; `memory` are history variables there, per
+        group.
+        """
         states = []
         for group, state in zip(self.groups, self.states(parameter, memory), strict=True):
             locked = state.jack_force is not None
@@ -261,13 +277,13 @@ class LoadRamp:
     def _restart_at(
         self, motion: Motion, states: list[ElementState], parameter: Float[ArrayLike, ""]
     ) -> RestartState:
-        """Return a `RestartState` with the loads at a parameter."""
+        """Return the `RestartState` of a motion and states with the loads at a load factor."""
         loads = self.nodal_load(parameter), self.start.loads, self.load_factors(parameter)
         return RestartState(motion, states, *loads, self.start.support_rotation)
 
 
 def _restrict_to_supports(added, dof_map):
-    """Return the movements of supports on all rows; NaN if one moves a free degree of freedom.
+    """Return the prescribed movements `added` on all rows; NaN if one moves a free direction.
 
     A support cannot move a degree of freedom that it does not hold.
     """
@@ -291,12 +307,15 @@ def _restrict_to_supports(added, dof_map):
 
 
 def _change_supports(nodes, groups, restart, data):
-    """Return the `RestartState` after supports have changed, and the reactions of released ones.
+    """Apply the supports of a phase to the `RestartState` before it.
 
-    Loads on newly supported degrees of freedom end. Reactions become loads, to be ramped out.
+    Loads on newly supported degrees of freedom end. Reactions of released ones become loads, which
+    the phase reduces to zero. A load on an inactive degree of freedom stays, and acts once an
+    element activates it. A node that is partly supported before and after has the same directions
+    in both (`preparation`).
 
-    A load on an inactive degree of freedom stays, and acts once an element activates it. A node
-    that is partly supported before and after has the same directions in both (`preparation`).
+    Returns:
+        The `RestartState`, and the reactions of released supports, [n_row, n_freedom], N and N m.
     """
     before = make_system(nodes, groups, restart, restart.motion, data.dof_map_before)
     was, now = data.dof_map_before.fixed, data.dof_map.fixed

@@ -25,14 +25,14 @@ from .bundles import Bundles
 
 @pytree(static=("late",))
 class LoadStack:
-    """Loads that differ in their numbers only, stacked.
+    """Element loads of one kind, of all phases, with their numbers stacked.
 
     Attributes:
         load: all loads as one object, whose numbers have a leading axis, [m].
         phase: index of the phase that adds each load, [m]; -1 if it acts from the beginning.
         late: whether a phase after the first one adds a load.
-        amplitude: their factors in the phase that adds them, [m]; None if all are proportional to
-            its parameter.
+        amplitude: amplitude of each load in the phase that adds it, [m]; None if all are
+            proportional to the load factor.
     """
 
     load: kinds.Acting
@@ -42,11 +42,11 @@ class LoadStack:
 
     @property
     def follows(self) -> bool:
-        """Whether the loads depend on the positions of the nodes."""
+        """Whether these are follower loads, which depend on the current positions of nodes."""
         return isinstance(self.load, kinds.Following)
 
-    def until(self, phase: Int[ArrayLike, ""]) -> LoadStack:
-        """Return the stack with zeros for the numbers of loads of later phases, even if NaN."""
+    def up_to_phase(self, phase: Int[ArrayLike, ""]) -> LoadStack:
+        """Return the stack with zeros (also for NaN) in loads of phases after `phase`."""
         if not self.late:
             return self
 
@@ -57,27 +57,27 @@ class LoadStack:
         return copy_with(self, load=load, amplitude=amplitude)
 
     def factors(self, parameter: Float[ArrayLike, ""]) -> Float[ArrayLike, " ..."]:
-        """Return factors at a load factor of the phase that adds the loads, [m], or one for all."""
+        """Return factors of the loads at a load factor of their phase, [m], or one for all."""
         return parameter if self.amplitude is None else self.amplitude.factor_at(parameter)
 
     def keeps_rules(self) -> Bool[Array, " m"]:
-        """Return whether the numbers of each load keep their rules, [m] bool."""
+        """Return whether the numbers of each load satisfy its rules, [m] bool."""
         good = self.for_each_load(lambda load: are_rules_kept(collect_rules(load)))
         if self.amplitude is None:
             return good
         return good & jax.vmap(lambda amplitude: are_rules_kept(amplitude.rules()))(self.amplitude)
 
-    def bundled(self, bundles: Bundles) -> LoadStack:
-        """Return the stack for bundles instead of groups."""
+    def on_bundles(self, bundles: Bundles) -> LoadStack:
+        """Return the stack with loads on bundles (groups joined to one) in place of groups."""
         return copy_with(self, load=jax.vmap(lambda load: load.on_bundles(bundles))(self.load))
 
     def coupled_nodes(self, groups: list[Element], bundles: Bundles) -> list[Indices]:
-        """Return the sets of k nodes that the stiffness of the loads couples, a list of [n, k]."""
+        """Return nodes whose forces depend on each other's positions, a list of [n, k]."""
         load: Any = self.load.with_bundle_numbers(bundles)  # only called for following loads
         return load.coupled_nodes(groups)
 
     def initial_factors(self, begun: Float[Array, "n_row 3"], dtype: Any) -> LoadFactors:
-        """Return the `LoadFactors` before the first phase, with nodes at `begun`, [n_row, 3], m."""
+        """Return zero `LoadFactors` with start positions `begun`, [n_row, 3], for all loads."""
         m = self.phase.shape[0]
         there = jnp.broadcast_to(begun, (m, *begun.shape)) if self.load.needs_begin_nodes else None
         return LoadFactors(jnp.zeros(m, dtype), there)
@@ -85,7 +85,7 @@ class LoadStack:
     def weighted_sum(
         self, amounts: LoadFactors, function: Callable[[Any], PyTree[Array]]
     ) -> PyTree[Array]:
-        """Return the sum over loads of factor times ``function(load)``, a tree, or None."""
+        """Return the sum of factor times ``function(load)`` over all loads, a pytree or None."""
         values = self.for_each_load(function, amounts.begun)
         if self.phase.shape[0] == 1:
             return jax.tree.map(lambda x: amounts.factors[0] * x[0], values)
@@ -96,7 +96,10 @@ class LoadStack:
         function: Callable[[Any], PyTree[Array]],
         begun: Float[Array, "m n_row 3"] | None = None,
     ) -> PyTree[Float[Array, "m ..."]]:
-        """Call ``function(load)`` for every load; return a tree of arrays [m, ...]."""
+        """Call ``function(load)`` for every load; return a pytree of arrays [m, ...].
+
+        `begun` sets the positions at the start of each load's phase, [m, n_row, 3], m, if given.
+        """
         leaves, tree = jax.tree.flatten(self.load)
 
         def one(leaves, begun):
@@ -111,10 +114,10 @@ class LoadStack:
 
 @pytree
 class LoadFactors:
-    """Load factors of the loads of a stack.
+    """Present factors of the loads of a stack.
 
     Attributes:
-        factors: load factors, [m].
+        factors: what each load is multiplied by, [m].
         begun: positions of the nodes at the start of the phase that adds each load, [m, n_row, 3],
             m; None if the loads do not need them.
     """
@@ -122,12 +125,16 @@ class LoadFactors:
     factors: Float[Array, " m"]
     begun: Float[Array, "m n_row 3"] | None = None
 
-    def added(self, which: Bool[Array, " m"], factors: Float[ArrayLike, " ..."]) -> LoadFactors:
-        """Return them with other factors, [m] or one for all, of the loads `which`, [m] bool."""
+    def with_factors(
+        self, which: Bool[Array, " m"], factors: Float[ArrayLike, " ..."]
+    ) -> LoadFactors:
+        """Return a copy with new factors, [m] or one for all, of the loads `which`, [m] bool."""
         return copy_with(self, factors=jnp.where(which, factors, self.factors))
 
-    def at_start(self, which: Bool[Array, " m"], moved: Float[Array, "n_row 3"]) -> LoadFactors:
-        """Return them with positions [n_row, 3] at the start of the phase of loads `which`."""
+    def with_start_positions(
+        self, which: Bool[Array, " m"], moved: Float[Array, "n_row 3"]
+    ) -> LoadFactors:
+        """Return a copy with positions `moved` [n_row, 3] at the start of the loads `which`."""
         if self.begun is None:
             return self
         return copy_with(self, begun=jnp.where(which[:, None, None], moved, self.begun))
@@ -139,8 +146,8 @@ def stack_loads(
     """Stack the element loads of all phases by kind, on the host.
 
     Args:
-        acting: for every phase a list of pairs: `loads.Acting`, as `with_group_numbers` makes them
-            for the analysis, and amplitude.
+        acting: for every phase a list of pairs: load in the form of an analysis
+            (`OnGroups.with_group_numbers`), and its amplitude or None.
 
     Returns:
         List of `LoadStack`, in the order in which their kinds appear.
@@ -162,14 +169,14 @@ def stack_loads(
 
 
 def acting_from_start(stack: LoadStack) -> LoadStack:
-    """Return a stack whose loads act from the beginning, to continue another analysis."""
+    """Return a stack whose loads act from the beginning, for the continuation of an analysis."""
     return copy_with(stack, phase=np.full(stack.phase.shape, -1, np.int32), late=False)
 
 
 def dead_load(
     nodes: Float[Array, "n_row 3"], groups: list[Element], restart: Any
 ) -> Float[Array, "n_row n_freedom"]:
-    """Return the sum of dead loads of a `RestartState` by node, [n_node, 3 or 6], N and N m."""
+    """Return nodal and dead element loads of a `RestartState`, [n_row, 3 or 6], N and N m."""
     load = restart.nodal_load
     arguments = groups, restart.states, nodes, load.shape, nodes.dtype
     for stack, amounts in zip(restart.loads, restart.load_factors, strict=True):
@@ -181,7 +188,10 @@ def dead_load(
 def element_load(
     number: int, group: Element, state: ElementState, nodes: Float[Array, "n_row 3"], restart: Any
 ) -> ElementLoad | None:
-    """Return the loads of a `RestartState` along the elements of the group with index `number`."""
+    """Return what acts along the elements of the group with index `number`, or None.
+
+    It is the sum of the loads of a `RestartState`: force per length and bending pressures.
+    """
     line, pressures = None, {}
     for stack, amounts in zip(restart.loads, restart.load_factors, strict=True):
         if not stack.follows:
@@ -202,18 +212,18 @@ def element_load(
 
 @pytree
 class ActiveFollowers:
-    """A stack of following loads, with its load factors."""
+    """Follower loads of one kind with their present factors."""
 
     stack: LoadStack
     load_factors: LoadFactors
 
     @property
     def acts(self) -> Bool[Array, ""]:
-        """Whether any factor is not zero, scalar bool."""
+        """Whether any of these loads has a factor that is not zero, scalar bool."""
         return jnp.any(self.load_factors.factors != 0)
 
     def following_forces(self, *arguments: Any) -> Float[Array, "n_row 3"]:
-        """Return the forces of the loads on every node, [n_node, 3], N."""
+        """Return forces on every node, [n_row, 3], N (see `Following.following_forces`)."""
         return self.stack.weighted_sum(
             self.load_factors, lambda load: load.following_forces(*arguments)
         )
@@ -221,7 +231,10 @@ class ActiveFollowers:
     def following_blocks(
         self, *arguments: Any
     ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[ArrayLike, "n k"]]]:
-        """Return derivatives by positions: pairs (blocks [n, k, 3, k, 3], nodes [n, k])."""
+        """Return derivatives of the forces by positions (`Following.following_blocks`).
+
+        The list has pairs (blocks [n, k, 3, k, 3], N/m, nodes [n, k]).
+        """
         links = []
 
         def blocks(load):
@@ -233,6 +246,6 @@ class ActiveFollowers:
 
 
 def active_followers(restart: Any) -> list[ActiveFollowers] | None:
-    """Return the following loads of a `RestartState`, a list of `ActiveFollowers`, or None."""
+    """Return the follower loads of a `RestartState` with their factors; None without any."""
     pairs = zip(restart.loads, restart.load_factors, strict=True)
     return [ActiveFollowers(*pair) for pair in pairs if pair[0].follows] or None

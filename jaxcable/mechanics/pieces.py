@@ -24,7 +24,7 @@ _DIFFERENCE_SQUARED = np.kron(
 
 
 def all_suit_cone_solver(system: System) -> bool:
-    """Return whether every cable is straight between its nodes and has a linear law."""
+    """Return whether all groups are straight or sliding cables with linear laws."""
     pairs = zip(system.groups, system.states, strict=True)
     return all(
         isinstance(group, TensionElement) and group.suits_cone_solver(state)
@@ -33,14 +33,14 @@ def all_suit_cone_solver(system: System) -> bool:
 
 
 def chain_differences(values: Float[Array, "n_elem n_end k"]) -> Float[Array, "n_elem n_piece k"]:
-    """Return the differences of values at the nodes of chains in succession."""
+    """Return differences of values at successive nodes of elements, [n_elem, n_end - 1, k]."""
     return values[:, 1:] - values[:, :-1]  # less code than `jnp.diff`
 
 
 def piece_differences(system: System, values: Float[Array, "n_row k"]) -> Float[Array, "n_piece k"]:
-    """Return the differences of `values` of nodes [n_row, k] along all pieces, [n_piece, k].
+    """Return differences of `values` of nodes, [n_row, k], along each piece of cable, [n_piece, k].
 
-    They are zero for void pieces.
+    A piece is a straight part between successive nodes; padding has zeros.
     """
     parts = [chain_differences(values[group.links]) for group in system.groups]
     found = jnp.concatenate([part.reshape(-1, values.shape[1]) for part in parts])
@@ -49,13 +49,13 @@ def piece_differences(system: System, values: Float[Array, "n_row k"]) -> Float[
 
 
 def piece_vectors(system: System, x: Motion) -> Float[Array, "n_piece 3"]:
-    """Return the vectors of all pieces at the point x, [n_piece, 3], m."""
+    """Return the vectors from end to end of all pieces at motion `x`, [n_piece, 3], m."""
     parts = piece_differences(system, jnp.concatenate([system.nodes, x], axis=1))
     return parts[:, :3] + (parts[:, 3:6] + parts[:, 6:] if has_low_part(x) else parts[:, 3:])
 
 
 def existing_pieces(system: System) -> Bool[Array, " n_piece"] | None:
-    """Return which pieces are not void, [n_piece] bool; None if all are there."""
+    """Return which pieces belong to active cables and are no padding, [n_piece]; None for all."""
     if all(state.present is None for state in system.states) and _have_single_pieces(system):
         return None
     found = []
@@ -68,19 +68,19 @@ def existing_pieces(system: System) -> Bool[Array, " n_piece"] | None:
 
 
 def piece_shapes(system: System) -> tuple[tuple[int], tuple[int, int]]:
-    """Return the shapes of arrays of numbers and of vectors of all pieces."""
+    """Return the shapes (n_piece,) and (n_piece, 3) of arrays over all pieces."""
     n_piece = sum(group.links[:, 1:].size for group in system.groups)
     return (n_piece,), (n_piece, 3)
 
 
 def zero_void_pieces(system: System, values: Float[Array, " n_piece"]) -> Float[Array, " n_piece"]:
-    """Return numbers of all pieces, zero for void ones."""
+    """Return `values` of pieces, [n_piece], with zeros for padding and inactive cables."""
     found = existing_pieces(system)
     return values if found is None else jnp.where(found, values, 0.0)
 
 
 def mean_over_pieces(system: System, values: Float[Array, " n_piece"]) -> Float[Array, ""]:
-    """Return the mean of numbers of pieces that are not void."""
+    """Return the mean of `values` over pieces that are no padding and of active cables."""
     found = existing_pieces(system)
     if found is None:
         return jnp.mean(values)
@@ -96,7 +96,7 @@ def sum_per_cable(system: System, values: Float[Array, " n_piece"]) -> Float[Arr
 
 
 def repeat_per_piece(system: System, values: Float[Array, "... n"]) -> Float[Array, "... n_piece"]:
-    """Return for every piece the value of its cable, [..., n_piece]."""
+    """Repeat values of cables, [..., n], for each of their pieces, [..., n_piece]."""
     if _have_single_pieces(system):
         return values
     parts, first = [], 0
@@ -110,7 +110,7 @@ def repeat_per_piece(system: System, values: Float[Array, "... n"]) -> Float[Arr
 
 
 def share_among_pieces(system: System, values: Float[Array, " n"]) -> Float[Array, " n_piece"]:
-    """Return for every piece an equal share of the number of its cable, [n_piece]."""
+    """Divide values of cables, [n], equally among their pieces, [n_piece]."""
     found = existing_pieces(system)
     if found is None:
         return values
@@ -119,7 +119,7 @@ def share_among_pieces(system: System, values: Float[Array, " n"]) -> Float[Arra
 
 
 def sum_piece_forces(system: System, tensions: Float[Array, "n_piece 3"]) -> Forces:
-    """Return the sums at nodes of the end forces of pieces with tension vectors [n_piece, 3], N."""
+    """Assemble tension vectors of pieces, [n_piece, 3], N, at rows, [n_row, 3]."""
     return system.sum_at_rows(
         [_end_forces_of_pieces(part) for part in _split_by_group(system, tensions)]
     )
@@ -132,17 +132,17 @@ def cable_matrices(
     across: Float[Array, "n_piece 3"],
     ratio: Float[Array, " n_piece"],
 ) -> list[Float[Array, "n_elem d d"]]:
-    """Return the matrices of all cables, per group [n_elem, d, d], N/m.
+    """Return the stiffness matrices of all cables, per group [n_elem, d, d], N/m.
 
-    That of a cable is ``slope g g'`` with the changes g at its nodes of ``ratio c`` times the
-    vectors of its pieces, plus ``stiff (I - c c')`` of each piece.
+    That of a cable is ``slope g g' + sum over pieces of stiff (I - c c')``, where ``g`` is the
+    derivative, by the cable's nodes, of the sum over its pieces of ``ratio c . vector``.
 
     Args:
         system: net of cables.
         slope: derivative of the tension by the length, [n], N/m.
-        stiff: stiffness across c, [n_piece], N/m.
-        across: c of every piece, [n_piece, 3].
-        ratio: of every piece, [n_piece].
+        stiff: stiffness of pieces at right angles to c, [n_piece], N/m.
+        across: the unit vector (or shorter vector) c of every piece, [n_piece, 3].
+        ratio: factor of c in g, [n_piece].
     """
     found, first, stiff = [], 0, zero_void_pieces(system, stiff)
     for q, c, r in zip(*(_split_by_group(system, v) for v in (stiff, across, ratio)), strict=True):
@@ -166,31 +166,34 @@ def cable_matrices(
 
 
 def _single_piece_matrices(stiff, more, across):
-    """Return the matrices ``stiff I + more c c'`` of pieces, by their ends, [n, 6, 6]."""
+    """Return matrices ``stiff I + more c c'`` of pieces by their two ends, [n, 6, 6].
+
+    `across` are the vectors c, [n, 3]; `stiff` and `more` are [n, 1], N/m.
+    """
     c = jnp.concatenate([-across, across], axis=1)
     same = stiff[:, :, None] * _DIFFERENCE_SQUARED[None].astype(stiff.dtype)
     return same + (more * c)[:, :, None] * c[:, None, :]
 
 
 def _end_forces_of_pieces(tensions):
-    """Return end forces [n_elem, n_end, 3] of tension vectors [n_elem, n_end - 1, 3]."""
+    """Return end forces [n_elem, n_end, 3] of tension vectors of pieces, [n_elem, n_end - 1, 3]."""
     if tensions.shape[1] == 1:
         return jnp.concatenate([-tensions, tensions], axis=1)
     return _pad_with_zeros(tensions, 1, 0) - _pad_with_zeros(tensions, 0, 1)
 
 
 def _pad_with_zeros(values, before, after):
-    """Pad values [n_elem, n, ...] with zeros `before` and `after` them."""
+    """Pad values [n_elem, n, ...] on axis 1 with `before` and `after` zeros."""
     return jnp.pad(values, ((0, 0), (before, after), *((0, 0),) * (values.ndim - 2)))
 
 
 def _have_single_pieces(system):
-    """Return whether every cable has one piece."""
+    """Return whether every cable has two nodes, hence one piece."""
     return all(group.links.shape[1] == 2 for group in system.groups)
 
 
 def _split_by_group(system, values):
-    """Split an array for all pieces into a list with [n_elem, n_end - 1, ...] per group."""
+    """Split an array over all pieces into a list with [n_elem, n_end - 1, ...] per group."""
     sizes = [(len(group.links), group.links.shape[1] - 1) for group in system.groups]
     ends = [0]
     for n, width in sizes:

@@ -17,10 +17,10 @@ from .assembly import System
 
 @pytree
 class RestartState:
-    """Restart state: what a phase hands to the next one.
+    """What a phase hands to the next one, and from which another analysis can continue.
 
     Attributes:
-        motion: motion of all rows from the initial nodes, [n_row, n_motion]; see `spaces`.
+        motion: motion of all nodes (rows) from the initial nodes, [n_row, n_motion]; see `spaces`.
         states: element states, one per group.
         nodal_load: sum of the nodal loads so far, [n_row, n_freedom], N and N m.
         loads: element loads of all phases, a list of `LoadStack`.
@@ -49,8 +49,8 @@ def initial_restart_state(nodes: Float[Array, "n_row 3"], groups: list[Element])
 def with_loads_until(
     restart: RestartState, loads: list[load_stacks.LoadStack], phase: Int[ArrayLike, ""]
 ) -> RestartState:
-    """Return a `RestartState` with `loads` up to a phase; later ones, even if NaN, are zero."""
-    return copy_with(restart, loads=[stack.until(phase) for stack in loads])
+    """Return the `RestartState` with `loads`, but zero (also for NaN) in phases after `phase`."""
+    return copy_with(restart, loads=[stack.up_to_phase(phase) for stack in loads])
 
 
 def make_system(
@@ -63,8 +63,12 @@ def make_system(
 ) -> System:
     """Make the `System` of a `RestartState`, with the loads along elements in their states.
 
-    `prescribed`: motion of all rows that supports prescribe; None if supports are not needed.
-    `load`: dead load; it is computed unless it is given.
+    Args:
+        nodes, groups: initial positions, [n_row, 3], m, and element groups.
+        restart: `RestartState`.
+        prescribed: motion that supports prescribe, of all rows; None without supports.
+        dof_map: map of the degrees of freedom.
+        load: dead load, [n_row, n_freedom]; None: it is computed.
     """
     if load is None:
         load = load_stacks.dead_load(nodes, groups, restart)

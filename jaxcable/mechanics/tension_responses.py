@@ -25,14 +25,15 @@ _ROUNDINGS = 8  # bound on the errors of eps^2 displacement in an elongation (`e
 
 @pytree
 class TensionResponses:
-    """Tensions and end forces of all cables at a point: `abilities.TensionResponse`, [n] in all.
+    """Tensions and end forces of all cables at a point of the iteration, all groups in one, [n].
 
     Attributes:
-        tension, slope: tension, and its derivative by the length, [n], N and N/m.
+        tension: tensions, [n], N.
+        slope: derivatives of the tensions by the lengths of the cables, [n], N/m.
         unit_forces: derivative of the length by the displacements of the ends, per group
-            [n_elem, n_end, 3].
-        forces: end forces, per group, likewise, N.
-        shapes: `shape` of every group.
+            [n_elem, n_end, 3]; times the tension they are the end forces.
+        forces: end forces, per group [n_elem, n_end, 3], N.
+        shapes: `abilities.TensionResponse.shape` of every group.
     """
 
     tension: Float[Array, " n"]
@@ -43,7 +44,7 @@ class TensionResponses:
 
     @classmethod
     def of(cls, system: System, x: Motion, exact: Bool[ArrayLike, ""]) -> TensionResponses:
-        """Evaluate the cables at `x`; `exact` as of `elementwise.map_elements_at_ends`."""
+        """Evaluate all cables at motion `x`, with its low-order part in full if `exact`."""
         found = []
         for group, state in zip(system.groups, system.states, strict=True):
             pull = evaluate_elements(
@@ -61,11 +62,11 @@ class TensionResponses:
     def residual_scale_and_rounding(
         self, system: System, x: Motion
     ) -> tuple[Step, Float[Array, ""], Step]:
-        """Return the residual, the force that its tolerance is relative to, and its rounding error.
+        """Return the residual, the force that its tolerance refers to, and its rounding error.
 
         Returns:
             Residual [n_free]; largest sum of absolute end forces and load at a row; error that the
-            rounding of displacements leaves in the residual, [n_free]; N.
+            rounding of displacements leaves in the residual, [n_free]; all in N.
         """
         slopes = _split_by_group(system, self.slope)
         fine, unsure = _ROUNDINGS * jnp.finfo(x.dtype).eps ** 2, []
@@ -82,40 +83,45 @@ class TensionResponses:
         return residual, scale, jnp.abs(system.space.restrict(system.sum_at_rows(unsure), x))
 
     def under_tensions(self, system: System, tensions: Float[Array, " n"]) -> SlackUnderTensions:
-        """Return the length slack of the cables here under given `tensions` [n], N."""
+        """Return how much longer the cables could be here under given tensions [n], N.
+
+        The directions of the cables are those at the point of `self`.
+        """
         split = _split_by_group(system, tensions)
-        rooms: list[LengthSlack] = []
+        slacks: list[LengthSlack] = []
         for group, state, tension, shape in zip(
             system.groups, system.states, split, self.shapes, strict=True
         ):
-            room = call_each_element("length_slack", group, state, tension, shape)
-            rooms.append(room if state.present is None else _slacken_absent(room, state))
-        sags = _concatenate_or_none([room.sag for room in rooms], rooms)
-        less = _concatenate_or_none([room.sag_compliance for room in rooms], rooms)
+            slack = call_each_element("length_slack", group, state, tension, shape)
+            slacks.append(slack if state.present is None else _slacken_absent(slack, state))
+        sags = _concatenate_or_none([slack.sag for slack in slacks], slacks)
+        sag_compliance = _concatenate_or_none([slack.sag_compliance for slack in slacks], slacks)
         return SlackUnderTensions(
             tensions,
-            jnp.concatenate([room.spare_length for room in rooms]),
-            jnp.concatenate([room.compliance for room in rooms]),
+            jnp.concatenate([slack.spare_length for slack in slacks]),
+            jnp.concatenate([slack.compliance for slack in slacks]),
             sags,
-            less,
+            sag_compliance,
             [
                 g if r.unit_forces is None else r.unit_forces
-                for r, g in zip(rooms, self.unit_forces, strict=True)
+                for r, g in zip(slacks, self.unit_forces, strict=True)
             ],
-            [room.forces for room in rooms],
+            [slack.forces for slack in slacks],
         )
 
 
 @pytree
 class SlackUnderTensions:
-    """Length slack of all cables at a point under given tensions, see `abilities.LengthSlack`.
+    """How much longer than now all cables would be under given tensions (length slack).
+
+    Per group it is `abilities.LengthSlack`.
 
     Attributes:
         tension: given tensions, [n], N.
-        spare_length, compliance: length of straight cables under the tensions less the present one,
-            [n], m, and its derivative by the tensions, m/N.
-        sag, sag_compliance: length that sags take, [n], m, and minus its derivative by the
-            tensions, m/N; None if no cable can sag.
+        spare_length: length of straight cables under the tensions less the present length, [n], m.
+        compliance: derivative of `spare_length` by the tensions, [n], m/N.
+        sag: length that sags take, [n], m; None if no cable can sag.
+        sag_compliance: minus the derivative of `sag` by the tensions, [n], m/N; or None.
         unit_forces: derivatives of the end forces by the tensions, per group [n_elem, n_end, 3].
         forces: end forces, per group, likewise, N; None where they are tension times `unit_forces`.
     """
@@ -128,9 +134,9 @@ class SlackUnderTensions:
     unit_forces: list[Float[Array, "n_elem n_end 3"]]
     forces: list[Float[Array, "n_elem n_end 3"] | None]
 
-    def beyond_sag(self, room: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Return what the sags leave of a length slack `length_slack` [n], m."""
-        return room if self.sag is None else jnp.maximum(room - self.sag, 0.0)
+    def slack_beyond_sag(self, slack: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Return a length `slack` [n], m, less what sags take, at least 0."""
+        return slack if self.sag is None else jnp.maximum(slack - self.sag, 0.0)
 
     def target_product(
         self, product: Float[Array, ""]
@@ -138,7 +144,7 @@ class SlackUnderTensions:
         """Return the product of tension and length slack that an interior-point step aims at.
 
         Args:
-            product: product of the tension and the slack beyond the sag, N m (complementarity).
+            product: aim for the product of tension and slack beyond the sag, scalar, N m.
 
         Returns:
             Product with the whole slack, [n], N m; minus the derivative of the logarithm of this
@@ -152,66 +158,71 @@ class SlackUnderTensions:
         return whole, jnp.where(whole > 0, falls, 1.0)
 
     def residual(self, system: System, x: Motion, tensions: Float[Array, " n"]) -> Step:
-        """Return the residual [n_free] at `x` under other tensions [n], to first order, N."""
+        """Return the residual [n_free], N, at `x` under other tensions [n], linearized in these."""
         ends = []
         pairs = zip(self.unit_forces, self.forces, strict=True)
         split = _split_by_group(system, tensions), _split_by_group(system, tensions - self.tension)
-        for (along, forces), whole, change in zip(pairs, *split, strict=True):
+        for (unit_forces, forces), whole, change in zip(pairs, *split, strict=True):
             if forces is None:
-                ends.append(whole[:, None, None] * along)
+                ends.append(whole[:, None, None] * unit_forces)
             else:
-                ends.append(forces + change[:, None, None] * along)
+                ends.append(forces + change[:, None, None] * unit_forces)
         return system.space.restrict(system.sum_at_rows(ends) - system.external_force(x), x)
 
 
 def net_stiffness(
     system: System,
     x: Motion,
-    along: Sequence[Float[Array, "n_elem n_end 3"]],
+    unit_forces: Sequence[Float[Array, "n_elem n_end 3"]],
     slopes: Float[Array, " n"],
     tensions: Float[Array, " n"],
 ) -> list[Float[Array, "n_elem d d"]]:
-    """Return the element matrices of a net, per group [n_elem, d, d], N/m.
+    """Return element matrices of a net, ``slope g g'`` plus geometric stiffness, N/m.
 
-    Slopes [n], N/m, times ``g g^T`` with g = `along`, plus the geometric stiffness of tensions [n].
+    They are [n_elem, d, d] per group. `unit_forces` are the derivatives g of lengths by the ends,
+    per group [n_elem, n_end, 3], `slopes` stiffnesses along g, [n], N/m, `tensions` those of the
+    geometric stiffness, [n], N.
     """
     found = []
     split = _split_by_group(system, slopes), _split_by_group(system, tensions)
     for group, state, g, slope, tension in zip(
-        system.groups, system.states, along, *split, strict=True
+        system.groups, system.states, unit_forces, *split, strict=True
     ):
         at = system.nodes[group.links], motion_at_ends(group, drop_low_part(x))
-        bent = call_each_element("geometric_stiffness", group, state, *at, tension)
+        geometric = call_each_element("geometric_stiffness", group, state, *at, tension)
         g = g.reshape(len(g), -1)
-        bent = state.zero_where_absent(bent.reshape(*g.shape, g.shape[1]))
-        found.append(bent + slope[:, None, None] * g[:, :, None] * g[:, None, :])
+        geometric = state.zero_where_absent(geometric.reshape(*g.shape, g.shape[1]))
+        found.append(geometric + slope[:, None, None] * g[:, :, None] * g[:, None, :])
     return found
 
 
 def linearized_elongation(
-    system: System, along: Sequence[Float[Array, "n_elem n_end 3"]], spread: Forces
+    system: System, unit_forces: Sequence[Float[Array, "n_elem n_end 3"]], row_step: Forces
 ) -> Float[Array, " n"]:
-    """Return the linearized elongations by a step of all rows, m; derivatives `unit_forces`."""
-    pairs = zip(system.groups, along, strict=True)
-    changes = [jnp.sum(g * spread[group.links][..., :3], axis=(1, 2)) for group, g in pairs]
+    """Return the linearized elongations of all cables by a step of all rows, [n], m.
+
+    `unit_forces` are derivatives of lengths by the ends, per group [n_elem, n_end, 3].
+    """
+    pairs = zip(system.groups, unit_forces, strict=True)
+    changes = [jnp.sum(g * row_step[group.links][..., :3], axis=(1, 2)) for group, g in pairs]
     return jnp.concatenate(changes)
 
 
-def relative_node_motion(system: System, spread: Forces) -> Float[Array, " n"]:
-    """Return the largest relative step of successive nodes of a cable, over their distance, [n]."""
+def relative_node_motion(system: System, row_step: Forces) -> Float[Array, " n"]:
+    """Return the largest relative step of a cable's successive nodes over their distance, [n]."""
     found = []
     for group, state in zip(system.groups, system.states, strict=True):
-        apart = jnp.sum(jnp.diff(spread[group.links][..., :3], axis=1) ** 2, axis=-1)
+        apart = jnp.sum(jnp.diff(row_step[group.links][..., :3], axis=1) ** 2, axis=-1)
         apart = state.zero_where_absent(apart)
         found.append(jnp.sqrt(jnp.max(apart, axis=1)) * (group.links.shape[1] - 1))
     return jnp.concatenate(found) / rest_lengths(system)
 
 
-def _slacken_absent(room, state):
-    """Return the `LengthSlack` of a group, where inactive cables are slack and without forces."""
-    gap = jnp.where(state.present, room.spare_length, state.rest_length)
-    rest = copy_with(room, spare_length=None, compliance=None)
-    return copy_with(state.zero_where_absent(rest), spare_length=gap, compliance=room.compliance)
+def _slacken_absent(slack, state):
+    """Return the `LengthSlack` of a group with inactive cables slack and without end forces."""
+    spare = jnp.where(state.present, slack.spare_length, state.rest_length)
+    rest = copy_with(slack, spare_length=None, compliance=None)
+    return copy_with(state.zero_where_absent(rest), spare_length=spare, compliance=slack.compliance)
 
 
 def rest_lengths(system: System) -> Float[Array, " n"]:
@@ -221,7 +232,7 @@ def rest_lengths(system: System) -> Float[Array, " n"]:
 
 
 def prescribed_tensions(system: System) -> Bool[Array, " n"] | None:
-    """Return which cables have a prescribed tension: by a jack, or zero as inactive ones, [n].
+    """Return which cables have a prescribed tension: by a jack, or zero as inactive ones, [n] bool.
 
     None if there are no such cables in any phase.
     """
@@ -237,7 +248,7 @@ def prescribed_tensions(system: System) -> Bool[Array, " n"] | None:
 
 
 def has_load(system: System, x: Motion) -> Bool[Array, ""]:
-    """Return whether any load or jack acts at `x`."""
+    """Return whether any load or jack force acts at motion `x`, scalar bool."""
     jacks = [
         jnp.any(state.jack_force != 0) for state in system.states if state.jack_force is not None
     ]
@@ -245,16 +256,16 @@ def has_load(system: System, x: Motion) -> Bool[Array, ""]:
 
 
 def _split_by_group(system, values):
-    """Split an array for all cables [n] into a list with an array per group."""
+    """Split an array over all cables, [n], into a list with an array [n_elem] per group."""
     ends = [0]
     for group in system.groups:
         ends.append(ends[-1] + len(group.links))
     return [values[i:j] for i, j in pairwise(ends)]
 
 
-def _concatenate_or_none(values, rooms):
-    """Concatenate arrays of all groups, with zeros for None; None if all are None."""
+def _concatenate_or_none(values, slacks):
+    """Concatenate arrays of all groups, with zeros for None; return None if all are None."""
     if all(value is None for value in values):
         return None
-    pairs = zip(values, rooms, strict=True)
+    pairs = zip(values, slacks, strict=True)
     return jnp.concatenate([jnp.zeros_like(r.spare_length) if v is None else v for v, r in pairs])

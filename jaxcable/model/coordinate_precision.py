@@ -20,7 +20,7 @@ rounding: prestrains are of order 1e-3."""
 def warn_of_coarse_coordinates(
     nodes: Float[np.ndarray, "n_node 3"], named: Sequence[tuple[str, Element]]
 ) -> Iterator[str]:
-    """Warn of coordinates, such as those of maps, that are too large for their precision.
+    """Warn if coordinates, such as those of maps, are too large for single precision.
 
     Args:
         nodes: initial positions as they were given, [n_node, 3], NumPy.

@@ -17,10 +17,10 @@ from .plausibility import (
     FixedDofs,
     NamedGroups,
     array_or_none,
-    describe_first,
+    describe_first_wrong,
+    describe_unlikely_length,
     issues_warnings,
     lengths_over_nodes,
-    unlikely_lengths,
 )
 
 MAX_STATED_STRAIN = 0.15
@@ -37,14 +37,14 @@ _UNITS = "check the units: stiffness and forces in N, areas in m2, moduli in Pa"
 def warn_of_prestress(
     name: str, stated: StatedValues, group: Element, label: str, nodes: Float[ArrayLike, "n_node 3"]
 ) -> Iterator[str]:
-    """Warn of a statement of prestress that no cable can bear.
+    """Warn of prestress that no cable can bear.
 
     Args:
-        name: of the statement, as in `Phase`.
-        stated: `StatedValues` for the group.
+        name: what is stated: "pretension", "temperature" or another argument of `Phase`.
+        stated: values for the elements of the group, and which elements they concern.
         group: element group.
-        label: the statement as a user writes it, such as ``phases[0].pretension['guys']``.
-        nodes: initial positions of the structure, [n_node, 3].
+        label: how a user writes it, for the message: ``phases[0].pretension['guys']``.
+        nodes: initial positions of the structure, [n_node, 3], m.
     """
     value, nodes = array_or_none(stated.values), array_or_none(nodes)
     if value is None or nodes is None:
@@ -57,18 +57,18 @@ def warn_of_prestress(
         if strength is not None:
             over = force > strength
             text = "".join(f"more than its strength, {s:.6g} N" for s in strength[over][:1])
-            yield from describe_first(label, value, over, text)
+            yield from describe_first_wrong(label, value, over, text)
         if stiffness is not None:
-            yield from _unlikely_strains(label, value, force / stiffness, _UNITS, stiffness)
+            yield from _describe_unlikely_strain(label, value, force / stiffness, _UNITS, stiffness)
     elif name == "prestrain":
         strain = np.maximum(value, 0.0) if group.tension_only else value  # slack is no strain
         hint = "a prestrain is a ratio, not a percentage"
-        yield from _unlikely_strains(label, value, strain, hint)
+        yield from _describe_unlikely_strain(label, value, strain, hint)
     elif name == "temperature" and array_or_none(group.expansion) is not None:
         strain = value * array_or_none(group.expansion)
-        yield from _unlikely_strains(label, value, strain, "is the expansion in 1/K?")
+        yield from _describe_unlikely_strain(label, value, strain, "is the expansion in 1/K?")
     elif name == "rest_length":
-        yield from unlikely_lengths(label, value, lengths_over_nodes(group, nodes))
+        yield from describe_unlikely_length(label, value, lengths_over_nodes(group, nodes))
 
 
 @issues_warnings
@@ -86,12 +86,12 @@ def warn_of_nodal_loads(
     load over the sum of their axial stiffnesses, or more.
 
     Args:
-        number: of the phase, from 0.
-        loads: the nodal loads of the phase, a list.
-        fixed: True where a freedom is held, [n_row, 3 or 6].
-        groups: the element groups of the structure.
+        number: index of the phase, from 0.
+        loads: nodal loads of the phase, a list.
+        fixed: True where a support holds a degree of freedom, [n_row, 3 or 6].
+        groups: element groups of the structure.
         alone: whether the phase has no other input than these loads.
-        inactive: True where a freedom is held because no element that is there touches it,
+        inactive: True where a degree of freedom is held because no element of this phase has it,
             [n_row, 3 or 6]; None if all elements are always there.
     """
     known = [load.forces_at_nodes() for load in loads]
@@ -164,8 +164,10 @@ def warn_of_unused_weight(named: NamedGroups, weighed: bool) -> Iterator[str]:
 
 
 @issues_warnings
-def warn_if_all_held(number: int, fixed: FixedDofs, groups: Sequence[Element]) -> Iterator[str]:
-    """Warn of supports that hold every node, unless elements change their shape under load."""
+def warn_if_all_nodes_held(
+    number: int, fixed: FixedDofs, groups: Sequence[Element]
+) -> Iterator[str]:
+    """Warn if supports hold every node of a phase, unless elements can still deform under load."""
     if fixed.all() and not any(group.shaped_by_load and not group.slides for group in groups):
         yield (
             f"phases[{number}].supports: every node is held, so that nothing can move; give "
@@ -174,16 +176,20 @@ def warn_if_all_held(number: int, fixed: FixedDofs, groups: Sequence[Element]) -
 
 
 def known_axial_stiffness(group: Element) -> Float[np.ndarray, " n_elem"] | None:
-    """Return EA of a group with a linear law, [n_elem], N, NumPy; None if it is not known."""
+    """Return EA of a group, [n_elem], N, NumPy; None if it is traced or the law is not linear."""
     return array_or_none(group.linear_axial_stiffness())
 
 
-def _unlikely_strains(label, value, strain, hint, stiffness=None):
-    """Describe the first value that makes a strain which no cable bears; yield one text or none."""
+def _describe_unlikely_strain(label, value, strain, hint, stiffness=None):
+    """Yield a message about the first element whose strain no cable bears, or nothing.
+
+    `value` [n_elem] is the input that makes the strain [n_elem], `hint` ends the message, which
+    mentions the `stiffness` EA [n_elem], N, if given.
+    """
     wrong = (np.abs(strain) > MAX_STATED_STRAIN) & np.isfinite(strain)
     text = ""
     if wrong.any():
         k = int(wrong.argmax())
         given = "" if stiffness is None else f" with EA = {stiffness[k]:.6g} N"
         text = f"a strain of {100 * strain[k]:.3g} %{given}, and steel breaks at 2 to 4 %; {hint}"
-    yield from describe_first(label, value, wrong, text)
+    yield from describe_first_wrong(label, value, wrong, text)

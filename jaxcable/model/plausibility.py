@@ -38,7 +38,7 @@ NamedGroups: TypeAlias = Sequence[tuple[str, Element]]
 
 
 def issues_warnings(judge: Callable[..., Iterator[str]]) -> Callable[..., None]:
-    """Make a generator of texts a function that issues them as warnings."""
+    """Decorate a generator of messages: the function issues each of them as `InputWarning`."""
 
     @functools.wraps(judge)
     def warn(*args):
@@ -51,7 +51,7 @@ def issues_warnings(judge: Callable[..., Iterator[str]]) -> Callable[..., None]:
 
 
 def warn_if_unstable(solution: Any) -> None:
-    """Warn of phases that end in an unstable equilibrium, unless they are being traced."""
+    """Warn of phases of a `Solution` that end in an unstable equilibrium, unless it is traced."""
     if isinstance(solution.stable, jax.core.Tracer):
         return
     for number, (code, stable) in enumerate(
@@ -100,7 +100,7 @@ def warn_of_degrees(name: str, rotations: Float[np.ndarray, "... 3"]) -> Iterato
 def warn_of_coincident_nodes(
     nodes: Positions, touched: Bool[np.ndarray, " n_node"], fixed: FixedDofs
 ) -> Iterator[str]:
-    """Warn of two nodes at the same position that are not joined, unless both are held.
+    """Warn of two nodes at the same position with different numbers, unless both are held.
 
     Args:
         nodes: initial positions, [n_node, 3], NumPy.
@@ -125,7 +125,7 @@ def warn_of_coincident_nodes(
 
 @issues_warnings
 def warn_of_dimensions(group: Element, where: str, nodes: Positions) -> Iterator[str]:
-    """Warn of unstressed lengths and cross-sections that do not fit the positions of the nodes.
+    """Warn of unstressed lengths, areas, weights or sections of a group that suggest wrong units.
 
     Args:
         group: element group.
@@ -134,12 +134,12 @@ def warn_of_dimensions(group: Element, where: str, nodes: Positions) -> Iterator
     """
     rest, area = array_or_none(group.rest_length), array_or_none(group.area)
     if rest is not None:
-        yield from unlikely_lengths(
+        yield from describe_unlikely_length(
             f"elements{where}.rest_length", rest, lengths_over_nodes(group, nodes)
         )
     if area is not None:
         text = "thicker than the element is long; is the area in m2?"
-        yield from describe_first(
+        yield from describe_first_wrong(
             f"elements{where}.area", area, area > lengths_over_nodes(group, nodes) ** 2, text
         )
     weight = array_or_none(group.weight)
@@ -149,7 +149,7 @@ def warn_of_dimensions(group: Element, where: str, nodes: Positions) -> Iterator
             f"less than {MIN_UNIT_WEIGHT:g} N/m3 with its area, lighter than any solid; is the "
             "weight in N/m, and the area in m2?"
         )
-        yield from describe_first(f"elements{where}.weight", weight, light, text)
+        yield from describe_first_wrong(f"elements{where}.weight", weight, light, text)
     if group.rotates and group.section is not None:
         section = group.section
         fibres = [array_or_none(section.y), array_or_none(section.z)]
@@ -159,7 +159,7 @@ def warn_of_dimensions(group: Element, where: str, nodes: Positions) -> Iterator
                 f"elements{where}.section: {size:.3g} m from fibre to fibre is more than the size "
                 "of the structure; are its coordinates in m?"
             )
-        yield from _axis_off_centroid(f"elements{where}.section", section)
+        yield from _describe_axis_off_centroid(f"elements{where}.section", section)
 
 
 @issues_warnings
@@ -175,7 +175,7 @@ def warn_of_zero_bending(named: NamedGroups, fixed: FixedDofs) -> Iterator[str]:
     plane = bool(fixed[:, :3].all(axis=0).any())  # no node leaves it
     for where, group in named:
         if group.rotates and group.section is not None:
-            yield from _zero_bending(f"elements{where}.section", group.section, plane)
+            yield from _describe_zero_bending(f"elements{where}.section", group.section, plane)
 
 
 def array_or_none(value):
@@ -184,12 +184,12 @@ def array_or_none(value):
 
 
 def lengths_over_nodes(group, nodes):
-    """Return the length of every element over all of its nodes, [n_elem], m."""
+    """Return the initial length of every element, summed from node to node, [n_elem], m, NumPy."""
     return np.linalg.norm(np.diff(nodes[group.links.array], axis=1), axis=2).sum(axis=1)
 
 
-def _axis_off_centroid(label, section):
-    """Describe an axis off the centroid that the user has not placed; one text or none."""
+def _describe_axis_off_centroid(label, section):
+    """Yield a message if a beam's axis lies off its section's centroid, unless that is meant."""
     if section.placed:
         return
     if any(array_or_none(leaf) is None for leaf in jax.tree.leaves(section)):
@@ -204,8 +204,11 @@ def _axis_off_centroid(label, section):
         )
 
 
-def _zero_bending(label, section, plane):
-    """Describe a section without bending stiffness (in a plane: about all axes), or nothing."""
+def _describe_zero_bending(label, section, plane):
+    """Yield a message if a section has no bending stiffness, or nothing.
+
+    With `plane`, the structure is plane, and only a section without any bending stiffness counts.
+    """
     moduli = [array_or_none(law.modulus) for law in section.laws]
     if any(part is None for part in (*moduli, *map(array_or_none, jax.tree.leaves(section)))):
         return
@@ -232,17 +235,17 @@ def _zero_bending(label, section, plane):
         )
 
 
-def unlikely_lengths(label, rest, chord):
-    """Describe the first unstressed length far from the distance of its nodes; one text or none."""
+def describe_unlikely_length(label, rest, chord):
+    """Yield a message if an unstressed length is far from the distance of its nodes, or nothing."""
     wrong = (rest > MAX_LENGTH_RATIO * chord) | (rest * MAX_LENGTH_RATIO < chord)
     texts = [
         f"its nodes are {length:.3g} m apart; is the length in m?" for length in chord[wrong][:1]
     ]
-    yield from describe_first(label, rest, wrong, *texts)
+    yield from describe_first_wrong(label, rest, wrong, *texts)
 
 
-def describe_first(label, value, wrong, text=""):
-    """Describe the first entry that is `wrong`, by label, index and value; one text or none."""
+def describe_first_wrong(label, value, wrong, text=""):
+    """Yield the message ``label[k] = value: text`` for the first True in `wrong`, or nothing."""
     if wrong.any():
         k = int(wrong.argmax())
         yield (f"{label}[{k}] = {value[k]:.6g}: {text}")

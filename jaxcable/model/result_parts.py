@@ -24,30 +24,30 @@ from .topology import GroupTopology
 
 
 def named_groups_of(structure: Structure) -> list[tuple[str, Element]]:
-    """Return pairs (name, group); the name is the key in the elements, "" of a single group."""
+    """Return pairs (name, element group): keys in the elements as names, "" of a single group."""
     leaves = jax.tree_util.tree_leaves_with_path(structure.elements, is_leaf=is_group)
     keystr = functools.partial(jax.tree_util.keystr, simple=True, separator=".")
     return [(keystr(path), group) for path, group in leaves]
 
 
 def path_of_group(structure: Structure, k: int) -> str:
-    """Return group number `k` as a user writes it, for messages: ``elements['net']``."""
+    """Return how a user writes the group with index `k`, for messages: ``elements['net']``."""
     return f"elements{structure.named_groups()[k][0]}"
 
 
 def values_per_group(
     structure: Structure, values: PyTree[Float[Array, "n_elem ..."]]
 ) -> list[Float[np.ndarray, "n_elem ..."] | None]:
-    """Convert values in the shape of the elements to a list of NumPy arrays (or None)."""
+    """Return results in the shape of ``structure.elements`` as a list of NumPy arrays, or None."""
     return [
         None if value is None else np.asarray(value) for value in items_per_group(structure, values)
     ]
 
 
 def items_per_group(structure: Structure, values: PyTree[Any] | None) -> list[Any]:
-    """Convert values in the shape of the elements to a list with one item per group, unchanged.
+    """Flatten a pytree in the shape of ``structure.elements`` to a list with one item per group.
 
-    All items are None if there are no values.
+    The items are not changed; all are None if there are no values.
     """
     if values is None:
         return [None] * len(structure.groups)
@@ -57,7 +57,7 @@ def items_per_group(structure: Structure, values: PyTree[Any] | None) -> list[An
 def present_elements(
     structure: Structure, present: PyTree[Float[Array, " n_elem"]] | None
 ) -> list[Bool[np.ndarray, " n_elem"]]:
-    """Return which elements are there, from `ElementResults.present`: a list of [n_elem] bool."""
+    """Return per group which elements are active, [n_elem] bool, from `ElementResults.present`."""
     if present is None:
         return [np.ones(len(group.links), bool) for group in structure.groups]
     return [np.asarray(found) > 0 for found in values_per_group(structure, present)]
@@ -68,7 +68,7 @@ def slack_cables(
     tension: Float[np.ndarray, " n_elem"] | None,
     present: Bool[np.ndarray, " n_elem"],
 ) -> Bool[np.ndarray, " n_elem"]:
-    """Return which elements of a group are present and slack, by their forces, [n_elem].
+    """Return which elements of a group are active, tension-only and without tension, [n_elem] bool.
 
     What reports and pictures call slack. An analysis asks the elements (`Element.is_slack`), whose
     forces are zero then.
@@ -98,7 +98,7 @@ class ResultColumn(NamedTuple):
 
 def result_columns(
     groups: Sequence[Element | GroupTopology],
-    told: Mapping[str, PyTree[Float[Array, "n_elem ..."]]],
+    by_name: Mapping[str, PyTree[Float[Array, "n_elem ..."]]],
 ) -> list[ResultColumn]:
     """Split results of elements into columns, one for every place and component.
 
@@ -107,19 +107,22 @@ def result_columns(
 
     Args:
         groups: element groups, or the parts of a `Topology`.
-        told: results by name, each in the shape of the elements, as of `ElementResults`.
+        by_name: results by name, each in the shape of the elements, as in `ElementResults`.
+
+    Returns:
+        List of `ResultColumn`.
     """
     every = [result for group in groups for result in group.results]
     results = {result.name: result for result in (TENSION, PEAK_TENSION, PRESENT, *every)}
     found = []
-    for name, tree in told.items():
+    for name, tree in by_name.items():
         result = results[name]
         values = jax.tree.leaves(tree, is_leaf=lambda x: x is None)
         values = [None if x is None else np.asarray(x) for x in values]
         if result in (SECTION_FORCES, SECTION_STRAIN):
             if any(x is not None and x.ndim > 1 for x in values):
                 continue
-        parts = [{} if x is None else _split_result(result, x) for x in values]
+        parts = [{} if x is None else _split_by_place_and_component(result, x) for x in values]
         # in the order of places, also where groups have different numbers of them
         for place, component in dict.fromkeys(key for part in parts for key in part):
             label = " ".join(word for word in (name, place, component) if word)
@@ -128,8 +131,8 @@ def result_columns(
     return found
 
 
-def _split_result(result, values):
-    """Split values [n_elem, ...] of a group by (place, component) into arrays [n_elem], a dict."""
+def _split_by_place_and_component(result, values):
+    """Split a group's result [n_elem, ...] into arrays [n_elem], a dict by (place, component)."""
     components = result.components or ("",)
     count = math.prod(values.shape[1:]) // len(components)
     one = values.ndim == 1 + bool(result.components)
@@ -144,7 +147,7 @@ def _split_result(result, values):
 def straight_pieces(
     groups: Sequence[Element | GroupTopology],
 ) -> tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"], Int[np.ndarray, " n_piece"]]:
-    """Return the straight pieces of all elements, as pictures draw them.
+    """Return the straight lines between nodes by which pictures draw all elements.
 
     Args:
         groups: element groups, or the parts of a `Topology`.
@@ -200,7 +203,7 @@ def end_nodes(group: Element | GroupTopology) -> Int[np.ndarray, "n_elem 2"]:
 
 
 def require_single_case(solution: Any) -> None:
-    """Raise ValueError unless `solution` is a solution of one case that is not being traced."""
+    """Raise ValueError if `solution` is a batch, is being traced, or is no solution."""
     if not hasattr(solution, "status"):
         raise ValueError(f"solution: expected a Solution, got {type(solution).__name__}")
     if isinstance(solution.status, jax.core.Tracer):

@@ -26,12 +26,12 @@ _LINE_TOLERANCE = (
 
 
 class FreeSpins:
-    """Pieces of beams that can spin freely about their line: static metadata of a structure.
+    """Straight lines of beams that nothing keeps from rotating about their own axis: static data.
 
     Attributes:
-        rows: rows of motion that turn with a piece, [m], NumPy.
-        piece: number of the piece that each row belongs to, [m], NumPy.
-        ends: two nodes on the line of each piece, [n_piece, 2], NumPy.
+        rows: rows of motion (nodes, hinged ends) that rotate with a line of beams, [m], NumPy.
+        piece: index of the line of beams that each row belongs to, [m], NumPy.
+        ends: two nodes on each line of beams, [n_piece, 2], NumPy.
     """
 
     def __init__(
@@ -54,12 +54,12 @@ class FreeSpins:
 def find_free_spins(
     structure: Any, fixed: Bool[np.ndarray, "n_node 6"], axes: Float[np.ndarray, "n_node 3 3"]
 ) -> FreeSpins | None:
-    """Find the `FreeSpins` of a structure under given supports; None if there are none.
+    """Find lines of beams that can rotate freely about their axis; None if there are none.
 
     Args:
         structure: `Structure` with beams.
-        fixed: held freedoms of all nodes, [n_node, 6], NumPy.
-        axes: their directions, [n_node, 3, 3], one in each row of a matrix.
+        fixed: True where supports hold a degree of freedom of a node, [n_node, 6], NumPy.
+        axes: directions of these degrees of freedom, [n_node, 3, 3], one in each row of a matrix.
     """
     nodes = checks.array_if_known(structure.nodes)
     if nodes is None:
@@ -76,7 +76,7 @@ def find_free_spins(
 
 
 def _torsion_chains(structure):
-    """Iterate over beams joined for torsion: links [k, 2], list of the rows that rotate."""
+    """Iterate over chains of beams that transmit torsion: nodes [k, 2], rows that rotate."""
     _, groups = structure.motion_rows()
     n_node = structure.n_node
     pairs, joined, hinge_rows, wide = [], [], [], []
@@ -112,7 +112,7 @@ def _torsion_chains(structure):
 
 
 def _common_line(nodes, members):
-    """Return direction of, and two nodes on, the line of all elements; None if there is none."""
+    """Return (direction, two nodes) of the line that beams [k, 2] lie on; None if there is none."""
     places = nodes[members]
     first, second = members[0]
     along = nodes[second] - nodes[first]
@@ -126,7 +126,10 @@ def _common_line(nodes, members):
 
 
 def _is_spin_held(structure, nodes, turning, line, fixed, axes):
-    """Return whether a support, another element or a rigid link holds a piece's spin."""
+    """Return whether a support, another element or a rigid link keeps beams from spinning.
+
+    `turning` are their rows of motion, `line` their direction and two nodes on it.
+    """
     along, (first, _) = line
     turning = np.array([row for row in turning if row < structure.n_node], int)
     for group in structure.groups:
@@ -145,7 +148,7 @@ def _is_spin_held(structure, nodes, turning, line, fixed, axes):
 
 
 def warn_of_free_spins(structure: Any, fixed: Any, label: str = "supports") -> None:
-    """Warn of each piece that can spin, as `InputWarning`.
+    """Warn (`InputWarning`) of each line of beams that can rotate freely about its axis.
 
     Args:
         structure: `Structure`.
@@ -173,12 +176,12 @@ def warn_of_free_spins(structure: Any, fixed: Any, label: str = "supports") -> N
         checks.warn_user(
             f"{label}: {where}, along {along.tolist()}: nothing holds this rotation{hint or ';'} "
             f'to hold it, add restrained([{first}], about="x", axes={along.tolist()}), or in a '
-            f'scene file, in supports, "chosen": [{first}], {_scene_file_fields(along)}'
+            f'scene file, in supports, "chosen": [{first}], {_restraint_in_scene_file(along)}'
         )
 
 
-def _scene_file_fields(along):
-    """Return the fields of a scene file that hold the rotation about a direction, as text."""
+def _restraint_in_scene_file(along):
+    """Return the text of a scene file's fields that hold the rotation about a direction [3]."""
     held, axes = [False] * 6, ""
     if np.abs(along).max() == 1.0:
         held[3 + int(np.abs(along).argmax())] = True

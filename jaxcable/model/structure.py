@@ -36,7 +36,11 @@ def is_group(x: object) -> bool:
 
 
 def position_rules(nodes, group, where=""):
-    """Return the rules that positions [n_node, 3] and a group keep together."""
+    """Return the checks (`Rule`) of a group that depend on node positions [n_node, 3].
+
+    Nodes of an element must not coincide, and elements may have rules of their own. `where` begins
+    the messages.
+    """
     links = index_array(group.links)
 
     def same(ends, _):
@@ -124,18 +128,19 @@ class Structure:
                 plausibility.warn_of_dimensions(group, where, positions)
         if not self.groups:
             raise ValueError("elements: a structure needs at least one element group")
-        self._check_results()
+        self._check_result_names()
         for where, group in self.named_groups():
             contract.require(group, f"elements{where}")
-        self._check_rigid()
+        self._check_rigid_links()
         fixed = self.fixed(self.supports)
         if positions is not None:
-            plausibility.warn_of_coincident_nodes(positions, self.touched_nodes(), fixed.array)
+            joined = self.nodes_with_elements()
+            plausibility.warn_of_coincident_nodes(positions, joined, fixed.array)
             plausibility.warn_of_zero_bending(self.named_groups(), fixed.array[: self.n_node])
             warn_of_spins(self, fixed)
 
-    def _check_results(self):
-        """Raise ValueError for names of results that have another meaning elsewhere."""
+    def _check_result_names(self):
+        """Raise ValueError for names of results that nodes, or groups with other units, have."""
         every = TENSION, PEAK_TENSION, SECTION_STRAIN, SECTION_FORCES
         known = {result.name: result for result in every}
         for where, group in self.named_groups():
@@ -148,7 +153,7 @@ class Structure:
                     continue
                 raise ValueError(f"elements{where}.results: {result.name!r} {text}")
 
-    def _check_rigid(self):
+    def _check_rigid_links(self):
         """Raise ValueError for pairs of nodes in `rigid` that cannot be rigid links."""
         if self.rigid is None:
             return
@@ -181,7 +186,7 @@ class Structure:
     @property
     @computed_once
     def groups(self) -> list[Element]:
-        """The element groups, a list in pytree order."""
+        """Element groups, a list in pytree order."""
         return jax.tree.leaves(self.elements, is_leaf=is_group)
 
     @property
@@ -196,24 +201,24 @@ class Structure:
     @property
     @computed_once
     def group_tree(self) -> jax.tree_util.PyTreeDef:
-        """The tree of the element groups, without them."""
+        """Tree of `elements` without the groups, which are its leaves (a treedef of jax)."""
         return jax.tree.structure(self.elements, is_leaf=is_group)
 
     @property
     @computed_once
     def space(self) -> type[Space]:
-        """Space of the nodes' motion, a class of `spaces`."""
+        """Class of `spaces` that moves nodes: `RotatingNodes` with beams, else `Translations`."""
         return space_of(self.groups)
 
-    def touched_nodes(self) -> Bool[np.ndarray, " n_node"]:
-        """Return which nodes an element touches, [n_node] bool."""
+    def nodes_with_elements(self) -> Bool[np.ndarray, " n_node"]:
+        """Return which nodes are ends of elements, [n_node] bool."""
         touched = np.zeros(self.n_node, bool)
         for group in self.groups:
             touched[group.links.array] = True
         return touched
 
     def rigidly_joined_nodes(self) -> Bool[np.ndarray, " n_node"]:
-        """Return which nodes a beam is joined to rigidly, at least in part, [n_node] bool."""
+        """Return which nodes rotate with a beam: one of its ends has no hinge there, [n_node]."""
         joined = np.zeros(self.n_node, bool)
         for group in self.groups:
             if group.rotates:
@@ -223,7 +228,7 @@ class Structure:
         return joined
 
     def rotating_nodes(self) -> Bool[np.ndarray, " n_node"]:
-        """Return which nodes have rotations, or have carriers that do, [n_node] bool."""
+        """Return which nodes have rotations, own ones or those of a rigid link, [n_node] bool."""
         turns = self.rigidly_joined_nodes()
         if self.rigid is not None:
             turns[self.rigid.array[:, 1]] = True
@@ -231,11 +236,11 @@ class Structure:
 
     @computed_once
     def motion_rows(self) -> tuple[MotionRows | None, list[Element]]:
-        """Lay out rows of motion: nodes, then hinged ends, then inner unknowns of elements.
+        """Number the rows of motion: nodes, hinged ends of beams, inner unknowns of elements.
 
         Returns:
             rows: `dof_map.MotionRows`, or None if every row is a node.
-            groups: element groups whose links are rows of motion.
+            groups: element groups with row numbers in place of node numbers in their links.
         """
         count = self.n_node
         nodes, inner, idle, groups = [np.arange(count)], [np.zeros(count, bool)], [], []
@@ -268,10 +273,10 @@ class Structure:
         return MotionRows(np.concatenate(nodes), np.concatenate(inner), idles), groups
 
     def fixed(self, supports: Supports) -> FixedDofs:
-        """Return the fixed degrees of freedom under `supports`: `FixedDofs` [n_row, 3 or 6].
+        """Return which degrees of freedom `supports` fix, as `FixedDofs` [n_row, 3 or 6].
 
-        Rotations exist where a beam is joined rigidly; elsewhere they count as fixed. Columns of
-        inner rows that no element uses count as fixed, too.
+        Rotations exist where a beam is joined rigidly; elsewhere they count as fixed, as do inner
+        unknowns that an element does not use.
         """
         return (
             self._fixed_by_own_supports()
@@ -281,11 +286,11 @@ class Structure:
 
     @computed_once
     def _fixed_by_own_supports(self):
-        """Return the fixed degrees of freedom under the structure's own supports, found once."""
+        """Return `fixed` for the structure's own supports, computed once."""
         return self._find_fixed_dofs(self.supports)
 
     def _find_fixed_dofs(self, supports):
-        """Find the fixed degrees of freedom, see `fixed`."""
+        """Compute `fixed` for `supports`, a `FixedDofs`."""
         fixed, axes = supports.fixed(self.n_node), supports.directions(self.n_node)
         if not fixed[:, :3].any():
             raise ValueError(
@@ -324,10 +329,10 @@ class Structure:
         return FixedDofs(fixed, None if plain else axes, spins)
 
     def held_displacements(self) -> Bool[np.ndarray, "n_node 3"]:
-        """Return which displacements along x, y, z are held, [n_node, 3] bool, without rotations.
+        """Return which displacements along x, y, z the supports hold, [n_node, 3] bool.
 
         Raises:
-            ValueError: supports along other directions.
+            ValueError: supports hold displacements along other directions.
         """
         fixed = self.fixed(self.supports)
         if fixed.axes is not None:
@@ -337,8 +342,8 @@ class Structure:
         return fixed.array
 
     def _require_connected(self, fixed):
-        """Raise ValueError for free nodes without elements, and for parts without supports."""
-        touched = self.touched_nodes()
+        """Raise ValueError for a free node without elements, or a part without any support."""
+        touched = self.nodes_with_elements()
         idle = ~touched & ~fixed[:, :3].all(axis=1)
         if self.rigid is not None:
             idle[self.rigid.array[:, 1]] = False
@@ -350,7 +355,10 @@ class Structure:
         self._require_supported_parts(fixed[:, :3].any(axis=1), touched)
 
     def _require_supported_parts(self, held, touched):
-        """Raise ValueError if a connected part has no support; masks are [n_node] bool."""
+        """Raise ValueError if a connected part has no support.
+
+        `held` and `touched` say which nodes supports hold, and which have elements, [n_node] bool.
+        """
         links = [group.links for group in self.groups]
         part = _connected_parts(
             (*links, *([] if self.rigid is None else [self.rigid])), self.n_node
@@ -371,7 +379,7 @@ class Structure:
 
 @functools.lru_cache(maxsize=16)
 def _connected_parts(links, n_node):
-    """Return the number of the connected part of every node, [n_node], by all links."""
+    """Return the index of the connected part of each node, [n_node], by the links of all groups."""
     pairs = [
         np.stack([group_links.array[:, :-1].ravel(), group_links.array[:, 1:].ravel()])
         for group_links in links

@@ -14,7 +14,7 @@ N_DISPLACEMENT = 3
 
 
 class FixedDofs(Indices):
-    """Held degrees of freedom of all rows of motion, with their directions: static metadata.
+    """Fixed degrees of freedom of all rows of motion, with their directions: static metadata.
 
     Attributes:
         array: True where a freedom is held, [n_row, 3 or 6].
@@ -37,7 +37,7 @@ class FixedDofs(Indices):
         self.spins = spins
 
     def _identity(self):
-        """Return what equality and hash depend on."""
+        """Return the tuple that equality and hash compare."""
         return self._digest, self.axes, self.spins
 
     def __hash__(self):
@@ -47,7 +47,7 @@ class FixedDofs(Indices):
         return isinstance(other, FixedDofs) and self._identity() == other._identity()
 
     def with_directions(self) -> FixedDofs:
-        """Return the same with `axes`, which are x, y, z if there were none."""
+        """Return a copy that always has `axes`: x, y, z in every row if it had none."""
         if self.axes is not None:
             return self
         return FixedDofs(self.array, np.tile(np.eye(3), (len(self.array), 1, 1)), self.spins)
@@ -107,7 +107,7 @@ class Supports:
                 if name in numbers:
                     value = checks.as_indices(value, f"{numbers[name]} nodes")
                 set_fields(self, **{name: Indices(value)})
-        self._check_restrained()
+        self._check_restrained_nodes()
         if self.mask is not None and not isinstance(self.mask, Indices):
             mask = np.asarray(self.mask)
             if mask.dtype != bool or mask.ndim != 2 or mask.shape[1] not in (N_DISPLACEMENT, 6):
@@ -117,8 +117,8 @@ class Supports:
                 )
             set_fields(self, mask=Indices(mask))
 
-    def _check_restrained(self):
-        """Check `chosen`, `held` and `axes`, which fit each other; put in default axes."""
+    def _check_restrained_nodes(self):
+        """Check that `chosen`, `held` and `axes` have matching shapes; set default axes x, y, z."""
         if self.chosen is None and self.held is None and self.axes is None:
             return
         for name in ("chosen", "held"):
@@ -156,19 +156,22 @@ class Supports:
 
     @property
     def holds_rotations(self) -> bool:
-        """Whether the mask has columns for rotations, or `restrained` holds rotations."""
+        """Whether any rotation can be held: by columns of `mask`, or by `held`."""
         by_mask = self.mask is not None and self.mask.shape[1] != N_DISPLACEMENT
         return by_mask or (self.held is not None and bool(self.held.array[:, 3:].any()))
 
     def fixed(self, n_node: int) -> Bool[np.ndarray, "n_node 6"]:
-        """Return a mask of the held degrees of freedom, along `directions`, [n_node, 6], NumPy."""
+        """Return which displacements and rotations of each node are held, [n_node, 6] bool, NumPy.
+
+        They are those along and about the node's `directions`.
+        """
         fixed = self._fixed_along_axes(n_node)
         if self.chosen is not None:
             np.logical_or.at(fixed, self.chosen.array, self.held.array)
         return fixed
 
     def _fixed_along_axes(self, n_node):
-        """Return a mask of what `mask`, `nodes` and `clamps` hold along x, y, z, [n_node, 6]."""
+        """Return what `mask`, `nodes`, `clamps` hold along and about x, y, z, [n_node, 6] bool."""
         fixed = np.zeros((n_node, 6), bool)
         if self.mask is not None:
             if self.mask.shape[0] != n_node:
@@ -287,7 +290,7 @@ def restrained(
 
 
 def _orthonormal_axes(axes, count):
-    """Return directions of length 1 at right angles, [count, 3, 3], one in each row of a matrix."""
+    """Check directions, and complete them to unit vectors at right angles, [count, 3, 3]."""
     if axes is None:
         return np.tile(np.eye(3), (count, 1, 1))
     axes = checks.array_if_known(checks.as_floats(axes, "axes"))

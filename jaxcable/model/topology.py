@@ -14,18 +14,18 @@ from .supports import FixedDofs
 
 
 class GroupTopology(NamedTuple):
-    """Topology of one element group.
+    """Topology of one element group: what of it is not a number that can be traced.
 
     Attributes:
         name: key in the elements as text.
         kind: name of its class.
-        links: node numbers of its elements, `Indices`.
-        face: ends around the face of an element, a tuple, or None.
-        outline: ends through which pictures draw an element, a tuple, or None.
+        links: node numbers of its elements, `Indices` [n_elem, n_end].
+        face: positions in `links` around the face of an element, a tuple, or None.
+        outline: positions in `links` along which pictures draw an element, a tuple, or None.
         results: results of its elements, a tuple of `elements.element.Result`.
-        hinges: `Indices` of ends that turn against their nodes, or None.
-        inner_unknowns: indices of its inner numbers, and how many rows they take.
-        memory_shapes: shapes of the memory of its law, as text; that of None without memory.
+        hinges: `Indices` of ends that rotate independently of their nodes, or None.
+        inner_unknowns: indices of its inner unknowns, and how many rows of motion they take.
+        memory_shapes: shapes of the history variables of its law, as text; "None" without any.
     """
 
     name: str
@@ -40,12 +40,12 @@ class GroupTopology(NamedTuple):
 
 
 class Topology(NamedTuple):
-    """Topology of a whole structure; static metadata of a state.
+    """Topology of a whole structure, by which a `State` knows which structure it belongs to.
 
     Attributes:
         parts: one `GroupTopology` per group.
-        rigid: pairs of carrier and carried nodes, `Indices`, or None.
-        supports: freedoms that the supports of the structure itself hold, `FixedDofs`.
+        rigid: pairs of nodes of rigid links, (reference, dependent), `Indices` [n, 2], or None.
+        supports: degrees of freedom that the supports of the structure hold, `FixedDofs`.
         n_node: number of nodes.
     """
 
@@ -77,12 +77,12 @@ def topology_of(structure):
 
 
 def require_same_topology(structure, there, name):
-    """Raise ValueError unless a structure has the topology of a given state.
+    """Raise ValueError unless a structure has the topology that a state was computed with.
 
     Args:
         structure: `Structure`.
         there: `Topology` of the state, or None if it is not known.
-        name: of the argument that is the state, for the message.
+        name: name of the argument that is the state, for the message.
     """
     if there is None:
         return
@@ -119,7 +119,7 @@ def require_same_topology(structure, there, name):
 
 
 def _describe_difference(part, other):
-    """Describe in words how one group differs from that of another topology."""
+    """Return in words how one `GroupTopology` differs from another."""
     if part.kind != other.kind:
         return f"is made of {part.kind} in this structure, and of {other.kind} there"
     here, there = part.links.array, other.links.array

@@ -66,7 +66,7 @@ def test_one_number_is_for_groups_that_take_it():
         ("pretension", [False, True, True]),
     ):
         assert [
-            statements._is_left_out(group, name, structure) for group in structure.groups
+            statements._skips_single_number(group, name, structure) for group in structure.groups
         ] == expected
 
 

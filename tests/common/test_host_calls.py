@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcable.common import host_calls, jax_internals
+from jaxcable.common import host_calls, xla_calls
 
 SHAPES = jax.ShapeDtypeStruct((3,), jnp.float64), jax.ShapeDtypeStruct((), bool)
 SEEN = []
@@ -84,7 +84,7 @@ def test_an_error_of_the_function_ends_the_program_with_its_text():
 @pytest.mark.parametrize("lacks", ["pycapsule", "register_ffi_target"])
 def test_without_an_interface_of_xla_there_is_none(lacks, monkeypatch):
     monkeypatch.delattr(jax.ffi, lacks)
-    assert not jax_internals.register_host_function(f"never {lacks}", len)
+    assert not xla_calls.register_host_function(f"never {lacks}", len)
 
 
 def test_other_platforms_get_a_callback(monkeypatch):

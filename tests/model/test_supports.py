@@ -12,6 +12,7 @@ from oracles.taylor import slope
 from scipy.spatial.transform import Rotation
 
 import jaxcable as jc
+from jaxcable.analysis.preparation import prepare
 
 LAW = jc.Elastic(210e9)
 BOX = jc.Section.rectangle(0.05, 0.1, LAW)
@@ -363,6 +364,21 @@ def test_a_mast_on_a_ball_joint_spins_and_is_no_worse_for_it():
         assert np.isfinite(one).all()
         # both at residuals of 1e-10 of the forces
         assert np.abs(one - other).max() < 1e-7 * np.abs(other).max()
+
+
+def test_free_spins_of_phases_are_stacked():
+    """A mast that can spin in the first phase, but not in the second one."""
+    with pytest.warns(jc.InputWarning, match="can spin"):
+        structure, phases = mast(jc.pinned([0]))
+    anchors = jc.pinned(np.arange(3, structure.n_node))
+    held = jc.replace(phases[1], supports=anchors + jc.clamped([0]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", jc.InputWarning)
+        schedule = prepare(structure, [phases[0], held], None, None).without_indices[-1]
+    rows, piece, ends = schedule.changes["free_spins"]
+    assert piece.tolist() == [[0, 0, 0], [-1, -1, -1]]
+    assert rows.tolist() == [[0, 1, 2], [0, 0, 0]]
+    assert ends.shape == (2, 1, 2)
 
 
 def test_spins_are_found_from_the_geometry():
