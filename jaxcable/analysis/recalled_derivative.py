@@ -12,7 +12,7 @@ changes: any order and mode of derivatives works.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -55,8 +55,8 @@ def attach_recalled_derivative(
     """
     shape: Any
     values, shape = jax.tree.flatten(solution)
-    leaves, template = jax.tree.leaves(core), jax.tree.map(lambda _: 0, core)
-    settings = _Settings(template, bundles, size, len(values), len(leaves))
+    leaves, tree = jax.tree.flatten(core)
+    settings = _Settings(tree, bundles, size, len(values), len(leaves))
     arrays = [jnp.asarray(x) for x in (*values, *leaves, *points)]
     return shape.unflatten(_SOLUTION.bind(*arrays, settings=settings))
 
@@ -65,13 +65,13 @@ class _Settings(NamedTuple):
     """What the primitives are told of an analysis.
 
     Attributes:
-        template: the arguments of the compiled core, with numbers in place of arrays.
+        tree: tree of the arguments of the compiled core (`jax.tree.structure`).
         bundles: `Bundles`.
         size: number of unknowns.
         n_value, n_leaf: numbers of leaves of the solution, and of these arguments.
     """
 
-    template: PyTree[int]
+    tree: Hashable
     bundles: Bundles
     size: int
     n_value: int
@@ -79,7 +79,8 @@ class _Settings(NamedTuple):
 
     def core_and_points(self, arrays: Sequence[Array]) -> tuple[Any, ConvergedPoints]:
         """Return core and points of a list of the leaves of both."""
-        core = jax.tree.unflatten(jax.tree.structure(self.template), arrays[: self.n_leaf])
+        tree: Any = self.tree
+        core = tree.unflatten(arrays[: self.n_leaf])
         return core, ConvergedPoints(*arrays[self.n_leaf :])
 
 

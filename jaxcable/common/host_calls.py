@@ -15,8 +15,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from .xla_calls import register_host_function
 from .types import Array
+from .xla_calls import register_host_function
 
 HostFunction = Callable[..., Sequence[np.ndarray]]
 HostFunctionFamily = Callable[..., HostFunction]
