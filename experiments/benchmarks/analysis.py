@@ -180,8 +180,12 @@ def pieces(structure, solution, case, clock):
     fixed = structure.fixed(structure.supports)
     links = tuple((group.links, group.n_freedom, ()) for group in structure.groups)
     dof_map = make_dof_map(fixed, None, links, case["solver"])
-    thawed, arrays = split_indices((structure.nodes, structure.groups, solution.last.restart))
-    nodes, groups, restart = merge_indices(thawed, [jnp.asarray(array) for array in arrays])
+    without_indices, arrays = split_indices(
+        (structure.nodes, structure.groups, solution.last.restart)
+    )
+    nodes, groups, restart = merge_indices(
+        without_indices, [jnp.asarray(array) for array in arrays]
+    )
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
     assemble = jax.jit(lambda system, x: (system.residual_and_scale(x), system.tangent(x)))
     calls = [clock(assemble, system, restart.motion) for _ in range(1 + case["repeats"])]

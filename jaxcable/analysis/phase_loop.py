@@ -88,7 +88,9 @@ def _scan_phases(
         before = with_loads_until(run.restart, loads, data.number)
         sane = sound & _is_tree_finite((before, data)) & (code == status.OK)
         problem = implicit.stop_gradient_unless(sane, (nodes, groups, before, data))
-        factored = run.factored if schedule.changes is None else linear.without_factor(run.factored)
+        factored = (
+            run.factored if schedule.changes is None else linear.with_unusable_factor(run.factored)
+        )
         tell = None if teller is None else functools.partial(teller, data.number, steps[0])
         fresh = run.reached.number < 0
         given = method, code, differentiate_path, factored, run.last_output, fresh, tell, known

@@ -165,11 +165,11 @@ def prepare(
         attached=attached,
         is_consistent=None if presence is None else presence.is_consistent,
     )
-    thawed, arrays = split_indices((nodes, bundled, restart, schedule))
+    without_indices, arrays = split_indices((nodes, bundled, restart, schedule))
     warns = _can_prove_instability(bundled, restart, everything, without_amplitudes(nodal))
     count = len(dof_map.free)
     return PreparedAnalysis(
-        thawed, arrays, method, code, tuple(sets), everything, bundles, count, warns
+        without_indices, arrays, method, code, tuple(sets), everything, bundles, count, warns
     )
 
 

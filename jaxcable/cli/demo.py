@@ -21,9 +21,9 @@ def run(options: Namespace) -> None:
     """Analyse the published hypar net, print its deflections beside published ones, plot it."""
     picture = outputs.check_output_file(options.plot, outputs.PICTURES, "--plot", usual=_PICTURE)
     structure, phases = scenes.hypar_net()
-    free = hypar.identified_plan()[2]
+    free = hypar.hypar_plan()[2]
     offsets = np.linalg.norm(
-        np.asarray(structure.nodes)[free] - hypar.identified_plan()[0][free], axis=1
+        np.asarray(structure.nodes)[free] - hypar.hypar_plan()[0][free], axis=1
     )
     print("Hyperbolic paraboloid net: 31 links, 26 nodes, 12 of them free, EA 100.72 kN")
     print(

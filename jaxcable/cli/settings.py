@@ -30,7 +30,7 @@ def command_settings(quiet: bool, whole_process: bool) -> Iterator[None]:
         fusion.request_fused_loops()
         matplotlib.use("Agg")  # pictures go to files; no display is needed
     double = getattr(jax.config, _PRECISION)
-    with warnings.catch_warnings(), program_store.restore_kept_programs():
+    with warnings.catch_warnings(), program_store.preserve_program_settings():
         with warnings.catch_warnings(record=True) as refused:
             warnings.simplefilter("always", RuntimeWarning)
             program_store.keep_programs()

@@ -26,7 +26,7 @@ PREFIX = "jaxcable: "
 _FAMILIES: dict[str, Any] = {}  # by module and qualified name
 
 
-def host_function_family(make: HostFunctionFamily) -> HostFunctionFamily:
+def register_host_function_family(make: HostFunctionFamily) -> HostFunctionFamily:
     """Register a function `make` that returns a NumPy function for some words (a decorator).
 
     Compiled programs refer to the NumPy function by the module and name of `make` and these words,
@@ -41,8 +41,8 @@ def host_function_family(make: HostFunctionFamily) -> HostFunctionFamily:
         _FAMILIES[name] = functools.cache(make)
     elif known.__wrapped__.__code__ != make.__code__:  # the same one if its module is reloaded
         raise ValueError(
-            f"host_function_family: {name} is registered already, and compiled programs may call "
-            "it; give the new one another name, or restart Python"
+            f"register_host_function_family: {name} is registered already, and compiled programs "
+            "may call it; give the new one another name, or restart Python"
         )
     return _FAMILIES[name]
 
@@ -68,7 +68,7 @@ def call_without_results(words: Sequence[HostFunctionFamily | str], *arguments: 
     Under `jax.vmap` it is called once for every case.
 
     Args:
-        words: a `host_function_family`, and the words from which it makes the function.
+        words: a `register_host_function_family`, and the words from which it makes the function.
         arguments: arrays for the function.
     """
     name = _make_call_name(words)
@@ -90,8 +90,8 @@ def call_on_host(
     not change in the batch have length 1.
 
     Args:
-        words: a `host_function_family`, and the words from which it makes the function. The
-            function returns a sequence of arrays; it must not call jax.
+        words: a `register_host_function_family`, and the words from which it makes the function.
+            The function returns a sequence of arrays; it must not call jax.
         shapes: `jax.ShapeDtypeStruct` of every result.
         arguments: arrays for the function.
     """

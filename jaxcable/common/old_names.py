@@ -22,7 +22,7 @@ ELEMENT = {
     "unstressed": "unstressed_state",
     "reading": "results_by_name",
     "linearized": "forces_and_tangent",
-    "finds_both": "evaluates_both_at_once",
+    "finds_both": "evaluates_forces_with_tangent",
     "end_forces_about": "end_forces_after_step",
     "slid": "sliding_load_forces",
     "oriented": "with_fixed_axes",

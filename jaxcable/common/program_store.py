@@ -161,7 +161,7 @@ def _set_jax_cache_folder(folder):
 
 
 @contextlib.contextmanager
-def restore_kept_programs() -> Iterator[None]:
+def preserve_program_settings() -> Iterator[None]:
     """Restore, when a ``with`` block ends, the folder of kept programs and jax's cache settings.
 
     For tests and commands that call `keep_programs` in the block.

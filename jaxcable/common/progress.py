@@ -292,7 +292,7 @@ def _make_reporter(listen, kind, known, names):
     return function
 
 
-@host_calls.host_function_family
+@host_calls.register_host_function_family
 def make_printing_reporter(kind, field, number, *names):
     """Return the NumPy function that makes a report of its arguments and prints it by `SHOW`."""
     kinds = {cls.__name__: cls for cls in (Increment, Step, Trial)}

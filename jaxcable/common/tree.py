@@ -177,7 +177,7 @@ class PerElement:
     every: PyTree[Float[Array, "n_elem ..."]]
 
 
-def template_of(obj: Any) -> Any:
+def shared_or_stacked_element(obj: Any) -> Any:
     """Return one object from which to ask what the laws or sections of all elements have in common.
 
     It is `obj` itself or, for a `PerElement`, its objects stacked as one.
@@ -185,7 +185,7 @@ def template_of(obj: Any) -> Any:
     return obj.every if isinstance(obj, PerElement) else obj
 
 
-def apply_to_each(function: Callable[[Any], Any], obj: Any) -> Any:
+def map_over_elements(function: Callable[[Any], Any], obj: Any) -> Any:
     """Return ``function(obj)`` or, for a `PerElement`, a `PerElement` of every element's result."""
     return (
         PerElement(jax.vmap(function)(obj.every)) if isinstance(obj, PerElement) else function(obj)

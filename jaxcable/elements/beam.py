@@ -24,12 +24,12 @@ from ..common import checks
 from ..common.rules import Rule, nan_if_broken, not_negative, positive, refuse_if_broken
 from ..common.tree import (
     Indices,
-    apply_to_each,
     copy_with,
     index_array,
+    map_over_elements,
     pytree,
     replace,
-    template_of,
+    shared_or_stacked_element,
 )
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.rotations import cross
@@ -316,23 +316,25 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
     @property
     def has_memory(self) -> bool:  # type: ignore[override]  # read only
         """Whether a law of the section has history variables, such as plastic strains."""
-        return template_of(self.section).has_memory
+        return shared_or_stacked_element(self.section).has_memory
 
     @property
     def has_rupture(self) -> bool:  # type: ignore[override]  # read only
         """Whether a law of the section has a rupture strain."""
-        return template_of(self.section).has_rupture
+        return shared_or_stacked_element(self.section).has_rupture
 
     def initial_memory(self) -> PyTree[Float[Array, "n_elem n_point n_fibre n_memory"]] | None:
         """Return the history variables of unstrained beams, an array for each law; None without."""
         if not self.has_memory:
             return None
-        return template_of(self.section).initial_memory((len(self.links), self.points))
+        return shared_or_stacked_element(self.section).initial_memory(
+            (len(self.links), self.points)
+        )
 
     def extrapolated(self) -> Self:
         """Return the group with stress-strain curves extended beyond rupture, for an iteration."""
         return copy_with(
-            self, section=apply_to_each(lambda section: section.for_analysis(), self.section)
+            self, section=map_over_elements(lambda section: section.for_analysis(), self.section)
         )
 
     def capacity(self) -> tuple[float | Scalar, float | Scalar]:

@@ -213,7 +213,7 @@ class BeamElement(InnerUnknowns):
         """Return the tangent stiffness of one element, in the order of `forces_and_tangent`."""
         return self.forces_and_tangent(state, ends, motion)[1]
 
-    def evaluates_both_at_once(self, state: AxialState) -> bool:
+    def evaluates_forces_with_tangent(self, state: AxialState) -> bool:
         """Return True: forces and tangent are evaluated together, which compiles in less time."""
         return True
 

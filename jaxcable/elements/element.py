@@ -305,7 +305,7 @@ class Element(abc.ABC):
         at = np.concatenate([np.arange(n_end * self.n_freedom), at])
         return matrix.reshape(len(motion) * self.n_freedom, -1)[np.ix_(at, at)]
 
-    def evaluates_both_at_once(self, state: OwnState) -> bool:
+    def evaluates_forces_with_tangent(self, state: OwnState) -> bool:
         """Return whether iterations call `forces_and_tangent`, for both in one evaluation.
 
         This compiles faster, but computes tangents also at points that may be rejected.

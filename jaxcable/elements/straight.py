@@ -18,7 +18,7 @@ import jax.numpy as jnp
 
 from ..common import checks
 from ..common.rules import Rule, not_negative, positive, refuse_if_broken
-from ..common.tree import apply_to_each, copy_with, pytree, template_of
+from ..common.tree import copy_with, map_over_elements, pytree, shared_or_stacked_element
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..materials import Elastic, Parallel
 from ..materials.law import Law, require_law
@@ -148,8 +148,8 @@ class Straight(Axial, Prestressed, Uniaxial):
     def _laws(self):
         """Laws of the section or the group; only static fields hold if elements have a law each."""
         if self.section is not None:
-            return template_of(self.section).laws
-        return () if self.law is None else (template_of(self.law),)
+            return shared_or_stacked_element(self.section).laws
+        return () if self.law is None else (shared_or_stacked_element(self.law),)
 
     @property
     def has_memory(self) -> bool:  # type: ignore[override]  # read only
@@ -172,7 +172,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         """Return the history variables of unstrained elements, zeros; None without."""
         if not self.has_memory:
             return None
-        area = self.area if self.section is None else template_of(self.section).area
+        area = self.area if self.section is None else shared_or_stacked_element(self.section).area
         count = sum(law.n_memory for law in self._laws)
         return jnp.zeros((len(self.links), count), jnp.asarray(area).dtype)
 
@@ -180,17 +180,19 @@ class Straight(Axial, Prestressed, Uniaxial):
         """Return the group with stress-strain curves extended beyond rupture, for an iteration."""
         if self.section is not None:
             return copy_with(
-                self, section=apply_to_each(lambda part: part.for_analysis(), self.section)
+                self, section=map_over_elements(lambda part: part.for_analysis(), self.section)
             )
         if self.law is None:
             return self
-        return copy_with(self, law=apply_to_each(lambda part: part.extrapolated(), self.law))
+        return copy_with(self, law=map_over_elements(lambda part: part.extrapolated(), self.law))
 
     def without_softening(self) -> Self:
         """Return the group with a law that does not soften, with which an iteration begins."""
         if self.monotone or self.law is None:
             return self
-        return copy_with(self, law=apply_to_each(lambda part: part.without_softening(), self.law))
+        return copy_with(
+            self, law=map_over_elements(lambda part: part.without_softening(), self.law)
+        )
 
     def linear_axial_stiffness(self) -> Float[ArrayLike, " n_elem"] | None:
         """Return the axial stiffness EA, [n_elem], N; None if the law is not linear."""

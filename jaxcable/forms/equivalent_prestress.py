@@ -13,7 +13,7 @@ from ..elements.prestress import call_each_element
 from ..mechanics.elementwise import evaluate_elements
 from ..mechanics.restart_state import make_system
 from ..model.structure import Structure
-from ..stiffness.tangent import merge_state, split_state
+from ..stiffness.tangent import merge_solution_state, split_solution_state
 
 
 @pytree
@@ -83,7 +83,7 @@ def equivalent_prestress(structure: Structure, solution: Solution | State) -> Eq
         >>> print(solution.status, ratio)
         0 {'struts': -1.0, 'triangles': 0.57735, 'verticals': 1.0}
     """
-    without_indices, index_arrays, _ = split_state(structure, solution)
+    without_indices, index_arrays, _ = split_solution_state(structure, solution)
     per_group = _evaluate_prestress(without_indices, index_arrays)
     names = per_group[0].keys()
     values = {name: structure.arrange([group[name] for group in per_group]) for name in names}
@@ -93,7 +93,7 @@ def equivalent_prestress(structure: Structure, solution: Solution | State) -> Eq
 @jax.jit
 def _evaluate_prestress(without_indices, index_arrays):
     """Evaluate the prestress of every group: a list of dicts of [n_elem] by field; compiled."""
-    nodes, groups, restart = merge_state(without_indices, index_arrays)
+    nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, None, None, restart.nodal_load)
     return [
         _prestress_of_group(group, state, nodes, restart.motion)

@@ -19,7 +19,7 @@ from ..elements.abilities import Sagging
 from ..mechanics.elementwise import map_elements
 from ..mechanics.restart_state import make_system
 from ..model.structure import Structure
-from ..stiffness.tangent import merge_state, split_state
+from ..stiffness.tangent import merge_solution_state, split_solution_state
 
 
 def catenary_curves(
@@ -106,7 +106,7 @@ def _evaluate_catenaries(structure, solution, method, absent, *arguments):
         raise ValueError(
             "structure: has no catenaries; this function is for elements of the kind Catenaries"
         )
-    without_indices, index_arrays, _ = split_state(structure, solution)
+    without_indices, index_arrays, _ = split_solution_state(structure, solution)
     return structure.arrange(
         _evaluate_catenary_groups(
             without_indices, index_arrays, *arguments, method=method, absent=absent
@@ -117,7 +117,7 @@ def _evaluate_catenaries(structure, solution, method, absent, *arguments):
 @functools.partial(jax.jit, static_argnames=("method", "absent"))
 def _evaluate_catenary_groups(without_indices, index_arrays, *arguments, method, absent):
     """Call a method for all elements of the catenary groups; a list, None for others; compiled."""
-    nodes, groups, restart = merge_state(without_indices, index_arrays)
+    nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     states = make_system(nodes, groups, restart, None, None, restart.nodal_load).states
 
     def of_group(group, state):

@@ -25,7 +25,7 @@ from .solver import (
     selectable_solver_names,
     solver_named,
 )
-from .sparse import FactoredMatrix, SparseFactor, no_factored_matrix, without_factor
+from .sparse import FactoredMatrix, SparseFactor, no_factored_matrix, with_unusable_factor
 from .spectrum import NOT_COUNTED, inertia_and_nearest_mode, is_symmetric
 
 __all__ = [
@@ -64,7 +64,7 @@ __all__ = [
     "solve_general",
     "solve_reusing_factor",
     "solver_named",
-    "without_factor",
+    "with_unusable_factor",
 ]
 
 

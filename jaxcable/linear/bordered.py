@@ -113,7 +113,7 @@ def _solve_bordered_on_host(matrix, column, row, corner, rhs, last, loose):
     )
 
 
-@host_calls.host_function_family
+@host_calls.register_host_function_family
 def make_bordered_solver(solver, stored):
     """Return the NumPy function that solves the bordered systems of all cases of a batch.
 

@@ -28,7 +28,7 @@ def solver_and_storage_words(pattern: Pattern) -> tuple[str, str]:
     return pattern.solver.name, "symmetric" if pattern.symmetric else "general"
 
 
-@host_calls.host_function_family
+@host_calls.register_host_function_family
 def make_host_solver(solver, stored, kind):
     """Return the NumPy function that solves all sparse systems of a batch, for `call_on_host`.
 
@@ -109,7 +109,7 @@ def no_factored_matrix(pattern: Pattern | None, dtype: DTypeLike) -> FactoredMat
     return FactoredMatrix(values, jnp.zeros((), bool), jnp.int32(0), jnp.int32(0))
 
 
-def without_factor(factored: FactoredMatrix | None) -> FactoredMatrix | None:
+def with_unusable_factor(factored: FactoredMatrix | None) -> FactoredMatrix | None:
     """Return a `FactoredMatrix` with the same count whose factor is not used; None stays None."""
     return None if factored is None else copy_with(factored, usable=jnp.zeros((), bool))
 

@@ -124,7 +124,7 @@ def _spectrum_of_unsymmetric(matrix, sure):
     return number, sign * values[-1], right[-1], left[:, -1]
 
 
-@host_calls.host_function_family
+@host_calls.register_host_function_family
 def make_eigenvalue_counter():
     """Return the NumPy function that counts negative eigenvalues of dense unsymmetric matrices."""
     return _count_negative_eigenvalues
@@ -157,7 +157,7 @@ def _spectrum_on_host(matrix, loose, general, strict):
     )
 
 
-@host_calls.host_function_family
+@host_calls.register_host_function_family
 def make_spectrum_finder(stored, kind):
     """Return the NumPy function that counts negative eigenvalues and finds modes in a batch.
 

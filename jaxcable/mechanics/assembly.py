@@ -347,7 +347,7 @@ class System(Elementwise):
             stiffened = stiffened.at[self.dof_map.node_of_row].max(stiffened)
         return ~stiffened & ~jnp.all(self.dof_map.fixed, axis=-1)
 
-    def nonsmooth(self, motion: Motion) -> Bool[Array, ""]:
+    def is_at_kink(self, motion: Motion) -> Bool[Array, ""]:
         """Return whether a cable at a free node is exactly at the kink of its law, scalar bool.
 
         Cables whose law has history variables go slack at other strains and do not count.

@@ -101,7 +101,7 @@ class Elementwise:
         """
         pairs = []
         for group, state in zip(self.groups, self.states, strict=True):
-            together = group.evaluates_both_at_once(state)
+            together = group.evaluates_forces_with_tangent(state)
             name = "forces_and_tangent" if together else "end_forces"
             found = evaluate_elements(name, group, state, self.nodes, motion)
             pairs.append(found if together else (found, None))

@@ -215,7 +215,7 @@ class LoadRamp:
         begin = self.start.motion
         if self.moved is None:
             return begin
-        return space_of(self.groups).moved_by(begin, self.moved.value_at(parameter))
+        return space_of(self.groups).motion_after_row_step(begin, self.moved.value_at(parameter))
 
     def system_at(self, parameter: Float[ArrayLike, ""], memory: Memory | None = None) -> System:
         """Return the equations of the structure, `System`, at a load factor (`parameter`)."""

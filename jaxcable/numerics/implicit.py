@@ -157,7 +157,7 @@ def _factorize_tangent(problem):
     """Return the factor of the tangent stiffness of `problem`; of NaN where it is not smooth."""
     system, x, valid, *known = merge_indices(*problem)
     matrix = linear.identity_unless(system.tangent(x), valid)
-    matrix = linear.nan_unless(matrix, ~(system.nonsmooth(x) & valid))
+    matrix = linear.nan_unless(matrix, ~(system.is_at_kink(x) & valid))
     loose = system.nodes_without_stiffness(x)[system.dof_map.row_of_unknown] & valid
     return linear.factorize(matrix, loose, *known)
 

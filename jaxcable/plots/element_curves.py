@@ -19,7 +19,7 @@ from ..elements.prestress import single_element
 from ..forms import catenary_curves
 from ..model.result_parts import end_nodes, present_elements, values_per_group
 from ..model.structure import Structure
-from ..stiffness.tangent import merge_state, split_state
+from ..stiffness.tangent import merge_solution_state, split_solution_state
 from .views import View
 
 PLACES = 25
@@ -187,7 +187,7 @@ class SolutionCurves:
     @functools.cached_property
     def _split_structure(self):
         """Traced and static parts of the structure, as `_deflected_beams` takes them."""
-        return split_state(self.structure, self.solution.last)[:2]
+        return split_solution_state(self.structure, self.solution.last)[:2]
 
     def _sag_in_state(self, state):
         """Return the vectors from chords to hanging cables in a state, shaped as `Curves.sag`."""
@@ -258,14 +258,14 @@ def hermite_cubic(
 
 
 @jax.jit
-def _deflected_beams(thawed, arrays, motion):
+def _deflected_beams(without_indices, arrays, motion):
     """Return slopes, section axes and chord lengths of the beams of each group; None for others.
 
-    `thawed` and `arrays` are the parts of the structure from `split_state`, and `motion` has the
-    displacements and rotations of all nodes. Slopes are against the chord at both ends,
-    [n_elem, 2, 3], section axes in rows, [n_elem, 3, 3], lengths in m, [n_elem].
+    `without_indices` and `arrays` are the parts of the structure from `split_solution_state`, and
+    `motion` has the displacements and rotations of all nodes. Slopes are against the chord at both
+    ends, [n_elem, 2, 3], section axes in rows, [n_elem, 3, 3], lengths in m, [n_elem].
     """
-    nodes, groups, restart = merge_state(thawed, arrays)
+    nodes, groups, restart = merge_solution_state(without_indices, arrays)
     motion = motion.astype(nodes.dtype)
 
     def one(group, properties, state, ends, motion):

@@ -15,7 +15,7 @@ from ..elements.prestress import single_element
 from ..mechanics.restart_state import make_system
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
-from ..stiffness.tangent import merge_state, split_state
+from ..stiffness.tangent import merge_solution_state, split_solution_state
 from .interpolation import interpolate_recorded_forces
 
 
@@ -94,7 +94,7 @@ def section_forces(
         forces = items_per_group(structure, state.section_forces)
         at = state.positions, np.asarray(places)
         return structure.arrange(interpolate_recorded_forces(structure.groups, forces, *at))
-    without_indices, index_arrays, dof_map = split_state(structure, state)
+    without_indices, index_arrays, dof_map = split_solution_state(structure, state)
     return structure.arrange(
         _section_forces_at(without_indices, index_arrays, dof_map.without_unknowns, places)
     )
@@ -103,7 +103,7 @@ def section_forces(
 @jax.jit
 def _section_forces_at(without_indices, index_arrays, dof_map, places):
     """Compute section forces of all groups, [n_elem, n_place, 6], None if no beams; compiled."""
-    nodes, groups, restart = merge_state(without_indices, index_arrays)
+    nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
     places = places.astype(nodes.dtype)
 

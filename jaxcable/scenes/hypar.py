@@ -42,7 +42,7 @@ Source: Mihanovic, Trogrlic, Zivaljic (2011), Table 3, with its reference number
 """
 
 
-def identified_plan() -> tuple[
+def hypar_plan() -> tuple[
     Float[np.ndarray, "26 3"], Int[np.ndarray, "31 2"], Int[np.ndarray, " 12"]
 ]:
     """Return the plan of the net: nodes [26, 3], m, links [31, 2], free node numbers [12]."""
@@ -53,7 +53,7 @@ def identified_plan() -> tuple[
     return nodes, links, free
 
 
-def start_disturbance(places: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+def offsets_from_plan(places: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
     """Return the offsets from the plan at which the nodes of the net start, [n, 3], m.
 
     At the grid point (i, j), a row of `places`, they are waves of 30 mm in plan and 40 mm in
@@ -76,7 +76,7 @@ def hypar_net(disturbed: bool = True, increments: tuple[int, int] = (100, 10)) -
     Phase 2 adds 15.7 N to every free node but 17, 21 and 22.
 
     Args:
-        disturbed: whether phase 1 starts from the plan plus `start_disturbance`, or from the plan,
+        disturbed: whether phase 1 starts from the plan plus `offsets_from_plan`, or from the plan,
             which is in equilibrium already.
         increments: number of increments of the two phases; those of the paper are 100 and 10.
 
@@ -90,10 +90,10 @@ def hypar_net(disturbed: bool = True, increments: tuple[int, int] = (100, 10)) -
         >>> structure.n_node, len(structure.elements.links), [phase.increments for phase in phases]
         (26, 31, [100, 10])
     """
-    nodes, links, free = identified_plan()
+    nodes, links, free = hypar_plan()
     if disturbed:
         places = orthogonal_grid(3, 4)[0]
-        nodes[free] += start_disturbance(places[free])
+        nodes[free] += offsets_from_plan(places[free])
     loaded = [n for n, name in zip(free, NODE_NAMES, strict=True) if name not in UNLOADED]
     structure = make_anchored_net(nodes, Cables(links, axial_stiffness=100.72e3), free)
     return two_phase_scene(structure, increments, downward_loads(loaded, 15.7), jacking=200.0)

@@ -100,7 +100,7 @@ class RotatingNodes(Space):
         return jnp.concatenate([jnp.zeros_like(nodes), rotation], axis=1)
 
     @classmethod
-    def moved_by(cls, motion: Motion, step: Forces) -> Motion:
+    def motion_after_row_step(cls, motion: Motion, step: Forces) -> Motion:
         """Return the motion after a step: displaced by its translations, rotated by its spins."""
         return jax.vmap(move_node)(motion, step)
 
@@ -168,7 +168,7 @@ class RotatingNodes(Space):
 
     def move(self, x: Motion, step: Step) -> Motion:
         """Return the motion after a step of the unknowns, [n_free], from the motion `x`."""
-        return self._move_carried_nodes(self.moved_by(x, self.prolong(x, step)))
+        return self._move_carried_nodes(self.motion_after_row_step(x, self.prolong(x, step)))
 
     def _move_carried_nodes(self, x: Motion) -> Motion:
         """Return `x` with the nodes on rigid links moved as the nodes that carry them."""

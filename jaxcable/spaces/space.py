@@ -97,7 +97,7 @@ class Space(abc.ABC):
 
     @classmethod
     @abc.abstractmethod
-    def moved_by(cls, motion: Motion, step: Forces) -> Motion:
+    def motion_after_row_step(cls, motion: Motion, step: Forces) -> Motion:
         """Return the motion after a step of all nodes (translations, and spins if they rotate)."""
 
     @classmethod

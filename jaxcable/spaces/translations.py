@@ -73,7 +73,7 @@ class Translations(Space):
         return jnp.zeros_like(nodes)
 
     @classmethod
-    def moved_by(cls, motion: Motion, step: Forces) -> Motion:
+    def motion_after_row_step(cls, motion: Motion, step: Forces) -> Motion:
         """Return the motion after a step of all rows: their sum.
 
         If the motion has a low-order part, that takes up the rounding error of the sum.
@@ -115,7 +115,7 @@ class Translations(Space):
 
     def move(self, x: Motion, step: Step) -> Motion:
         """Return the motion after a step of the unknowns, [n_free], from the motion `x`."""
-        return self.moved_by(x, self.prolong(x, step))
+        return self.motion_after_row_step(x, self.prolong(x, step))
 
     def force_norm(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
         """Return the Euclidean norms of forces, N."""

@@ -21,10 +21,10 @@ from ..numerics.scaled import normalize_mode_shapes
 from .tangent import (
     compiled_tangent,
     displacement_jacobian,
-    merge_state,
+    merge_solution_state,
     require_dense_memory,
     require_symmetric_elements,
-    split_state,
+    split_solution_state,
 )
 
 _DENSE_MATRICES = 14  # dense matrices in memory at once, measured
@@ -135,7 +135,7 @@ def buckling_factor(
     """
     checks.require_whole_number(n, "n")
     require_symmetric_elements(structure, "buckling_factor")
-    without_indices, index_arrays, dof_map = split_state(structure, state, fixed)
+    without_indices, index_arrays, dof_map = split_solution_state(structure, state, fixed)
     require_dense_memory(dof_map, _DENSE_MATRICES, "buckling_factor")
     _refuse_follower_loads(without_indices[2], "state")
     catenary = any(isinstance(group, Sagging) for group in structure.groups)
@@ -160,7 +160,7 @@ def buckling_factor(
                 f"phases[:1]), got {type(reference).__name__}"
             )
         held = Indices(dof_map.fixed)
-        reference_frame, reference_arrays, reference_freedoms = split_state(
+        reference_frame, reference_arrays, reference_freedoms = split_solution_state(
             structure, reference, held
         )
         _refuse_follower_loads(reference_frame[2], "reference")
@@ -223,7 +223,7 @@ def _can_be_unstressed(structure, slack):
 @jax.jit
 def _nodal_moments_act(without_indices, index_arrays):
     """Return whether any node carries an external moment in a state; scalar bool, compiled."""
-    nodes, groups, restart = merge_state(without_indices, index_arrays)
+    nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, None, None)
     moments = system.space.moments(system.load)
     return jnp.any(jnp.zeros(()) if moments is None else moments != 0)
@@ -243,7 +243,7 @@ def _same_elements_present(first, second):
 @jax.jit
 def _slack_elements(without_indices, index_arrays):
     """Return which elements are slack in a state, a boolean array [n_elem] for each group."""
-    nodes, groups, restart = merge_state(without_indices, index_arrays)
+    nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     return make_system(nodes, groups, restart, None, None).slack(restart.motion)
 
 
@@ -264,7 +264,7 @@ def _unstressed_state_with_zero_loads(without_indices, index_arrays, slack):
 @jax.jit
 def _unstressed_state_without_loads(without_indices, index_arrays, slack):
     """Return the `RestartState` of the structure without stress and without loads; compiled."""
-    nodes, groups, restart = merge_state(without_indices, index_arrays)
+    nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     bare = initial_restart_state(nodes, groups)
     states = []
     present = [state.present for state in restart.states]

@@ -11,7 +11,12 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..model.structure import Structure
-from .tangent import compiled_tangent, displacement_jacobian, require_dense_memory, split_state
+from .tangent import (
+    compiled_tangent,
+    displacement_jacobian,
+    require_dense_memory,
+    split_solution_state,
+)
 
 _AXIS_INDEX = {"x": 0, "y": 1, "z": 2}
 # dense matrices in memory at once, measured: displacements by unknowns, tangent, scaled, factor
@@ -64,7 +69,7 @@ def flexibility(
     checks.require_known_nodes(nodes, structure.n_node, "nodes")
     if not isinstance(axes, str) or not axes or set(axes) - set(_AXIS_INDEX):
         raise ValueError(f'axes = {axes!r}: expected some of "x", "y", "z"')
-    at = split_state(structure, state, fixed)
+    at = split_solution_state(structure, state, fixed)
     require_dense_memory(at[2], _DENSE_MATRICES, "flexibility")
     moved = displacement_jacobian(*at)
     unit = moved[nodes][:, np.array([_AXIS_INDEX[a] for a in axes])].reshape(-1, moved.shape[2])

@@ -22,7 +22,7 @@ from .tangent import (
     displacement_jacobian,
     require_dense_memory,
     require_symmetric_elements,
-    split_state,
+    split_solution_state,
 )
 
 # dense matrices in memory at once, measured: displacements by unknowns, eigenvectors, work space
@@ -99,7 +99,7 @@ def modes(
             "and jax.jit"
         )
     require_symmetric_elements(structure, "modes")
-    at = split_state(structure, state, fixed)
+    at = split_solution_state(structure, state, fixed)
     require_dense_memory(at[2], _DENSE_MATRICES, "modes")
     moved = np.asarray(displacement_jacobian(*at))[: structure.n_node]
     tangent = np.asarray(compiled_tangent(*at))

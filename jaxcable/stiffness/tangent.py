@@ -63,15 +63,15 @@ def tangent_of(
         >>> print(solution.status, jnp.round(jnp.diagonal(tangent), 3))  # N/m
         0 [25800.   200. 14600.]
     """
-    at = split_state(structure, state, fixed)
+    at = split_solution_state(structure, state, fixed)
     require_dense_memory(at[2], 2, "tangent_of")
     return compiled_tangent(*at)
 
 
 @jax.jit
 def compiled_tangent(without_indices, index_arrays, dof_map):
-    """Return the tangent stiffness, [n_free, n_free], N/m, from what `split_state` returns."""
-    nodes, groups, restart = merge_state(without_indices, index_arrays)
+    """Return the tangent stiffness, [n_free, n_free], N/m, of a split state."""
+    nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
     return system.tangent(restart.motion)
 
@@ -82,14 +82,15 @@ def displacement_jacobian(
 ) -> Float[Array, "n_row 3 n_free"]:
     """Return the derivative of all displacements by the unknowns, [n_row, 3, n_free], compiled.
 
-    The arguments are what `split_state` returns. Hinged ends of beams are rows behind the nodes.
+    The arguments are what `split_solution_state` returns. Hinged ends of beams are rows behind the
+    nodes.
     """
-    nodes, groups, restart = merge_state(without_indices, index_arrays)
+    nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
     return system.displacement_jacobian(restart.motion)
 
 
-def split_state(
+def split_solution_state(
     structure: Structure,
     state: Solution | State,
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
@@ -101,7 +102,7 @@ def split_state(
 
     Returns:
         Nodes, element groups and `RestartState`, all without their integer index arrays; these
-            index arrays, which `merge_state` puts back; the numbering of the unknowns.
+            index arrays, which `merge_solution_state` puts back; the numbering of the unknowns.
     """
     state = state.last if isinstance(state, Solution) else state
     if not isinstance(state, State):
@@ -153,8 +154,8 @@ def require_dense_memory(dof_map: DofMap, count: int, what: str) -> None:
     )
 
 
-def merge_state(without_indices: _SplitModel, index_arrays: _IndexArrays) -> _SplitModel:
-    """Return nodes, element groups and `RestartState` from what `split_state` returns.
+def merge_solution_state(without_indices: _SplitModel, index_arrays: _IndexArrays) -> _SplitModel:
+    """Return nodes, element groups and `RestartState` from what `split_solution_state` returns.
 
     All floats get the float type of the nodes.
     """

@@ -25,10 +25,10 @@ from ..numerics.scaled import normalize_mode_shapes
 from .tangent import (
     compiled_tangent,
     displacement_jacobian,
-    merge_state,
+    merge_solution_state,
     require_dense_memory,
     require_symmetric_elements,
-    split_state,
+    split_solution_state,
 )
 
 # Smallest w^2, over a mean w^2, for which no shift is needed: a slower mode, such as a mechanism,
@@ -145,7 +145,7 @@ def natural_frequencies(
         masses = jnp.broadcast_to(checks.as_floats(masses, "masses"), structure.n_node)
         masses = nan_if_broken(not_negative("masses", masses))
     require_symmetric_elements(structure, "natural_frequencies")
-    without_indices, index_arrays, dof_map = split_state(structure, state, fixed)
+    without_indices, index_arrays, dof_map = split_solution_state(structure, state, fixed)
     require_dense_memory(dof_map, _DENSE_MATRICES, "natural_frequencies")
     weights = [group.weight for group in structure.groups]
     known = [checks.array_if_known(amount) for amount in (*weights, masses) if amount is not None]
@@ -180,7 +180,7 @@ def natural_frequencies(
 @functools.partial(jax.jit, static_argnames=("distribution",))
 def _mass_matrix(without_indices, index_arrays, dof_map, gravity, distribution):
     """Assemble the mass matrix of the elements' weights, [n_free, n_free], kg; compiled."""
-    nodes, groups, restart = merge_state(without_indices, index_arrays)
+    nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     system = make_system(nodes, groups, restart, restart.motion, dof_map)
     return system.mass_matrix(restart.motion, jnp.asarray(gravity, nodes.dtype), distribution)
 
@@ -190,7 +190,7 @@ def _warn_of_modes_within_spans(structure, without_indices, index_arrays, gravit
     highest = checks.array_if_known(jnp.nanmax(jnp.append(found.frequency, -jnp.inf)))
     if highest is None:
         return
-    nodes, groups, restart = merge_state(without_indices, index_arrays)
+    nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
     named = structure.named_groups()
     for number, (group, state) in enumerate(zip(groups, restart.states, strict=True)):
         where = named[number][0]

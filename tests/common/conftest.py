@@ -9,7 +9,7 @@ from jaxcable.common import jax_internals, program_store
 @pytest.fixture
 def nothing_kept():
     """At first neither this package nor jax keeps programs."""
-    with program_store.restore_kept_programs():
+    with program_store.preserve_program_settings():
         jax.config.update("jax_compilation_cache_dir", None)
         jax_internals.reset_jax_cache()
         program_store._open_place.clear()

@@ -19,7 +19,7 @@ def shifted(vector, number):
     return vector + number[..., None], number > 0
 
 
-@host_calls.host_function_family
+@host_calls.register_host_function_family
 def shifts():
     return shifted
 
@@ -54,7 +54,7 @@ def test_dtypes(dtype):
     np.testing.assert_array_equal(found, given)
 
 
-@host_calls.host_function_family
+@host_calls.register_host_function_family
 def same(what):
     assert what == "array"
     return lambda x: (x,)
@@ -66,7 +66,7 @@ def test_empty_arrays():
     assert found.shape == (0, 2)
 
 
-@host_calls.host_function_family
+@host_calls.register_host_function_family
 def fails():
     def function(_):
         raise ZeroDivisionError("of no matrix")
@@ -99,7 +99,7 @@ def test_families_are_known_by_module_and_name():
     for module in ("one", "two"):
         space = {"__name__": module, "number": 1.0 if module == "one" else 2.0}
         exec("def family_of_a_name():\n    return lambda x: (x + number,)", space)
-        made[module] = host_calls.host_function_family(space["family_of_a_name"])
+        made[module] = host_calls.register_host_function_family(space["family_of_a_name"])
     shape = [jax.ShapeDtypeStruct((), jnp.float64)]
     found = [
         float(host_calls.call_on_host([made[m]], shape, jnp.zeros(()))[0]) for m in ("one", "two")
@@ -107,11 +107,11 @@ def test_families_are_known_by_module_and_name():
     assert found == [1.0, 2.0]
     exec("def family_of_a_name():\n    return lambda x: (x + number,)", space)
     assert (
-        host_calls.host_function_family(space["family_of_a_name"]) is made["two"]
+        host_calls.register_host_function_family(space["family_of_a_name"]) is made["two"]
     )  # its module is reloaded
     exec("def family_of_a_name():\n    return lambda x: (x - number,)", space)
     with pytest.raises(ValueError, match=r"family: two.family_of_a_name is registered already"):
-        host_calls.host_function_family(space["family_of_a_name"])
+        host_calls.register_host_function_family(space["family_of_a_name"])
     for name in ("shifts", len):
         with pytest.raises(ValueError, match="expected a host function family"):
             host_calls.call_on_host([name], shape, jnp.zeros(()))
@@ -122,7 +122,7 @@ def test_families_are_known_by_module_and_name():
 HEARD = []
 
 
-@host_calls.host_function_family
+@host_calls.register_host_function_family
 def hears():
     def function(x):
         HEARD.append(x.item())

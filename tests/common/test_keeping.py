@@ -59,7 +59,7 @@ PROCESS = """
     ]
 
     # a program with a function of NumPy, in the cache of jax
-    @host_calls.host_function_family
+    @host_calls.register_host_function_family
     def double():
         return lambda x: (2 * x,)
     jax.config.update(setting, 0)
@@ -234,7 +234,7 @@ def test_a_full_disk(nothing_kept, tmp_path):
     assert product() == product(traced=False) == 6.0
 
 
-@host_calls.host_function_family
+@host_calls.register_host_function_family
 def hears():
     return lambda x: ()
 

@@ -109,9 +109,9 @@ def system(name, held=False):
 
 
 @jax.jit
-def figures(thawed, arrays, x):
+def figures(without_indices, arrays, x):
     """Residual twice, slope of the energy, tangent, Jacobian; the arrays are indices."""
-    made = merge_indices(thawed, arrays)
+    made = merge_indices(without_indices, arrays)
     residual, numbers, back = made.local_residual(x)
 
     def twice(v):

@@ -86,7 +86,7 @@ class Moving(System):
         return self.space.pad_moments((mass @ total.reshape(-1)).reshape(total.shape)) / (1 - f)
 
     def external_force(self, x, spread=None):
-        at = x if spread is None else self.space.moved_by(x, spread)
+        at = x if spread is None else self.space.motion_after_row_step(x, spread)
         ends = []
         for group, mass in zip(self.groups, self.masses, strict=True):
             placed = jax.tree.map(lambda a, links=group.links: a[links], (self.begun, at))
@@ -100,7 +100,9 @@ class Moving(System):
         def of_element(mass, begun, x):
             def force(step):
                 step = self.space.pad_moments(step)
-                resistance = self._resistance(mass, begun, self.space.moved_by(x, step))
+                resistance = self._resistance(
+                    mass, begun, self.space.motion_after_row_step(x, step)
+                )
                 return self.space.conjugate_loads(resistance, step)[:, :width]
 
             width = len(mass) // len(x)
@@ -139,8 +141,8 @@ def step_in_time(system, begun, masses, duration, damping=0.0, rho=None, method=
 
 def at_rest(structure, solution):
     """The system of a solution, and its motion."""
-    thawed, arrays, dof_map = tangent.split_state(structure, solution)
-    nodes, groups, restart = tangent.merge_state(thawed, arrays)
+    without_indices, arrays, dof_map = tangent.split_solution_state(structure, solution)
+    nodes, groups, restart = tangent.merge_solution_state(without_indices, arrays)
     return make_system(nodes, groups, restart, restart.motion, dof_map), restart.motion
 
 
@@ -154,19 +156,19 @@ def let_go(system, x, velocity, damping=0.0, distribution=None):
 
 
 @partial(jax.jit, static_argnames=("rho",))
-def _program(thawed, arrays, states, *numbers, rho):
-    system = copy_with(merge_indices(thawed, arrays), states=states)
+def _program(without_indices, arrays, states, *numbers, rho):
+    system = copy_with(merge_indices(without_indices, arrays), states=states)
     system, ended, code = step_in_time(system, *numbers, rho)
     return system.states, ended, code
 
 
 def history(system, start, duration, count, damping=0.0, rho=None):
     """A number of steps: `InMotion` at the start (of `let_go`) and after each, and statuses."""
-    (thawed, arrays), states = split_indices(copy_with(system, states=None)), system.states
+    (without_indices, arrays), states = split_indices(copy_with(system, states=None)), system.states
     (begun, masses), codes = start, []
     found = [begun]
     for _ in range(count):
-        given = thawed, arrays, states, found[-1], masses, duration, damping
+        given = without_indices, arrays, states, found[-1], masses, duration, damping
         states, ended, code = _program(*given, rho=rho)
         found.append(ended)
         codes.append(int(code))

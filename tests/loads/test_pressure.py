@@ -375,10 +375,10 @@ def test_tangent_is_the_jacobian_and_symmetric_where_there_is_a_potential(
     task = prepare(structure, jc.Phase(loads=loads), jc.Newton(linear_solver="dense"), None)
 
     @jax.jit
-    def tangents(thawed):
+    def tangents(without_indices):
         """Of all, as the Jacobian of the residual, and without the loads."""
         nodes, groups, restart, schedule = complete_input(
-            merge_indices(thawed, task.arrays), task.bundles
+            merge_indices(without_indices, task.arrays), task.bundles
         )
         system = LoadRamp.build(nodes, groups, restart, schedule.phase(0)).system_at(1.0)
         step = 0.1 * np.random.default_rng(0).normal(size=len(system.dof_map.free))

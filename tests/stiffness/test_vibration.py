@@ -348,8 +348,8 @@ def test_a_sparse_mass_matrix_is_the_dense_one():
     pressure = jc.CablePressure(10.0, (0.0, 0.0, 1.0), on="guys")
     solution = jc.solve(structure, jc.Phase(pretension={"guys": 500.0}, loads=pressure))
     assert solution.status == 0
-    thawed, arrays, _ = tangent.split_state(structure, solution)
-    nodes, groups, restart = tangent.merge_state(thawed, arrays)
+    without_indices, arrays, _ = tangent.split_solution_state(structure, solution)
+    nodes, groups, restart = tangent.merge_solution_state(without_indices, arrays)
     rows, own = structure.motion_rows()
     links = [(group.links, group.n_freedom, group.inner_unknowns) for group in own]
     bundles = Bundles.of(own)
