@@ -177,7 +177,7 @@ class PerElement:
     every: PyTree[Float[Array, "n_elem ..."]]
 
 
-def shared_or_stacked_element(obj: Any) -> Any:
+def shared_or_stacked(obj: Any) -> Any:
     """Return one object from which to ask what the laws or sections of all elements have in common.
 
     It is `obj` itself or, for a `PerElement`, its objects stacked as one.

@@ -7,7 +7,7 @@ statics of forces in this frame. `bending` has the strains along the axis: from 
 no strain. Shear flexibility and warping are not modelled.
 
 An end is joined to its node rigidly, by a hinge, or by a joint. A hinge releases all rotations; the
-end then has a further row of motion for its rotation (see `Structure.rows`). A joint releases some
+end then has a further row of motion for its rotation (see `Structure.motion_rows`). A joint releases some
 rotations, or restrains them by springs; the rotation of the end against its node is then an inner
 unknown of the element (`inner_unknowns`).
 """
@@ -29,7 +29,7 @@ from ..common.tree import (
     map_over_elements,
     pytree,
     replace,
-    shared_or_stacked_element,
+    shared_or_stacked,
 )
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.rotations import cross
@@ -316,20 +316,18 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
     @property
     def has_memory(self) -> bool:  # type: ignore[override]  # read only
         """Whether a law of the section has history variables, such as plastic strains."""
-        return shared_or_stacked_element(self.section).has_memory
+        return shared_or_stacked(self.section).has_memory
 
     @property
     def has_rupture(self) -> bool:  # type: ignore[override]  # read only
         """Whether a law of the section has a rupture strain."""
-        return shared_or_stacked_element(self.section).has_rupture
+        return shared_or_stacked(self.section).has_rupture
 
     def initial_memory(self) -> PyTree[Float[Array, "n_elem n_point n_fibre n_memory"]] | None:
         """Return the history variables of unstrained beams, an array for each law; None without."""
         if not self.has_memory:
             return None
-        return shared_or_stacked_element(self.section).initial_memory(
-            (len(self.links), self.points)
-        )
+        return shared_or_stacked(self.section).initial_memory((len(self.links), self.points))
 
     def extrapolated(self) -> Self:
         """Return the group with stress-strain curves extended beyond rupture, for an iteration."""

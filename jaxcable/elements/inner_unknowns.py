@@ -10,7 +10,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.tree import shared_or_stacked_element
+from ..common.tree import shared_or_stacked
 from ..common.types import Array, ArrayLike, Float, Int
 from ..sections import Section
 from .abilities import Bending
@@ -53,7 +53,7 @@ class InnerUnknowns(Bending):
     @property
     def _n_strain_rows(self) -> int:
         """Number of rows for strains along the axis: 0 if linear, 1 with three points, else 2."""
-        if shared_or_stacked_element(self.section).is_elastic:
+        if shared_or_stacked(self.section).is_elastic:
             return 0
         return 1 if self.points < 4 else 2
 

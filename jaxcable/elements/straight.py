@@ -18,7 +18,7 @@ import jax.numpy as jnp
 
 from ..common import checks
 from ..common.rules import Rule, not_negative, positive, refuse_if_broken
-from ..common.tree import copy_with, map_over_elements, pytree, shared_or_stacked_element
+from ..common.tree import copy_with, map_over_elements, pytree, shared_or_stacked
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..materials import Elastic, Parallel
 from ..materials.law import Law, require_law
@@ -148,8 +148,8 @@ class Straight(Axial, Prestressed, Uniaxial):
     def _laws(self):
         """Laws of the section or the group; only static fields hold if elements have a law each."""
         if self.section is not None:
-            return shared_or_stacked_element(self.section).laws
-        return () if self.law is None else (shared_or_stacked_element(self.law),)
+            return shared_or_stacked(self.section).laws
+        return () if self.law is None else (shared_or_stacked(self.law),)
 
     @property
     def has_memory(self) -> bool:  # type: ignore[override]  # read only
@@ -172,7 +172,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         """Return the history variables of unstrained elements, zeros; None without."""
         if not self.has_memory:
             return None
-        area = self.area if self.section is None else shared_or_stacked_element(self.section).area
+        area = self.area if self.section is None else shared_or_stacked(self.section).area
         count = sum(law.n_memory for law in self._laws)
         return jnp.zeros((len(self.links), count), jnp.asarray(area).dtype)
 
