@@ -7,7 +7,8 @@ the first optional:
                   in 8 phases) or "bare"; with " fused" after it, `jaxcable.fuse_loops` comes first
     load          N, down on each free node of a saddle
     kinds         of "plain" (`solve` as it is), "jitted" (a number of its results inside of
-                  `jax.jit`) and "gradient" (the same with its gradient); default "jitted"
+                  `jax.jit`), "gradient" (the same with its gradient) and "after" (that gradient
+                  outside of `jax.jit`, after a plain call that is not timed); default "jitted"
     of            what they are functions of: "nodes" (sum of squared displacements, the default) or
                   "pretension" (deflection of the middle of a saddle)
     repeats       warm calls of each kind by turns; default 0
@@ -133,12 +134,15 @@ def analyses(case):
             return solution.displacement[middle, 2], (solution.tension, solution.status)
         return jnp.sum(solution.displacement**2), solution.status
 
-    kinds = {"plain": solve, "jitted": number, "gradient": jax.value_and_grad(number, has_aux=True)}
+    both = jax.value_and_grad(number, has_aux=True)
+    kinds = {"plain": solve, "jitted": number, "gradient": both, "after": both}
     answer, functions, peaks = {}, [], []
     for kind in case["kinds"]:
         function, told = kinds[kind], {}
+        if kind == "after":
+            jax.block_until_ready(solve(start))
         begin = time.perf_counter()
-        if kind != "plain":
+        if kind in ("jitted", "gradient"):
             start = jnp.asarray(start)
             function, told = compiled(jax.jit(function), start)
         result = jax.block_until_ready(function(start))

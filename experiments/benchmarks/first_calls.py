@@ -16,8 +16,9 @@ Results    first_call.txt and .json; kept_programs_first.txt; kept_programs_many
 Every first call runs in a separate process, and the import does not count. The unit is the mean of
 measurements before and after each scene, since the speed of the machine varies. "plain" is a
 call of `solve` as it is, with all its results; "jitted" the sum of the squares of the displacements
-inside `jax.jit`, as a function of the nodes; "gradient" its value and gradient. Run: median of 15
-further calls, other nodes in each. "fused": after `jaxcable.fuse_loops`.
+inside `jax.jit`, as a function of the nodes; "gradient" its value and gradient; "after" these
+outside of `jax.jit`, where the plain analysis has been called before. Run: median of 15 further
+calls, other nodes in each. "fused": after `jaxcable.fuse_loops`.
 """
 
 import gc
@@ -31,14 +32,16 @@ import record
 
 from .measure import analysis, bare, extent
 
-KINDS = "plain", "jitted", "gradient"
+KINDS = "plain", "jitted", "gradient", "after"
 
 
 def first_call(cases, _):
     say = record.Record("first_call")
-    say("\nY: first call of the bare analysis. plain, jitted, gradient: first calls in Y. Then of")
-    say("jitted | gradient: seconds to trace, lower, compile; lines of StableHLO; a run, ms.\n")
-    say(f"{'':22}{'Y, s':>6}{'plain':>7}{'jitted':>8}{'gradient':>9}   g/j")
+    say("\nY: first call of the bare analysis. plain, jitted, gradient, after: first calls in Y.")
+    say("Then of jitted | gradient: seconds to trace, lower, compile; StableHLO lines; a run, ms.")
+    say("g/j: gradient over jitted; a/p: after over plain, two programs that share the analysis\n")
+    head = f"{'':22}{'Y, s':>6}{'plain':>7}{'jitted':>8}{'gradient':>9}{'after':>7}"
+    say(f"{head}   g/j   a/p")
     rows = {}
     for label, scene in cases.first_calls.items():
         units, found = [bare()], {}
@@ -53,11 +56,11 @@ def first_call(cases, _):
         text = "  ".join(
             " ".join(f"{s:.1f}" for s in found[kind]["stages"])
             + f" s{found[kind]['lines']:7d}{found[kind]['run']:8.2f}"
-            for kind in KINDS[1:]
+            for kind in KINDS[1:3]
         )
         say(
             f"{label:22}{unit:6.2f}{firsts[0]:7.2f}{firsts[1]:8.2f}{firsts[2]:9.2f}"
-            f"{firsts[2] / firsts[1]:6.2f}   {text}"
+            f"{firsts[3]:7.2f}{firsts[2] / firsts[1]:6.2f}{firsts[3] / firsts[0]:6.2f}   {text}"
         )
     say.close()
     record.write(record.RESULTS / "first_call.json", json.dumps(rows, indent=1) + "\n")
