@@ -159,8 +159,8 @@ def _solve_by_newton(
     ramp = implicit.stop_gradient_unless(valid, ramp)
     x = xs[-1]  # the point stays where it was when an increment fails
     if memory is None:
-        tol, worth = newton.adjoint_cg_settings(method, ramp.system_at(factor), factors.dtype)
-        earlier = () if known is not None else (factored, tol, worth)
+        tol, cg_limit = newton.adjoint_cg_settings(method, ramp.system_at(factor), factors.dtype)
+        earlier = () if known is not None else (factored, tol, cg_limit)
         point = implicit.attach_derivative_with_marks(ramp.system_at(factor), x, valid, *earlier)
         if differentiate_path:
             attach = jax.vmap(lambda f, x, ok: implicit.attach_derivative(ramp.system_at(f), x, ok))

@@ -47,7 +47,7 @@ from .solution import Solution, State
 AnalysisInput: TypeAlias = (
     "tuple[Float[Array, 'n_row 3'], list[Element], RestartState | None, Schedule]"
 )
-"""Nodes, groups, carry and schedule."""
+"""Nodes, groups, restart state and schedule."""
 
 
 class PreparedAnalysis(NamedTuple):
@@ -301,7 +301,7 @@ def traced_input_status(
     """Return whether traced numbers keep their rules (known ones that do not were refused before).
 
     Args:
-        parameters: nodes, groups, carry and schedule, as in `PreparedAnalysis`.
+        parameters: nodes, groups, restart state and schedule, as in `PreparedAnalysis`.
         others: method and settings.
 
     Returns:

@@ -49,7 +49,7 @@ class State(Results):
         phase: number of the phase that the state belongs to, from 0 in every analysis; -1 before
             the first increment.
         load_factor: load factor of that phase.
-        carry: `RestartState`, what a further phase starts from.
+        restart: `RestartState`, what a further phase starts from.
         fixed: supported freedoms before the first phase and in each phase, `FixedDofs` [n_node, 3]
             each (with beams 6, and more rows for hinged ends and inner numbers of elements).
         topology: `Topology` of the structure; a structure that starts from here must have the same.
