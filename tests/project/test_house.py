@@ -277,3 +277,38 @@ def test_names_in_backticks_exist():
         p.name: found for p, text in texts.items() if (found := [*unknown_names(text, known)])
     } == {}
     assert [*unknown_names("see `System.no_such_name`, `System`", known)] == ["System.no_such_name"]
+
+
+def members_by_class():
+    """Names of methods, fields and attributes of every class, with those of its bases."""
+    own, bases = {}, {}
+    for _, node in nodes(ast.ClassDef):
+        names = own.setdefault(node.name, set())
+        bases.setdefault(node.name, []).extend(map(named, node.bases))
+        for part in ast.walk(node):
+            if isinstance(part, ast.FunctionDef):
+                names.add(part.name)
+            elif isinstance(part, ast.AnnAssign):
+                names.add(named(part.target))
+            elif isinstance(part, ast.Assign):
+                names.update(map(named, part.targets))
+
+    def collect(name, seen=()):
+        further = [base for base in bases.get(name, ()) if base in own and base not in seen]
+        return own[name].union(*(collect(base, (*seen, name)) for base in further))
+
+    return {name: collect(name) for name in own}
+
+
+def test_members_in_backticks_exist():
+    """`Class.member` in a docstring, comment or page is a member of the class."""
+    members = members_by_class()
+    pages = {p: p.read_text() for p in (ROOT / "README.md", ROOT / "CONTRIBUTING.md")}
+    missing = {
+        f"{path.name}: {owner}.{name}"
+        for path, text in (TEXTS | pages).items()
+        for owner, name in re.findall(r"`(\w+)\.(\w+)`", text)
+        if owner in members and name not in members[owner]
+    }
+    assert missing == set()
+    assert "tangent" in members["System"] and "never" not in members["System"]
