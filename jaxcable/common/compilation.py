@@ -33,10 +33,11 @@ _DEBUG_SETTINGS = "jax_disable_jit", "jax_debug_nans", "jax_debug_infs"
 def jit_program(function, static=()):
     """Compile a function as `jax.jit` does, with a faster compiler for programs of few unknowns.
 
-    The result takes one more argument, ``size``, the number of unknowns. Where it is called inside
-    of another jax program, it becomes part of that program as with `jax.jit`, and ``size`` is
-    ignored. A call from Python looks for the program among the last `MOST_PROGRAMS` of this
-    function, then on disk (`program_store`), and compiles it only if it is in neither.
+    The result takes one more argument by keyword, ``size``, the number of unknowns; few are up to
+    `_QUICK_UNKNOWNS`. Where it is called inside of another jax program, it becomes part of that
+    program as with `jax.jit`, and ``size`` is ignored. A call from Python looks for the program
+    among the last `MOST_PROGRAMS` of this function, then on disk (`program_store`), and compiles it
+    only if it is in neither.
 
     Args:
         function: its arguments are pytrees of arrays.
@@ -128,7 +129,7 @@ _FORGET: list[Callable[[], object]] = []
 
 
 def on_forget_programs(function: Callable[[], object]) -> Callable[[], object]:
-    """Decorate a function without arguments: `forget_programs` will call it."""
+    """Register a function without arguments, which `forget_programs` will call; return it."""
     _FORGET.append(function)
     return function
 

@@ -24,7 +24,7 @@ class Axial(Element):
         """Return the axial force of one element, N."""
 
     def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Return the internal forces at both ends of one element, [2, 3], N."""
+        """Return the forces at both ends of one element, [2, 3], N, outwards in tension."""
         pull = self._axial_force_vector(state, ends, motion)
         return jnp.stack([-pull, pull])
 

@@ -87,8 +87,8 @@ class BeamElement(InnerUnknowns):
         axes, pose = self._axes_and_pose(state, ends, motion)
         return axes, pose, *self._strain_field_and_load(state, axes, pose, motion)
 
-    def _section_strains(self, field):
-        """Return e0, ky, kz of a `bending.StrainField` at the integration points, [n_point, 3]."""
+    def _strains_at_integration_points(self, field):
+        """Return section strains e0, ky, kz of a `bending.StrainField` there, [n_point, 3]."""
         places = bending.gauss_lobatto(self.points)[0]
         return bending.legendre_basis(jnp.asarray(places, field.strain.dtype)) @ field.strain
 
@@ -104,7 +104,7 @@ class BeamElement(InnerUnknowns):
         """
         if self.section.is_elastic:
             return bending.linear_section_integrals(self.section.stiffness(), field.strain)
-        strain = self._section_strains(field)
+        strain = self._strains_at_integration_points(field)
         if force_law is None:
             forces_of_fibres = self.section.forces(*split_strains(strain), state.memory)
             force = jnp.stack(forces_of_fibres, axis=-1)
@@ -119,7 +119,7 @@ class BeamElement(InnerUnknowns):
         return self._forces_from_deformation(state, motion, self._deformation(state, ends, motion))
 
     def _forces_from_deformation(self, state, motion, deformation, force_law=None):
-        """Return `_internal_forces` of a `_deformation`; `force_law`: N, My, Mz from strains."""
+        """Return `_internal_forces` at a `_deformation`; `force_law`: N, My, Mz from strains."""
         axes, pose, field, load = deformation
         length, rotations = state.rest_length, pose.rotations
         following = None
@@ -210,7 +210,7 @@ class BeamElement(InnerUnknowns):
         return self._expand_reduced_forces(force), slope
 
     def tangent(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, "12+k 12+k"]:
-        """Return the tangent stiffness of one element, in the order of `forces_and_tangent`."""
+        """Return the tangent stiffness: by both ends' translations and spins, k inner unknowns."""
         return self.forces_and_tangent(state, ends, motion)[1]
 
     def evaluates_forces_with_tangent(self, state: AxialState) -> bool:
@@ -291,7 +291,7 @@ class BeamElement(InnerUnknowns):
         known: dict[str, Any] = {
             "tension": tension,
             "peak_tension": lambda: self._peak_from_mean_tension(state, ends, motion, tension()),
-            "section_strain": lambda: self._section_strains(deformation[2]),
+            "section_strain": lambda: self._strains_at_integration_points(deformation[2]),
             "section_forces": lambda: self._deformed_section_forces(state, deformation, forces()),
             "end_forces": lambda: self._join_end_forces(*forces()),
         }
@@ -322,7 +322,7 @@ class BeamElement(InnerUnknowns):
         self, state: AxialState, ends: Ends, motion: Motion
     ) -> Float[Array, "n_point 3"]:
         """Return strain and curvatures ``e0, ky, kz`` at the integration points, [n_point, 3]."""
-        return self._section_strains(self._deformation(state, ends, motion)[2])
+        return self._strains_at_integration_points(self._deformation(state, ends, motion)[2])
 
     def section_forces(
         self,

@@ -87,13 +87,13 @@ class Catenaries(TensionOnly, Sagging, Rounding):
             squared_length_excess(state, ends, motion),
             state.line_load,
             state.rest_length,
-            self._effective_axial_stiffness,
+            self._axial_stiffness_with_spring,
         )
         return force, tau, theta, chord
 
     @property
-    def _effective_axial_stiffness(self):
-        """Axial stiffness EA in series with the spring of `compliance`, N."""
+    def _axial_stiffness_with_spring(self):
+        """Axial stiffness, N, of EA and the spring in series: ``EA / (1 + compliance EA)``."""
         return self._axial_section()[0]
 
     def has_result(self, name: str, state: AxialState) -> bool:
@@ -131,7 +131,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
             (ends[1] - ends[0]) + (motion[1] - motion[0]),
             squared_length_excess(state, ends, motion),
         )
-        span = (*shape, state.line_load, state.rest_length, self._effective_axial_stiffness)
+        span = (*shape, state.line_load, state.rest_length, self._axial_stiffness_with_spring)
         tension = hanging.tension_unknown(*span)
         at = hanging_springs.hanging_under_tension(tension, *span)
         give = at.compliance + at.sag_compliance
@@ -153,7 +153,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         chord, above = shape
         load, rest_length = state.line_load, state.rest_length
         at = hanging_springs.hanging_under_tension(
-            tension, chord, above, load, rest_length, self._effective_axial_stiffness
+            tension, chord, above, load, rest_length, self._axial_stiffness_with_spring
         )
         along, forces = (
             jnp.stack([-at.force_per_tension, at.force_per_tension]),
@@ -168,7 +168,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         if state.line_load is None:
             return super().geometric_stiffness(state, ends, motion, tension)
         block = hanging_springs.stiffness_under_tension(
-            tension, state.line_load, state.rest_length, self._effective_axial_stiffness
+            tension, state.line_load, state.rest_length, self._axial_stiffness_with_spring
         )
         return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])
 
@@ -194,7 +194,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
             chord,
             state.line_load,
             state.rest_length,
-            self._effective_axial_stiffness,
+            self._axial_stiffness_with_spring,
         )
 
     def is_slack(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
@@ -240,7 +240,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         """Return the distance of one cable from its chord at midspan, along its load, m."""
         force, _, theta, _ = self._solve_shape(state, ends, motion)
         load: Float[Array, " 3"] = state.line_load  # type: ignore[assignment]  # under a load
-        return hanging_sag.midspan_sag(force, theta, load, self._effective_axial_stiffness)
+        return hanging_sag.midspan_sag(force, theta, load, self._axial_stiffness_with_spring)
 
     def curve(
         self, state: AxialState, ends: Ends, motion: Motion, parts: Float[Array, " n"]
@@ -252,7 +252,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         force, tau, _, _ = self._solve_shape(state, ends, motion)
         load, rest_length = state.line_load, state.rest_length
         return first[None] + hanging.positions_along(
-            parts, force, tau, load, rest_length, self._effective_axial_stiffness
+            parts, force, tau, load, rest_length, self._axial_stiffness_with_spring
         )
 
     def strain_at_sag(
@@ -273,7 +273,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
             return hanging_sag.strain_at_sag(ends[1] - ends[0], load, stiffness, sag)
 
         weight = jnp.asarray(self.weight, ends.dtype) / thermal_stretch
-        stiffness = jnp.asarray(self._effective_axial_stiffness, ends.dtype)
+        stiffness = jnp.asarray(self._axial_stiffness_with_spring, ends.dtype)
         return jax.vmap(one)(ends, weight, stiffness, sag)
 
 

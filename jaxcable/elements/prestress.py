@@ -210,8 +210,13 @@ class Prestressed(Prestressable):
     ) -> Float[Array, " n_elem"]:
         """Return the strain of the initial chords that a statement of prestress requires, [n_elem].
 
-        It is for all statements by `name` but those of lengths, temperature and jacking; `stated`
-        has the values, `ends` the initial positions, m, and `chord` their distances, m.
+        Args:
+            name: "pretension", "force_density", "sag", or one whose values are strains already, as
+                those of "prestrain" are. Statements of lengths and temperature do not come here.
+            stated: its values, and the elements that it concerns.
+            state: state before the statement: its history variables, and its thermal stretch.
+            ends: initial positions of the ends, m.
+            chord: their distances, m.
         """
         if name == "pretension":
             return call_each_element("strain_at", self, stated.values, state.memory)

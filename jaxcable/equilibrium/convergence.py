@@ -67,8 +67,12 @@ def residual_tolerance(method: IterationSettings, dtype: DTypeLike) -> Float[Arr
 
 
 @pytree
-class ConvergenceCriterion:
+class AddedLoadCriterion:
     """Second criterion of convergence: the residual is small beside the load that a phase adds.
+
+    An increment must meet it in addition to the first one, the residual beside the forces
+    (`residual_tolerance`). `compare_with_load` says how small that is; `carried_residual` says when
+    the earlier residual acts as a load.
 
     Attributes:
         earlier_residual: residual that earlier increments have left, [n_free], N.
@@ -86,7 +90,7 @@ class ConvergenceCriterion:
         load_at_start: Float[Array, "n_row n_freedom"],
         factor: Float[Array, ""],
         largest_added: Float[Array, ""] | None = None,
-    ) -> ConvergenceCriterion:
+    ) -> AddedLoadCriterion:
         """Make the criterion of an increment.
 
         Args:
@@ -141,8 +145,9 @@ class ConvergenceCriterion:
             tol: relative tolerance.
 
         Returns:
-            Whether the residual is small beside the load; whether it leaves less than half of the
-            digits of the load.
+            Whether the criterion is met: the residual is at most 50 `tol` of the load (or what is
+            granted, up to 1e-3 of the load), or the load is no small one, more than 1e-2 of
+            `scale`. And whether it is not met, and leaves less than half of the digits of the load.
         """
         added, eps = jnp.maximum(self.added_load, start_residual), jnp.finfo(residual.dtype).eps
         allowed = jnp.maximum(

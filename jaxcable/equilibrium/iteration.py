@@ -15,7 +15,7 @@ from ..mechanics.assembly import System
 from ..mechanics.chords import Chords, any_chords, relative_to_first_end
 from ..mechanics.tension_responses import TensionResponses, has_load
 from ..numerics.line_search import LineSearch
-from .convergence import ConvergenceCriterion, IterationSettings, is_stagnant, residual_tolerance
+from .convergence import AddedLoadCriterion, IterationSettings, is_stagnant, residual_tolerance
 from .globalization import ASTRAY, FullStepPhase, LevenbergShift
 from .newton_state import NewtonState
 from .newton_step import max_abs, newton_direction, zero_eigenvalue_bound
@@ -42,7 +42,7 @@ class EquilibriumSearch:
         x: motion to start from.
         method: `IterationSettings`.
         judges_stability: whether to find out if the equilibrium is stable.
-        criterion: `ConvergenceCriterion` of the increment; None, as in float32: the residual is
+        criterion: `AddedLoadCriterion` of the increment; None, as in float32: the residual is
             only compared with forces.
         only_evaluates: whether to evaluate the start only.
     """
@@ -53,7 +53,7 @@ class EquilibriumSearch:
         x: Float[Array, "n_row n_motion"],
         method: IterationSettings,
         judges_stability: Bool[ArrayLike, ""],
-        criterion: ConvergenceCriterion | None = None,
+        criterion: AddedLoadCriterion | None = None,
         only_evaluates: Bool[ArrayLike, ""] = False,
     ):
         self.system, self.method = system, method

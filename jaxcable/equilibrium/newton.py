@@ -53,7 +53,7 @@ from ..mechanics.assembly import System
 from ..mechanics.element_output import ElementOutput, evaluate_output
 from ..mechanics.load_ramp import LoadRamp
 from ..spaces.translations import drop_low_part
-from .convergence import ConvergenceCriterion, IterationSettings, residual_tolerance
+from .convergence import AddedLoadCriterion, IterationSettings, residual_tolerance
 from .increment_outcome import IncrementOutcome, is_residual_at_rounding, make_outcome
 from .iteration import EquilibriumSearch
 from .newton_step import CG_LIMIT, max_abs, zero_eigenvalue_bound
@@ -283,7 +283,7 @@ def solve_increments(
         system, judges = ramp.system_at(factor, memory), method.watch | (factor == 1)
         good, at_start = code == status.OK, factor == 0
         active, only_evaluates = live & good, at_start & good
-        criterion = ConvergenceCriterion.of_increment(
+        criterion = AddedLoadCriterion.of_increment(
             system, earlier_residual, begun.load, factor, largest_added
         )
         given = method, active | only_evaluates, factored, judges, criterion, only_evaluates

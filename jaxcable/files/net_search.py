@@ -85,9 +85,10 @@ def _is_net(data: Any) -> bool:
 
 
 def _search_nets(data: Any, key_path: list[Any]) -> Iterator[tuple[list[Any], Any]]:
-    """Generate the nets in nested data, each as a pair: the keys that lead to it, and its object.
+    """Generate the nets (`_is_net`) in nested data as pairs: the keys that lead to it, its object.
 
-    `key_path` has the keys that lead to `data` itself.
+    `key_path` has the keys that lead to `data` itself. Nets inside of a net are left out, as are
+    those below `_DEEPEST` levels.
     """
     if _is_net(data):
         yield key_path, data

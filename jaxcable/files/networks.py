@@ -251,7 +251,10 @@ def _default_attributes(data, kind, short):
 
 
 def _network_edges(data, names, inside, table):
-    """Return the edges of a network, each once: a dict from pairs of node numbers to attributes."""
+    """Return the edges of a network, each once: a dict from pairs of node numbers to attributes.
+
+    `names` has the number of each node; `inside` is the place of the net in the file, for messages.
+    """
     found: dict[tuple[int, int], Any] = {}
     for i, others in _require_object(data, "edge", inside).items():
         if not isinstance(others, dict):
@@ -265,7 +268,10 @@ def _network_edges(data, names, inside, table):
 
 
 def _mesh_faces(data, names, inside):
-    """Return the faces of a mesh: a dict from the name of a face to the node numbers around it."""
+    """Return the faces of a mesh: a dict from the name of a face to the node numbers around it.
+
+    `names` has the number of each node; `inside` is the place of the mesh in the file.
+    """
     found = {}
     for name, face in _require_object(data, "face", inside).items():
         where = f"{inside}face[{name!r}]"
@@ -310,7 +316,9 @@ def _mesh_edges(data, faces, names, table):
 def _add_edge(edges, names, ends, attributes, where, table):
     """Add an edge between two named nodes to the dict `edges`, unless it is there already.
 
-    Raise FileError for an unknown node; count an edge that occurs again with other attributes.
+    `names` has the number of each node, `ends` the names of two; `where` is the place in the file.
+    An edge that occurs again with other attributes is counted in `table`, the omissions. Raise
+    FileError for an unknown node, or an edge from a node to itself.
     """
     for name in ends:
         if name not in names:

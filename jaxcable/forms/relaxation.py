@@ -206,7 +206,11 @@ class _RelaxationState:
 
 @jax.jit
 def _relax_to_equilibrium(without_indices, index_arrays, dof_map, tol, max_steps):
-    """Find the equilibrium by dynamic relaxation, a `Form` with a list item per group; compiled."""
+    """Find the equilibrium by dynamic relaxation; return a `Form` with a list item per group.
+
+    The first two arguments are `split_indices` of the nodes, groups, forces, unstressed lengths,
+    loads and start positions; the others are the `DofMap`, relative tolerance and step limit.
+    """
     parameters = merge_indices(without_indices, index_arrays)
     dtype = parameters[0].dtype
     nodes, groups, forces, rests, loads, start = lax.stop_gradient(cast_floats(parameters, dtype))

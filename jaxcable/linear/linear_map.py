@@ -43,7 +43,10 @@ def linear_map(
 
 
 def _evaluate_linear_map(x, *leaves, pair):
-    """Return the value: the first function of the pair at x and `leaves`, the arrays in `given`."""
+    """Return the value of the primitive: the first function of the `pair` at x and `leaves`.
+
+    `pair` is (function, transpose); `leaves` are the arrays in `given`, without derivatives.
+    """
     return pair[0](x, *leaves)
 
 
@@ -53,7 +56,10 @@ def _linear_map_shape(x, *leaves, pair):
 
 
 def _linear_map_jvp(primals, tangents, *, pair):
-    """Forward derivative: return the value, and the map applied to the tangent of x."""
+    """Rule for `jax.jvp`: return the value, and the map applied to the tangent of x.
+
+    `primals` are x and the `leaves`, whose tangents are ignored; `pair` is (function, transpose).
+    """
     found, change = _MAP.bind(*primals, pair=pair), tangents[0]
     if internals.is_zero_tangent(change):
         return found, internals.zero_tangent(found)
@@ -61,7 +67,10 @@ def _linear_map_jvp(primals, tangents, *, pair):
 
 
 def _linear_map_transpose(back, x, *leaves, pair):
-    """Transpose rule: return the cotangent of x, by the pair of functions in the other order."""
+    """Rule for transposition: return the cotangent of x, and None for each of the `leaves`.
+
+    It is the primitive at the cotangent `back` of the result, with the `pair` in the other order.
+    """
     nothing = [None] * len(leaves)
     if internals.is_zero_tangent(back):
         return [None, *nothing]

@@ -159,7 +159,10 @@ def multiply_by_vector(band: Float[Array, "n b+1"], x: Float[Array, " n"]) -> Fl
 
 
 def _back_substitute(factor, y):
-    """Solve ``L^T x = y`` for x, [n], with a banded factor L; y [n + b + 1] ends with zeros."""
+    """Solve ``L^T x = y`` for x, [n], with a `factor` L from `factorize_and_solve`, [n, b + 1].
+
+    `y` has b + 1 zeros after its n entries, so that the slices behind the last one exist.
+    """
     n, width = factor.shape
 
     def backward(count, x):

@@ -46,8 +46,9 @@ def area_vectors(
     """Return the area vectors of the triangles of faces with `corners` [..., 3 or 4, 3], m.
 
     Returns:
-        List of (indices of the triangle's corners, area vector [..., 3], m2). The area vectors of a
-        face add up to its own: triangles of a quadrilateral have half of theirs.
+        List of (indices of the triangle's corners, area vector [..., 3], m2), whose vectors add up
+        to the area vector of the face. A quadrilateral has four triangles, from both ways to split
+        it in two, each with half of its area vector.
     """
     parts = []
     for numbers, share in _SPLITS[corners.shape[-2]]:
@@ -57,9 +58,9 @@ def area_vectors(
 
 
 def face_areas(corners: Float[Array, "*n 3or4 3"]) -> Float[Array, "*n"]:
-    """Return the areas of faces, m2, as the sums over their triangles.
+    """Return the areas of faces, m2, with `corners` [..., 3 or 4, 3], m.
 
-    `corners` are [..., 3 or 4, 3], m.
+    The area of a quadrilateral is the mean over both ways to split it into two triangles.
     """
     return sum(scaled.safe_norm(vector) for _, vector in area_vectors(corners))  # type: ignore[return-value]  # not empty
 

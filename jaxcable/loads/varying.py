@@ -187,7 +187,10 @@ def split_amplitude(load: Load, where: str, increments: int) -> tuple[Load, Ampl
 
 
 def scale_to_peak(load: Load, amplitude: Amplitude | None) -> Load:
-    """Return a load times the largest absolute factor of its amplitude, if it can be scaled."""
+    """Return a load times the largest absolute factor of its amplitude.
+
+    It is returned unchanged without an amplitude, or if no field of it `scales` (`Load.scales`).
+    """
     if amplitude is None or not load.scales:
         return load
     return load.scaled(

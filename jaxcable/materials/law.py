@@ -93,7 +93,11 @@ class Law(abc.ABC):
         return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1)
 
     def stress_scale_at(self, strain: Numbers, memory: Memory) -> Values:
-        """Return the sum of absolute stresses of all parts, Pa: the scale of rounding errors."""
+        """Return the scale of rounding errors of the stress, Pa: the default is its absolute value.
+
+        A law whose stress is a sum of parallel parts, which can cancel each other, returns the sum
+        of their absolute values.
+        """
         return jnp.abs(self.stress_at(strain, memory))
 
     def commit_memory(

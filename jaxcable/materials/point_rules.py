@@ -40,7 +40,7 @@ def point_rules(
 
 
 def warn_if_percent(strain: Float[np.ndarray, " n"]) -> None:
-    """Warn if a strain is larger than 1, which looks like a percentage."""
+    """Warn if the magnitude of a strain is above 1: it has probably been given in percent."""
     if np.abs(strain).max() > 1:
         k = int(np.abs(strain).argmax())
         text = f"strain[{k}] = {strain[k]:.6g}: more than 1; it is a ratio, not a percentage"
@@ -50,7 +50,10 @@ def warn_if_percent(strain: Float[np.ndarray, " n"]) -> None:
 def insert_origin(
     e: Float[np.ndarray, " n"], s: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """Return strains `e` and stresses `s` of points, with the origin added if it is missing."""
+    """Return strains `e` and stresses `s` of points, with the origin added if it is missing.
+
+    Points with NaN, as in traced input, are returned as they are.
+    """
     if np.isnan(e).any() or (e == 0).any():
         return e, s
     k = int(np.searchsorted(e, 0.0))
@@ -77,8 +80,8 @@ def _stress_at_origin(e, s):
 
 
 def _misses_origin(e, s):
-    # a point at zero strain must have exactly zero stress; between two points there is rounding
     """Return whether the curve through strains e and stresses s misses the origin."""
+    # a point at zero strain must have exactly zero stress; between two points there is rounding
     stated = (e == 0).any()
     return abs(_stress_at_origin(e, s)) > _relative_tolerance(s.dtype) * abs(s).max() * ~stated
 

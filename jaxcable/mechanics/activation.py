@@ -78,12 +78,13 @@ def _attach_nodes(nodes, groups, motion, new, before, now):
     """Return the motion in which newly activated nodes have moved rigidly with active ones.
 
     Each goes with the active node to which activated elements join it, directly or from node to
-    node; of several such elements the one with the lowest index counts.
+    node; of several such elements the one with the lowest index counts. `new` has the activated
+    elements of each group; `before` and `now` are the `DofMap` of both phases.
     """
     owner = _displacement_rows(len(nodes), now)
     # held before, because nothing touched them, and now not by a support
     waiting = jnp.all(before.fixed[:, :3], axis=1) & ~jnp.all(now.fixed[:, :3], axis=1)
-    root = _root_rows(groups, new, owner, waiting[owner])
+    root = _connected_active_rows(groups, new, owner, waiting[owner])
     moved = space_of(groups).rigid_link_motion(motion[root], nodes[owner] - nodes[root])
     brought = waiting[owner] & (root != owner)
     if now.inner is not None:
@@ -98,17 +99,20 @@ def _displacement_rows(n_row, dof_map):
     return rows if dof_map.node_of_row is None else jnp.asarray(dof_map.node_of_row, rows.dtype)
 
 
-def _root_rows(groups, new, owner, waiting):
-    """Return the active row to which activated elements join every inactive row, [n_row].
+def _connected_active_rows(groups, new, owner, waiting):
+    """Find for each inactive row the active row to which a chain of activated elements joins it.
+
+    Of several active rows the one with the fewest elements between counts, of several elements that
+    with the lowest index.
 
     Args:
         groups: element groups.
         new: which elements are activated, per group [n_elem] bool.
-        owner: row with the displacement of each row, [n_row].
+        owner: row with the displacement of each row, [n_row], from `_displacement_rows`.
         waiting: which rows have been inactive and become active, [n_row] bool.
 
     Returns:
-        Row numbers; the own one where nothing joins a row to an active one.
+        Row numbers, [n_row]; those of `owner` for active rows, and where no chain leads to one.
     """
     pairs, comes = [], []
     for group, coming in zip(groups, new, strict=True):

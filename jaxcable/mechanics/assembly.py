@@ -251,8 +251,8 @@ class System(Elementwise):
     def tangent(self, x: Motion, known: PerGroup | None = None) -> Matrix:
         """Assemble the tangent stiffness, N/m: the derivative of the residual by a step from `x`.
 
-        By autodiff of the element forces. A matrix of `linear`: dense [n_free, n_free], or sparse
-        if the degrees of freedom have a pattern. `known`: as in `tangents`.
+        A matrix of `linear`: dense [n_free, n_free], or sparse if the `DofMap` has a pattern.
+        `known` has tangents that are evaluated already, one item per group: [n_elem, d, d] or None.
         """
         parts = self.parts(self.tangents(x, known), x) + self.external_stiffness_parts(x)
         return self.space.stabilize_free_spins(self._assemble_matrix(parts), x)
@@ -271,8 +271,8 @@ class System(Elementwise):
     ) -> Matrix:
         """Assemble the mass matrix of the elements, on the pattern of `tangent`, kg.
 
-        Arguments are those of `mass_matrices`. Elements whose stiffness blocks the pattern stores
-        in pairs have no such masses: the pattern must be one without pairs (ValueError).
+        Weights are divided by `gravity`, m/s2; `distribution` is that of `Element.mass_matrix`. A
+        pattern that stores stiffness blocks in pairs has no places for masses (ValueError).
         """
         pattern = self.dof_map.pattern
         if pattern is not None and any(pattern.paired):
@@ -315,7 +315,7 @@ class System(Elementwise):
         return moved.at[at].add(slopes[:, :3])[..., :-1]
 
     def _assemble_matrix(self, parts: list[MatrixPart]) -> Matrix:
-        """Assemble a matrix from `parts`, with unit rows for temporarily fixed unknowns."""
+        """Assemble a matrix from `parts`; temporarily fixed unknowns keep a diagonal entry only."""
         matrix = linear.assemble_matrix(parts, self.dof_map.free.shape[0], self.dof_map.pattern)
         bound = self.dof_map.temporarily_fixed
         return matrix if bound is None or not bound.size else linear.hold_unknowns(matrix, bound)

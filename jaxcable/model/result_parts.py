@@ -57,7 +57,10 @@ def items_per_group(structure: Structure, values: PyTree[Any] | None) -> list[An
 def present_elements(
     structure: Structure, present: PyTree[Float[Array, " n_elem"]] | None
 ) -> list[Bool[np.ndarray, " n_elem"]]:
-    """Return per group which elements are active, [n_elem] bool, from `ElementResults.present`."""
+    """Return per group which elements are active, [n_elem] bool.
+
+    `present` is `ElementResults.present`, above 0 for active elements; None: all are active.
+    """
     if present is None:
         return [np.ones(len(group.links), bool) for group in structure.groups]
     return [np.asarray(found) > 0 for found in values_per_group(structure, present)]

@@ -79,20 +79,23 @@ class TracedPath(Path):
             >>> print(path.status, f"{500 * path.failure_load:.6f} N")
             0 381.087190 N
         """
-        return _first_failure_load(self.events.kind, self.events.load_factor, self.load_factor)
+        events = self.events
+        return _load_factor_of_first_failure(events.kind, events.load_factor, self.load_factor)
 
 
 @jax.jit
-def _first_failure_load(kind, of_events, of_points):
-    """Return the load factor of the first event that is a failure; NaN if there is none.
+def _load_factor_of_first_failure(event_kinds, event_factors, path_factors):
+    """Return the load factor of the first event whose kind is one of `FAILURES`; NaN without one.
 
-    `kind` and `of_events` are kinds and load factors of events; a NaN gets its NaN derivatives from
-    `of_points`, the load factors of the path.
+    Args:
+        event_kinds: kinds of all events, [n_event].
+        event_factors: load factors of all events, [n_event].
+        path_factors: load factors of the path, [n]; they give a NaN derivatives that are NaN, too.
     """
-    fails = jnp.isin(kind, jnp.asarray(FAILURES))
-    if kind.shape[0] == 0:
-        return jnp.nan * jnp.sum(of_points)
-    first = of_events[jnp.argmax(fails)]
+    fails = jnp.isin(event_kinds, jnp.asarray(FAILURES))
+    if event_kinds.shape[0] == 0:
+        return jnp.nan * jnp.sum(path_factors)
+    first = event_factors[jnp.argmax(fails)]
     # without a failure: NaN from the path, whose derivatives are NaN, and not zero
-    nothing = jnp.where(jnp.any(fails), 0.0, jnp.nan) * of_points[0]
+    nothing = jnp.where(jnp.any(fails), 0.0, jnp.nan) * path_factors[0]
     return jnp.where(jnp.any(fails), first, 0.0) + nothing

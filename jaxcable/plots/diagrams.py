@@ -217,7 +217,7 @@ class _BeamForces:
 
     def __init__(self, parts: Sequence[GroupTopology], snapshot: Snapshot, of: str):
         self.snapshot, positions, curves = snapshot, snapshot.positions, snapshot.curves
-        forces, ends, number = forces_along_beams(parts, snapshot.end, PLACES)
+        forces, ends, number = forces_along_beams(parts, snapshot.end, PLACES)  # type: ignore[arg-type]  # not of an increment
         if not len(number):
             raise ValueError("solution: has no beams, and so no section forces")
         kept = snapshot.forces.present[number]
@@ -270,7 +270,7 @@ class _BeamForces:
 
 
 def forces_along_beams(
-    parts: Sequence[GroupTopology], end: State | PhaseResult | None, n_place: int
+    parts: Sequence[GroupTopology], end: State | PhaseResult, n_place: int
 ) -> tuple[
     Float[np.ndarray, "n_beam n_place 6"],
     Int[np.ndarray, "n_beam 2"],
@@ -280,7 +280,7 @@ def forces_along_beams(
 
     Args:
         parts: `GroupTopology` of every group of elements.
-        end: `State`, or result of a phase.
+        end: `State` or `PhaseResult` that has the section forces.
         n_place: number of places along each beam, ends included.
 
     Returns:

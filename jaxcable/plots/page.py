@@ -54,7 +54,10 @@ class PageArrays:
         self._size = 0
 
     def add(self, name: str, kind: str, values: ArrayLike) -> None:
-        """Add an array under a name, converted to the type `kind`: "f", "u" or "b"."""
+        """Add an array under a name, converted to the type `kind`.
+
+        That is "f" (float32), "u" (uint32) or "b" (uint8).
+        """
         array = np.ascontiguousarray(values, _TYPES[kind])
         block = array.tobytes()
         block += bytes(-len(block) % 4)  # the page reads numbers of four bytes in place

@@ -86,11 +86,14 @@ def axial_force_table(
 
 
 def _strength_notes(structure, used, kept, known, forces):
-    """Return the notes on utilization, a list of sentences.
+    """Return the notes on utilization, a list: how it is defined, and what it leaves out.
+
+    It leaves out buckling, if elements with a strength are compressed, and bending, if the
+    structure has beams. Without any strength a single note says so.
 
     Args:
         structure: `Structure`.
-        used: utilization of every group, [n_elem] or None.
+        used: utilization of every group, [n_elem]; None for a group without strength.
         kept: indices of the groups in the table.
         known: whether any element has a strength.
         forces: axial forces of the elements in the table, [n_state, n], N.

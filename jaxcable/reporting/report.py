@@ -211,7 +211,7 @@ def report(
     """
     require_single_case(solution)
     require_same_topology(structure, solution.last.topology, "solution")
-    phases = _check_phases(phases, solution)
+    phases = _checked_phase_list(phases, solution)
     balanced = energy is not False and energy is not None
     if balanced and phases is None:
         raise ValueError("energy: the balance needs the phases of the analysis, too: phases=...")
@@ -219,10 +219,10 @@ def report(
     labels = states.check_phase_names(solution, own_names)
     if cases is None:
         good = None
-        counted, failed = states.converged_phases(solution, names)
+        envelope, failed = states.converged_phases(solution, names)
     else:
         good, failed = states.converged_cases(cases, names)
-        counted = states.envelope_states_of_cases(good)
+        envelope = states.envelope_states_of_cases(good)
     heads = [f"phase {k}" for k in range(1, len(labels) + 1)]
     if own_names is not None:
         heads = [f"{head}, {name}" for head, name in zip(heads, labels, strict=True)]
@@ -232,7 +232,7 @@ def report(
     if buckling is not False and buckling is not None:
         reference = None if buckling is True else buckling
         summary.append(stability.buckling_sentence(structure, solution.last, reference))
-    tables = _make_tables(structure, solution, counted, good, labels)
+    tables = _make_tables(structure, solution, envelope, good, labels)
     findings = (
         exceeded_strength_sentence(tables["members"]),
         large_displacement_sentence(structure, solution),
@@ -249,8 +249,11 @@ def report(
     return Report(int(solution.status), tuple(summary), tables)
 
 
-def _check_phases(phases, solution):
-    """Return the phases of an analysis as a list, or None; refuse another number of phases."""
+def _checked_phase_list(phases, solution):
+    """Return the phases of an analysis (one, or a sequence) as a list; None if `phases` is None.
+
+    Raise ValueError for another number of phases than the solution has.
+    """
     if phases is None:
         return None
     phases = list(phases) if isinstance(phases, list | tuple) else [phases]
@@ -262,33 +265,34 @@ def _check_phases(phases, solution):
     return phases
 
 
-def _make_tables(structure, solution, counted, cases, labels):
-    """Return the tables of a report by name, without the energies.
+def _make_tables(structure, solution, envelope, cases, labels):
+    """Return the tables of a `Report` by name, a dict of `Table`, without that of the energy.
 
     Args:
         structure, solution: as for `report`.
-        counted: `EnvelopeState` of every phase or case of the envelopes, by name.
-        cases: `Solution` of every case, by name; None for envelopes over phases.
-        labels: names of all phases.
+        envelope: states of which the envelopes take extremes, `EnvelopeState` by name: the ends
+            of the converged phases, or of the converged cases.
+        cases: `Solution` of every converged case, by name; None for envelopes over phases.
+        labels: names of all phases, as in tables.
     """
     state, end = solution.last, states.last_state(solution)
     ended = cases is None and solution.status == status.OK  # the end is that of the last phase
-    every = counted if ended else {"end": end, **counted}
+    every = envelope if ended else {"end": end, **envelope}
     several = len(every) > 1
     kind = "ends of phases" if cases is None else "cases"
-    forces = axial_force_table(structure, state, counted, several)
+    forces = axial_force_table(structure, state, envelope, several)
     return {
         **group_tables(forces),
-        "reactions": reaction_table(structure, state, end.fixed, counted, several),
+        "reactions": reaction_table(structure, state, end.fixed, envelope, several),
         "equilibrium": equilibrium_table(structure, state),
         "members": forces,
-        **displacement_tables(structure, solution, counted, cases is not None),
-        **section_force_tables(structure, end, counted if several else {}, kind),
+        **displacement_tables(structure, solution, envelope, cases is not None),
+        **section_force_tables(structure, end, envelope if several else {}, kind),
         **stress_tables(structure, solution, cases, labels),
         "cutting_list": cutting_list_table(structure, solution),
         **cable_tables(structure, solution),
         **surface_tables(structure, state),
         "slack": slack_cable_table(structure, every),
         "loose": loose_node_table(structure, every),
-        **element_result_tables(structure, state, counted, several),
+        **element_result_tables(structure, state, envelope, several),
     }
