@@ -266,7 +266,7 @@ class Element(abc.ABC):
     def end_forces(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
         """Return the internal force at each end, N, [n_end, 3], or [n_end, 6] with moments, N m.
 
-        It is the derivative of `energy` by the displacement of the end: a tension gives forces that
+        Signs are those of derivatives of the energy by displacements: a tension gives forces that
         point outwards. The rows after the ends contain the forces conjugate to inner unknowns.
         """
 

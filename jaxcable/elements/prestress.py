@@ -212,7 +212,7 @@ class Prestressed(Prestressable):
 
         Args:
             name: "pretension", "force_density", "sag", or one whose values are strains already, as
-                those of "prestrain" are. Statements of lengths and temperature do not come here.
+                those of "prestrain" are; not a length, a temperature or a jack.
             stated: its values, and the elements that it concerns.
             state: state before the statement: its history variables, and its thermal stretch.
             ends: initial positions of the ends, m.

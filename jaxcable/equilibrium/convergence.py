@@ -71,8 +71,8 @@ class AddedLoadCriterion:
     """Second criterion of convergence: the residual is small beside the load that a phase adds.
 
     An increment must meet it in addition to the first one, the residual beside the forces
-    (`residual_tolerance`). `compare_with_load` says how small that is; `carried_residual` says when
-    the earlier residual acts as a load.
+    (`residual_tolerance`), unless the residual no longer falls. `compare_with_load` says how small
+    it must be, `carried_residual` when the earlier residual acts as a load.
 
     Attributes:
         earlier_residual: residual that earlier increments have left, [n_free], N.

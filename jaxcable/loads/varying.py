@@ -189,7 +189,7 @@ def split_amplitude(load: Load, where: str, increments: int) -> tuple[Load, Ampl
 def scale_to_peak(load: Load, amplitude: Amplitude | None) -> Load:
     """Return a load times the largest absolute factor of its amplitude.
 
-    It is returned unchanged without an amplitude, or if no field of it `scales` (`Load.scales`).
+    It is returned unchanged without an amplitude, or if it has no fields to scale (`Load.scales`).
     """
     if amplitude is None or not load.scales:
         return load
