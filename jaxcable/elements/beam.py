@@ -7,9 +7,9 @@ statics of forces in this frame. `bending` has the strains along the axis: from 
 no strain. Shear flexibility and warping are not modelled.
 
 An end is joined to its node rigidly, by a hinge, or by a joint. A hinge releases all rotations; the
-end then has a further row of motion for its rotation (see `Structure.motion_rows`). A joint releases some
-rotations, or restrains them by springs; the rotation of the end against its node is then an inner
-unknown of the element (`inner_unknowns`).
+end then has a further row of motion for its rotation (see `Structure.motion_rows`). A joint
+releases some rotations, or restrains them by springs; the rotation of the end against its node is
+then an inner unknown of the element (`inner_unknowns`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 An element whose section is not linear has inner unknowns for the strains along its axis
 (`bending`); one whose ends rotate against their nodes has inner unknowns for its joints. They are
-stored in rows of motion after those of the ends (`Structure.motion_rows`), at indices (row, column).
+stored in rows of motion after those of the ends (`Structure.motion_rows`), at indices (row,
+column).
 """
 
 from __future__ import annotations
