@@ -66,9 +66,10 @@ def recall_solution(without_indices, arrays, method, code, points, bundles):
 def _scan_phases(
     differentiate_path, listen, bundles, without_indices, arrays, method, code, points=None
 ):
-    """Solve the phases one after the other in one `lax.scan`; arguments are those of `analyse`.
+    """Solve the phases one after the other in one `lax.scan`: return `Solution`, `ConvergedPoints`.
 
-    With `points` they have been solved before: see `known` of `run_phase`.
+    Arguments are those of `analyse`. If `points`, the `ConvergedPoints` of an analysis, are given,
+    nothing is solved: only derivatives are wanted, and paths and logs are zeros.
     """
     parameters = merge_indices(without_indices, arrays)
     structure_ok, codes = traced_input_status(parameters, method)
@@ -154,7 +155,10 @@ def _zeros_like_result(function):
 
 
 def _loads_on_groups(parameters):
-    """Return all element loads, of `start` and the phases, on groups as the user has them."""
+    """Return a list of all element loads, of `start` and the phases, on the user's groups.
+
+    `parameters` are (nodes, groups, `RestartState` or None, `Schedule`).
+    """
     nodes, _, restart, schedule = parameters
     return cast_to_dtype_of(nodes, [*(() if restart is None else restart.loads), *schedule.loads])
 
@@ -201,7 +205,11 @@ def _nan_results_unless(ok, end, touched):
 
 
 def _progress_reporter(listen, phases):
-    """Return the function that `newton.solve_increments` calls, which tells `listen`."""
+    """Return the function that `run_phase` calls after each increment, which reports to `listen`.
+
+    It takes (phase, number of its increments, load factor, `IncrementOutcome`); `phases` is the
+    number of phases.
+    """
 
     def news(number, count, factor, outcome):
         traced = {

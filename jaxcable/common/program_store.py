@@ -299,11 +299,14 @@ def _store_program(place, key, program):
     place.write_program(key, text)
 
 
-class _PackagePickler(pickle.Pickler):
+class _PackageOnlyPickler(pickle.Pickler):
     """Pickle objects of this package and of the libraries that it uses; refuse all others."""
 
     def reducer_override(self, obj):
-        """Raise ForeignCodeError if an object is of any other package; called by pickle."""
+        """Raise ForeignCodeError if `obj`, or its type, is of no package in `_KNOWN_PACKAGES`.
+
+        Called by pickle for each object; NotImplemented makes it go on in the usual way.
+        """
         found = obj if isinstance(obj, type) or callable(obj) else type(obj)
         if (found.__module__ or "").partition(".")[0] not in _KNOWN_PACKAGES:
             raise ForeignCodeError(found)
@@ -321,7 +324,7 @@ def _program_key(words, arguments, options):
         raise ForeignCodeError(f"{module}.{name}")
     leaves, tree = jax.tree.flatten(arguments)
     described = io.BytesIO()
-    pickler = _PackagePickler(described)
+    pickler = _PackageOnlyPickler(described)
     pickler.fast = True  # equal objects are described alike, whether they are one object or two
     try:
         pickler.dump((tree.unflatten(range(len(leaves))), options))

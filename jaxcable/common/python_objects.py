@@ -142,7 +142,10 @@ def _package_version(module):
 
 
 def _parts_of_function(function, of_package):
-    """Yield bytecode digest, defaults, captured values and, for a user's function, its globals."""
+    """Yield digest of bytecode, defaults, captured values and, for a user's function, its globals.
+
+    Globals are those that its code reads; `of_package` is as in `definition_parts`.
+    """
     yield digest_of_code(function.__code__)
     yield from (function.__defaults__, tuple((function.__kwdefaults__ or {}).items()))
     for cell in function.__closure__ or ():
@@ -229,7 +232,11 @@ def _parts_of_class(cls):
 
 
 def _parts_of_package_object(value):
-    """Yield the type of an object, its plain values, the function it wraps, and functions in it."""
+    """Yield the parts of an object in the package, or of a wrapped function (as by `jax.jit`).
+
+    They are its type, the entries of a tuple, or of other containers if they are plain, attributes
+    (all of a frozen dataclass, else those that are functions), and the function that it wraps.
+    """
     kind = type(value)
     yield from (kind.__module__, kind.__qualname__)
     if isinstance(value, tuple):

@@ -50,7 +50,10 @@ def _fields_to_show(obj):
 
 
 def _fold_lines(head, parts):
-    """Return a heading and descriptions of fields as one line if they fit, else as up to five."""
+    """Return a text of a heading and descriptions of fields: one line if they fit, else up to five.
+
+    `parts` are the descriptions, a list of texts. What is longer is cut off, with " ...".
+    """
     together = f"{head}({', '.join(parts)})"
     if ":" not in head and len(together) <= _WIDTH:
         return together

@@ -90,7 +90,10 @@ class LevenbergState(NamedTuple):
 
 @pytree(static=("steps",))
 class LevenbergMarquardt:
-    """The search of `fit` (Levenberg-Marquardt method), as a function from state to state.
+    """The Levenberg-Marquardt method of `fit`: `advance` maps a `LevenbergState` to the next one.
+
+    The caller computes residuals and Jacobian at the trial point of each state, an `Evaluation`,
+    and passes them to `advance`, until the state is no longer `running`.
 
     Args:
         box: `BoxBounds` of the flat parameters.
@@ -124,9 +127,10 @@ class LevenbergMarquardt:
         )
 
     def advance(self, s: LevenbergState, found: Evaluation) -> LevenbergState:
-        """Accept or refuse the trial point, evaluated as `found`; return the next state.
+        """Accept or refuse the trial point of state `s`, and return the next state.
 
-        It has the next trial point, or `running` False and the final status.
+        `found` has residuals, Jacobian and status at the trial point. The next state has the next
+        trial point, or `running` False and the final status.
         """
         residual, jacobian, code = found.mark_nonfinite()
         sound, begun = code == status.OK, s.n_trial >= 0
@@ -188,8 +192,8 @@ class LevenbergMarquardt:
             held: parameters that do not move, [n] bool: blocked by a bound, or without influence.
             begun: whether a step has been tried.
             refused: whether the last trial point was not accepted although its analysis succeeded.
-            only_noise: whether the squared misfit changed there by no more than noise, as
-                predicted.
+            only_noise: whether the squared misfit changed there by no more than the noise of an
+                analysis, and the linear model had predicted no more than that either.
         """
         size = jnp.linalg.norm(s.jacobian, axis=0)
         whole = _solve_damped_step(s.residual, s.jacobian, size, _SINGULAR, held)

@@ -78,7 +78,9 @@ class TensionOnly(Straight, TensionElement):
         Its `motion` is the sum of columns 0 to 2 and of small numbers in columns 3 to 5, [n_end,
         6], m; the elongation has the precision of this sum if that is to be `precise`.
         """
-        elongation, places = rebasing.rebase(state.elongation, ends, motion, precise)
+        elongation, places = rebasing.elongation_and_moved_ends(
+            state.elongation, ends, motion, precise
+        )
         return copy_with(state, elongation=elongation), places, jnp.zeros_like(places)
 
     def length_slack(self, state: AxialState, tension: Scalar, shape: Scalar) -> LengthSlack:

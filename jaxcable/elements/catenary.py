@@ -270,7 +270,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
 
         def one(ends, weight, stiffness, sag):
             load = weight * jnp.array([0.0, 0.0, -1.0], ends.dtype)
-            return hanging_sag.strain_at_sag(ends[1] - ends[0], load, stiffness, sag)
+            return hanging_sag.chord_strain_at_sag(ends[1] - ends[0], load, stiffness, sag)
 
         weight = jnp.asarray(self.weight, ends.dtype) / thermal_stretch
         stiffness = jnp.asarray(self._axial_stiffness_with_spring, ends.dtype)

@@ -27,7 +27,7 @@ from .hanging_terms import cosh_minus_1, magnitude_and_direction, sinhc_minus_1
 
 
 def midspan_sag(
-    force: Float[Array, " 3"],
+    mid_length_tension: Float[Array, " 3"],
     theta: Scalar,
     load: Float[Array, " 3"],
     stiffness: Scalar,
@@ -35,14 +35,15 @@ def midspan_sag(
     """Return the distance of the cable from its chord at midspan, along the load, m.
 
     Args:
-        force, theta: tension vector at mid-length, [3], N, and parameter of the shape, the first
-            and the last result of `solve_catenary`.
+        mid_length_tension: tension vector in the middle of the unstressed length, [3], N, the first
+            result of `solve_catenary`.
+        theta: parameter of the shape, the last result of `solve_catenary`.
         load: per unstressed length, [3], N/m, not along the chord; not zero.
         stiffness: EA, N.
     """
     weight, unit = magnitude_and_direction(load)
-    along = scalar_product(force, unit)
-    across = force - along * unit
+    along = scalar_product(mid_length_tension, unit)
+    across = mid_length_tension - along * unit
     level = jnp.sqrt(scalar_product(across, across))
     size, soft = level / weight, level / stiffness
     steep = along / level  # slope in the middle of the unstressed length
@@ -65,7 +66,7 @@ def midspan_sag(
     return size * (shape + 0.25 * soft * stretch)
 
 
-def strain_at_sag(
+def chord_strain_at_sag(
     chord: Float[Array, " 3"], load: Float[Array, " 3"], stiffness: Scalar, sag: Scalar
 ) -> Scalar:
     """Solve for the strain (chord over unstressed length, minus 1) at which a cable has a sag.

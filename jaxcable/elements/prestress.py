@@ -70,9 +70,12 @@ class AxialState(ElementState):
 
 
 class Prestressed(Prestressable):
-    """Groups with an unstressed length, which the statements of phases change in their state.
+    """Base of bars, cables and beams: elements with an unstressed length that phases can change.
 
-    Their state is an `AxialState`, and they have a field `rest_length`.
+    The length is kept in their state, an `AxialState`. Statements of a phase (`STATEMENTS`, such as
+    a pretension, a shortening or a temperature) are applied to it by `apply_statements`.
+    Classes have the fields `rest_length`, `weight` and `expansion`, each of which may be None, and
+    write `strain_at`.
     """
 
     has_length = True

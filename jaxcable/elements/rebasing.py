@@ -17,22 +17,26 @@ from ..numerics import compensated
 
 
 @jax.jit  # one function in a program, however often it is called
-def rebase(
+def elongation_and_moved_ends(
     elongation: Float[Array, ""],
     ends: Float[Array, "n_end 3"],
-    motion: Float[Array, "n_end 6"],
+    motion_with_low_part: Float[Array, "n_end 6"],
     precise: Bool[Array, ""],
 ) -> tuple[Float[Array, ""], Float[Array, "n_end 3"]]:
-    """Return the elongation of a cable after a motion, m, and its ends relative to the first.
+    """Return the elongation of a cable after a motion, m, and its moved ends, [n_end, 3], m.
+
+    These are relative to the first end.
 
     Args:
         elongation: length over all `ends` before the motion minus unstressed length, m.
         ends: positions before the motion, m.
-        motion: displacements, the sum of columns 0 to 2 and of small parts in columns 3 to 5, m.
+        motion_with_low_part: displacements, the sum of columns 0 to 2 and of their low-order part,
+            small numbers in columns 3 to 5, m.
         precise: whether the elongation is needed beyond the working precision.
 
     Derivatives, of any order, are those of the same formulas in working precision.
     """
+    motion = motion_with_low_part
     chord, moved = (
         _successive_differences(ends),
         _successive_differences(motion[:, :3]) + _successive_differences(motion[:, 3:]),

@@ -141,14 +141,14 @@ class ConicEquations:
         under = responses.under_tensions(system, jnp.maximum(guess, 0.0))
         given = system, guess, under.spare_length, under.compliance
         ways = (
-            (lambda: new._interior_equations(*given)),
-            (lambda: new._finish_equations(*given, piece_length)),
+            (lambda: new._interior_step_equations(*given)),
+            (lambda: new._finishing_step_equations(*given, piece_length)),
         )
         new, pull = lax.cond(unknowns.uses_interior_point, *ways)
         unbalanced = system.external_force(x) - pieces.sum_piece_forces(system, pull)
         return copy_with(new, rhs=system.space.restrict(unbalanced, x))
 
-    def _interior_equations(self, system, tension, spare_length, compliance):
+    def _interior_step_equations(self, system, tension, spare_length, compliance):
         """Return the equations of an interior step, and the forces of pieces if nothing moves.
 
         Args:
@@ -177,11 +177,12 @@ class ConicEquations:
         )
         return copy_with(self, base_tension=base, slope=slope, **scaled._asdict()), pull
 
-    def _finish_equations(self, system, guess, spare_length, compliance, piece_length):
-        """Return the equations of a finishing step, and the forces of pieces if nothing moves.
+    def _finishing_step_equations(self, system, guess, spare_length, compliance, piece_length):
+        """Return the equations of a finishing step: Newton's, of the cables that are taut there.
 
-        `guess` are tensions that may be negative, [n], N, `piece_length` lengths, [n_piece], m;
-        other arguments and results are those of `_interior_equations`.
+        `guess` are tensions, [n], N, which may be negative; `piece_length` are present lengths of
+        pieces, [n_piece], m. Other arguments, and both results (equations, and forces of pieces if
+        nothing moves), are as in `_interior_step_equations`.
         """
         unknowns, eps = self.unknowns, jnp.finfo(spare_length.dtype).eps
         force_per_length = unknowns.interior_point.force_scale / self.length

@@ -35,7 +35,7 @@ from ..mechanics.tension_responses import (
     linearized_elongation,
     net_stiffness,
     prescribed_tensions,
-    relative_node_motion,
+    relative_motion_along_cables,
     rest_lengths,
 )
 from ..spaces.space import Motion
@@ -168,12 +168,12 @@ class LengthBoundEquations:
             length=length,
             unknowns=copy_with(unknowns, guess=guess),
         )
-        interior = mixed._interior_equations
+        interior = mixed._interior_step_equations
         return lax.cond(
             unknowns.uses_interior_point, lambda: interior(system, x, responses), lambda: mixed
         )
 
-    def _interior_equations(self, system, x, responses):
+    def _interior_step_equations(self, system, x, responses):
         """Return the equations of an interior-point step at x, made from these of a mixed step."""
         unknowns, free = self.unknowns, ~self.jacked
         first = jnp.maximum(self.load, _UNLOADED * jnp.max(responses.tension))
@@ -254,7 +254,7 @@ class LengthBoundEquations:
         after, fraction = lax.cond(
             unknowns.uses_interior_point,
             lambda: self._take_interior_step(
-                now, elongation, jnp.max(relative_node_motion(system, spread))
+                now, elongation, jnp.max(relative_motion_along_cables(system, spread))
             ),
             lambda: mixed,
         )

@@ -120,9 +120,11 @@ def _lines_and_separator(text):
 
 
 def _column_names(place, header, known, needed, aliases, table):
-    """Return our name of each column in a header, None for a column that is left out.
+    """Return our name of each column of a header, in a list; None for a column that is left out.
 
-    Unknown, missing and repeated columns raise FileError; arguments are those of `read_table`.
+    With `aliases` unknown columns are left out and added to `table`; without (None) they raise
+    FileError, as missing and repeated columns do in either case. `place` names the header in
+    messages; `header` is a list of texts; others are those of `read_table`.
     """
     words = [word.strip().lower() for word in header]
     named = aliases or {}

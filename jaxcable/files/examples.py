@@ -14,8 +14,12 @@ from typing import Any
 
 
 @functools.cache
-def load_examples() -> dict[str, Any]:
-    """Load the examples of scene files: a dict with the keys "scene", "classes" and "fields"."""
+def load_schema_examples() -> dict[str, Any]:
+    """Load the examples of scene files in the schema, a dict of objects as JSON has them.
+
+    "scene" is a whole scene; "classes" has ``{class: {label: object}}``; "fields" has
+    ``{class: {field: [value, ...]}}``.
+    """
     return json.loads((resources.files(__package__) / "examples.json").read_text("utf-8"))
 
 
@@ -24,5 +28,5 @@ def editor_snippets(names: list[str]) -> list[dict[str, Any]]:
     return [
         {"label": label, "body": example}
         for name in names
-        for label, example in load_examples()["classes"].get(name, {}).items()
+        for label, example in load_schema_examples()["classes"].get(name, {}).items()
     ]

@@ -24,7 +24,7 @@ from ..materials.law import Law
 from ..model.supports import Supports
 from ..sections import Section
 from .codec import COMMENT, EXPLICIT_CLASSES, IMPLIED_CLASSES, TYPES, has_no_default, user_fields
-from .examples import editor_snippets, load_examples
+from .examples import editor_snippets, load_schema_examples
 from .field_docs import class_summary, field_descriptions
 from .field_rules import joint_field_rules
 from .scene import FORMAT, MOST_INCREMENTS, VERSION
@@ -113,7 +113,7 @@ def scene_schema() -> dict[str, Any]:
         "title": "jaxcable scene",
         "description": "A structure of cables, bars and beams, and the phases in which it is "
         f"prestressed and loaded; SI units; nodes and elements are numbered from 0. {_BEYOND}",
-        "examples": [load_examples()["scene"]],
+        "examples": [load_schema_examples()["scene"]],
         **closed_object(
             {
                 "$schema": {"type": "string", "description": "place of this schema, for editors"},
@@ -153,7 +153,7 @@ def _class_schema(cls, defs):
     needs = [f.name for f in user_fields(cls) if has_no_default(f) or (name, f.name) in _NEEDED]
     named = cls not in (*IMPLIED_CLASSES.values(), Phase)
     kind: Schema = {"const": name, "description": f"{name}: {class_summary(cls)}"}
-    shown = list(load_examples()["classes"].get(name, {}).values())
+    shown = list(load_schema_examples()["classes"].get(name, {}).values())
     return {
         **closed_object(
             {
@@ -203,7 +203,7 @@ def _field_schema(cls, field, descriptions, bounds, defs):
     about: Schema = {"description": text}
     if isinstance(field.default, bool | int | str):
         about["default"] = field.default
-    if shown := load_examples()["fields"].get(cls.__name__, {}).get(field.name):
+    if shown := load_schema_examples()["fields"].get(cls.__name__, {}).get(field.name):
         about["examples"] = shown
     if annotation == "None" or "set by " in text:
         about["doNotSuggest"] = True

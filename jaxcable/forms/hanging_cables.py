@@ -221,7 +221,7 @@ def _solve_hanging_chain(chord, sag, weight, stiffness, n):
         return (found - wanted) / jnp.stack([level, level, sag])
 
     down = weight * jnp.array([0.0, 0.0, -1.0], chord.dtype)
-    strain = hanging_sag.strain_at_sag(chord, down, stiffness, sag)
+    strain = hanging_sag.chord_strain_at_sag(chord, down, stiffness, sag)
     length = jnp.sqrt(chord @ chord) / (1 + strain)
     excess = chord @ chord - length**2
     force, _, _ = hanging.solve_catenary(chord, excess, down, length, stiffness)

@@ -38,47 +38,51 @@ def linear_map(
     def of_leaves(function):
         return lambda x, *leaves: function(x, tree.unflatten(leaves))
 
-    pair = of_leaves(function), of_leaves(transpose)
-    return _MAP.bind(x, *map(jnp.asarray, leaves), pair=pair)
+    both = of_leaves(function), of_leaves(transpose)
+    return _MAP.bind(x, *map(jnp.asarray, leaves), map_and_transpose=both)
 
 
-def _evaluate_linear_map(x, *leaves, pair):
-    """Return the value of the primitive: the first function of the `pair` at x and `leaves`.
+# The rules of the primitive take x and `integers`, the arrays in `given` one by one; and the pair
+# of functions `map_and_transpose`, both called as ``f(x, *integers)``.
 
-    `pair` is (function, transpose); `leaves` are the arrays in `given`, without derivatives.
+
+def _evaluate_linear_map(x, *integers, map_and_transpose):
+    """Return the value of the map at x."""
+    return map_and_transpose[0](x, *integers)
+
+
+def _linear_map_shape(x, *integers, map_and_transpose):
+    """Return shape and dtype of the value of the map at x, for tracing."""
+    return internals.abstract_array(jax.eval_shape(map_and_transpose[0], x, *integers))
+
+
+def _linear_map_jvp(primals, tangents, *, map_and_transpose):
+    """Forward derivative: return the value, and the map applied to the tangent of x.
+
+    `primals` and `tangents` are those of x, then of the integers, whose tangents are ignored.
     """
-    return pair[0](x, *leaves)
-
-
-def _linear_map_shape(x, *leaves, pair):
-    """Return shape and dtype of the result, for tracing."""
-    return internals.abstract_array(jax.eval_shape(pair[0], x, *leaves))
-
-
-def _linear_map_jvp(primals, tangents, *, pair):
-    """Rule for `jax.jvp`: return the value, and the map applied to the tangent of x.
-
-    `primals` are x and the `leaves`, whose tangents are ignored; `pair` is (function, transpose).
-    """
-    found, change = _MAP.bind(*primals, pair=pair), tangents[0]
+    found, change = _MAP.bind(*primals, map_and_transpose=map_and_transpose), tangents[0]
     if internals.is_zero_tangent(change):
         return found, internals.zero_tangent(found)
-    return found, _MAP.bind(change, *primals[1:], pair=pair)
+    return found, _MAP.bind(change, *primals[1:], map_and_transpose=map_and_transpose)
 
 
-def _linear_map_transpose(back, x, *leaves, pair):
-    """Rule for transposition: return the cotangent of x, and None for each of the `leaves`.
+def _linear_map_transpose(back, x, *integers, map_and_transpose):
+    """Transpose rule: return the cotangent of x for that of the value, `back`, and None for others.
 
-    It is the primitive at the cotangent `back` of the result, with the `pair` in the other order.
+    It is the transpose applied to `back`: the primitive with its two functions exchanged.
     """
-    nothing = [None] * len(leaves)
+    nothing = [None] * len(integers)
     if internals.is_zero_tangent(back):
         return [None, *nothing]
-    return [_MAP.bind(back, *leaves, pair=pair[::-1]), *nothing]
+    return [_MAP.bind(back, *integers, map_and_transpose=map_and_transpose[::-1]), *nothing]
 
 
-def _linear_map_batch_rule(arguments, axes, *, pair):
-    """Rule for `jax.vmap`: apply the primitive to a batch, with both functions mapped over it."""
+def _linear_map_batch_rule(arguments, axes, *, map_and_transpose):
+    """Rule for `jax.vmap`: return the values of a batch, and their batch axis, which is 0.
+
+    `arguments` are x and the integers, `axes` the batch axis of each, or None.
+    """
     moved = [
         x if axis is None else jnp.moveaxis(x, axis, 0)
         for x, axis in zip(arguments, axes, strict=True)
@@ -87,7 +91,8 @@ def _linear_map_batch_rule(arguments, axes, *, pair):
     size = next(len(x) for x, axis in zip(moved, over, strict=True) if axis == 0)
     if over[0] is None:
         moved[0], over[0] = jnp.broadcast_to(moved[0], (size, *moved[0].shape)), 0
-    return _MAP.bind(*moved, pair=tuple(jax.vmap(each, over) for each in pair)), 0
+    both = tuple(jax.vmap(each, over) for each in map_and_transpose)
+    return _MAP.bind(*moved, map_and_transpose=both), 0
 
 
 _MAP = internals.define_primitive(

@@ -132,7 +132,7 @@ def factorize_and_solve(
 
 
 def solve_with_factor(factor: Float[Array, "n b+1"], rhs: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return the solution, [n], for a right side with a factor of `factorize_and_solve`."""
+    """Return the solution, [n], for a right side [n], with a factor of `factorize_and_solve`."""
     n, width = factor.shape
     rhs = jnp.pad(rhs, (0, 2 * width))
 
@@ -159,9 +159,10 @@ def multiply_by_vector(band: Float[Array, "n b+1"], x: Float[Array, " n"]) -> Fl
 
 
 def _back_substitute(factor, y):
-    """Solve ``L^T x = y`` for x, [n], with a `factor` L from `factorize_and_solve`, [n, b + 1].
+    """Solve ``L^T x = y`` for x, [n], with the Cholesky factor L of a matrix of bandwidth b.
 
-    `y` has b + 1 zeros after its n entries, so that the slices behind the last one exist.
+    `factor` is its lower band, ``factor[k, i] = L[k + i, k]``, [n, b + 1]; `y` has b + 1 zeros
+    after its n numbers.
     """
     n, width = factor.shape
 

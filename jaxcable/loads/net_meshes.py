@@ -184,7 +184,7 @@ def _require_planar(plan, edges, rings, nothing):
 
 
 def _remove_spurs(ring):
-    """Return a ring of nodes without dead ends (links that the ring passes to and fro)."""
+    """Return the node numbers of a ring without dead ends: links that it passes to and fro."""
     k = 0
     while k < len(ring) and len(ring) > 3:
         if ring[k - 1] == ring[(k + 1) % len(ring)]:
@@ -210,7 +210,11 @@ def _is_convex_ring(places):
 
 
 def _triangulate(plan, ring):
-    """Split a ring of nodes, convex or not, into triangles (ear clipping), a list of nodes."""
+    """Split an anticlockwise ring of nodes, convex or not, into triangles by ear clipping.
+
+    Returns a list of faces [a, b, c, c] of node numbers, as those of `net_faces`. `plan` has the
+    positions of all nodes, [n_node, 2]. Raises ValueError for a ring that crosses itself.
+    """
     ring, faces = list(ring), []
     while len(ring) > 3:
         turns = _signed_corner_areas(plan[ring])
@@ -237,7 +241,11 @@ def _signed_areas(a, b, places):
 
 
 def _find_border_lines(plan, edges, outsides):
-    """Return pairs of nodes, lines between free ends; `outsides` are rings around the parts."""
+    """Return the lines that close the border between free ends: a set of sorted pairs of nodes.
+
+    Links among these lines are left out. `edges` is the set of links; `outsides` has the ring
+    around each connected part, clockwise; `plan` the positions of all nodes, [n_node, 2].
+    """
     count = np.bincount(np.array(sorted(edges)).ravel(), minlength=len(plan))
     open_ = [ring for ring in outsides if (count[ring] == 1).sum() > 1]
     if len(open_) > 1:
@@ -260,7 +268,7 @@ def _find_border_lines(plan, edges, outsides):
 
 
 def _successive_pairs(way):
-    """Return the set of pairs (sorted) of successive nodes of a path."""
+    """Return the set of sorted pairs of successive nodes of a path, a list of node numbers."""
     return {tuple(sorted(pair)) for pair in itertools.pairwise(way)}
 
 
@@ -285,7 +293,11 @@ def _is_single_cable(places):
 
 
 def _hull_of_way(plan, way):
-    """Return nodes of the convex hull of a path, clockwise from its first to its last node."""
+    """Return the nodes on the convex hull of a path, clockwise from its first to its last node.
+
+    If one of these is not on the hull, only these two are returned. `plan` has the positions of all
+    nodes, [n_node, 2].
+    """
     hull = _convex_hull(plan, sorted(set(way)))[:-1]
     if way[0] not in hull or way[-1] not in hull:
         return [way[0], way[-1]]
@@ -318,7 +330,10 @@ def _convex_hull(plan, nodes):
 
 
 def _require_uncrossed_lines(plan, lines, edges):
-    """Raise ValueError if a line between free ends crosses a link or another such line."""
+    """Raise ValueError if a line between free ends crosses a link or another such line.
+
+    `lines` and `edges` are sets of sorted pairs of nodes, `plan` has positions, [n_node, 2].
+    """
     links = np.array(sorted(edges | lines))
 
     tiny = 1e-9 * np.ptp(plan[links.ravel()], axis=0).max() ** 2
@@ -338,9 +353,10 @@ def _require_uncrossed_lines(plan, lines, edges):
 
 
 def _warn_of_open_border(plan, lines, closed, rings, nothing):
-    """Warn if lines between free ends add faces, which lie outside of all links.
+    """Warn if `lines` between free ends add faces, which lie outside of all links.
 
-    `closed` are the rings of the links alone, `rings` those with the lines.
+    `closed` are the rings of the links alone, `rings` those with the lines; `nothing` is the area,
+    m2, up to which a ring is a line.
     """
     before, after = (
         sum(area for ring in found if (area := signed_area(plan[ring])) > nothing)

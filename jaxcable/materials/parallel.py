@@ -122,14 +122,14 @@ class Parallel(Law):
     # --- the laws at their own strain: that of the whole less that of the spring
 
     def _sum_over_laws(self, name, strain, memory):
-        """Return the sum of a method (by name) of the laws at one strain, weighted by shares."""
+        """Return the sum over laws of share times a method, by name, at their common strain."""
         return sum(
             share * getattr(law, name)(strain, remembered)
             for share, law, remembered in self.laws_with_memory(memory)
         )
 
     def _are_all_laws_slack(self, law_strain, memory):
-        """Return whether every law is slack at the strain of the laws."""
+        """Return whether every law is slack at their common strain, without that of the spring."""
         slack = [
             law.is_slack(law_strain, remembered)
             for _, law, remembered in self.laws_with_memory(memory)
@@ -176,14 +176,21 @@ class Parallel(Law):
         return e0 + (strain - v0) * (e1 - e0) / (v1 - v0)
 
     def _is_cable_slack(self, law_strain, memory):
-        """Return whether a cable of these laws is slack at `law_strain`, the strain of the laws."""
+        """Return whether a cable is slack: the laws add to a compression, or all of them are slack.
+
+        `law_strain` is the common strain of the laws, without that of the spring in series;
+        `memory` has the history variables of all laws, or is None.
+        """
         if memory is None:
             return law_strain < 0
         slack = self._are_all_laws_slack(law_strain, memory)
         return (self._extrapolated_without_spring().stress_at(law_strain, memory) < 0) | slack
 
     def _slackening_strain(self, like, memory):
-        """Return the strain of the laws at which a cable goes slack, in the shape of `like`."""
+        """Return the strain of the laws at which a cable goes slack, in the shape of `like`.
+
+        `memory` has the history variables of all laws; with None it is zero.
+        """
         if memory is None:
             return jnp.zeros_like(like)
         return invert_curve(self._extrapolated_without_spring(), jnp.zeros_like(like), memory)

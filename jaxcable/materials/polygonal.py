@@ -264,7 +264,7 @@ class Polygonal(Law):
     # --- its parts
 
     def _split_at_ends(self, strain):
-        """Split strains into that within the ends of the curve, and the excess beyond them."""
+        """Return strains limited to the ends of the curve, and the excess beyond these ends."""
         low, high = self.strain_limits
         inside = jnp.where(strain > high, high, jnp.where(strain < low, low, strain))
         return inside, jnp.where(self.is_ruptured(strain), strain - inside, 0.0)
@@ -278,9 +278,11 @@ class Polygonal(Law):
         return initial * strain + jnp.sum(changes * (forward - backward), axis=-1)
 
     def _slope_changes_and_excess_strains(self, strain):
-        """Return initial slope, changes of slope at the corners, and strains beyond the corners.
+        """Return four arrays: initial slope, changes of slope, strains beyond the corners (two).
 
-        The latter are two arrays, for corners in tension and in compression; zero before a corner.
+        The slope is that of the side on which `strain` is, Pa. The others have an entry for each
+        corner on the last axis. Strains beyond corners in tension are positive, those beyond
+        corners in compression, the last array, are negative; zero where a corner is not reached.
         """
         slopes, e = self._segment_slopes, strain[..., None]
         corners = broadcast_on_last_axis(self.strain[1:-1], e)
@@ -293,10 +295,11 @@ class Polygonal(Law):
         return initial, broadcast_on_last_axis(jnp.diff(slopes), e), forward, backward
 
     def _parallel_parts(self):
-        """Return stiffness, yield strain in tension, and in compression of elastoplastic parts.
+        """Return stiffness, Pa, yield strain in tension, and that in compression, of each part.
 
-        In parallel they make the curve (Besseling). Parts are numbered from the origin outwards; on
-        a side with fewer corners the last parts never yield.
+        Elastoplastic parts in parallel make the curve (Besseling). The arrays are [n_memory], not
+        negative, in the order of corners from the origin outwards; on a side with fewer corners
+        the last parts never yield (inf).
         """
         corners, changes = self.strain[1:-1], jnp.diff(self._segment_slopes)
         n, rank = len(corners), jnp.arange(self.n_memory)
@@ -314,7 +317,11 @@ class Polygonal(Law):
         return stiffness, take(corners, pulled, jnp.inf), push
 
     def _part_strains_after_yielding(self, strain, memory):
-        """Return part stiffness, last slope, and strains of parts before and after yielding."""
+        """Return part stiffness and last slope, Pa, and strains of parts before and after yielding.
+
+        All but the last slope have an entry for each elastoplastic part on the last axis; `memory`
+        has the plastic strains of the parts.
+        """
         stiffness, pull, push = (broadcast_on_last_axis(v, memory) for v in self._parallel_parts())
         elastic = strain[..., None] - memory
         # at a corner the plastic branch counts, that of loading

@@ -258,7 +258,7 @@ class System(Elementwise):
         return self.space.stabilize_free_spins(self._assemble_matrix(parts), x)
 
     def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[MatrixPart]:
-        """Transform element matrices [n_elem, d, d] to unknowns, for `linear.assemble_matrix`."""
+        """Return element matrices, [n_elem, d, d] per group, in terms of unknowns, as parts."""
         return [
             self.space.transform_to_unknowns(
                 blocks, group.links, group.n_freedom, group.inner_unknowns, x
@@ -285,9 +285,9 @@ class System(Elementwise):
         )
 
     def external_stiffness_parts(self, x: Motion) -> list[MatrixPart]:
-        """Return minus the derivative of loads by a step, in the form of `parts` (load stiffness).
+        """Return minus the derivative of the loads by a step (load stiffness), in `MatrixPart`s.
 
-        A sparse pattern needs places for them, after those of the elements (`make_dof_map`).
+        A sparse pattern needs places for them: give `make_dof_map` their `links` after the groups'.
         """
         arguments = self.groups, self.states, self.nodes, self.nodes + x[:, :3]
         following = [

@@ -42,7 +42,7 @@ class Bundles(NamedTuple):
         """Find which element groups differ in numbers only, and put them into one bundle."""
         found = {}
         for number, group in enumerate(groups):
-            found.setdefault(_bundle_key(number, group), []).append(number)
+            found.setdefault(_key_of_joinable_groups(group, number), []).append(number)
         members = tuple(tuple(numbers) for numbers in found.values())
         return cls(members, tuple(len(group.links) for group in groups))
 
@@ -119,7 +119,7 @@ class Bundles(NamedTuple):
     def join_statements(
         self, per_group: list[dict[str, StatedValues]]
     ) -> list[dict[str, StatedValues]]:
-        """Join what a phase states of groups (dicts of `StatedValues` by name) to bundles."""
+        """Join what a phase states of groups, `StatedValues` by name for each, to bundles."""
         found = []
         for numbers in self.group_indices:
             names = dict.fromkeys(name for k in numbers for name in per_group[k])
@@ -144,8 +144,12 @@ class Bundles(NamedTuple):
         return StatedValues(concatenate(values), np.concatenate(chosen))
 
 
-def _bundle_key(number, group):
-    """Return a hashable key of the group with index `number`: groups with equal keys are joined."""
+def _key_of_joinable_groups(group, index):
+    """Return a hashable key of a group, which is equal for groups that are joined to one bundle.
+
+    It has all but numbers: class, static fields, shapes, which fields are None. The `index` of the
+    group is part of it if the group has arrays of indices besides its links.
+    """
     key = [type(group)]
     for field in dataclasses.fields(group):
         value = getattr(group, field.name)
@@ -157,7 +161,7 @@ def _bundle_key(number, group):
             key.append(value)
         elif field.name in group._index_fields:
             # the index of the group makes its key unique: groups with such an array are not bundled
-            key.append(None if value is None else number)
+            key.append(None if value is None else index)
         elif isinstance(value, Section):
             key.append(padding.padding_key(value))
         else:
@@ -167,7 +171,7 @@ def _bundle_key(number, group):
 
 
 def _join_groups(groups):
-    """Return one group with the elements of several groups of equal `_bundle_key`."""
+    """Return one group with the elements of several groups of equal `_key_of_joinable_groups`."""
     first = groups[0]
     if len(groups) == 1:
         return first

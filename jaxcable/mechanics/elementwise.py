@@ -20,7 +20,7 @@ from ..spaces.translations import has_low_part
 PerGroup: TypeAlias = 'list[Float[Array, "n_elem ..."] | None]'
 """An array for every group; None for a group that has none."""
 Memory: TypeAlias = 'list[PyTree[Float[Array, "n_elem ..."]] | None]'
-"""History variables of every group; None for a group without."""
+"""History variables of every group; None for a group that has none."""
 
 
 class Elementwise:
@@ -33,7 +33,7 @@ class Elementwise:
 
     @property
     def dof_map(self) -> DofMap:
-        """Map of the degrees of freedom, `DofMap`."""
+        """Map between the degrees of freedom of nodes (rows) and the unknowns, a `DofMap`."""
         return self.space.dof_map
 
     def gather_at_ends(
@@ -177,11 +177,15 @@ class Elementwise:
         return any(group.has_rupture for group in self.groups)
 
     def strains(self, motion: Motion) -> PerGroup:
-        """Return section strains of all elements, an array per group; None for a group without."""
+        """Return the strains that laws and sections have in all elements, an array per group.
+
+        [n_elem] for bars and cables; e0, ky, kz at the integration points of beams, [n_elem,
+        n_point, 3]; None for a group without the result "section_strain".
+        """
         return self.results_by_name(motion, "section_strain")["section_strain"]
 
     def ruptured_elements(self, strains: PerGroup) -> Bool[Array, " n"]:
-        """Return which elements are ruptured at section `strains`, all groups in one, [n] bool."""
+        """Return which elements of all groups are ruptured, [n] bool, at section `strains`."""
         return jnp.concatenate(
             [
                 call_each_element("is_ruptured", group, strain)
@@ -285,8 +289,10 @@ def map_elements_at_ends(
         group, state: elements and their state.
         at: initial positions, and motions, at the ends of the elements, [n_elem, n_end, ...].
         beside: further arrays [n_elem, ...].
-        exact: whether the low-order part of a motion, where it has one, counts in full. Functions
-            take motions [n_end, 3] without it, so that elements are rebased to the moved position.
+        exact: whether elongations are as precise as motions with a low-order part (six columns,
+            see `spaces.translations`); without such motions it has no effect. With them, functions
+            get elements that begin where they are now (`rebased_element`): present positions,
+            relative to the first end, as `ends`, and zeros [n_end, 3] as `motion`.
         absent: whether inactive elements get results, as of elements that have not moved; else
             their results are zero.
 

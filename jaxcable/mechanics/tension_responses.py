@@ -208,8 +208,12 @@ def linearized_elongation(
     return jnp.concatenate(changes)
 
 
-def relative_node_motion(system: System, row_step: Forces) -> Float[Array, " n"]:
-    """Return the largest relative step of a cable's successive nodes over their distance, [n]."""
+def relative_motion_along_cables(system: System, row_step: Forces) -> Float[Array, " n"]:
+    """Return for each cable, [n], the largest relative motion of successive nodes over a length.
+
+    That is the unstressed length of the cable over its number of pieces; `row_step` is the step of
+    all nodes (rows), [n_row, n_freedom]. Inactive cables have zero.
+    """
     found = []
     for group, state in zip(system.groups, system.states, strict=True):
         apart = jnp.sum(jnp.diff(row_step[group.links][..., :3], axis=1) ** 2, axis=-1)

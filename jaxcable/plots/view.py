@@ -98,7 +98,7 @@ def view(
     _add_geometry(description, arrays, snapshots, shots)
     _add_curves(arrays, snapshots, shots)
     _add_results(description, arrays, snapshots, shots)
-    _add_nodal_results(arrays, shots)
+    _add_supports_and_nodal_forces(arrays, shots)
     description["colors"] = _page_colors()
     return write_page(title, description, arrays, path)
 
@@ -174,7 +174,7 @@ def _add_geometry(description, arrays, snapshots, shots):
 def _add_curves(arrays, snapshots, shots):
     """Add the shapes of beams and hanging cables, and section forces, to the arrays of the page.
 
-    Shapes of beams are those in each of the snapshots `shots`; all else only at ends of phases.
+    Shapes of beams are those in each `Snapshot` of `shots`; all else only at ends of phases.
     """
     if shots[0].curves is None:
         return
@@ -195,9 +195,9 @@ def _add_curves(arrays, snapshots, shots):
 
 
 def _add_results(description, arrays, snapshots, shots):
-    """Add to the page the results of elements in each snapshot of `shots`, NaN where unknown.
+    """Add to the page the results of elements in each `Snapshot` of `shots`, NaN where unknown.
 
-    The array "looks" says which elements are slack, compressed or inactive.
+    The array "looks" is the sum of 1 for slack, 2 for compressed and 4 for inactive elements.
     """
     parts, columns = snapshots.parts, {}
     for at, shot in enumerate(shots):
@@ -224,12 +224,15 @@ def _add_results(description, arrays, snapshots, shots):
     arrays.add("rest_length", "f", [concatenate_values(end.rest_length, parts) for end in ends])
 
 
-def _add_nodal_results(arrays, shots):
-    """Add supports, reactions and loads at the ends of phases to the arrays of the page."""
+def _add_supports_and_nodal_forces(arrays, shots):
+    """Add supports, loads and reactions at the ends of phases to the arrays of the page.
+
+    `shots` are all `Snapshot`s of the page; those within phases are skipped. Loads and reactions
+    are written for the nodes in "loaded" and "held" only: others have none in any phase.
+    """
     shots = [shot for shot in shots if shot.end is not None]
     normal = choose_view(shots[0].initial_positions).normal
     arrays.add("supports", "b", [shot.support_kinds(normal).T @ [1, 2, 3] for shot in shots])
-    # nodes without a load, or without a support, have none in any phase: only others are written
     load, reactions = (
         np.stack([np.asarray(getattr(shot.end, name)) for shot in shots])
         for name in ("load", "reactions")

@@ -19,7 +19,7 @@ from jaxcable.common import status
 from jaxcable.common.tree import copy_with
 from jaxcable.elements import hanging, hanging_springs
 from jaxcable.elements.element_state import ElementLoad
-from jaxcable.elements.hanging_sag import strain_at_sag
+from jaxcable.elements.hanging_sag import chord_strain_at_sag
 from jaxcable.elements.statement import StatedValues
 from jaxcable.mechanics.elementwise import evaluate_elements
 from jaxcable.numerics.roots import bracketed_root
@@ -474,7 +474,7 @@ def test_derivatives_by_sag_weight_stiffness_and_ends():
     at = chord, np.tile(WEIGHT * DOWN, (len(sag), 1)), np.log(stiffness), np.log(sag)
 
     def one(chord, load, stiffness, sag):
-        return strain_at_sag(chord, load, jnp.exp(stiffness), jnp.exp(sag))
+        return chord_strain_at_sag(chord, load, jnp.exp(stiffness), jnp.exp(sag))
 
     rated = jax.jit(jax.vmap(lambda at, ways: jax.jvp(one, at, ways)))
     random = np.random.default_rng(1)

@@ -21,7 +21,7 @@ from jaxcable.common.tree import pytree
 from jaxcable.common.types import ArrayLike, Float
 from jaxcable.elements.element import Element
 from jaxcable.files import FileError, codec
-from jaxcable.files.examples import load_examples
+from jaxcable.files.examples import load_schema_examples
 from jaxcable.files.json_format import format_json
 from jaxcable.loads.load import Load
 from jaxcable.materials.law import Law
@@ -140,7 +140,7 @@ def fits(example, kind, field=None):
     return {**data, "phases": [phase]}
 
 
-SCENE, CLASSES, FIELDS = load_examples().values()
+SCENE, CLASSES, FIELDS = load_schema_examples().values()
 EXAMPLES = [
     *((kind, None, one) for kind, all_of in CLASSES.items() for one in all_of.values()),
     *(

@@ -29,7 +29,7 @@ def alone(monkeypatch):
 
     def call(function, *arguments):
         with monkeypatch.context() as patch:
-            patch.setattr(bundles, "_bundle_key", lambda number, group: number)
+            patch.setattr(bundles, "_key_of_joinable_groups", lambda group, index: index)
             return function(*arguments)
 
     return call

@@ -10,7 +10,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from jaxcable.elements.rebasing import rebase
+from jaxcable.elements.rebasing import elongation_and_moved_ends
 from jaxcable.numerics import compensated
 
 DTYPES = [np.float32, np.float64]
@@ -134,7 +134,7 @@ def test_elongations_are_exact_up_to_their_own_rounding(dtype, n_end):
     given = scenes(dtype, n_end)
     eps = float(np.finfo(dtype).eps)
     true = [longer(*at) for at in zip(*given, strict=True)]
-    exactly = functools.partial(rebase, precise=jnp.ones((), bool))
+    exactly = functools.partial(elongation_and_moved_ends, precise=jnp.ones((), bool))
     for run in (jax.vmap(exactly), jax.jit(jax.vmap(exactly))):
         found, places = run(*given)
         assert found.dtype == dtype and places.dtype == dtype
@@ -163,7 +163,7 @@ def test_derivatives_of_elongations(n_end):
 
     def along(t):
         moved = (v + t * w for v, w in zip((elongation, ends, motion), way, strict=True))
-        long, places = rebase(*moved, True)
+        long, places = elongation_and_moved_ends(*moved, True)
         return long + jnp.sum(jnp.sin(places))
 
     def slope(t):
