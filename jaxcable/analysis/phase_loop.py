@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,11 +11,12 @@ from jax import lax
 
 from .. import linear
 from ..common import status
-from ..common.compilation import jit_program
+from ..common.compilation import is_top_level_call, jit_program, on_forget_programs
+from ..common.program_store import argument_signature
 from ..common.progress import Increment, report_progress
 from ..common.tree import copy_with, merge_indices, pytree
 from ..common.types import Array, Bool, Int
-from ..equilibrium.newton import Newton
+from ..equilibrium.newton import Newton, NewtonWithoutFallbacks
 from ..linear.sparse import FactoredMatrix
 from ..mechanics.element_output import ElementOutput, evaluate_output
 from ..mechanics.restart_state import RestartState, with_loads_until
@@ -48,6 +50,39 @@ def analyse(without_indices, arrays, method, code, differentiate_path, listen, b
     if whole and pattern is not None and pattern.solver.fused:
         through = as_single_kernel(through)
     return through(without_indices, arrays, method, code)
+
+
+_fell_back: set[Any] = set()  # analyses that have needed fallbacks, by tree and shapes
+on_forget_programs(_fell_back.clear)
+
+
+def analyse_without_fallbacks_first(task, arguments, differentiate_path=False, listen=None):
+    """Run a `PreparedAnalysis`, by a smaller program if it does without fallbacks.
+
+    Only outside of `jit`, where the status of the smaller program is known. Within it, and where
+    such an analysis has needed fallbacks before, the program is that of `analyse`.
+
+    Args:
+        task: `PreparedAnalysis`.
+        arguments: `without_indices`, `arrays`, `method` and `code` of `analyse`.
+        differentiate_path, listen: as for `analyse`.
+
+    Returns:
+        `Solution` and `ConvergedPoints`, as `analyse`.
+    """
+    given = {"differentiate_path": differentiate_path, "listen": listen, "bundles": task.bundles}
+    leaves, tree = jax.tree.flatten(arguments)
+    if task.may_go_without_fallbacks and listen is None and is_top_level_call(leaves):
+        *parts, method, code = arguments
+        fields = {name: getattr(method, name) for name in Newton._all_fields}
+        key = tree, task.bundles, tuple(map(argument_signature, leaves))
+        if key not in _fell_back:
+            smaller = *parts, NewtonWithoutFallbacks(**fields), code
+            found = analyse(*smaller, **given, size=task.n_unknown)
+            if int(found[0].status) != status.NEEDS_FALLBACKS:
+                return found
+            _fell_back.add(key)
+    return analyse(*arguments, **given, size=task.n_unknown)
 
 
 def recall_solution(without_indices, arrays, method, code, points, bundles):

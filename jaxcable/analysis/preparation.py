@@ -61,6 +61,8 @@ class PreparedAnalysis(NamedTuple):
         fixed: degrees of freedom held before the first phase and in each phase, `FixedDofs`.
         loads: element loads of `start`, then those of the phases, list of `LoadStack`.
         bundles: which groups are evaluated together.
+        may_go_without_fallbacks: whether the iteration has fallbacks that few structures need: in
+            nets of cables, if only equilibria are sought.
         n_unknown: number of unknowns.
         warns_if_unstable: whether a state can be unstable and an indefinite tangent proves it. Not
             where the energy is convex (`System.always_convex`): the tangent is never indefinite.
@@ -75,6 +77,7 @@ class PreparedAnalysis(NamedTuple):
     fixed: tuple[FixedDofs, ...]
     loads: list[LoadStack]
     bundles: Bundles
+    may_go_without_fallbacks: bool
     n_unknown: int
     warns_if_unstable: bool
 
@@ -169,7 +172,8 @@ def prepare(
     warns = _can_prove_instability(bundled, restart, everything, without_amplitudes(nodal))
     count = len(dof_map.free)
     return PreparedAnalysis(
-        without_indices, arrays, method, code, tuple(sets), everything, bundles, count, warns
+        *(without_indices, arrays, method, code, tuple(sets), everything),
+        *(bundles, convex, count, warns),
     )
 
 

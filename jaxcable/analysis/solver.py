@@ -9,7 +9,7 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model import plausibility
 from ..model.structure import Structure
-from .phase_loop import analyse
+from .phase_loop import analyse_without_fallbacks_first
 from .phases import Phase
 from .preparation import prepare
 from .recalled_derivative import attach_recalled_derivative, known_numbers
@@ -80,10 +80,11 @@ def solve(
     listen = as_listener(progress)
     task = prepare(structure, phases, method, start, to_end=True)
     core = task.without_indices, task.arrays, task.method, task.code
-    static = {"differentiate_path": differentiate_path, "listen": listen, "bundles": task.bundles}
     iterates = isinstance(task.method, Newton) and not differentiate_path
     known = known_numbers(core) if iterates else None
-    solution, points = analyse(*(known or core), **static, size=task.n_unknown)
+    solution, points = analyse_without_fallbacks_first(
+        task, known or core, differentiate_path, listen
+    )
     if known is not None:
         given = core, points, task.bundles, task.n_unknown
         solution = attach_recalled_derivative(solution, *given)

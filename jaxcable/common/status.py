@@ -37,6 +37,7 @@ PATH_LOST = 23
 SECTION_UNBALANCED = 24
 BEYOND_PEAK = 25
 STATIONARY = 26
+NEEDS_FALLBACKS = 27
 
 _TEXTS = {
     OK: "converged",
@@ -146,6 +147,10 @@ _TEXTS = {
         "the start is stationary: the gradient is zero there, so that nothing tells where the loss "
         "falls. That is so at a minimum, but also at a maximum, at a saddle (a symmetric start), "
         "and where no parameter has an influence; compare the loss nearby, or start elsewhere"
+    ),
+    NEEDS_FALLBACKS: (
+        "an iteration without fallbacks has come to where they are needed; solve goes on with "
+        "them, so that its solutions never have this status"
     ),
     INVALID_INPUT: (
         "a number is not allowed, such as a negative stiffness, the compression of a cable or a "

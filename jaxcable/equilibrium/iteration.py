@@ -96,7 +96,9 @@ class EquilibriumSearch:
             has_no_step=no,
             shift=LevenbergShift.initial(zero.dtype),
             full_steps=full_steps,
-            tension_unknowns=TensionUnknowns.initial(self.system, self.begin)
+            tension_unknowns=TensionUnknowns.initial(
+                self.system, self.begin, self.method.has_fallbacks
+            )
             if self.is_net
             else None,
             predicted=PredictedForces.initial(self.system, zero.dtype) if self.predicts else None,
@@ -311,7 +313,10 @@ class EquilibriumSearch:
             given = self.system, matrix, state, rhs, self.tol, wanted
             step, definite, factored = newton_direction(*given)
             again, stays = jnp.zeros((), bool), converged
+            ends, code = converged, state.code
             if self.is_net:
+                lost = equations.unknowns.needs_fallbacks
+                ends, code = ends | lost, jnp.where(lost, status.NEEDS_FALLBACKS, code)
                 given = self.system, state.x, step, definite
                 after, fraction, predictor = equations.take_step(*given)
                 if factored is not None:  # a corrector has the factor of its predictor
@@ -347,7 +352,8 @@ class EquilibriumSearch:
                 steps=state.steps + ~stays,
                 factored=factored,
                 stable=state.stable | (converged & definite),
-                done=converged,
+                code=code,
+                done=ends,
             )
 
         return lax.cond(wanted, compute, lambda state: state, state)

@@ -35,6 +35,7 @@ from __future__ import annotations
 from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 
 from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
@@ -63,7 +64,7 @@ _FIRST_STEPS = 2  # steps whose residuals count as the start: what starts in bal
 _STUCK_BLOCKED = -4  # blocked steps to begin with after a stuck finish: it takes that many more
 
 
-@pytree
+@pytree(static=("has_fallbacks",))
 class TensionUnknowns:
     """Tensions as unknowns, and the mode in which the iteration solves for them.
 
@@ -82,6 +83,7 @@ class TensionUnknowns:
         finishes: how often they were tried.
         interior_motion: point of the interior iteration, while finishing steps are tried.
         indefinite_count: how often rounding has left a matrix of the mode indefinite.
+        has_fallbacks: whether any mode but `MIXED` is in the program; static.
     """
 
     mode: Int[Array, ""]
@@ -96,9 +98,10 @@ class TensionUnknowns:
     finishes: Int[Array, ""]
     interior_motion: Motion
     indefinite_count: Int[Array, ""]
+    has_fallbacks: bool
 
     @classmethod
-    def initial(cls, system: System, x: Motion) -> TensionUnknowns:
+    def initial(cls, system: System, x: Motion, has_fallbacks: bool) -> TensionUnknowns:
         """Return the state at the start of an increment: mixed steps, zero tensions."""
         zero, first = jnp.zeros((), x.dtype), jnp.int32(0)
         # in float32 the slacks of cones lose their digits before the iteration can be finished
@@ -117,7 +120,17 @@ class TensionUnknowns:
             finishes=first,
             interior_motion=x,
             indefinite_count=first,
+            has_fallbacks=has_fallbacks,
         )
+
+    @property
+    def needs_fallbacks(self) -> Bool[Array, ""]:
+        """Whether the next step is of a mode that is not in the program."""
+        return ~np.bool_(self.has_fallbacks) & (self.mode != MIXED)
+
+    def _is_in(self, mode):
+        """Whether this is the mode; known to be False where the program has no such steps."""
+        return self.mode == mode if self.has_fallbacks else np.False_
 
     @property
     def has_cones(self) -> bool:
@@ -127,17 +140,17 @@ class TensionUnknowns:
     @property
     def uses_line_search(self) -> Bool[Array, ""]:
         """Whether the mode is `SEARCH`: Newton steps with a line search."""
-        return self.mode == SEARCH
+        return self._is_in(SEARCH)
 
     @property
     def uses_interior_point(self) -> Bool[Array, ""]:
         """Whether the mode is `INTERIOR`: steps of the interior-point method."""
-        return self.mode == INTERIOR
+        return self._is_in(INTERIOR)
 
     @property
     def takes_finishing_steps(self) -> Bool[Array, ""]:
         """Whether the mode is `FINISH`: finishing steps after an interior iteration."""
-        return self.mode == FINISH
+        return self._is_in(FINISH)
 
     @property
     def has_interior_matrix(self) -> Bool[Array, ""]:
