@@ -172,8 +172,8 @@ class _ForcesAndEnergies:
 def _nearly_zero_element_loads(ramp, factors):
     """Return a millionth of the largest load along each element in a phase, per group.
 
-    It stands for no load where an element has none, since it has a direction, which gives the
-    shape. `factors` are the load factors of the phase that are searched.
+    It replaces the load at load factors at which an element has none: its direction gives the
+    element a shape. `factors` are the load factors at which the largest load is looked for.
     """
 
     def small(load):
