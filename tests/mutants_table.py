@@ -112,9 +112,8 @@ FAULTS = (
         "",
         "a clamped support clamps a beam beyond its hinge"),
     Fault("loads/along.py",
-        "self.apply_factors(number, amounts, state) / state.rest_length, self._load_vector()",
-        "self.apply_factors(number, amounts, state) / state.rest_length, self._load_vector() / "
-        "getattr(self, 'factor', 1.0)",
+        "jnp.outer(per_length, self._vector_per_amount())",
+        "jnp.outer(per_length, self._vector_per_amount() / getattr(self, 'factor', 1.0))",
         "the factor of a line load acts at the ends of beams, but not between them"),
     Fault("loads/areas.py",
         "along = jnp.abs(jnp.sum(vector * per_area, axis=-1))",

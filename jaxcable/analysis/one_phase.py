@@ -224,7 +224,7 @@ def _last_converged_factor(good, count, dtype):
 
 def _evaluate_path_output(system, x):
     """Evaluate the element results at motion `x` that are kept for every increment."""
-    return evaluate_output(system, x).of_path
+    return evaluate_output(system, x).increment_results
 
 
 def _replay_increments(ramp, factors, xs, good, converges):
@@ -253,7 +253,7 @@ def _replay_increments(ramp, factors, xs, good, converges):
         last = jnp.where(ok, x, last)
         last_output = evaluate_output(system, x)
         return (ramp.commit_memory(system, x, last_output.strains, ok, memory), last), (
-            last_output.of_path,
+            last_output.increment_results,
             x,
         )
 
@@ -290,7 +290,7 @@ def _make_path(outputs, moved, good, finite):
     """Return the `Path` of a phase, and counts of slack elements and nodes, [n_inc, 2].
 
     Args:
-        outputs: `ElementOutput.of_path` of every increment.
+        outputs: `ElementOutput.increment_results` of every increment.
         moved: displacements in the phase, [n_inc, n_row, 3].
         good: which increments have converged, [n_inc]; the counts of others are -1.
         finite: which increments have results, [n_inc]; those of others are NaN.

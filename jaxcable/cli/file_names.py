@@ -70,7 +70,7 @@ def files_to_write(path: str | None, tables: Mapping[str, str]) -> list[Path]:
         return [named]
     found = {name: named.with_name(f"{named.stem}-{name}.csv") for name in tables}
     for name, file in found.items():
-        if file.is_file() and not _is_own_table(file, tables[name], name in _UNITLESS):
+        if file.is_file() and not _was_written_by_jaxcable(file, tables[name], name in _UNITLESS):
             raise BadInput(
                 f"{file}: exists and was not written by jaxcable; {path} would replace it: give "
                 "another name"
@@ -78,11 +78,12 @@ def files_to_write(path: str | None, tables: Mapping[str, str]) -> list[Path]:
     return list(found.values())
 
 
-def _is_own_table(file, begin, whole_line):
-    """Return whether the first line of a file is, or begins with, the text `begin`.
+def _was_written_by_jaxcable(path, line_start, whole_line):
+    """Return whether the first line of the file at a `Path` is that of a table of this program.
 
-    Then this program has written the file. `whole_line` says whether nothing may follow.
+    It must be the text `line_start` if that is the `whole_line`; else begin with it, and have a
+    unit, " (", in it.
     """
-    with file.open("rb") as stream:
+    with path.open("rb") as stream:
         line = stream.readline(10_000).decode("utf-8", "replace").rstrip("\r\n")
-    return line == begin if whole_line else line.startswith(begin) and " (" in line
+    return line == line_start if whole_line else line.startswith(line_start) and " (" in line

@@ -90,7 +90,7 @@ def run(options: Namespace) -> None:
     table.warn()
     if options.save is not None:
         save_scene(
-            options.save, Scene(found, [first, *_remaining_phases(phases, acting.remaining)])
+            options.save, Scene(found, [first, *_phases_after_form(phases, acting.remaining)])
         )
         print(f"wrote {options.save}: the form, its prestress and loads, and the other phases")
 
@@ -198,13 +198,14 @@ def _is_planar(positions):
     return len(sizes) < 3 or sizes[2] <= 1e-9 * sizes[0]
 
 
-def _remaining_phases(phases, remaining):
-    """Return the phases that follow the form, with their `remaining` loads, and without empty ones.
+def _phases_after_form(phases, remaining_loads):
+    """Return the phases of the scene that follow the form, each with its `remaining_loads`.
 
-    Their prestress is left out, as are elements that they add, because the form has both.
+    Left out are what the form has (prestress, `adds`, supports of the first phase) and phases that
+    are then empty. Raise BadInput if a phase adds elements after one that has removed some.
     """
     later, removed = [], False
-    for k, (phase, loads) in enumerate(zip(phases, remaining, strict=True)):
+    for k, (phase, loads) in enumerate(zip(phases, remaining_loads, strict=True)):
         if removed and phase.adds is not None:
             raise BadInput(
                 f"phase {k + 1}: adds elements after an earlier phase has removed some; the form "

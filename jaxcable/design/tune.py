@@ -269,8 +269,8 @@ def _make_search(phases_with, targets, bounds, method, start, options):
     return seek
 
 
-def _describe_nearly_slack(structure, solution, first):
-    """Describe each group with cables that are nearly slack in phase `first` or later.
+def _describe_nearly_slack(structure, solution, first_phase):
+    """Describe each group with cables that are nearly slack in phase `first_phase` or later.
 
     Returns a tuple of sentences, empty if the analysis failed or is traced.
     """
@@ -282,13 +282,14 @@ def _describe_nearly_slack(structure, solution, first):
         if not group.tension_only:
             continue
         force = np.stack([forces[k] for forces in stages])  # [n_phase, n_elem]
-        bears = np.where(force[first:] > 0, force[first:], np.inf)  # without absent elements
+        later = force[first_phase:]
+        bears = np.where(later > 0, later, np.inf)  # without absent elements
         least, small = bears.min(), (bears < _NEARLY_SLACK * force.max()).any(axis=0)
         if small.any():
             number, i = np.unravel_index(bears.argmin(), bears.shape)
             words.append(
                 f"{name or 'cables'}: {small.sum()} of {len(small)} nearly slack; the least is "
-                f"element {i}, {least:.3g} N at the end of phase {first + number}"
+                f"element {i}, {least:.3g} N at the end of phase {first_phase + number}"
             )
     return tuple(words)
 

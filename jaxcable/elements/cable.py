@@ -47,7 +47,8 @@ class TensionOnly(Straight, TensionElement):
         """Return the stress of every fibre, Pa; stress times area sums up to zero in a slack cable.
 
         Each stress is zero, too, unless the cable has several laws and some have yielded: then the
-        stresses at which it went slack remain, in equilibrium.
+        stresses at which it went slack remain, in equilibrium. A cable with one law in place of a
+        section has one stress, a scalar. Without history variables `memory` is None.
         """
         return self._zero_if_slack(super().fibre_stress(strain, memory), strain, memory)
 

@@ -302,7 +302,10 @@ class Straight(Axial, Prestressed, Uniaxial):
     def fibre_stress(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
     ) -> Float[Array, " n_fibre"] | Scalar:
-        """Return the stress of every fibre, Pa, at a strain; a scalar if there is no section."""
+        """Return the stress of every fibre, Pa, at a strain; a scalar with a law and no section.
+
+        `memory` are the history variables, None for a law that has none.
+        """
         law = self._axial_section()[1]
         if self.section is None:
             return law.stress_at(strain, memory)

@@ -40,16 +40,16 @@ class ConicEquations:
 
     Their matrix is that of `pieces.cable_matrices`. After the step, the tension of a cable is
     ``base_tension + slope (change of length)``, where the change of length is the sum over its
-    pieces of ``ratio across . (change of the piece's vector)``.
+    pieces of ``ratio axis . (change of the piece's vector)``.
 
     Attributes:
         unknowns: `TensionUnknowns`, with the numbers that its mode begins with.
         base_tension: tensions after a step without a change of length, [n], N.
         slope: derivatives of the tensions by the changes of length, [n], N/m.
         vector: present vectors of pieces from end to end, [n_piece, 3], m.
-        stiff: stiffness of pieces at right angles to `across`, [n_piece], N/m.
-        across: vectors along pieces, of length 1 or less (c of `numerics.cones`), [n_piece, 3].
-        ratio: factors of `across` in the change of length, [n_piece].
+        stiff: stiffness of pieces at right angles to `axis`, [n_piece], N/m.
+        axis: vectors along pieces, of length 1 or less (c of `numerics.cones`), [n_piece, 3].
+        ratio: factors of `axis` in the change of length, [n_piece].
         spring: compliance that the cone of a piece adds to its cable, [n_piece], m/N.
         rhs: right side, [n_free], N.
         guess: tensions for the geometric stiffness of pieces, [n], N.
@@ -63,7 +63,7 @@ class ConicEquations:
     slope: Float[Array, " n"]
     vector: Float[Array, "n_piece 3"]
     stiff: Float[Array, " n_piece"]
-    across: Float[Array, "n_piece 3"]
+    axis: Float[Array, "n_piece 3"]
     ratio: Float[Array, " n_piece"]
     spring: Float[Array, " n_piece"]
     rhs: Float[Array, " n_free"]
@@ -107,7 +107,7 @@ class ConicEquations:
             slope=responses.slope,
             vector=vector,
             stiff=pieces.repeat_per_piece(system, guess) / piece_length,
-            across=vector / repeat_for_vectors(piece_length, vector),
+            axis=vector / repeat_for_vectors(piece_length, vector),
             ratio=jnp.ones_like(piece_length),
             spring=none,
             rhs=-residual,
@@ -172,8 +172,7 @@ class ConicEquations:
         base = tension + slope * (wider - lacks)
         away = pieces.repeat_per_piece(system, base) - inner.corrector_tension
         pull = (
-            repeat_for_vectors(scaled.ratio * away, inner.pull) * scaled.across
-            - inner.corrector_pull
+            repeat_for_vectors(scaled.ratio * away, inner.pull) * scaled.axis - inner.corrector_pull
         )
         return copy_with(self, base_tension=base, slope=slope, **scaled._asdict()), pull
 
@@ -207,9 +206,7 @@ class ConicEquations:
             stiff=pieces.repeat_per_piece(system, tension) / piece_length,
             guess=tension,
         )
-        return new, repeat_for_vectors(
-            pieces.repeat_per_piece(system, base), self.across
-        ) * self.across
+        return new, repeat_for_vectors(pieces.repeat_per_piece(system, base), self.axis) * self.axis
 
     def matrix(self, system: System, x: Motion, residual: Float[Array, ""]) -> Matrix:
         """Assemble the matrix of the equations at `x`, with a shift of its diagonal, N/m.
@@ -217,7 +214,7 @@ class ConicEquations:
         `residual` is the largest residual, N, by which the shift of mixed steps is chosen.
         """
         unknowns = self.unknowns
-        blocks = pieces.cable_matrices(system, self.slope, self.stiff, self.across, self.ratio)
+        blocks = pieces.cable_matrices(system, self.slope, self.stiff, self.axis, self.ratio)
         matrix = system.tangent(x, [*blocks])
         size = max_abs(linear.diagonal(matrix))
         force = jnp.max(self.guess) + self.load
@@ -250,8 +247,10 @@ class ConicEquations:
         """
         unknowns = self.unknowns
         moved = pieces.piece_differences(system, system.space.prolong(x, step))
-        across = jnp.sum(self.across * moved, axis=-1)
-        now = self.base_tension + self.slope * pieces.sum_per_cable(system, self.ratio * across)
+        moved_along = jnp.sum(self.axis * moved, axis=-1)
+        now = self.base_tension + self.slope * pieces.sum_per_cable(
+            system, self.ratio * moved_along
+        )
 
         def newton_step():
             far = jnp.max(norm(moved)) / (_MAX_MOTION * self.length)
@@ -261,7 +260,7 @@ class ConicEquations:
             return after, fraction, jnp.zeros((), bool)
 
         def interior_step():
-            given = self, system, now, across, moved, definite
+            given = self, system, now, moved_along, moved, definite
             inner, fraction, predicted = unknowns.interior_point.take_half_step(*given)
             blocked = unknowns.blocked_steps
             short = jnp.where(fraction < _BLOCKED, blocked + 1, jnp.minimum(blocked, 0))

@@ -181,18 +181,20 @@ class ConicInteriorPoint:
         equations: Any,
         system: System,
         tension: Float[Array, " n"],
-        across: Float[Array, " n_piece"],
+        moved_along: Float[Array, " n_piece"],
         moved: Float[Array, "n_piece 3"],
         definite: Bool[Array, ""],
     ) -> tuple[ConicInteriorPoint, Float[Array, ""], Bool[Array, ""]]:
         """Make a predictor step (which only sets the corrector), or else a corrector step.
 
+        If the matrix is not positive definite or the step not finite, the state stays as it is.
+
         Args:
             equations: `ConicEquations` of the step.
             system: `System`.
             tension: tensions to which the whole step leads, [n], N.
-            across: changes of the vectors of pieces along ``equations.across``, [n_piece], m.
-            moved: changes of the vectors of pieces, [n_piece, 3], m.
+            moved_along: component of `moved` along ``equations.axis``, [n_piece], m.
+            moved: changes of the vectors of pieces in the whole step, [n_piece, 3], m.
             definite: whether the matrix of the equations is positive definite.
 
         Returns:
@@ -202,11 +204,11 @@ class ConicInteriorPoint:
         at, v = equations.vector, self.pull
         u, before = self.length_slack + norm(at), pieces.repeat_per_piece(system, self.tension)
         after = pieces.repeat_per_piece(system, tension)
-        away, longer = after - self.corrector_tension, equations.ratio * across
+        away, longer = after - self.corrector_tension, equations.ratio * moved_along
         wider = pieces.zero_void_pieces(system, longer - equations.spring * away)
-        along = repeat_for_vectors(equations.ratio * away - equations.stiff * across, v)
+        along = repeat_for_vectors(equations.ratio * away - equations.stiff * moved_along, v)
         pull = (
-            along * equations.across
+            along * equations.axis
             + repeat_for_vectors(equations.stiff, v) * moved
             - self.corrector_pull
         )
@@ -223,9 +225,7 @@ class ConicInteriorPoint:
         def predict():
             left = jnp.maximum(_MIN_CENTERING, product / self.product)
             m = jnp.minimum(left * left * left, 1.0) * self.product
-            scaled = ConeScaling(
-                equations.stiff, equations.across, equations.ratio, equations.spring
-            )
+            scaled = ConeScaling(equations.stiff, equations.axis, equations.ratio, equations.spring)
             second, steps = (before, v, self.force_slack), (wider, moved, more, change)
             force, back = second_order_corrector(scaled, second, steps, m - beyond)
             new = copy_with(

@@ -279,7 +279,8 @@ def solve_increments(
     Returns:
         xs: points, [1 + n_inc, ...]; those of nets with a low-order part (`spaces.translations`).
         log: `IncrementOutcome.log_row` of every increment, with latched status.
-        outputs: `ElementOutput.of_path` of every increment; after a failure, of the last converged.
+        outputs: `ElementOutput.increment_results` of every increment; after a failure, those of the
+            last converged one.
         last_output: `ElementOutput` of the last converged increment.
         memory: history variables at the end.
         factored: last factored matrix.
@@ -319,7 +320,7 @@ def solve_increments(
         if report is not None:
             lax.cond(live, lambda: report(factor, outcome), lambda: None)
         carry = outcome.x, code, memory, end.factored, reading, end.residual
-        return carry, (outcome.x, outcome.log_row, reading.of_path)
+        return carry, (outcome.x, outcome.log_row, reading.increment_results)
 
     none = jnp.zeros(ramp.dof_map.free.shape[0], x.dtype)
     start = x, code, ramp.memory, factored, last_output, none

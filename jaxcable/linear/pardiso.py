@@ -71,7 +71,10 @@ class _PardisoAnalysis(solver.Analysis):
 
 
 class _PardisoHandle:
-    """PARDISO's memory for one sparsity pattern and one matrix type, with slots for factors."""
+    """PARDISO's memory for one sparsity pattern and one matrix type, with `_SLOTS` slots.
+
+    `factorize` fills a free slot with a factor; `_PardisoFactor.release` frees it for another one.
+    """
 
     def __init__(
         self,

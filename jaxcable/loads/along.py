@@ -33,8 +33,11 @@ class AlongElements(OnGroups, Dead):
     """
 
     @abc.abstractmethod
-    def _load_vector(self):
-        """Return the vector that amounts are multiplied by, [3]: a direction, or N/m."""
+    def _vector_per_amount(self):
+        """Return the vector that amounts are multiplied by, [3].
+
+        It is a direction (of any length) for weights, N, and a force per length, N/m, for lengths.
+        """
 
     @abc.abstractmethod
     def _amounts_at_ends(self, number, group, state, nodes):
@@ -68,7 +71,7 @@ class AlongElements(OnGroups, Dead):
             amounts = self._amounts_at_ends(number, groups[number], states[number], nodes)
             if amounts is not None:
                 total = total.at[groups[number].links].add(amounts)
-        return pad_moments(jnp.outer(total, self._load_vector().astype(dtype)), shape)
+        return pad_moments(jnp.outer(total, self._vector_per_amount().astype(dtype)), shape)
 
     def load_per_length(
         self, number: int, group: Element, state: OwnState, nodes: Positions
@@ -79,9 +82,8 @@ class AlongElements(OnGroups, Dead):
         )
         if amounts is None:
             return None
-        return jnp.outer(
-            self.apply_factors(number, amounts, state) / state.rest_length, self._load_vector()
-        )
+        per_length = self.apply_factors(number, amounts, state) / state.rest_length
+        return jnp.outer(per_length, self._vector_per_amount())
 
 
 @pytree(static=("on",))
@@ -148,7 +150,7 @@ class SelfWeight(AlongElements):
                 "N/m2)"
             )
 
-    def _load_vector(self):
+    def _vector_per_amount(self):
         """Return the direction of the weight times its factor, [3]."""
         return self.direction
 
@@ -240,7 +242,7 @@ class LineLoads(AlongElements, Measured):
                 "elements have one, give the class has_length = True"
             )
 
-    def _load_vector(self):
+    def _vector_per_amount(self):
         """Return the force per length, [3], N/m."""
         return self.factor * self.forces
 

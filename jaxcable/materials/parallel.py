@@ -84,7 +84,7 @@ class Parallel(Law):
         return jnp.full_like(low, -jnp.inf) if self.one_sided else low, high
 
     def _strain_limits_of_laws(self):
-        """Return the smallest and largest strain before the first law ruptures, without spring."""
+        """Return the smallest and largest strain of the laws (no spring) before one ruptures."""
         low, high = zip(*(law.strain_limits for law in self.laws), strict=True)
         return (
             jnp.max(jnp.stack([jnp.asarray(v) for v in low])),
@@ -137,7 +137,10 @@ class Parallel(Law):
         return jnp.all(jnp.stack(jnp.broadcast_arrays(*slack)), axis=0)
 
     def _extrapolated_without_spring(self):
-        """Return these laws continued beyond rupture, without spring, and with compression."""
+        """Return a `Parallel` of these laws at their own strain: without the spring in series.
+
+        They are extrapolated beyond rupture, and their sum may be a compression.
+        """
         return copy_with(self.extrapolated(), spring=None, one_sided=False)
 
     def _add_spring_strain(self, strain, memory=None):

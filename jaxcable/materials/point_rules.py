@@ -101,13 +101,19 @@ def _flat_segments_at_origin(e, s):
 
 
 def _origin_slope_message(index, e, s):
-    """Return the message that the slope at the origin must be positive."""
+    """Return the message that the slope at the origin must be positive.
+
+    `index` is that of the segment, a tuple of one; `e` and `s` are strains and stresses.
+    """
     slope = _segment_slopes(e, s)[index]
     return f"stress: the slope at the origin, {slope:.6g} Pa, must be positive"
 
 
 def _strain_order_message(index, e):
-    """Return the message that strains must increase from point to point."""
+    """Return the message that strains must increase from point to point.
+
+    `index` is that of the segment whose strain does not, a tuple of one; `e` are the strains.
+    """
     k = index[0] + 1
     return f"strain[{k}] = {e[k]}: must be above strain[{k - 1}] = {e[k - 1]}"
 
@@ -136,7 +142,10 @@ def _falling_segments(e, s):
 
 
 def _concavity_message(index, *_):
-    """Return the message that elastic unloading needs a concave curve."""
+    """Return the message that elastic unloading needs a concave curve.
+
+    `index` is that of the stress to be named, a tuple or list of one.
+    """
     return (
         f"stress[{index[0]}]: elastic unloading needs a concave curve: slopes that fall away from "
         'the origin and not below zero; use unloading="reversible"'
@@ -159,7 +168,10 @@ def _segments_of_unequal_slopes(e, s):
 
 
 def _unequal_slopes_message(index, e, s):
-    """Return the message that elastic unloading needs equal slopes in both directions."""
+    """Return the message that elastic unloading needs equal slopes in both directions.
+
+    `index` is the number of the segments from the origin, a tuple of one.
+    """
     slopes, k = _segment_slopes(e, s), index[0]
     pull, push = slopes[(e[1:] <= 0).sum() + k], slopes[(e < 0).sum() - 1 - k]
     return (

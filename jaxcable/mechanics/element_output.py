@@ -32,15 +32,12 @@ class ElementOutput:
 
     @property
     def strains(self) -> PerGroup | None:
-        """Section strains, an array per group (None for a group without); None if no group has any.
-
-        None instead of a list if no group has it.
-        """
+        """Section strains: a list with an array per group, or None; None if no group has any."""
         return self.by_name.get("section_strain")
 
     @property
-    def of_path(self) -> ElementOutput:
-        """Output with only those results that are recorded for every increment."""
+    def increment_results(self) -> ElementOutput:
+        """Output with only those results that an analysis keeps of every increment."""
         return copy_with(self, by_name={name: self.by_name[name] for name in self.of_increments})
 
 

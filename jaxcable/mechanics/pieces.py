@@ -119,7 +119,11 @@ def share_among_pieces(system: System, values: Float[Array, " n"]) -> Float[Arra
 
 
 def sum_piece_forces(system: System, tensions: Float[Array, "n_piece 3"]) -> Forces:
-    """Assemble tension vectors of pieces, [n_piece, 3], N, at rows, [n_row, 3]."""
+    """Assemble tension vectors of pieces, [n_piece, 3], as internal forces on rows, [n_row, 3], N.
+
+    The vector t of a piece points from its first end to its second; -t acts at the first end, and t
+    at the second.
+    """
     return system.sum_at_rows(
         [_end_forces_of_pieces(part) for part in _split_by_group(system, tensions)]
     )
@@ -129,7 +133,7 @@ def cable_matrices(
     system: System,
     slope: Float[Array, " n"],
     stiff: Float[Array, " n_piece"],
-    across: Float[Array, "n_piece 3"],
+    axis: Float[Array, "n_piece 3"],
     ratio: Float[Array, " n_piece"],
 ) -> list[Float[Array, "n_elem d d"]]:
     """Return the stiffness matrices of all cables, per group [n_elem, d, d], N/m.
@@ -141,11 +145,11 @@ def cable_matrices(
         system: net of cables.
         slope: derivative of the tension by the length, [n], N/m.
         stiff: stiffness of pieces at right angles to c, [n_piece], N/m.
-        across: the unit vector (or shorter vector) c of every piece, [n_piece, 3].
+        axis: the unit vector (or shorter vector) c of every piece, [n_piece, 3].
         ratio: factor of c in g, [n_piece].
     """
     found, first, stiff = [], 0, zero_void_pieces(system, stiff)
-    for q, c, r in zip(*(_split_by_group(system, v) for v in (stiff, across, ratio)), strict=True):
+    for q, c, r in zip(*(_split_by_group(system, v) for v in (stiff, axis, ratio)), strict=True):
         n, width = q.shape
         k = slope[first : first + n, None]
         first += n
@@ -165,18 +169,21 @@ def cable_matrices(
     return found
 
 
-def _single_piece_matrices(stiff, more, across):
+def _single_piece_matrices(stiff, more, axis):
     """Return matrices ``stiff I + more c c'`` of pieces by their two ends, [n, 6, 6].
 
-    `across` are the vectors c, [n, 3]; `stiff` and `more` are [n, 1], N/m.
+    `axis` are the vectors c, [n, 3]; `stiff` and `more` are [n, 1], N/m.
     """
-    c = jnp.concatenate([-across, across], axis=1)
+    c = jnp.concatenate([-axis, axis], axis=1)
     same = stiff[:, :, None] * _DIFFERENCE_SQUARED[None].astype(stiff.dtype)
     return same + (more * c)[:, :, None] * c[:, None, :]
 
 
 def _end_forces_of_pieces(tensions):
-    """Return end forces [n_elem, n_end, 3] of tension vectors of pieces, [n_elem, n_end - 1, 3]."""
+    """Return end forces [n_elem, n_end, 3] of tension vectors of pieces, [n_elem, n_end - 1, 3].
+
+    The vector of a piece is the force at its second end, and minus that at its first.
+    """
     if tensions.shape[1] == 1:
         return jnp.concatenate([-tensions, tensions], axis=1)
     return _pad_with_zeros(tensions, 1, 0) - _pad_with_zeros(tensions, 0, 1)

@@ -43,13 +43,13 @@ class ConeScaling(NamedTuple):
 
     Attributes:
         stiff: q, [n].
-        across: c, [n, 3].
+        axis: c, [n, 3].
         ratio: r, [n].
         spring: 1/a, [n].
     """
 
     stiff: Scalars
-    across: Vectors
+    axis: Vectors
     ratio: Scalars
     spring: Scalars
 
@@ -88,8 +88,8 @@ def nesterov_todd_scaling(
     # the second term is the larger one, but for rounding
     small = size + jnp.maximum(product / stiff, size)
     large = small + jnp.sum(normal * normal, axis=-1)
-    part, across = small / large, normal * repeat_for_vectors(lax.rsqrt(large), normal)
-    return ConeScaling(stiff, across, jnp.sqrt(1 + part), part / stiff)
+    part, axis = small / large, normal * repeat_for_vectors(lax.rsqrt(large), normal)
+    return ConeScaling(stiff, axis, jnp.sqrt(1 + part), part / stiff)
 
 
 @jax.jit
@@ -153,26 +153,30 @@ def second_order_corrector(
     steps: tuple[Scalars, Vectors, Scalars, Vectors],
     aim: Scalars,
 ) -> tuple[Scalars, Vectors]:
-    """Return the second-order (Mehrotra) corrector, to be added to the second points (N, -V).
+    """Return the second-order (Mehrotra) corrector, the right side of the equations of products.
 
-    With it the scaled Jordan products of both points are ``aim (1, 0)`` to second order. It is ``F
-    (lam \\ (aim (1, 0) - F^-1 (du, dX) o F (dN, -dV)))`` with the root F of the inverse of the
-    Hessian of `ConeScaling`, ``lam = F (N, -V)``, the Jordan product o and the division \\ by it.
+    With the matrix H of `ConeScaling` these are ``H (du, dX) + (N + dN, -V - dV) = corrector``. The
+    Jordan products o of the scaled points are then ``m (1, 0)`` to second order. The corrector is
+
+        F^-1 (lam \\ (m (1, 0) - F^-1 (du, dX) o F (dN, -dV)))
+
+    with the changes of the predictor, the square root F of the inverse of H, ``lam = F (N, -V)``
+    and the division \\, the inverse of the Jordan product (`jordan_quotient`).
 
     Args:
         scaled: the scaling of the points.
-        second: N and V, and their slack ``N - |V|``.
+        second: N and V, [n] and [n, 3], and their slack ``N - |V|``, [n].
         steps: predicted changes of u, X, N and V.
-        aim: barrier parameter less the first numbers of the Jordan products of the changes, which
-            do not depend on the scaling.
+        aim: m less ``du dN - dX.dV``, [n]: the first number of the Jordan product of the changes,
+            which does not depend on the scaling, is subtracted here already.
 
     Returns:
-        The number of every point, [n], and its vector, [n, 3].
+        The number of the corrector of every point, [n], and its vector, [n, 3].
     """
     (n, v, slack), (du, dx, dn, dv) = second, steps
-    stiff, across, ratio, spring = scaled
+    stiff, axis, ratio, spring = scaled
     factor = lax.rsqrt(stiff * (spring + spring))
-    w0, w = ratio * factor, across * repeat_for_vectors(factor, across)
+    w0, w = ratio * factor, axis * repeat_for_vectors(factor, axis)
     shift, turn = apply_lorentz_boost(w0, w, dn, -dv)
     longer, change = apply_lorentz_boost(w0, -w, du, dx)
     rest = repeat_for_vectors(shift, v) * change + repeat_for_vectors(longer, v) * turn

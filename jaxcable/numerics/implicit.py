@@ -172,7 +172,7 @@ def with_nan_derivative(tree: Tree, parameters: PyTree[Any]) -> Tree:
     def one(x):
         x = jnp.asarray(x)
         floating = jnp.issubdtype(x.dtype, jnp.floating)
-        return _nan_derivative(lax.stop_gradient(x), probe) if floating else x
+        return _identity_with_nan_derivative(lax.stop_gradient(x), probe) if floating else x
 
     return jax.tree.map(one, tree)
 
@@ -184,9 +184,8 @@ def first_derivative_only(tree: Tree) -> Tree:
     """
 
     def one(x):
-        return (
-            _nan_second_derivative(x) if jnp.issubdtype(jnp.asarray(x).dtype, jnp.floating) else x
-        )
+        floating = jnp.issubdtype(jnp.asarray(x).dtype, jnp.floating)
+        return _identity_with_nan_second_derivative(x) if floating else x
 
     return jax.tree.map(one, tree)
 
@@ -263,26 +262,26 @@ def _identity_or_nan(ok, x, probe):
 
 
 @jax.custom_jvp
-def _nan_derivative(x, probe):
+def _identity_with_nan_derivative(x, probe):
     """Return `x` with derivative NaN with respect to everything that `probe` depends on."""
     return x
 
 
-@_nan_derivative.defjvp
-def _nan_derivative_jvp(primals, tangents):
-    """Forward derivative of `_nan_derivative`: NaN if the tangent of the probe is not zero."""
+@_identity_with_nan_derivative.defjvp
+def _identity_with_nan_derivative_jvp(primals, tangents):
+    """Return `x` and its tangent: NaN if the tangent of the probe is not zero."""
     x = primals[0]
     return x, _identity_or_nan(False, jnp.zeros_like(x), tangents[1])
 
 
 @jax.custom_jvp
-def _nan_second_derivative(x):
+def _identity_with_nan_second_derivative(x):
     """Return the array `x` with its first derivative, and NaN for the second one."""
     return x
 
 
-@_nan_second_derivative.defjvp
-def _nan_second_derivative_jvp(primals, tangents):
-    """Forward derivative of `_nan_second_derivative`: the tangent, whose own derivative is NaN."""
+@_identity_with_nan_second_derivative.defjvp
+def _identity_with_nan_second_derivative_jvp(primals, tangents):
+    """Return `x` and its tangent, whose own derivative is NaN."""
     (x,), (change,) = primals, tangents
-    return x, change * _nan_derivative(jnp.ones((), x.dtype), jnp.sum(x))
+    return x, change * _identity_with_nan_derivative(jnp.ones((), x.dtype), jnp.sum(x))

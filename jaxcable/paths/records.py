@@ -40,7 +40,7 @@ def make_point_record(
     return {
         "load_factor": p.factor,
         "displacement": (p.x - ramp.start.motion)[:, :3],
-        "found": seen.of_path.by_name,
+        "found": seen.increment_results.by_name,
         "n_slack": seen.n_slack,
         "n_loose": seen.n_loose,
         "n_negative": p.n_negative,

@@ -115,17 +115,17 @@ class SolutionCurves:
         )
 
     def of_state(self, state: State) -> Curves | None:
-        """Return the curves in a `State`."""
+        """Return the curves in a `State`; None if no element is curved."""
         if self.straight:
             return None
         return self._make_curves(np.asarray(state.restart.motion), self._sag_in_state(state))
 
     def after_phase(self, phase: int) -> Curves | None:
-        """Return the curves at the end of a phase that has converged."""
+        """Return the curves at the end of a phase that has converged; None if none are curved."""
         return self.of_state(self.state_after_phase(phase))
 
     def in_increment(self, phase: int, number: int) -> Curves | None:
-        """Return the curves in converged increment `number` of a phase.
+        """Return the curves in converged increment `number` of a phase; None if none are curved.
 
         The sag of hanging cables is known at the ends of phases, and at the last state before a
         failure. Between two of these it is interpolated by the load factor; in the first phase it

@@ -75,7 +75,7 @@ def section_force_tables(
         values = np.concatenate([parts[0][k][0][:, [0, -1], index] for k in kept])
         columns = [
             *element_columns(structure, kept),
-            *_force_columns(name, values, here, others, list(states), rounding),
+            *_section_force_columns(name, values, here, others, list(states), rounding),
         ]
         if states:  # the nodes are in other tables
             columns[2:4] = (column._replace(detail=True) for column in columns[2:4])
@@ -154,28 +154,33 @@ def _rounding_limits(structure, parts):
     return _NEGLIGIBLE * np.repeat([force, max(sizes[3:].max(), force * extent)], 3)
 
 
-def _force_columns(name, values, here, others, states, rounding):
-    """Return the columns of one section force, a list.
+def _section_force_columns(name, end_values, final_extremes, envelope_extremes, states, rounding):
+    """Return the columns of one section force, a list of `Column`.
+
+    They are the values at both ends, then minimum and maximum along the elements and their places;
+    with `states` also the envelope: the extremes over the states, their places, and the states.
 
     Args:
         name: name of the force.
-        values: at the start and the end node in the final state, [n, 2], N or N m.
-        here: `Extremes` along the elements in the final state.
-        others: the same in each state of the envelope.
-        states: names of these states.
-        rounding: of states whose extremes differ by at most this the first one governs.
+        end_values: at the start and the end node in the final state, [n, 2], N or N m.
+        final_extremes: `Extremes` along the n elements in the final state.
+        envelope_extremes: list of the `Extremes` in each state of the envelope.
+        states: names of these states; empty without an envelope.
+        rounding: of states whose extremes differ by at most this the first one governs, N or N m.
     """
     unit = "N" if name == "N" or name in _SHEARS else "N m"
     columns = [
-        Column("at first", unit, values[:, 0], heading="at start"),
-        Column("at last", unit, values[:, 1], heading="at end"),
-        Column("lowest", unit, here.low, governs=not states, heading="min"),
-        Column("at", "-", here.low_at, heading="x/L"),
-        Column("highest", unit, here.high, governs=not states, heading="max"),
-        Column("at", "-", here.high_at, heading="x/L"),
+        Column("at first", unit, end_values[:, 0], heading="at start"),
+        Column("at last", unit, end_values[:, 1], heading="at end"),
+        Column("lowest", unit, final_extremes.low, governs=not states, heading="min"),
+        Column("at", "-", final_extremes.low_at, heading="x/L"),
+        Column("highest", unit, final_extremes.high, governs=not states, heading="max"),
+        Column("at", "-", final_extremes.high_at, heading="x/L"),
     ]
     for word, sign, of in (("min", -1, "low"), ("max", 1, "high")) if states else ():
-        extreme, at = (np.array([getattr(x, side) for x in others]) for side in (of, f"{of}_at"))
+        extreme, at = (
+            np.array([getattr(x, side) for x in envelope_extremes]) for side in (of, f"{of}_at")
+        )
         most, place, when = envelope_columns(
             word, unit, extreme, states, sign, [("at", "-", at)], rounding, f"envelope {word}"
         )

@@ -85,7 +85,7 @@ def _work_terms_of_phase(ramp, codes, path):
     )
     small = _nearly_zero_element_loads(ramp, factors)
     points = lax.map(
-        lambda point: _state_at_load_factor(ramp, small, *point), (factors, motions, memories)
+        lambda point: _forces_and_energies_at(ramp, small, *point), (factors, motions, memories)
     )
     old, new = (jax.tree.map(lambda x, s=s: x[s], points) for s in (np.s_[:-1], np.s_[1:]))
     moved = jax.vmap(space.displacement_between)(old.motion, new.motion)
@@ -129,14 +129,14 @@ def _history_variables_along_phase(ramp, factors, motions):
 
 
 @pytree
-class _LoadFactorState:
+class _ForcesAndEnergies:
     """Forces and energies of the structure at one load factor of a phase.
 
     The energy E of an element includes the potential of the loads q along it, as far as they work
     on deflections between its ends. Its stored energy is ``U = E - q dE/dq``. Then ``dU = dE/dm dm
     + dE/ds ds - q d(dE/dq)`` is the sum of the work at its ends (displacements m), of the work of
     changes of its unstressed length s, and of the work of the loads q. Here q is the load on the
-    whole element, which does not depend on s. A pressure enters as it is.
+    whole element, N, which does not depend on s; q of a pressure is its load per length, N/m.
 
     Attributes:
         motion: displacements (and rotations) of the nodes, [n_row, n_motion].
@@ -172,8 +172,8 @@ class _LoadFactorState:
 def _nearly_zero_element_loads(ramp, factors):
     """Return a millionth of the largest load along each element in a phase, per group.
 
-    It stands for no load where an element has none, since it has a direction, which gives the
-    shape. `factors` are the load factors of the phase that are searched.
+    It replaces the load at load factors at which an element has none: its direction gives the
+    element a shape. `factors` are the load factors at which the largest load is looked for.
     """
 
     def small(load):
@@ -186,8 +186,8 @@ def _nearly_zero_element_loads(ramp, factors):
     return jax.tree.map(small, lax.map(loads_at, factors))
 
 
-def _state_at_load_factor(ramp, small, factor, motion, memory):
-    """Evaluate forces and energies at a load factor, as a `_LoadFactorState`.
+def _forces_and_energies_at(ramp, small, factor, motion, memory):
+    """Evaluate forces and energies at a load factor, as a `_ForcesAndEnergies`.
 
     `motion` and `memory` are displacements and history variables there; `small` are the element
     loads that stand for none, from `_nearly_zero_element_loads`.
@@ -220,19 +220,19 @@ def _state_at_load_factor(ramp, small, factor, motion, memory):
             state = _with_element_loads(state, along)
         for items, item in zip(lists, (state, along, slopes, energy), strict=True):
             items.append(item)
-    return _LoadFactorState(motion, load, following, supports, *lists)
+    return _ForcesAndEnergies(motion, load, following, supports, *lists)
 
 
 def _group_energy(group, state, nodes, motion):
-    """Return the energy E of all elements of a group (see `_LoadFactorState`), J, scalar."""
+    """Return the energy E of all elements of a group (see `_ForcesAndEnergies`), J, scalar."""
     return jnp.sum(evaluate_elements("energy", group, state, nodes, motion))
 
 
 def _work_within_elements(old, new):
     """Return the work of loads along elements on deflections between their ends, [n_inc], J.
 
-    `old` and `new` are the `_LoadFactorState` before and after the increments. The two items of the
-    list are for dead loads and for pressures.
+    `old` and `new` are the `_ForcesAndEnergies` before and after the increments. The two items of
+    the list are for dead loads and for pressures.
     """
     works = [0.0, 0.0]
     for before, after, *slopes in zip(
@@ -251,7 +251,7 @@ def _work_within_elements(old, new):
 def _prestress_work_and_dissipation(ramp, points):
     """Return the work of changes of unstressed lengths and the dissipated energy, [n_inc] each, J.
 
-    `points` are the stacked `_LoadFactorState` of the phase. The force that works on a change of
+    `points` are the stacked `_ForcesAndEnergies` of the phase. The force that works on a change of
     length is the derivative of E with the history variables from before the increment.
     """
     n = len(points.motion) - 1
@@ -280,7 +280,7 @@ def _group_energies_of_mixed_points(ramp, points, k, lengths, motions, memory):
 
     Args:
         ramp: the phase.
-        points: stacked `_LoadFactorState`.
+        points: stacked `_ForcesAndEnergies`.
         k: index of the group.
         lengths, motions, memory: indices of the points from which to take unstressed lengths,
             displacements with their loads, and history variables, [n] each.

@@ -46,23 +46,28 @@ def disc_mesh(n_y: int, n_z: int) -> Mesh:
     return points * np.sqrt(np.pi / 4 / cell_areas(points, cells).sum()), cells
 
 
-def ring_mesh(
-    n_radial: int, n_round: int
+def polar_ring_mesh(
+    n_radial: int, n_around: int
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 2"], Int[np.ndarray, "n_cell 4"]]:
-    """Return points and cells of a ring whose radii are given later, because traced.
+    """Return points, without their radii, and cells of a ring whose radii may be traced.
+
+    A point is at its radius times its direction.
+
+    Args:
+        n_radial, n_around: cells along a radius, and around.
 
     Returns:
         Position of the points between the inner (0) and the outer edge (1), [n]; direction from
         the centre, [n, 2], a little longer than 1, so that the polygons have the exact area of
-        circles; cells, four indices of points each.
+        circles; cells, [n_cell, 4], four indices of points each.
     """
     fraction, angle = np.meshgrid(
-        np.linspace(0, 1, n_radial + 1), 2 * np.pi * np.arange(n_round) / n_round, indexing="ij"
+        np.linspace(0, 1, n_radial + 1), 2 * np.pi * np.arange(n_around) / n_around, indexing="ij"
     )
     number = np.arange(fraction.size).reshape(fraction.shape)
     after = np.roll(number, -1, axis=1)
     corners = (number[:-1], number[1:], after[1:], after[:-1])
-    longer = np.sqrt(2 * np.pi / n_round / np.sin(2 * np.pi / n_round))
+    longer = np.sqrt(2 * np.pi / n_around / np.sin(2 * np.pi / n_around))
     direction = longer * np.column_stack([np.cos(angle.ravel()), np.sin(angle.ravel())])
     return fraction.ravel(), direction, np.stack(corners, -1).reshape(-1, 4)
 
@@ -142,9 +147,10 @@ def cell_moments(
 
 
 def _triangle_moments(a, b, c):
-    """Return signed area, centroid, and mean `_coordinate_products` about it, of triangles.
+    """Return signed area [m], centroid [m, 2] and mean products [m, 3] of m triangles.
 
-    `a`, `b`, `c` are the corners of all triangles, [m, 2] each.
+    The last are the means over the area of ``z^2, y^2, y z`` about the centroid. `a`, `b` and `c`
+    are the corners (y, z) of all triangles, [m, 2] each.
     """
     u, v, centre = b - a, c - a, (a + b + c) / 3
     squares = sum(_coordinate_products(corner - centre) for corner in (a, b, c)) / 12
@@ -162,6 +168,9 @@ def _count_parts(length, size):
 
 
 def _crossing_positions(edges, level):
-    """Return the y at which the lines through edges cross the line ``z = level``."""
+    """Return the y at which the lines through edges cross the line ``z = level``, [n].
+
+    `edges` are the ends (y, z) of the edges, [n, 2, 2]; none is parallel to y.
+    """
     (y0, z0), (y1, z1) = edges[:, 0].T, edges[:, 1].T
     return y0 + (level - z0) / (z1 - z0) * (y1 - y0)

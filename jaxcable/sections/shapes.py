@@ -90,7 +90,7 @@ def ring(
     thickness = _length_if_allowed(
         thickness, 2 * thickness >= diameter, "thickness", "twice is too thick"
     )
-    fraction, direction, quads = meshes.ring_mesh(*_checked_mesh_shape(shape, (1, 3)))
+    fraction, direction, quads = meshes.polar_ring_mesh(*_checked_mesh_shape(shape, (1, 3)))
     inner = diameter / 2 - thickness
     points = (inner + fraction * thickness)[:, None] * direction
     inertia = np.pi / 64 * (diameter**4 - (2 * inner) ** 4)

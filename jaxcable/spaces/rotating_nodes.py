@@ -340,9 +340,10 @@ class RotatingNodes(Space):
     def load_stiffness(
         self, load: Forces, unbalanced: Callable[[], Forces], x: Motion
     ) -> list[MatrixPart]:
-        """Return the tangent of nodal moments, and of forces on rigid links, as nodes rotate.
+        """Return the terms that nodal moments and forces on rigid links add to the tangent.
 
-        The list has matrices by the spins of each row, [n_row, 3, 3], and these unknowns' indices.
+        The list has one pair: matrices by the spins of each row, [n_row, 3, 3], and the indices of
+        these unknowns, [n_row, 3].
         """
         zero = jnp.zeros_like(x[:, :3])
         moment, first = self._shift_to_carriers(load, x)[:, 3:], partial(conjugate_moment, order=1)

@@ -276,15 +276,18 @@ class Space(abc.ABC):
     def load_stiffness(
         self, load: Forces, unbalanced: Callable[[], Forces], x: Motion
     ) -> list[MatrixPart]:
-        """Return the stiffness of dead loads on rotating nodes, a list of terms of the tangent.
+        """Return the terms that dead loads on rotating nodes add to the tangent stiffness.
+
+        Without rotations there are none, as here.
 
         Args:
-            load: dead loads on all rows, N and N m.
-            unbalanced: function that returns the unbalanced forces on all rows.
+            load: dead loads on all rows, [n_row, n_freedom], N and N m.
+            unbalanced: function that returns internal forces less loads on all rows, in the same
+                shape; called only with rigid links, whose arms turn these forces into moments.
             x: motion of all rows.
 
         Returns:
-            Pairs of matrices [n_elem, d, d] and the indices of their unknowns, [n_elem, d].
+            Pairs of matrices [n_row, d, d] and the indices of their unknowns, [n_row, d].
         """
         return []
 

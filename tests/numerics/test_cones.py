@@ -55,7 +55,7 @@ def test_scaling_maps_the_first_point_to_the_second(slack):
 
 
 def test_correction_is_that_of_the_definition():
-    """``F (lam \\ (aim e - F^-1 ds o F dz))`` with the root F of the inverse, in NumPy."""
+    """``F^-1 (lam \\ (m e - F^-1 ds o F dz))`` with the root F of the inverse, in NumPy."""
     u, x, n, v, y, w = pairs(2)
     scaled = cones.nesterov_todd_scaling(u, x, n, v, y, w)
     rng = np.random.default_rng(3)
