@@ -81,7 +81,10 @@ class EquilibriumSearch:
             lambda a: jnp.zeros(a.shape, a.dtype),
             jax.eval_shape(lambda x: self._evaluate_forces(x, jnp.int32(0)), self.begin),
         )
-        full_steps = None
+        full_steps = unknowns = None
+        if self.is_net:
+            given = self.system, self.begin, self.method.has_fallbacks
+            unknowns = TensionUnknowns.initial(*given)
         if self.has_full_steps:
             full_steps = FullStepPhase.initial(self.system.may_be_unsymmetric)
         return NewtonState(
@@ -96,11 +99,7 @@ class EquilibriumSearch:
             has_no_step=no,
             shift=LevenbergShift.initial(zero.dtype),
             full_steps=full_steps,
-            tension_unknowns=TensionUnknowns.initial(
-                self.system, self.begin, self.method.has_fallbacks
-            )
-            if self.is_net
-            else None,
+            tension_unknowns=unknowns,
             predicted=PredictedForces.initial(self.system, zero.dtype) if self.predicts else None,
             start_residual=zero,
             stagnant_steps=jnp.int32(0),
@@ -312,19 +311,15 @@ class EquilibriumSearch:
             matrix = linear.add_to_diagonal(matrix, shift)
             given = self.system, matrix, state, rhs, self.tol, wanted
             step, definite, factored = newton_direction(*given)
-            again, stays = jnp.zeros((), bool), converged
-            ends, code = converged, state.code
+            again, stays, ends, code = jnp.zeros((), bool), converged, converged, state.code
             if self.is_net:
                 lost = equations.unknowns.needs_fallbacks
                 ends, code = ends | lost, jnp.where(lost, status.NEEDS_FALLBACKS, code)
                 given = self.system, state.x, step, definite
                 after, fraction, predictor = equations.take_step(*given)
                 if factored is not None:  # a corrector has the factor of its predictor
-                    count = select_tree(
-                        state.tension_unknowns.awaits_corrector,
-                        state.factored.count,
-                        factored.count,
-                    )
+                    waits = state.tension_unknowns.awaits_corrector
+                    count = select_tree(waits, state.factored.count, factored.count)
                     factored = copy_with(factored, count=count)
                 stays = converged | predictor
                 unknowns, again = state.tension_unknowns.repeat_if_indefinite(after, definite)
