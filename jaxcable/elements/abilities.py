@@ -230,7 +230,8 @@ class LengthSlack:
 class TensionElement(Element):
     """Cables whose end forces at a point follow from one number, their tension.
 
-    A net of them is solved with these tensions as unknowns, see `equilibrium.tension_unknowns`.
+    A net of them is solved with these tensions as unknowns, see `equilibrium.tension_unknowns`;
+    beside other elements they are unknowns of some steps, see `equilibrium.partial_net`.
     """
 
     def has_tension_unknown(self, state: OwnState) -> bool:

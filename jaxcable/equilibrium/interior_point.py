@@ -20,6 +20,7 @@ Source: Wright, "Primal-dual interior-point methods" (1997).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
@@ -29,7 +30,7 @@ from .. import linear
 from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear import Matrix
-from ..mechanics.assembly import System
+from ..mechanics.assembly import EndForces, System
 from ..mechanics.tension_responses import (
     TensionResponses,
     linearized_elongation,
@@ -38,7 +39,7 @@ from ..mechanics.tension_responses import (
     relative_node_motion,
     rest_lengths,
 )
-from ..spaces.space import Motion
+from ..spaces.space import Motion, Step
 from .finish_decision import FinishDecision
 
 _MAX_STEPS = 100  # interior steps
@@ -144,8 +145,13 @@ class LengthBoundEquations:
         guess: Float[Array, " n"],
         load: Float[Array, ""],
         length: Float[Array, ""],
+        residual_with: Callable[[EndForces], Step] | None = None,
     ) -> LengthBoundEquations:
-        """Return the equations of the next step from x, see `ConicEquations.at_point`."""
+        """Return the equations of the next step from x, see `ConicEquations.at_point`.
+
+        `residual_with` returns the residual with given end forces of the cables, where there are
+        other elements, too.
+        """
         none, jacked = jnp.zeros_like(pulls.tension), prescribed_tensions(system)
         mixed = cls(
             base_tension=pulls.tension,
@@ -159,10 +165,10 @@ class LengthBoundEquations:
             length=length,
             unknowns=copy_with(unknowns, guess=guess),
         )
-        interior = mixed._interior_equations
-        return lax.cond(unknowns.is_interior, lambda: interior(system, x, pulls), lambda: mixed)
+        interior, given = mixed._interior_equations, (system, x, pulls, residual_with)
+        return lax.cond(unknowns.is_interior, lambda: interior(*given), lambda: mixed)
 
-    def _interior_equations(self, system, x, pulls):
+    def _interior_equations(self, system, x, pulls, residual_with):
         """Return the equations of an interior step, from these of a mixed step; `pulls` at x."""
         unknowns, free = self.unknowns, ~self.jacked
         first = jnp.maximum(self.load, _UNLOADED * jnp.max(pulls.tension))
@@ -186,12 +192,16 @@ class LengthBoundEquations:
         width = jnp.where(width > 0, width, 1.0)
         base = tension + (target - tension * under.spare_length) / width
         base = jnp.where(free, base, self.base_tension)
+        if residual_with is None:
+            rhs = under.residual(system, x, base)
+        else:
+            rhs = residual_with(under.end_forces(system, base))
         return copy_with(
             self,
             base_tension=base,
             slope=jnp.where(free, tension / width, self.slope),
             unit_forces=under.unit_forces,
-            rhs=-under.residual(system, x, base),
+            rhs=-rhs,
             spare_length=under.spare_length,
             compliance=under.compliance,
             unknowns=copy_with(
@@ -268,12 +278,12 @@ class LengthBoundEquations:
             tension=inner.tension + of_tension * change,
             length_slack=inner.length_slack + fraction * wider,
             centering=jnp.maximum((1 - shorter) ** 2, _MIN_CENTERING),
-            damping=self._next_damping(far),
+            damping=self.damping_after(far),
         )
         after = copy_with(unknowns, interior_point=inner, blocked_steps=blocked.astype(jnp.int32))
         return after, fraction
 
-    def _next_damping(self, was_too_long):
+    def damping_after(self, was_too_long: Bool[ArrayLike, ""]) -> Float[Array, ""]:
         """Return the shift for the next interior step: larger after one that was too long."""
         inner = self.unknowns.interior_point
         least = _MIN_DAMPING * jnp.max(inner.tension) / self.length

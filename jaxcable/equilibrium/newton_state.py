@@ -19,14 +19,15 @@ class NewtonState:
         x, residual, scale: last accepted point, R(x), and the force that R is compared with, N.
         rounding: error that rounding leaves in the residual, N; None if no element states any.
         elements: what elements give together with their forces at x: `TensionResponses` of a net,
-            else tangents (`System.forces_and_tangents`) and `Chords`.
+            else tangents (`System.forces_and_tangents`; or `PartialNet.evaluate`) and `Chords`.
         step, search: the step from x, and which fraction of it is tried next (`search.LineSearch`).
         stays_at_x: whether the next evaluation is at x itself: at the start, when the iteration
             starts again, and when no usable step was found.
         has_no_step: whether the reason for `stays_at_x` is that no usable step was found.
         shift: Levenberg shift of the tangent.
         full_steps: phase of full steps, where there is one (`FullStepPhase`), else None.
-        tension_unknowns: tensions of a net as unknowns; None for other structures.
+        tension_unknowns: tensions of a net, or of cables beside other elements, as unknowns; None
+            for other structures.
         predicted: predicted axial forces of others; None where no element has a chord.
         start_residual: largest residual at the start of the increment, N.
         stagnant_steps: steps that met the criterion of forces without halving the residual.

@@ -33,7 +33,8 @@ from jax.typing import DTypeLike
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..mechanics.assembly import System
-from ..mechanics.chords import Chords, tension_only_chords
+from ..mechanics.chords import Chords, relative_to_first_end, tension_only_chords
+from ..spaces.space import Forces
 
 _CYCLE = 50, 40  # steps of a cycle, and how many of them have predicted forces
 # Largest force in the line search, over the predicted one: from 2 to 5 alike in the bank of bars.
@@ -87,6 +88,30 @@ class PredictedForces:
         cut_off = jnp.maximum(_MAX_OF_PREDICTED * jnp.abs(force), _NEVER_CUT * load)
         cut_off = jnp.where(predicting, cut_off, jnp.inf)
         return copy_with(self, force=force, cut_off=cut_off, is_known=predicting)
+
+    def after_step(
+        self,
+        system: System,
+        chords: Chords,
+        spread: Forces,
+        slopes: Float[Array, " n"],
+        predicting: Bool[Array, ""],
+    ) -> tuple[PredictedForces, Float[Array, ""], Float[Array, ""]]:
+        """Return the predicted forces for a step, its fraction to take, and work of cut forces, J.
+
+        Args:
+            system: `System`.
+            chords: at the start of the step.
+            spread: step of all rows.
+            slopes: derivatives of axial forces by lengths, [n], N/m.
+            predicting: as of `for_step`.
+        """
+        apart = relative_to_first_end(system, spread)
+        longer = chords.elongation(apart)
+        predicted = self.for_step(system, chords.force + slopes * longer, predicting)
+        fraction = step_fraction_within_length(chords.largest_turn_squared(apart))
+        fraction = jnp.where(predicting, fraction, 1.0)
+        return predicted, fraction, predicted.excess_force(chords.force) @ longer
 
 
 def is_prediction_step(steps: Int[Array, ""]) -> Bool[Array, ""]:

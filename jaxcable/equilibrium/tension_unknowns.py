@@ -53,6 +53,7 @@ MIXED, INTERIOR, FINISH, SEARCH = range(4)
 # finishing with cones (there all mixed steps, too). A mode that makes progress may go on for long,
 # one that does not costs little more than its patience.
 _PATIENCE, _MAX_STEPS = (8, 4, 14), (60, 20, 25)
+_PATIENCE_BESIDE_OTHERS = 12  # as the first patience, of steps with a line search beside others
 _EARLY = 5, 0.3  # with cones: steps after which a residual over this part of the scale ends a mode
 _SLACK = 1e-3  # tension over load up to which cables are slack at the start
 _MAX_SHIFTS = 3  # times that a matrix gets a larger shift until it is definite
@@ -96,11 +97,14 @@ class TensionUnknowns:
     indefinite_count: Int[Array, ""]
 
     @classmethod
-    def initial(cls, system: System, x: Motion) -> TensionUnknowns:
-        """Return the state at the start of an increment: mixed steps, nothing known."""
+    def initial(cls, system: System, x: Motion, is_partial: bool = False) -> TensionUnknowns:
+        """Return the state at the start of an increment: mixed steps, nothing known.
+
+        `is_partial`: whether there are other elements, too; then there are no cones.
+        """
         zero, first = jnp.zeros((), x.dtype), jnp.int32(0)
         # in float32 the slacks of cones lose their digits before the iteration can be finished
-        cones = all_suit_cone_solver(system) and jnp.finfo(x.dtype).eps < 1e-12
+        cones = all_suit_cone_solver(system) and jnp.finfo(x.dtype).eps < 1e-12 and not is_partial
         kind = ConicInteriorPoint if cones else InteriorPoint
         return cls(
             mode=jnp.int32(MIXED),
@@ -138,6 +142,15 @@ class TensionUnknowns:
         return self.mode == FINISH
 
     @property
+    def takes_whole_steps(self) -> Bool[Array, ""]:
+        """Whether steps beside other elements have no line search."""
+        return self.is_interior | self.is_finishing
+
+    def with_mixed_steps_if(self, wanted: Bool[Array, ""]) -> TensionUnknowns:
+        """Return the same in mixed mode if `wanted`."""
+        return copy_with(self, mode=jnp.where(wanted, MIXED, self.mode))
+
+    @property
     def has_interior_matrix(self) -> Bool[Array, ""]:
         """Whether matrices are those of interior steps, or of finishing steps with cones.
 
@@ -170,6 +183,7 @@ class TensionUnknowns:
         scale: Float[Array, ""],
         astray: Bool[Array, ""],
         length: Float[Array, ""],
+        gave_up: Bool[Array, ""] | None = None,
     ) -> tuple[TensionUnknowns, Motion, Bool[Array, ""]]:
         """Choose the mode after a step: the same, interior, finishing, or line search.
 
@@ -179,6 +193,8 @@ class TensionUnknowns:
             residual, scale: largest residual at x and the force it is compared with, N.
             astray: whether the point is far from the structure.
             length: of elements, m.
+            gave_up: where there are other elements: whether the full steps of mixed steps have
+                failed. A mixed step that is refused is then no failure.
 
         Returns:
             The state, the point to go on from, whether this is another one than x.
@@ -189,12 +205,15 @@ class TensionUnknowns:
         best = jnp.where(halved | starts, residual, self.best_residual)
         since = jnp.where(halved, 0, self.steps_since_halved + 1)
         lost = astray | ~finite
+        if gave_up is not None:
+            lost = jnp.where(mixed, gave_up, lost)
         if self.has_cones:
             early = (self.steps_in_mode >= _EARLY[0]) & (residual > _EARLY[1] * scale)
             early = early | (since >= jnp.where(mixed, _PATIENCE[0], _PATIENCE[2]))
             lost = lost | early | (self.steps_in_mode >= _MAX_STEPS[2])
         else:
-            pairs = _PATIENCE[:2], _MAX_STEPS[:2]
+            first = _PATIENCE[0] if gave_up is None else _PATIENCE_BESIDE_OTHERS
+            pairs = (first, _PATIENCE[1]), _MAX_STEPS[:2]
             patience, longest = (jnp.where(mixed, *pair) for pair in pairs)
             lost = lost | (since >= patience) | (self.steps_in_mode >= longest)
         begins, returns = mixed & lost, finishing & lost
@@ -258,9 +277,8 @@ class TensionUnknowns:
             pulls, residual: those of the system at x.
             length: of elements, m.
         """
-        load, tension = jnp.max(jnp.abs(system.external_force(x)), initial=0.0), pulls.tension
-        if (jacked := prescribed_tensions(system)) is not None:
-            load = jnp.maximum(load, jnp.max(jnp.where(jacked, tension, 0.0)))
+        tension = pulls.tension
+        load = largest_load(system, system.external_force(x), tension)
         guess = select_tree(self.is_new_mode | self.uses_line_search, tension, self.guess)
         guess = jnp.where(tension <= _OWN_TENSION * (guess + load), tension, guess)
         best = jnp.where(self.is_new_mode, max_abs(residual), self.best_residual)
@@ -271,3 +289,13 @@ class TensionUnknowns:
             slack = self.is_new_mode & (self.mode == MIXED) & (jnp.max(tension) <= _SLACK * load)
             unknowns = copy_with(unknowns, mode=jnp.where(slack, INTERIOR, self.mode))
         return kind.at_point(unknowns, system, x, pulls, residual, guess, load, length)
+
+
+def largest_load(
+    system: System, force: Float[Array, "n_row 3"], tension: Float[Array, " n"]
+) -> Float[Array, ""]:
+    """Return the largest `force` at a row along an axis, or tension of a jack, N."""
+    load = jnp.max(jnp.abs(force), initial=0.0)
+    if (jacked := prescribed_tensions(system)) is not None:
+        load = jnp.maximum(load, jnp.max(jnp.where(jacked, tension, 0.0)))
+    return load

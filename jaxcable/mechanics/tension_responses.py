@@ -153,6 +153,13 @@ class SlackUnderTensions:
 
     def residual(self, system: System, x: Motion, tensions: Float[Array, " n"]) -> Step:
         """Return the residual [n_free] at `x` under other tensions [n], to first order, N."""
+        ends = self.end_forces(system, tensions)
+        return system.space.restrict(system.sum_at_rows(ends) - system.external_force(x), x)
+
+    def end_forces(
+        self, system: System, tensions: Float[Array, " n"]
+    ) -> list[Float[Array, "n_elem n_end 3"]]:
+        """Return the end forces per group under other tensions [n], to first order, N."""
         ends = []
         pairs = zip(self.unit_forces, self.forces, strict=True)
         split = _split_by_group(system, tensions), _split_by_group(system, tensions - self.tension)
@@ -161,7 +168,7 @@ class SlackUnderTensions:
                 ends.append(whole[:, None, None] * along)
             else:
                 ends.append(forces + change[:, None, None] * along)
-        return system.space.restrict(system.sum_at_rows(ends) - system.external_force(x), x)
+        return ends
 
 
 def net_stiffness(
