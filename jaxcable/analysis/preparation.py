@@ -14,6 +14,7 @@ from ..common.fusion import are_loops_fused
 from ..common.rules import are_rules_kept, collect_rules
 from ..common.tree import cast_floats, computed_once, copy_with, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..elements.abilities import TensionElement
 from ..elements.element import Element
 from ..elements.prestress import Prestressed
 from ..equilibrium.incremental import Incremental
@@ -61,8 +62,7 @@ class PreparedAnalysis(NamedTuple):
         fixed: degrees of freedom held before the first phase and in each phase, `FixedDofs`.
         loads: element loads of `start`, then those of the phases, list of `LoadStack`.
         bundles: which groups are evaluated together.
-        may_go_without_fallbacks: whether the iteration has fallbacks that few structures need: in
-            nets of cables, if only equilibria are sought.
+        may_go_without_fallbacks: whether the iteration has fallbacks that few structures need.
         n_unknown: number of unknowns.
         warns_if_unstable: whether a state can be unstable and an indefinite tangent proves it. Not
             where the energy is convex (`System.always_convex`): the tangent is never indefinite.
@@ -173,7 +173,7 @@ def prepare(
     count = len(dof_map.free)
     return PreparedAnalysis(
         *(without_indices, arrays, method, code, tuple(sets), everything),
-        *(bundles, convex, count, warns),
+        *(bundles, isinstance(method, Newton) and _has_fallbacks(bundled, convex), count, warns),
     )
 
 
@@ -229,6 +229,17 @@ def _can_prove_instability(groups, restart, stacks, nodal):
     moments_before = before is not None and bool(np.any(before[:, 3:]))
     following = any(stack.follows for stack in stacks)
     return not (moments_before or following or moments)
+
+
+def _has_fallbacks(groups, convex):
+    """Return whether tensions of cables may be unknowns: in nets, and beside other elements.
+
+    Nets with softening laws are iterated twice, see `newton`, and are not among them.
+    """
+    cables = [isinstance(group, TensionElement) for group in groups]
+    pairs = zip(cables, groups, strict=True)
+    some = any(cable and group.monotone and group.symmetric for cable, group in pairs)
+    return convex or (some and not all(cables))
 
 
 def _is_always_convex(groups, stacks):

@@ -260,7 +260,8 @@ class TensionElement(Element):
     """Cables whose end forces follow from the positions of the ends and one number, the tension.
 
     For a net of such cables these tensions can be unknowns of the equations beside the
-    displacements (`equilibrium.tension_unknowns`).
+    displacements (`equilibrium.tension_unknowns`). In a structure with other elements, too, they
+    are unknowns where the steps of Newton's method fail (`equilibrium.partial_net`).
     """
 
     def has_tension_unknown(self, state: OwnState) -> bool:

@@ -20,6 +20,7 @@ Source: Wright, "Primal-dual interior-point methods" (1997).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
@@ -29,7 +30,7 @@ from .. import linear
 from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear import Matrix
-from ..mechanics.assembly import System
+from ..mechanics.assembly import EndForces, System
 from ..mechanics.tension_responses import (
     TensionResponses,
     linearized_elongation,
@@ -38,7 +39,7 @@ from ..mechanics.tension_responses import (
     relative_motion_along_cables,
     rest_lengths,
 )
-from ..spaces.space import Motion
+from ..spaces.space import Motion, Step
 from .finish_decision import FinishDecision
 
 _MAX_STEPS = 100  # interior steps
@@ -149,11 +150,17 @@ class LengthBoundEquations:
         guess: Float[Array, " n"],
         load: Float[Array, ""],
         length: Float[Array, ""],
+        assemble_residual: Callable[[EndForces], Step] | None = None,
     ) -> LengthBoundEquations:
         """Return the equations of the next step from `x`, as the mode of `unknowns` says.
 
         A *mixed* step is Newton's for displacements and tensions, an *interior* step one of the
-        interior-point method. Arguments are those of `ConicEquations.at_point`.
+        interior-point method. Arguments are those of `ConicEquations.at_point`, and:
+
+        Args:
+            assemble_residual: where the structure has other elements, too: function that returns
+                the residual of the whole structure, [n_free], N, for given end forces of the
+                cables, per group [n_elem, n_end, 3], N. None for a net.
         """
         none, jacked = jnp.zeros_like(responses.tension), prescribed_tensions(system)
         mixed = cls(
@@ -169,11 +176,10 @@ class LengthBoundEquations:
             unknowns=copy_with(unknowns, guess=guess),
         )
         interior = mixed._interior_step_equations
-        return lax.cond(
-            unknowns.uses_interior_point, lambda: interior(system, x, responses), lambda: mixed
-        )
+        given = system, x, responses, assemble_residual
+        return lax.cond(unknowns.uses_interior_point, lambda: interior(*given), lambda: mixed)
 
-    def _interior_step_equations(self, system, x, responses):
+    def _interior_step_equations(self, system, x, responses, assemble_residual):
         """Return the equations of an interior-point step at x, made from these of a mixed step."""
         unknowns, free = self.unknowns, ~self.jacked
         first = jnp.maximum(self.load, _UNLOADED * jnp.max(responses.tension))
@@ -197,12 +203,16 @@ class LengthBoundEquations:
         width = jnp.where(width > 0, width, 1.0)
         base = tension + (target - tension * under.spare_length) / width
         base = jnp.where(free, base, self.base_tension)
+        if assemble_residual is None:
+            rhs = under.residual(system, x, base)
+        else:
+            rhs = assemble_residual(under.end_forces(system, base))
         return copy_with(
             self,
             base_tension=base,
             slope=jnp.where(free, tension / width, self.slope),
             unit_forces=under.unit_forces,
-            rhs=-under.residual(system, x, base),
+            rhs=-rhs,
             spare_length=under.spare_length,
             compliance=under.compliance,
             unknowns=copy_with(
@@ -287,12 +297,12 @@ class LengthBoundEquations:
             tension=inner.tension + of_tension * change,
             length_slack=inner.length_slack + fraction * wider,
             centering=jnp.maximum((1 - shorter) ** 2, _MIN_CENTERING),
-            damping=self._next_damping(far),
+            damping=self.next_damping(far),
         )
         after = copy_with(unknowns, interior_point=inner, blocked_steps=blocked.astype(jnp.int32))
         return after, fraction
 
-    def _next_damping(self, was_too_long):
+    def next_damping(self, was_too_long: Bool[ArrayLike, ""]) -> Float[Array, ""]:
         """Return the shift of the next interior step, N/m: larger if this one was too long."""
         inner = self.unknowns.interior_point
         least = _MIN_DAMPING * jnp.max(inner.tension) / self.length

@@ -18,8 +18,10 @@ from ..numerics.line_search import LineSearch
 from .convergence import AddedLoadCriterion, IterationSettings, is_stagnant, residual_tolerance
 from .globalization import ASTRAY, FullStepPhase, LevenbergShift
 from .newton_state import NewtonState
-from .newton_step import max_abs, newton_direction, zero_eigenvalue_bound
-from .predicted_forces import PredictedForces, is_prediction_step, step_fraction_within_length
+from .newton_step import max_abs, newton_direction
+from .partial_net import PartialNet
+from .predicted_forces import PredictedForces
+from .step_matrix import step_matrix
 from .tension_unknowns import TensionUnknowns
 
 # Residual allowed without load, in roundings (eps) of the forces at the start.
@@ -63,7 +65,7 @@ class EquilibriumSearch:
         self.tol = residual_tolerance(method, x.dtype)
         self.length, self.extent = system.length_scale(), system.extent()
         self.is_net = system.is_net
-        self.may_be_unstable = not system.always_convex
+        self.partial_net = None if self.is_net else PartialNet.of(system)
         self.is_loaded = has_load(system, self.begin) if self.is_net else None
         # a net beyond the peak of a law finds where its curve ends by the true forces
         softens = not self.is_net and system.without_softening().is_net
@@ -82,8 +84,9 @@ class EquilibriumSearch:
             jax.eval_shape(lambda x: self._evaluate_forces(x, jnp.int32(0)), self.begin),
         )
         full_steps = unknowns = None
-        if self.is_net:
-            given = self.system, self.begin, self.method.has_fallbacks
+        if self.is_net or self.partial_net is not None:
+            net = self.system if self.is_net else self.partial_net.net
+            given = net, self.begin, not self.is_net, self.method.has_fallbacks
             unknowns = TensionUnknowns.initial(*given)
         if self.has_full_steps:
             full_steps = FullStepPhase.initial(self.system.may_be_unsymmetric)
@@ -144,6 +147,9 @@ class EquilibriumSearch:
         if self.is_net:
             searching = state.tension_unknowns.uses_line_search
             fine, again = jnp.where(searching, fine, finite), again & searching
+        if self.partial_net is not None:
+            whole = state.tension_unknowns.takes_interior_or_finishing_steps
+            fine, again = jnp.where(whole, finite, fine), again & ~whole
         fine, again = fine | state.stays_at_x, again & ~state.stays_at_x
 
         new = copy_with(
@@ -163,7 +169,11 @@ class EquilibriumSearch:
             elements = TensionResponses.of(self.system, x, exact)
             residual, scale, rounding = elements.residual_scale_and_rounding(self.system, x)
         else:
-            end_forces, tangents = self.system.forces_and_tangents(x)
+            if self.partial_net is None:
+                end_forces, tangents = self.system.forces_and_tangents(x)
+            else:
+                tangents = self.partial_net.evaluate(x)
+                end_forces = self.partial_net.merge(tangents[0].forces, tangents[1][0])
             rounding = self.system.rounding_error(x) if self.system.estimates_rounding else None
             chords = Chords.of(self.system, x, end_forces) if self.predicts else None
             residual, scale = self.system.residual_and_scale(x, end_forces)
@@ -264,13 +274,18 @@ class EquilibriumSearch:
         unknowns = state.tension_unknowns
         if self.is_net:
             shift = select_tree(unknowns.uses_line_search, shift, LevenbergShift.initial(x.dtype))
-            astray = reach > ASTRAY * self.extent
-            size = max_abs(state.residual), state.scale
-            given = x, self.begin, accepted, *size, astray, self.length
-            new, point, elsewhere = unknowns.switch_mode(*given)
-            may_switch = moved & ~converged & ~state.tension_unknowns.uses_line_search
-            unknowns, again = select_tree(may_switch, new, unknowns), may_switch & elsewhere
-            x = select_tree(may_switch, point, x)
+            given = state, x, accepted, moved & ~converged, reach
+            unknowns, x, again = self._switch_mode(*given)
+        elif self.partial_net is not None:
+            given = state, x, accepted, moved & ~converged, reach, again
+            unknowns, x, elsewhere = self._switch_mode(*given)
+            again, changed = again | elsewhere, unknowns.mode != state.tension_unknowns.mode
+            shift = select_tree(changed, LevenbergShift.initial(x.dtype), shift)
+            if self.has_full_steps:
+                full_steps = copy_with(full_steps, is_on=full_steps.is_on & ~changed)
+            if self.predicts:
+                known = state.predicted.is_known & ~elsewhere
+                state = copy_with(state, predicted=copy_with(state.predicted, is_known=known))
         farthest = _NET_RUNAWAY if self.is_net else _RUNAWAY
         runaway = search_over & (reach > farthest * self.extent) & ~again
         code = jnp.where((state.code == status.OK) & runaway, status.MECHANISM, state.code)
@@ -291,6 +306,20 @@ class EquilibriumSearch:
         )
         return after, reevaluate
 
+    def _switch_mode(self, state, x, accepted, may_switch, reach, full_steps_failed=None):
+        """Return `TensionUnknowns` after a step, the point to go on from, whether it is not `x`.
+
+        See `TensionUnknowns.switch_mode`. The mode changes only if it `may_switch`. `accepted` says
+        whether a step was taken; `reach` is the largest displacement at `x`, m.
+        """
+        unknowns, astray = state.tension_unknowns, reach > ASTRAY * self.extent
+        size = max_abs(state.residual), state.scale
+        given = x, self.begin, accepted, *size, astray, self.length, full_steps_failed
+        new, point, elsewhere = unknowns.switch_mode(*given)
+        may_switch = may_switch & ~unknowns.uses_line_search
+        unknowns = select_tree(may_switch, new, unknowns)
+        return unknowns, select_tree(may_switch, point, x), may_switch & elsewhere
+
     def _compute_step(self, state, wanted, converged):
         """Return `state` with its next step if `wanted`; at an equilibrium only judge stability."""
 
@@ -307,14 +336,20 @@ class EquilibriumSearch:
                 rhs, is_full = -state.residual, jnp.zeros((), bool)
                 if self.has_full_steps:
                     is_full = state.full_steps.is_on & ~converged
-                matrix, shift, predicting, slopes = self._step_matrix(state, is_full, converged)
+                given = state, self.length, is_full, converged
+                found = step_matrix(self.system, self.partial_net, *given)
+                matrix, shift, predicting, slopes, equations = found
+                if equations is not None:
+                    rhs = equations.rhs
+                    is_full = is_full | unknowns.takes_interior_or_finishing_steps
             matrix = linear.add_to_diagonal(matrix, shift)
             given = self.system, matrix, state, rhs, self.tol, wanted
             step, definite, factored = newton_direction(*given)
             again, stays, ends, code = jnp.zeros((), bool), converged, converged, state.code
-            if self.is_net:
-                lost = equations.unknowns.needs_fallbacks
+            if state.tension_unknowns is not None:
+                lost = state.tension_unknowns.needs_fallbacks
                 ends, code = ends | lost, jnp.where(lost, status.NEEDS_FALLBACKS, code)
+            if self.is_net:
                 given = self.system, state.x, step, definite
                 after, fraction, predictor = equations.take_step(*given)
                 if factored is not None:  # a corrector has the factor of its predictor
@@ -326,8 +361,18 @@ class EquilibriumSearch:
                 again = again | predictor
             slope = state.residual @ step
             if self.predicts:
-                predicted, fraction, cut = self._predict_forces(state, step, slopes, predicting)
+                given = self.system, state.elements[1], self.system.space.prolong(state.x, step)
+                given = *given, slopes, predicting
+                predicted, fraction, cut = state.predicted.after_step(*given)
                 slope = slope - cut
+            if self.partial_net is not None:
+                given = state.x, step, definite, equations
+                unknowns, part = self.partial_net.take_step(*given)
+                again = unknowns.indefinite_count > 0
+                fraction = jnp.minimum(fraction, part)
+                if self.predicts:
+                    force = self.partial_net.predicted_forces(predicted.force, unknowns)
+                    predicted = copy_with(predicted, force=force)
             step, slope = fraction * step, fraction * slope
             usable, full_steps = definite & ((slope < 0) | is_full), state.full_steps
             if self.system.may_be_unsymmetric:
@@ -352,48 +397,3 @@ class EquilibriumSearch:
             )
 
         return lax.cond(wanted, compute, lambda state: state, state)
-
-    def _step_matrix(self, state, is_full, converged):
-        """Assemble the matrix of a step of a structure that is no net of cables.
-
-        Args:
-            state: `NewtonState`.
-            is_full: whether the step is a full one, without line search.
-            converged: whether its point is an equilibrium.
-
-        Returns:
-            Matrix; shift of its diagonal, N/m; whether it has predicted axial forces; derivatives
-            of these by lengths, [n], N/m. The last two are None where no element has a chord.
-        """
-        tangents, chords = state.elements
-        size, predicting, slopes = max_abs(state.residual), None, None
-        if self.predicts:
-            predicting = is_prediction_step(state.steps) & ~is_full & ~converged
-            forces = state.predicted.geometric_forces(chords, predicting)
-            tangents = self.system.tangents(state.x, tangents)
-            slopes = chords.axial_stiffness(self.system, tangents)
-            tangents = chords.with_geometric_stiffness(self.system, tangents, forces)
-            # after a step sideways R is that of EA, and so would be the shift
-            size = jnp.minimum(size, jnp.max(jnp.abs(forces)) + state.start_residual)
-        shift = state.shift.value(size, self.length)
-        matrix = self.system.tangent(state.x, tangents)
-        if self.system.space.rotates:
-            shift = jnp.where(is_full, 0.0, shift)
-        if self.may_be_unstable:
-            shift = jnp.where(converged, zero_eigenvalue_bound(matrix), shift)
-        return matrix, shift, predicting, slopes
-
-    def _predict_forces(self, state, step, slopes, predicting):
-        """Return `PredictedForces` after a step, the fraction to take, the work of cut forces, J.
-
-        `slopes` are derivatives of axial forces by lengths, [n], N/m; `predicting` says whether the
-        matrix of the step has predicted forces.
-        """
-        chords, system = state.elements[1], self.system
-        apart = relative_to_first_end(system, system.space.prolong(state.x, step))
-        longer = chords.elongation(apart)
-        predicted = state.predicted.for_step(system, chords.force + slopes * longer, predicting)
-        fraction = jnp.where(
-            predicting, step_fraction_within_length(chords.max_relative_motion_squared(apart)), 1.0
-        )
-        return predicted, fraction, predicted.excess_force(chords.force) @ longer

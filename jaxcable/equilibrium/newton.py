@@ -5,7 +5,8 @@ sliding, with jacks; `System.is_net`) carry their tensions as unknowns beside th
 because stiff cables that swing let plain Newton steps creep: see `tension_unknowns`. Where Newton's
 method fails for them, an interior-point method follows, with a second-order cone for every straight
 piece (`conic_interior_point`): its steps hardly grow with the size of a net, nor with what is slack
-in it. For all others:
+in it. Cables beside other elements have interior-point steps, too, where Newton's method no longer
+makes progress: see `partial_net`. For all others:
 
 1. Step ``p`` from ``(K + mu I) p = -R`` with the Levenberg shift ``mu = kappa |R| / l``. Bars, and
    cables beside them, have the axial force that the last step predicts, in ``K`` and in the line
@@ -19,7 +20,8 @@ in it. For all others:
    that should only bend or swing, or slackens cables that the next step tightens. The energy rises,
    although the next full step corrects this; a line search would allow tiny steps only. Structures
    with rotations, those under following loads, and cables along which loads slide therefore start
-   with up to 20 full Newton steps. If these fail, the iteration starts again with line search.
+   with up to 20 full Newton steps. If these fail, the iteration starts again with line search, or
+   where there are cables beside other elements, with interior-point steps.
    (Where nodal moments, following loads or elements without a potential make the tangent
    unsymmetric, all steps are by the whole of it. A full step may pass an indefinite tangent; after
    this phase, a step by one whose symmetric part is indefinite is taken whole if it decreases the

@@ -21,7 +21,8 @@ class NewtonState:
         scale: the force that the residual is compared with, N.
         rounding: error that rounding leaves in the residual, N; None if no element estimates any.
         elements: what elements give together with their forces at x: `TensionResponses` of a net,
-            else tangents (`System.forces_and_tangents`) and `Chords`.
+            else tangents (`System.forces_and_tangents`, or with cables beside other elements
+            `PartialNet.evaluate`) and `Chords`.
         step, search: the step from x, and which fraction of it is tried next
             (`line_search.LineSearch`).
         stays_at_x: whether the next evaluation is at x itself: at the start, when the iteration
@@ -29,8 +30,10 @@ class NewtonState:
         has_no_step: whether the reason for `stays_at_x` is that no usable step was found.
         shift: Levenberg shift of the tangent.
         full_steps: `FullStepPhase` of structures that begin with full steps, else None.
-        tension_unknowns: tensions of a net as unknowns; None for other structures.
-        predicted: predicted axial forces of other structures; None where no element has a chord.
+        tension_unknowns: tensions as unknowns: of a net, or of the cables of a structure with other
+            elements, too; None for structures without such cables.
+        predicted: predicted axial forces of structures other than nets; None where no element has a
+            chord.
         start_residual: largest residual at the start of the increment, N.
         stagnant_steps: steps that met the criterion of forces without halving the residual.
         steps: number of Newton steps so far.

@@ -33,7 +33,8 @@ from jax.typing import DTypeLike
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..mechanics.assembly import System
-from ..mechanics.chords import Chords, tension_only_chords
+from ..mechanics.chords import Chords, relative_to_first_end, tension_only_chords
+from ..spaces.space import Forces
 
 _CYCLE = 50, 40  # steps of a cycle, and how many of them have predicted forces
 # Largest force in the line search, over the predicted one: from 2 to 5 alike in the bank of bars.
@@ -87,6 +88,33 @@ class PredictedForces:
         cut_off = jnp.maximum(_MAX_OF_PREDICTED * jnp.abs(force), _NEVER_CUT * load)
         cut_off = jnp.where(predicting, cut_off, jnp.inf)
         return copy_with(self, force=force, cut_off=cut_off, is_known=predicting)
+
+    def after_step(
+        self,
+        system: System,
+        chords: Chords,
+        row_step: Forces,
+        slopes: Float[Array, " n"],
+        predicting: Bool[Array, ""],
+    ) -> tuple[PredictedForces, Float[Array, ""], Float[Array, ""]]:
+        """Return `PredictedForces` after a step, the fraction to take, the work of cut forces, J.
+
+        The fraction is the one that moves no element's ends apart by more than its length. The work
+        is that which axial forces beyond the cut-off do in the whole step.
+
+        Args:
+            system: `System`.
+            chords: `Chords` of all elements with two ends and no rotations, before the step.
+            row_step: the step, of all nodes (rows).
+            slopes: derivatives of axial forces by lengths, [n], N/m.
+            predicting: whether the step's matrix has predicted forces; else the fraction is 1.
+        """
+        apart = relative_to_first_end(system, row_step)
+        longer = chords.elongation(apart)
+        predicted = self.for_step(system, chords.force + slopes * longer, predicting)
+        fraction = step_fraction_within_length(chords.max_relative_motion_squared(apart))
+        fraction = jnp.where(predicting, fraction, 1.0)
+        return predicted, fraction, predicted.excess_force(chords.force) @ longer
 
 
 def is_prediction_step(steps: Int[Array, ""]) -> Bool[Array, ""]:

@@ -54,6 +54,7 @@ MIXED, INTERIOR, FINISH, SEARCH = range(4)
 # finishing with cones (there all mixed steps, too). A mode that makes progress may go on for long,
 # one that does not costs little more than its patience.
 _PATIENCE, _MAX_STEPS = (8, 4, 14), (60, 20, 25)
+_FIRST_PATIENCE_WITH_OTHERS = 12  # the patience of the first mode if there are other elements
 _EARLY = 5, 0.3  # with cones: steps after which a residual over this part of the scale ends a mode
 _SLACK = 1e-3  # tension over load up to which cables are slack at the start
 _MAX_SHIFTS = 3  # times that a matrix gets a larger shift until it is definite
@@ -71,7 +72,8 @@ class TensionUnknowns:
     Attributes:
         mode: `MIXED` (Newton steps for displacements and tensions), `INTERIOR` (steps of the
             interior-point method), `FINISH` (Newton steps from its end) or `SEARCH` (Newton steps
-            with line search).
+            with line search). In structures with other elements, too (`partial_net`), all but
+            `INTERIOR` are Newton steps for displacements only, with predicted axial forces.
         guess: tensions for the geometric stiffness of mixed steps, [n], N, of all groups.
         interior_point: state of the interior-point method.
         is_new_mode: whether the mode begins at its next step.
@@ -101,11 +103,23 @@ class TensionUnknowns:
     has_fallbacks: bool
 
     @classmethod
-    def initial(cls, system: System, x: Motion, has_fallbacks: bool) -> TensionUnknowns:
-        """Return the state at the start of an increment: mixed steps, zero tensions."""
+    def initial(
+        cls, system: System, x: Motion, is_partial_net: bool, has_fallbacks: bool
+    ) -> TensionUnknowns:
+        """Return the state at the start of an increment: mixed steps, zero tensions.
+
+        Args:
+            system: `System`, a net.
+            x: motion of all nodes (rows).
+            is_partial_net: whether the net is part of a structure with other elements, too. Then
+                its interior-point method is that of `interior_point`, not the one with cones.
+            has_fallbacks: whether any mode but `MIXED` is in the program.
+        """
         zero, first = jnp.zeros((), x.dtype), jnp.int32(0)
         # in float32 the slacks of cones lose their digits before the iteration can be finished
-        cones = all_suit_cone_solver(system) and jnp.finfo(x.dtype).eps < 1e-12
+        cones = (
+            all_suit_cone_solver(system) and jnp.finfo(x.dtype).eps < 1e-12 and not is_partial_net
+        )
         kind = ConicInteriorPoint if cones else InteriorPoint
         return cls(
             mode=jnp.int32(MIXED),
@@ -153,6 +167,15 @@ class TensionUnknowns:
         return self._is_in(FINISH)
 
     @property
+    def takes_interior_or_finishing_steps(self) -> Bool[Array, ""]:
+        """Whether the mode is `INTERIOR` or `FINISH`, whose steps need no line search."""
+        return self.uses_interior_point | self.takes_finishing_steps
+
+    def with_mixed_mode_if(self, wanted: Bool[Array, ""]) -> TensionUnknowns:
+        """Return a copy whose mode is `MIXED` if `wanted`, else the same as before."""
+        return copy_with(self, mode=jnp.where(wanted, MIXED, self.mode))
+
+    @property
     def has_interior_matrix(self) -> Bool[Array, ""]:
         """Whether the matrix is that of an interior step, or of a finishing step with cones.
 
@@ -189,6 +212,7 @@ class TensionUnknowns:
         scale: Float[Array, ""],
         astray: Bool[Array, ""],
         length: Float[Array, ""],
+        full_steps_failed: Bool[Array, ""] | None = None,
     ) -> tuple[TensionUnknowns, Motion, Bool[Array, ""]]:
         """Choose the mode after a step: the same, interior, finishing, or line search.
 
@@ -198,6 +222,9 @@ class TensionUnknowns:
             residual, scale: largest residual at x and the force it is compared with, N.
             astray: whether the point is far from the structure.
             length: mean length of elements, m.
+            full_steps_failed: where the structure has other elements, too: whether the full Newton
+                steps with which the iteration began have just failed. The first mode is then left
+                if this is true, but not because a step was refused. None for a net.
 
         Returns:
             The state; the point to go on from; whether this is another one than x.
@@ -212,12 +239,15 @@ class TensionUnknowns:
         best = jnp.where(halved | starts, residual, self.best_residual)
         since = jnp.where(halved, 0, self.steps_since_halved + 1)
         lost = astray | ~finite
+        if full_steps_failed is not None:
+            lost = jnp.where(mixed, full_steps_failed, lost)
         if self.has_cones:
             early = (self.steps_in_mode >= _EARLY[0]) & (residual > _EARLY[1] * scale)
             early = early | (since >= jnp.where(mixed, _PATIENCE[0], _PATIENCE[2]))
             lost = lost | early | (self.steps_in_mode >= _MAX_STEPS[2])
         else:
-            pairs = _PATIENCE[:2], _MAX_STEPS[:2]
+            first = _PATIENCE[0] if full_steps_failed is None else _FIRST_PATIENCE_WITH_OTHERS
+            pairs = (first, _PATIENCE[1]), _MAX_STEPS[:2]
             patience, longest = (jnp.where(mixed, *pair) for pair in pairs)
             lost = lost | (since >= patience) | (self.steps_in_mode >= longest)
         begins, returns = mixed & lost, finishing & lost
@@ -282,9 +312,8 @@ class TensionUnknowns:
             residual: residual at x, [n_free], N.
             length: mean length of elements, m.
         """
-        load, tension = jnp.max(jnp.abs(system.external_force(x)), initial=0.0), responses.tension
-        if (jacked := prescribed_tensions(system)) is not None:
-            load = jnp.maximum(load, jnp.max(jnp.where(jacked, tension, 0.0)))
+        tension = responses.tension
+        load = largest_load(system, system.external_force(x), tension)
         guess = select_tree(self.is_new_mode | self.uses_line_search, tension, self.guess)
         guess = jnp.where(tension <= _OWN_TENSION * (guess + load), tension, guess)
         best = jnp.where(self.is_new_mode, max_abs(residual), self.best_residual)
@@ -295,3 +324,16 @@ class TensionUnknowns:
             slack = self.is_new_mode & (self.mode == MIXED) & (jnp.max(tension) <= _SLACK * load)
             unknowns = copy_with(unknowns, mode=jnp.where(slack, INTERIOR, self.mode))
         return kind.at_point(unknowns, system, x, responses, residual, guess, load, length)
+
+
+def largest_load(
+    system: System, force: Float[Array, "n_row 3"], tension: Float[Array, " n"]
+) -> Float[Array, ""]:
+    """Return the largest load: component of the loads on nodes, or tension set by a jack, N.
+
+    `force` are the loads on all nodes (rows), N; `tension` the tensions of all cables, [n], N.
+    """
+    load = jnp.max(jnp.abs(force), initial=0.0)
+    if (jacked := prescribed_tensions(system)) is not None:
+        load = jnp.maximum(load, jnp.max(jnp.where(jacked, tension, 0.0)))
+    return load

@@ -159,6 +159,16 @@ class SlackUnderTensions:
 
     def residual(self, system: System, x: Motion, tensions: Float[Array, " n"]) -> Step:
         """Return the residual [n_free], N, at `x` under other tensions [n], linearized in these."""
+        ends = self.end_forces(system, tensions)
+        return system.space.restrict(system.sum_at_rows(ends) - system.external_force(x), x)
+
+    def end_forces(
+        self, system: System, tensions: Float[Array, " n"]
+    ) -> list[Float[Array, "n_elem n_end 3"]]:
+        """Return the end forces under other tensions [n], N, linearized in these.
+
+        They are [n_elem, n_end, 3] per group, N.
+        """
         ends = []
         pairs = zip(self.unit_forces, self.forces, strict=True)
         split = _split_by_group(system, tensions), _split_by_group(system, tensions - self.tension)
@@ -167,7 +177,7 @@ class SlackUnderTensions:
                 ends.append(whole[:, None, None] * unit_forces)
             else:
                 ends.append(forces + change[:, None, None] * unit_forces)
-        return system.space.restrict(system.sum_at_rows(ends) - system.external_force(x), x)
+        return ends
 
 
 def net_stiffness(
