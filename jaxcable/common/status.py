@@ -116,7 +116,8 @@ _TEXTS = {
         "more points (steps) or longer steps (largest)"
     ),
     OUT_OF_EVENTS: (
-        "maximum number of events of a path reached, so that it ends here: allow more (events)"
+        "the path ends here because it has the allowed number of events (limit points, "
+        "bifurcations, cables that slacken or tighten, ruptures): allow more (events)"
     ),
     CONSTRAINTS_VIOLATED: (
         "the constraints are violated at the best parameters found; the result says by how much: "
@@ -132,7 +133,7 @@ _TEXTS = {
     ),
     PATH_LOST: (
         "the next point of the path was not found, however short the step: the path may end here, "
-        "or turn sharply (a shorter largest step, a looser tol of the method)"
+        "or turn sharply; give trace_path a smaller largest, or its method a larger tol"
     ),
     SECTION_UNBALANCED: (
         "no strains that balance the forces of the section were found within the allowed "

@@ -182,8 +182,8 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
             hinges = np.asarray(self.hinges)
             if hinges.dtype != bool or hinges.shape not in ((count, 2), (count, 2, 3)):
                 raise ValueError(
-                    f"hinges: expected booleans [{count}, 2] or [{count}, 2, 3], "
-                    f"got {hinges.dtype} {hinges.shape}"
+                    f"hinges: expected booleans [{count}, 2] (beams, ends) or [{count}, 2, 3] (and "
+                    f"axes), got {hinges.dtype} {hinges.shape}"
                 )
             hinges = hinges if hinges.ndim == 3 else np.repeat(hinges[:, :, None], 3, axis=2)
             put(self, "hinges", Indices(hinges) if hinges.any() else None)

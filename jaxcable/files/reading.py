@@ -60,8 +60,8 @@ def read_bytes(path: str | PathLike[str], largest: int = LARGEST) -> bytes:
         data = stream.read(int(largest) + 1)  # devices and pipes have no size to check beforehand
     if len(data) > largest:
         raise FileError(
-            f"{path}: larger than {largest / 1e6:.0f} MB; to read it all the same, give "
-            "largest=..., bytes"
+            f"{path}: larger than the limit of {largest / 1e6:.3g} MB; to read it all the same, "
+            "give largest=..., bytes"
         )
     if b"\0" in data[:4096]:
         raise FileError(f"{path}: is a binary file, not text")
@@ -103,7 +103,8 @@ def read_json(path: str | PathLike[str], largest: int = LARGEST) -> dict[str, An
     except json.JSONDecodeError as error:
         raise FileError(f"{path}: {_describe_json_error(text, error)}") from None
     except RecursionError:
-        raise FileError(f"{path}: lists or objects are nested too deeply") from None
+        deep = "lists or objects are nested too deeply; look for brackets that are not closed"
+        raise FileError(f"{path}: {deep}") from None
     except ValueError as error:
         raise FileError(f"{path}: {error}") from None
 
@@ -150,10 +151,11 @@ def _refuse_repeated_keys(pairs):
 def _parse_json_integer(digits):
     """Parse a whole number in JSON; raise ValueError for more than 20 digits."""
     if len(digits) > 20:
-        raise ValueError(f"a whole number of {len(digits)} digits is too long")
+        begin = f"{digits[:12]}...: a whole number of {len(digits)} digits"
+        raise ValueError(f"{begin} is too long; at most 20 are allowed")
     return int(digits)
 
 
 def _refuse_nan_and_infinity(name):
     """Raise ValueError for NaN and infinities, which JSON does not have."""
-    raise ValueError(f"{name} is not allowed; files hold finite numbers only")
+    raise ValueError(f"{name} is not allowed (look for this word); files hold finite numbers only")

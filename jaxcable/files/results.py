@@ -142,8 +142,8 @@ def _read_npz(path, stream, largest):
             size = max(size, sum(_declared_size(archive, name) for name in archive.namelist()))
         if size > largest:
             raise FileError(
-                f"{path}: unpacks to {size / 1e6:.0f} MB; to read it all the same, give "
-                "largest=..., bytes"
+                f"{path}: unpacks to {size / 1e6:.3g} MB, and the limit is {largest / 1e6:.3g} MB; "
+                f"to read it all the same, give largest={size}"
             )
         stream.seek(0)
         with np.load(stream, allow_pickle=False) as archive:

@@ -84,7 +84,8 @@ class OnFaces(OnGroups):
         for name in ("on", "elements"):
             if getattr(self, name) is not None:
                 raise ValueError(
-                    f"faces, {name}: give either faces, or a group whose elements have faces"
+                    f"faces, {name}: both are given; give either faces, or a group whose elements "
+                    "have faces"
                 )
         set_fields(self, faces=as_faces(self.faces))
         return self._check_value_shape(len(self.faces))

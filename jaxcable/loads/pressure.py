@@ -138,7 +138,7 @@ class CablePressure(OnGroups, Pressure):
                 raise ValueError(
                     f"on = {self.on!r}: {path_of_group(structure, number)} "
                     f"({type(group).__name__}) takes no pressure; only cables and bars of two "
-                    "nodes, and beams do"
+                    "nodes, and beams do: name such a group by on"
                 )
             if self.per == "unstressed" and not group.has_length:
                 raise ValueError(

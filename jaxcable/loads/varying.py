@@ -179,9 +179,9 @@ def split_amplitude(load: Load, where: str, increments: int) -> tuple[Load, Ampl
         if missed.any():
             k = int(missed.argmax())
             checks.warn_user(
-                f"{where}: factors[{k}] = {factors[k]:.6g} is not reached: at the ends of "
-                f"increments (increments = {increments}) the factor is {low:.6g} to {high:.6g}; "
-                f"let one of them end at load factor {parameters[k]:.6g}"
+                f"{where}: factors[{k}] = {factors[k]:.6g} is not reached: with increments = "
+                f"{increments} the factor at the ends of increments is {low:.6g} to {high:.6g}; "
+                f"choose increments so that one of them ends at load factor {parameters[k]:.6g}"
             )
     return load.load, load.amplitude
 

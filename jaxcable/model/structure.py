@@ -173,7 +173,10 @@ class Structure:
             elif carried.index(node) != k:
                 text = f"node {node} is carried twice; give one carrier"
             elif not turns[carrier]:
-                text = f"node {carrier} has no rotation: no beam is joined to it rigidly"
+                text = (
+                    f"node {carrier} has no rotation: no beam is joined to it rigidly; join one "
+                    "without a hinge, or give another node"
+                )
             if text is not None:
                 raise ValueError(f"rigid[{k}] = {[carrier, node]}: {text}")
 

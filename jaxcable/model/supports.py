@@ -112,8 +112,9 @@ class Supports:
             mask = np.asarray(self.mask)
             if mask.dtype != bool or mask.ndim != 2 or mask.shape[1] not in (N_DISPLACEMENT, 6):
                 raise ValueError(
-                    f"supports mask: expected booleans [n_node, {N_DISPLACEMENT}] or [n_node, 6], "
-                    f"got {mask.dtype} {mask.shape}; for node numbers use pinned(nodes)"
+                    f"supports mask: expected booleans [n_node, {N_DISPLACEMENT}] or [n_node, 6] "
+                    f"(true, false), got {mask.dtype} {mask.shape}; for node numbers use "
+                    "pinned(nodes)"
                 )
             set_fields(self, mask=Indices(mask))
 

@@ -317,7 +317,7 @@ NO_LINES = "has no lines or polylines in model space: "
             r"POINT \w+ on layer 'held': a support, but .* m from the nearest",
         ),
         (None, {"supports": "feet"}, r"supports = 'feet': there is no POINT on this layer"),
-        (None, {"largest": 1000}, "larger than 0 MB"),
+        (None, {"largest": 1000}, "larger than the limit of 0.001 MB"),
         (None, {"scale": -1.0}, r"scale = -1\.0"),
     ],
 )
