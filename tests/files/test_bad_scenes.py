@@ -232,7 +232,7 @@ def test_errors_of_the_schema_point_inside_of_an_element():
 def test_files_beyond_the_limit_are_not_read(tmp_path):
     path = tmp_path / "good.json"
     path.write_text(TEXT)
-    with pytest.raises(FileError, match="larger than the limit of 0.0.+ MB"):
+    with pytest.raises(FileError, match=r"larger than the limit of 0\.0.+ MB"):
         jc.load_scene(path, largest=len(TEXT) - 1)
     assert jc.load_scene(path, largest=len(TEXT)).structure.n_node == 5
     with pytest.raises(FileError, match="larger than the limit of 1 MB"):  # a device has no end

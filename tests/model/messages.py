@@ -261,7 +261,7 @@ jc.Structure([[0, 0, 0], [2e-3, 0, 1.0]], jc.Beams([[0, 1]], section=BOX), jc.cl
 beams(points=2)  # points = 2: expected an integer from 3 to 1000
 beams(points=1001)  # points = 1001: expected an integer from 3
 beams(hinges=[True, False])  # hinges: expected booleans [2, 2] (beams, ends)
-beams(hinges=np.zeros((2, 3, 2), bool))  # hinges: expected booleans [2, 2] (beams, ends) or [2, 2, 3]
+beams(hinges=np.zeros((2, 3, 2), bool))  # hinges: ... (beams, ends) or [2, 2, 3]
 beams(hinges=[[False, False], [True, True]])  # hinges[1]: both ends are released
 beams(hinges=np.array([[[True, False, False]] * 2] * 2))
     # hinges[0]: both ends are released, the element could spin
@@ -315,11 +315,11 @@ jc.AreaLoads([[0, 1, 2]], 1.0)  # forces: expected shape (3,) or (1, 3), got ()
 loaded(jc.AreaLoads([[1, 2, 4]], UP))  # phases[0].loads[0]: faces[0] = [1, 2, 4]: ... subtract 1
 jc.AreaLoads([[0, 1, 2]])  # forces: missing; give AreaLoads(forces=
 jc.AreaLoads(forces=(1.0, 2.0))  # forces: expected shape (3,) or (2, 3), got (2,)
-jc.AreaLoads([[0, 1, 2]], UP, elements=jc.only([0]))  # faces, elements: both are given; give either faces
+jc.AreaLoads([[0, 1, 2]], UP, elements=jc.only([0]))  # faces, elements: both are given
 jc.AreaLoads(forces=UP, on="net", elements=[0])  # elements: expected a selection of elem
 framed(jc.AreaLoads(forces=UP, on="beam"))  # ...on = 'beam': elements['beam'] (Beams) has no faces
 loaded(jc.FacePressure(pressure=1.0))  # ...faces: missing: elements (Cables) has no faces; give
-jc.FacePressure([[0, 1, 2]], 1.0, on="net")  # faces, on: both are given; give either faces, or a group
+jc.FacePressure([[0, 1, 2]], 1.0, on="net")  # faces, on: both are given
 jc.FacePressure([[0, 1]], 1.0)  # faces: expected node numbers [n, 3]
 jc.FacePressure([[0, 1, 2], [0, 1, 0]], 1.0)  # faces[1] = [0, 1, 0]: a face has at least 3
 loaded(jc.FacePressure([[0, 1, 9]], 1.0))  # ...faces[0] = [0, 1, 9]: the structure has nodes 0 to 3
