@@ -3,6 +3,7 @@
 import contextlib
 import io
 import re
+import shlex
 from pathlib import Path
 
 import matplotlib
@@ -27,7 +28,7 @@ def run(blocks, names):
             printed = out.getvalue()
         elif kind == "sh":
             for line in text.splitlines():
-                program, *words = line.split()
+                program, *words = shlex.split(line, comments=True)
                 assert program == "jaxcable"
                 assert main(words) == 0, line
         elif kind == "text":
