@@ -1,7 +1,10 @@
 """The table of a bank of random scenes: a row for every kind of scene, and one for all of them."""
 
+import sys
+
 import numpy as np
 from benchmarks.measure import clock
+from record import Record
 
 import jaxcable as jc
 
@@ -34,6 +37,33 @@ def fill(say, form, kinds, drawn, judged, counts, converged):
         say(_row(form, kind, results, seconds, counts, converged))
         everything, time_of_all = everything + results, time_of_all + seconds
     say(_row(form, "all", everything, time_of_all, counts, converged))
+
+
+def report_bank(name, kinds, drawn, judged):
+    """Write the table of a bank whose scenes have failed, or are wrong; return the open `Record`.
+
+    Args:
+        name: of the result file.
+        kinds, judged: as of `fill`.
+        drawn: function of a kind and a seed that generates a scene; the command line has the number
+            of scenes of a kind and the first seed.
+    """
+    count, first = (int(word) for word in (sys.argv[1:] + ["200", "0"][len(sys.argv) - 1 :]))
+    say, form = Record(name), "{:<9}{:>7}{:>7}{:>6}"
+    say(f"{count} scenes of a kind, seeds from {first}\n")
+    say((form + COLUMNS).format("kind", "scenes", "failed", "wrong", *HEADS))
+
+    def converged(one):
+        return one.code == jc.status.OK
+
+    counts = [lambda one: not converged(one), lambda one: one.wrong]
+    seeds = range(first, first + count)
+    fill(say, form, kinds, lambda kind: (drawn(kind, k) for k in seeds), judged, counts, converged)
+    say(
+        "\nSteps are of an increment; factorisations (factors) and ms (time without compilation) of"
+    )
+    say("an analysis, means of the kind.")
+    return say
 
 
 def _row(form, kind, results, seconds, counts, converged):

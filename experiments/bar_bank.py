@@ -18,17 +18,10 @@ from pathlib import Path
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-from bank_table import COLUMNS, HEADS, fill
+from bank_table import report_bank
 from banks.bar_bank import KINDS, drawn, judged
-from record import Record
 
 import jaxcable as jc
-
-FORM = "{:<9}{:>7}{:>7}{:>6}"
-
-
-def converged(one):
-    return one.code == jc.status.OK
 
 
 def turning():
@@ -46,23 +39,7 @@ def turning():
 
 
 def main():
-    count, first = (int(word) for word in (sys.argv[1:] + ["200", "0"][len(sys.argv) - 1 :]))
-    say = Record("bar_bank")
-    say(f"{count} scenes of a kind, seeds from {first}\n")
-    say((FORM + COLUMNS).format("kind", "scenes", "failed", "wrong", *HEADS))
-    fill(
-        say,
-        FORM,
-        KINDS,
-        lambda kind: (drawn(kind, seed) for seed in range(first, first + count)),
-        judged,
-        [lambda one: not converged(one), lambda one: one.wrong],
-        converged,
-    )
-    say(
-        "\nSteps are of an increment; factorisations (factors) and ms (time without compilation) of"
-    )
-    say("an analysis, means of the kind.")
+    say = report_bank("bar_bank", KINDS, drawn, judged)
     say(f"\nA bar that turns by a right angle, steps by EA over the load: {turning()}")
     say.close()
 
