@@ -237,7 +237,8 @@ def _describe_exceeded_strength(structure, solution):
     if not len(over):
         return []
     count = "1 element" if len(over) == 1 else f"{len(over)} elements"
-    return [f"STRENGTH EXCEEDED: {count} above the breaking force, by up to {over.max():.3g} times"]
+    most = f"up to {over.max():.3g} times of it"
+    return [f"STRENGTH EXCEEDED: {count} above the breaking force: {most}"]
 
 
 def _limit_verdict(excess):

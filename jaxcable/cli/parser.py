@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import re
 import sys
@@ -310,19 +311,22 @@ def _add_schema(commands):
 
 def _parse_positive(word):
     """Return a word as a positive number; raise argparse's error for any other."""
-    value = number(word)
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{word}: expected a positive number")
-    return value
+    return _parse_within(word, number, lambda v: 0 < v < float("inf"), "a positive number")
+
+
+def _parse_within(word, parse, is_allowed, expected):
+    """Parse a word; raise argparse's error, with what is expected, if the value is not allowed."""
+    with contextlib.suppress(ValueError):
+        if is_allowed(value := parse(word)):
+            return value
+    raise argparse.ArgumentTypeError(f"{word}: expected {expected}")
 
 
 def _whole_number_up_to(most):
     """Return a function that parses a whole number from 0 to `most`."""
 
     def whole_number(word):
-        value = parse_integer(word)
-        if not 0 <= value <= most:
-            raise argparse.ArgumentTypeError(f"{word}: expected a whole number from 0 to {most}")
-        return value
+        expected = f"a whole number from 0 to {most}"
+        return _parse_within(word, parse_integer, lambda v: 0 <= v <= most, expected)
 
     return whole_number

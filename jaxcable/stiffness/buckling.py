@@ -214,8 +214,8 @@ def _can_be_unstressed(structure, slack):
         if known is not None and known.any():
             raise ValueError(
                 f"reference: missing; elements{where} ({type(group).__name__}) has slack elements, "
-                "whose unstressed state is not known (no method `unstressed`); give the state "
-                "before the loads to be multiplied"
+                "whose unstressed state is not known (no method `unstressed_state`); give the "
+                "state before the loads to be multiplied"
             )
     return sound
 

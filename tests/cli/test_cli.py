@@ -156,7 +156,7 @@ def test_forces_above_the_strength_are_said_on_the_screen(scene, capsys):
     # of `optimize`, whose pretension is no force that acts
     assert command("optimize weak.json --deflection 0.0125 --same-in-group") == 0
     out = capsys.readouterr().out
-    assert "STRENGTH EXCEEDED: 12 elements above the breaking force, by up to" in out
+    assert "STRENGTH EXCEEDED: 12 elements above the breaking force: up to" in out
     assert "it fixes the cutting length, and is not the jacking force" in out
 
 
@@ -322,6 +322,13 @@ def test_optimize_that_fails_writes_nothing_unasked(scene, capsys):
     with pytest.raises(SystemExit):
         command("optimize bare.json --target 3_21")
     assert "--target: invalid number value: '3_21'" in capsys.readouterr().err
+    for word, expected in (
+        ("--tol abc", "--tol: abc: expected a positive number"),
+        ("--corrections 1.5", "--corrections: 1.5: expected a whole number from 0 to 20"),
+    ):
+        with pytest.raises(SystemExit):
+            command(f"solve bare.json {word}")
+        assert expected in capsys.readouterr().err
 
 
 def test_optimize_keeps_its_limits(scene, capsys, monkeypatch):
@@ -554,7 +561,9 @@ def test_large_files_and_nonsense(scene, refused):
     with open("junk.json", "wb") as stream:
         stream.write(b"{" + bytes(range(128, 256)))
         stream.truncate(100_000_000)
-    assert refused("solve junk.json").startswith("jaxcable: junk.json: larger than 64 MB")
+    assert refused("solve junk.json").startswith(
+        "jaxcable: junk.json: larger than the limit of 64 MB"
+    )
     begin = time.monotonic()
     refused("solve junk.json --largest 200")
     assert time.monotonic() - begin < 5.0  # reading 100 MB once takes a fraction of a second
