@@ -253,12 +253,12 @@ def test_tolerances_are_refused_or_fail():
 
 
 def test_every_event_has_its_text():
-    texts = [jc.describe(code) for code in range(status.STATIONARY + 1)]
+    texts = [jc.describe(code) for code in range(status.NEEDS_FALLBACKS + 1)]
     assert len(set(texts)) == len(texts)
     for code, words in {
         status.OUT_OF_STEPS: "maximum number of optimization steps reached",
         status.OUT_OF_POINTS: "maximum number of path points reached",
-        status.OUT_OF_EVENTS: "maximum number of events of a path reached",
+        status.OUT_OF_EVENTS: "it has the allowed number of events",
         status.OUT_OF_TIME_STEPS: "maximum number of time steps",
         status.NOT_CONVERGED: "within the allowed Newton steps",
     }.items():

@@ -278,7 +278,7 @@ def test_a_singular_matrix_on_the_way_does_not_spoil_the_gradient():
 
 def test_describe_knows_every_code_and_no_other():
     codes = [getattr(status, n) for n in dir(status) if n.isupper() and not n.startswith("_")]
-    assert len({jc.describe(c) for c in codes}) == len(codes) == 27
+    assert len({jc.describe(c) for c in codes}) == len(codes) == 28
     with pytest.raises(ValueError, match="code = 99"):
         jc.describe(99)
 
