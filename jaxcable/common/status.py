@@ -116,8 +116,8 @@ _TEXTS = {
         "more points (steps) or longer steps (largest)"
     ),
     OUT_OF_EVENTS: (
-        "the path ends here because it has the allowed number of events (limit points, "
-        "bifurcations, cables that slacken or tighten, ruptures): allow more (events)"
+        "maximum number of events of a path reached (limit points, bifurcations, cables that "
+        "slacken or tighten, ruptures), so that it ends here: allow more (events)"
     ),
     CONSTRAINTS_VIOLATED: (
         "the constraints are violated at the best parameters found; the result says by how much: "

@@ -258,7 +258,7 @@ def test_every_event_has_its_text():
     for code, words in {
         status.OUT_OF_STEPS: "maximum number of optimization steps reached",
         status.OUT_OF_POINTS: "maximum number of path points reached",
-        status.OUT_OF_EVENTS: "it has the allowed number of events",
+        status.OUT_OF_EVENTS: "maximum number of events of a path reached",
         status.OUT_OF_TIME_STEPS: "maximum number of time steps",
         status.NOT_CONVERGED: "within the allowed Newton steps",
     }.items():
