@@ -30,6 +30,8 @@ def solve(
 
     A pure function of pytrees: jit, vmap, grad, jvp, jacfwd and hessian work on it. Numbers are
     traced, so that another value does not recompile; another topology or number of increments does.
+    Outside of jit, the first call of a gradient compiles the derivative only, if the analysis has
+    been called before.
 
     Args:
         structure: `Structure`.
