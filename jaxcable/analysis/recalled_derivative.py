@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from ..common import jax_internals as internals
@@ -57,7 +58,8 @@ def attach_recalled_derivative(
     values, shape = jax.tree.flatten(solution)
     leaves, tree = jax.tree.flatten(core)
     settings = _Settings(tree, bundles, size, len(values), len(leaves))
-    arrays = [jnp.asarray(x) for x in (*values, *leaves, *points)]
+    # not `jnp.asarray`: each shape would be compiled while derivatives are taken
+    arrays = [x if hasattr(x, "dtype") else np.asarray(x) for x in (*values, *leaves, *points)]
     return shape.unflatten(_SOLUTION.bind(*arrays, settings=settings))
 
 

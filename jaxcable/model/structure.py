@@ -122,8 +122,8 @@ class Structure:
                     "Cables(links, axial_stiffness=...)"
                 )
             checks.require_known_nodes(group.links.array, len(nodes), f"elements{where}.links")
-            refuse_if_broken(position_rules(nodes, group, f"elements{where}."))
             if positions is not None:
+                refuse_if_broken(position_rules(positions, group, f"elements{where}."))
                 group.check(positions)
                 plausibility.warn_of_dimensions(group, where, positions)
         if not self.groups:
