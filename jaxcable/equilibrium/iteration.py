@@ -22,7 +22,7 @@ from .newton_step import max_abs, newton_direction
 from .partial_net import PartialNet
 from .predicted_forces import PredictedForces
 from .step_matrix import step_matrix
-from .tension_unknowns import TensionUnknowns
+from .tension_unknowns import MIXED, TensionUnknowns
 
 # Residual allowed without load, in roundings (eps) of the forces at the start.
 _RELEASED_ROUNDINGS = 2.0
@@ -346,8 +346,8 @@ class EquilibriumSearch:
             given = self.system, matrix, state, rhs, self.tol, wanted
             step, definite, factored = newton_direction(*given)
             again, stays, ends, code = jnp.zeros((), bool), converged, converged, state.code
-            if state.tension_unknowns is not None:
-                lost = state.tension_unknowns.needs_fallbacks
+            if state.tension_unknowns is not None and not self.method.has_fallbacks:
+                lost = state.tension_unknowns.mode != MIXED
                 ends, code = ends | lost, jnp.where(lost, status.NEEDS_FALLBACKS, code)
             if self.is_net:
                 given = self.system, state.x, step, definite

@@ -137,11 +137,6 @@ class TensionUnknowns:
             has_fallbacks=has_fallbacks,
         )
 
-    @property
-    def needs_fallbacks(self) -> Bool[Array, ""]:
-        """Whether the next step is of a mode that is not in the program."""
-        return ~np.bool_(self.has_fallbacks) & (self.mode != MIXED)
-
     def _is_in(self, mode):
         """Whether this is the mode; known to be False where the program has no such steps."""
         return self.mode == mode if self.has_fallbacks else np.False_
