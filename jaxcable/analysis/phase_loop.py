@@ -14,7 +14,7 @@ from ..common import status
 from ..common.compilation import is_top_level_call, jit_program, on_forget_programs
 from ..common.program_store import argument_signature
 from ..common.progress import Increment, report_progress
-from ..common.tree import copy_with, merge_indices, pytree
+from ..common.tree import copy_with, merge_indices, pytree, select_tree
 from ..common.types import Array, Bool, Int
 from ..equilibrium.newton import Newton, NewtonWithoutFallbacks
 from ..linear.sparse import FactoredMatrix
@@ -22,6 +22,8 @@ from ..mechanics.element_output import ElementOutput, evaluate_output
 from ..mechanics.restart_state import RestartState, with_loads_until
 from ..numerics import implicit, scaled
 from ..numerics.single_kernel import as_single_kernel
+from .common_sizes import pad_analysis
+from .cut_results import cut_results
 from .one_phase import run_phase
 from .phase_results import PhaseResult, PhaseResults
 from .preparation import cast_to_dtype_of, complete_input, traced_input_status
@@ -56,7 +58,9 @@ _fell_back: set[Any] = set()  # analyses that have needed fallbacks, by tree and
 on_forget_programs(_fell_back.clear)
 
 
-def analyse_without_fallbacks_first(task, arguments, differentiate_path=False, listen=None):
+def analyse_without_fallbacks_first(
+    task, arguments, differentiate_path=False, listen=None, exact_sizes=False
+):
     """Run a `PreparedAnalysis`, by a smaller program if it does without fallbacks.
 
     Only outside of `jit`, where the status of the smaller program is known. Within it, and where
@@ -66,23 +70,36 @@ def analyse_without_fallbacks_first(task, arguments, differentiate_path=False, l
         task: `PreparedAnalysis`.
         arguments: `without_indices`, `arrays`, `method` and `code` of `analyse`.
         differentiate_path, listen: as for `analyse`.
+        exact_sizes: whether not to pad the arrays to `common_sizes`.
 
     Returns:
         `Solution` and `ConvergedPoints`, as `analyse`.
     """
-    given = {"differentiate_path": differentiate_path, "listen": listen, "bundles": task.bundles}
-    leaves, tree = jax.tree.flatten(arguments)
-    if task.may_go_without_fallbacks and listen is None and is_top_level_call(leaves):
+    given = {"differentiate_path": differentiate_path, "listen": listen}
+    if not is_top_level_call(jax.tree.leaves(arguments)):
+        return analyse(*arguments, **given, bundles=task.bundles, size=task.n_unknown)
+    padded = None if exact_sizes or differentiate_path else pad_analysis(task, arguments)
+    if padded is None:
+        return _analyse_known(task, arguments, given | {"bundles": task.bundles}, task.n_unknown)
+    larger, bundles, sizes = padded
+    found = _analyse_known(task, larger, given | {"bundles": bundles}, sizes.unknowns)
+    return cut_results(found, arguments, task.bundles)
+
+
+def _analyse_known(task, arguments, given, size):
+    """Run the analysis of known numbers, by the smaller program if it does without fallbacks."""
+    if task.may_go_without_fallbacks and given["listen"] is None:
         *parts, method, code = arguments
         fields = {name: getattr(method, name) for name in Newton._all_fields}
-        key = tree, task.bundles, tuple(map(argument_signature, leaves))
+        leaves, tree = jax.tree.flatten(arguments)
+        key = tree, given["bundles"], tuple(map(argument_signature, leaves))
         if key not in _fell_back:
             smaller = *parts, NewtonWithoutFallbacks(**fields), code
-            found = analyse(*smaller, **given, size=task.n_unknown)
+            found = analyse(*smaller, **given, size=size)
             if int(found[0].status) != status.NEEDS_FALLBACKS:
                 return found
             _fell_back.add(key)
-    return analyse(*arguments, **given, size=task.n_unknown)
+    return analyse(*arguments, **given, size=size)
 
 
 def recall_solution(without_indices, arrays, method, code, points, bundles):
@@ -112,8 +129,8 @@ def _scan_phases(
     # unsound input has no state: block its gradient so that a batch is not polluted with NaN
     sound = _is_tree_finite((nodes, groups)) & structure_ok
     frame = implicit.stop_gradient_unless(sound, (nodes, groups))
-    loads, counts = restart.loads, jnp.asarray(schedule.increments, jnp.int32)
-    factors = jnp.asarray(schedule.factors, nodes.dtype)
+    loads, (counts, factors) = restart.loads, schedule.steps
+    counts, factors = jnp.asarray(counts, jnp.int32), jnp.asarray(factors, nodes.dtype)
     teller = None if listen is None else _progress_reporter(listen, len(schedule))
     touched = implicit.gradient_probe(parameters)
 
@@ -143,8 +160,10 @@ def _scan_phases(
         given = {"status": None, "stable": None, "path": None, "began": began}
         result = PhaseResult(**given, **result_fields(result))
         left = copy_with(restart, loads=None)
-        run = _LoopState(code, done.stable, left, end, done.factored, reached, done.last_output)
-        return run, (result, path, done.log, done.points)
+        after = _LoopState(code, done.stable, left, end, done.factored, reached, done.last_output)
+        if schedule.given_steps is not None:  # a phase that is padding does nothing
+            after = select_tree(steps[0] > 0, after, run)
+        return after, (result, path, done.log, done.points)
 
     start, reached = (
         copy_with(restart, loads=None),

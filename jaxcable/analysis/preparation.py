@@ -16,6 +16,7 @@ from ..common.tree import cast_floats, computed_once, copy_with, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..elements.abilities import TensionElement
 from ..elements.element import Element
+from ..elements.element_state import OwnState, with_fields
 from ..elements.prestress import Prestressed
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
@@ -269,10 +270,15 @@ def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput
     if restart is None:
         restart = initial_restart_state(nodes, groups)
     else:
-        restart = copy_with(restart, states=_with_thermal_stretch(groups, bundles, restart.states))
+        restart = copy_with(restart, states=join_states(groups, bundles, restart.states))
     if schedule.present_at_start is not None:
         parts = zip(groups, restart.states, schedule.present_at_start, strict=True)
-        states = [group.with_activation(state, jnp.asarray(first)) for group, state, first in parts]
+        states = [
+            with_fields(state, present=jnp.asarray(first))  # padding, which never comes
+            if schedule.present is None
+            else group.with_activation(state, jnp.asarray(first))
+            for group, state, first in parts
+        ]
         restart = copy_with(restart, states=states)
     if restart.support_rotation is None and schedule.dof_map.axes is not None:
         restart = copy_with(restart, support_rotation=space_of(groups).rotations(restart.motion))
@@ -291,7 +297,9 @@ def complete_input(parameters: AnalysisInput, bundles: Bundles) -> AnalysisInput
     return nodes, groups, restart, schedule
 
 
-def _with_thermal_stretch(groups, bundles, states):
+def join_states(
+    groups: Sequence[Element], bundles: Bundles, states: Sequence[OwnState]
+) -> list[OwnState]:
     """Join element states to bundles, with a `thermal_stretch` where the elements expand.
 
     A state has none yet if its group has got its `expansion` since, or if only another group of its
@@ -304,9 +312,9 @@ def _with_thermal_stretch(groups, bundles, states):
         ):
             for k in members:
                 if states[k].thermal_stretch is None and isinstance(group, Prestressed):
-                    found[k] = copy_with(
-                        states[k], thermal_stretch=jnp.ones_like(states[k].rest_length)
-                    )
+                    length = states[k].rest_length
+                    pack = jnp if isinstance(length, jax.core.Tracer) else np
+                    found[k] = copy_with(states[k], thermal_stretch=pack.ones_like(length))
     return bundles.join(found)
 
 

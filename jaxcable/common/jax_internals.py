@@ -301,6 +301,24 @@ def without_jax_cache() -> Iterator[None]:
         yield
 
 
+_client = _import_members("jaxlib.xla_client", "batched_device_put")
+
+
+def arrays_on_device(arrays: Sequence[np.ndarray], device: jax.Device) -> list[jax.Array]:
+    """Return jax arrays of NumPy arrays with dtypes of jax, bound to no device.
+
+    This takes a third of the time of `jnp.asarray`, which is felt after analyses of a millisecond.
+    """
+    place = jax.sharding.SingleDeviceSharding(device)
+    if _client is None:
+        return list(jax.device_put(list(arrays)))
+    put = _client[0]
+    return [put(_shaped(x.shape, x.dtype), place, [x], [device], False) for x in arrays]
+
+
+_shaped = functools.lru_cache(maxsize=1024)(jax.core.ShapedArray)
+
+
 @functools.cache
 def preload_lapack() -> None:
     """Have jaxlib load LAPACK, for programs from disk; jax loads it only when it lowers a program.

@@ -260,7 +260,8 @@ def split_indices(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
         if kind in _LEAF_TYPES or isinstance(obj, jax.Array):
             return obj
         if kind is list or kind is tuple:
-            return kind(map(visit, obj))
+            items = list(map(visit, obj))
+            return obj if all(a is b for a, b in zip(items, obj, strict=True)) else kind(items)
         if not hasattr(kind, "_all_fields"):
             return jax.tree.map(
                 lambda x: visit(x) if _has_index_fields(x) else x, obj, is_leaf=_has_index_fields

@@ -16,6 +16,7 @@ from ..common.types import Array, ArrayLike, Float, Int
 from .linear_map import linear_map
 
 _MOST_COLUMNS = 16  # numbers that a row of a table adds at most; where more meet, sums are summed
+_COMMON_WIDTHS = 4, 8, _MOST_COLUMNS  # widths of tables that structures of similar size share
 _NO_ROW = 2**32 - 1  # a position past every end
 
 
@@ -68,6 +69,7 @@ def make_assembly_map(
     n: int,
     source: Int[np.ndarray, " k"] | None = None,
     m: int | None = None,
+    least_sums: int = 0,
 ) -> AssemblyMap:
     """Make the `AssemblyMap` that adds row ``source[k]`` of an array to the sum ``target[k]``.
 
@@ -76,6 +78,8 @@ def make_assembly_map(
         n: number of sums; a sum without rows is zero.
         source: index of the row, [k]; a row may be added to several sums. None for rows 0, 1, 2 ...
         m: number of rows of the array, if `source` is given.
+        least_sums: number of rows that the first table has at least. If it is given, the width is
+            one of a few, so that similar maps have arrays of equal shape.
     """
     of_rows = None
     if source is None or m is None:
@@ -84,7 +88,8 @@ def make_assembly_map(
     used = used[np.argsort(target[used], kind="stable")]
     member, owner = source[used], target[used]
     place = np.full(n, m)
-    width = _best_table_width(np.bincount(owner, minlength=n))
+    count = np.bincount(owner, minlength=n)
+    width = _common_table_width(count) if least_sums else _best_table_width(count)
     tables, first = [], m + 1
     while True:  # what has one member has its place, the others are summed
         alone = np.bincount(owner, minlength=n) <= 1
@@ -94,9 +99,11 @@ def make_assembly_map(
         if not len(owner):
             break
         table, owner = _make_partial_sum_table(member, owner, width)
+        if not tables and len(table) < least_sums:
+            table = np.pad(table, ((0, least_sums - len(table)), (0, 0)), constant_values=-1)
         first += 0 if not tables else len(tables[-1])
         tables.append(np.where(table < 0, _NO_ROW if tables else m, table).astype(np.uint32))
-        member = np.arange(len(table))
+        member = np.arange(len(owner))
     last = len(tables) > 0 and np.array_equal(place, first + np.arange(n))
     return AssemblyMap(tables, None if last else place.astype(np.uint32), of_rows)
 
@@ -153,6 +160,12 @@ def _best_table_width(count):
         return total
 
     return min(range(2, min(max(count.max(initial=0), 2), _MOST_COLUMNS) + 1), key=read)
+
+
+def _common_table_width(count):
+    """Return a table width of which there are few, for up to `count` rows, [n], in a sum."""
+    most = min(max(count.max(initial=0), 1), _MOST_COLUMNS)
+    return next(width for width in _COMMON_WIDTHS if width >= most)
 
 
 def _gather_rows(array, positions):

@@ -24,6 +24,8 @@ from .solver import Solver, choose_solver
 # Half-bandwidth up to which batches of small systems are solved as banded systems: the work grows
 # with its square, and so does the program (`banded` has figures).
 _WIDEST_BAND = 40
+# numbers of values per unknown that such matrices have: three quarters of the last one on average
+_VALUES_PER_UNKNOWN = (*(8, 12, 18, 27), *(40 * 2**k for k in range(30)))
 
 
 @pytree(static=("size", "paired", "symmetric", "solver"))
@@ -92,38 +94,82 @@ def make_pattern(
             Where two groups join the same unknowns with different signs, this is not used.
     """
     numbers = list(numbers)
-    key, source, opposite, m = _list_matrix_entries(numbers, size, symmetric, paired)
+    listed = _list_matrix_entries(numbers, size, symmetric, paired)
+    key, _, opposite, _ = listed
     entries, target = np.unique(key, return_inverse=True)
     some, all_ = np.zeros(len(entries), bool), np.ones(len(entries), bool)
     np.logical_or.at(some, target, opposite)
     np.logical_and.at(all_, target, opposite)
     if (some != all_).any():
         return make_pattern(numbers, size, symmetric, name, exchanges_rows, definite)
-    row, indices = entries // size, entries % size
-    indptr = np.searchsorted(row, np.arange(size + 1))
-    diagonal = np.searchsorted(entries, np.arange(size, dtype=np.int64) * (size + 1))
+    row, column = entries // size, entries % size
+    band = _band_positions(row, column, size) if symmetric else (None, None, None)
+    solver = choose_solver(size, band[0] is not None, name, exchanges_rows, definite)
+    signs = some if some.any() else None
+    settings = size, tuple(paired), symmetric, solver
+    return _pattern_on_entries(entries, band, signs, listed, settings)
+
+
+def pad_pattern(
+    pattern: Pattern, numbers: Iterable[Int[np.ndarray, "n_elem d"]], size: int
+) -> Pattern:
+    """Return a larger pattern for the same matrix, with a size that similar matrices share.
+
+    The further unknowns have an entry on the diagonal, which no element adds to. All arrays have
+    one of few shapes: among the values are some that stay zero. The result is not for batches
+    (`jax.vmap`): it has no `band`.
+
+    Args:
+        pattern: pattern of the matrix, without paired elements.
+        numbers: unknowns of the rows of element matrices, as for `make_pattern`; `size` or more for
+            a row that is left out.
+        size: number of unknowns of the result.
+    """
+    symmetric, solver = pattern.symmetric, pattern.solver
+    listed = _list_matrix_entries(list(numbers), size, symmetric, ())
+    diagonal = np.arange(size, dtype=np.int64) * (size + 1)
+    entries = np.union1d(listed[0], diagonal)
+    row, column = entries // size, entries % size
+    order = np.arange(size)
+    if symmetric and size <= _WIDEST_BAND**2:
+        order, _ = narrow_band_order(_symmetric_matrix(row, column, size))
+    count = next(k * size for k in _VALUES_PER_UNKNOWN if k * size >= len(entries))
+    entries = _fill_near_diagonal(entries, order, size, symmetric, count)
+    settings = size, (), symmetric, solver
+    return _pattern_on_entries(entries, (None, None, None), None, listed, settings, 2 * size)
+
+
+def _pattern_on_entries(entries, band, signs, listed, settings, least_sums=0):
+    """Return the `Pattern` with these entries (row times size plus column, ascending).
+
+    Args:
+        entries: its entries, [n_value].
+        band: `order`, `place` and `band`, or three None.
+        signs: `opposite`, or None.
+        listed: entries of element matrices, as `_list_matrix_entries` returns them.
+        settings: the static fields.
+        least_sums: as for `make_assembly_map`.
+    """
+    (key, source, _, m), (size, _, symmetric, solver) = listed, settings
+    row, indices = (entries // size).astype(np.int32), (entries % size).astype(np.int32)
+    indptr = np.searchsorted(row, np.arange(size + 1)).astype(np.int32)
+    on_diagonal = np.arange(size, dtype=np.int64) * (size + 1)
+    diagonal = np.searchsorted(entries, on_diagonal)
     # every unknown belongs to an element, so that all of the diagonal is there
-    assert np.array_equal(entries[diagonal], np.arange(size, dtype=np.int64) * (size + 1))
-    indptr, indices = indptr.astype(np.int32), indices.astype(np.int32)
+    assert np.array_equal(entries[diagonal], on_diagonal)
     digest = hashlib.blake2b(indptr.tobytes() + indices.tobytes(), digest_size=16).digest()
-    arrays = (
-        indptr,
-        indices,
-        unsigned_indices(diagonal),
-        row.astype(np.int32),
-        np.frombuffer(digest, np.uint32),
-        *(_band_positions(row, indices, size) if symmetric else (None, None, None)),
-    )
-    solver = choose_solver(size, arrays[-1] is not None, name, exchanges_rows, definite)
     solver.load_library()
     whole = solver.on_device and not solver.definite
     table = _dense_positions(row, indices, size, symmetric) if whole else None
+    words = np.frombuffer(digest, np.uint32)
+    arrays = indptr, indices, unsigned_indices(diagonal), row, words, *band, table, signs
     with jax.ensure_compile_time_eval():  # concrete arrays, also when a caller is being traced
-        sums = jax.tree.map(jax.device_put, make_assembly_map(target, len(entries), source, m))
-        last = table, some if some.any() else None
-        placed: list[Any] = [None if a is None else jax.device_put(a) for a in (*arrays, *last)]
-    settings = size, tuple(paired), symmetric, solver
-    return Pattern(sums, *placed, *settings)  # type: ignore[call-arg]  # eleven arrays
+        found = make_assembly_map(
+            np.searchsorted(entries, key), len(entries), source, m, least_sums
+        )
+        sums = jax.tree.map(jax.device_put, found)
+        placed: list[Any] = [None if a is None else jax.device_put(a) for a in arrays]
+    return Pattern(sums, *placed, *settings)
 
 
 def _list_matrix_entries(numbers, size, symmetric, paired):
@@ -165,8 +211,7 @@ def _band_positions(rows, columns, size):
     """Return `order`, `place` and `band` of a `Pattern`, each None if the band is too wide."""
     if size > _WIDEST_BAND**2:
         return None, None, None
-    upper = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), (size, size))
-    order, place = narrow_band_order(upper + upper.T)
+    order, place = narrow_band_order(_symmetric_matrix(rows, columns, size))
     low, high = np.minimum(place[rows], place[columns]), np.maximum(place[rows], place[columns])
     width = int(np.max(high - low, initial=0)) + 1
     if width > _WIDEST_BAND + 1:
@@ -174,6 +219,28 @@ def _band_positions(rows, columns, size):
     band = np.full((size, width), len(rows), np.int32)
     band[low, high - low] = np.arange(len(rows))
     return unsigned_indices(order), unsigned_indices(place.astype(np.int32)), unsigned_indices(band)
+
+
+def _symmetric_matrix(rows, columns, size):
+    """Return a symmetric SciPy matrix with entries that are not zero at `rows` and `columns`."""
+    upper = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), (size, size))
+    return upper + upper.T
+
+
+def _fill_near_diagonal(entries, order, size, symmetric, count):
+    """Add entries to a list of them until there are `count`: those nearest to the diagonal.
+
+    Unknowns are in the order `order`, in which the other entries are near the diagonal, too.
+    """
+    for away in range(1, size):
+        if len(entries) == count:
+            break
+        first, second = order[:-away].astype(np.int64), order[away:].astype(np.int64)
+        if symmetric:
+            first, second = np.minimum(first, second), np.maximum(first, second)
+        new = np.setdiff1d(first * size + second, entries)
+        entries = np.union1d(entries, new[: count - len(entries)])
+    return entries
 
 
 def narrow_band_order(matrix: Any) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:

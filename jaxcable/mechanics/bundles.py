@@ -65,7 +65,7 @@ class Bundles(NamedTuple):
             return per_group
 
         def one(*parts):
-            return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
+            return parts[0] if len(parts) == 1 else concatenate(parts)
 
         return [
             jax.tree.map(one, *(per_group[k] for k in numbers)) for numbers in self.group_indices
@@ -73,15 +73,21 @@ class Bundles(NamedTuple):
 
     def split(self, per_bundle: Any, axis: int = 0) -> list[PyTree[Float[Array, "n_elem ..."]]]:
         """Split pytrees of arrays, one per bundle with elements on `axis`, into one per group."""
-        if self.are_groups:
-            return per_bundle
-        found = [None] * len(self.sizes)
+        return per_bundle if self.are_groups else self.take_groups(per_bundle, axis)
+
+    def take_groups(
+        self, per_bundle: Any, axis: int = 0
+    ) -> list[PyTree[Float[Array, "n_elem ..."]]]:
+        """Do as `split` where the arrays of a bundle may have further elements after its own."""
+        found: list[Any] = [None] * len(self.sizes)
         for numbers, whole in zip(self.group_indices, per_bundle, strict=True):
             start = 0
             for k in numbers:
-                at = (slice(None),) * axis + (slice(start, start + self.sizes[k]),)
-                found[k] = jax.tree.map(lambda x, at=at: x[at], whole)
-                start += self.sizes[k]
+                count = self.sizes[k]
+                found[k] = jax.tree.map(
+                    lambda x, start=start, count=count: _slice(x, start, count, axis), whole
+                )
+                start += count
         return found
 
     def containing(self, on: Collection[int]) -> tuple[int, ...]:
@@ -112,8 +118,8 @@ class Bundles(NamedTuple):
                 continue
             sizes = [self.sizes[k] for k in self.group_indices[b]]
             each = max((np.shape(x)[1:] for x in given), key=len)  # components of values
-            parts = [jnp.broadcast_to(x, (n, *each)) for x, n in zip(given, sizes, strict=True)]
-            found[b] = jnp.concatenate(parts)
+            parts = [_broadcast(x, (n, *each)) for x, n in zip(given, sizes, strict=True)]
+            found[b] = concatenate(parts)
         return found
 
     def join_statements(
@@ -214,5 +220,17 @@ def _join_values(values, sizes):
 
 def _repeat_for_elements(x, count):
     """Broadcast an array to `count` elements, [count, ...], without a copy."""
+    return _broadcast(x, (count, *np.shape(x)))
+
+
+def _slice(x, start, count, axis):
+    """Return `count` entries of an array from `start` along an axis; all of them as they are."""
+    if x.shape[axis] == count:
+        return x
+    return x[(*(slice(None),) * axis, slice(start, start + count))]
+
+
+def _broadcast(x, shape):
+    """Broadcast an array to a shape, without a copy unless it is traced."""
     pack = jnp if isinstance(x, jax.core.Tracer) else np
-    return pack.broadcast_to(x, (count, *np.shape(x)))
+    return pack.broadcast_to(x, shape)

@@ -14,7 +14,7 @@ from ..elements.element_state import ElementState
 from ..elements.prestress import call_each_element, single_element
 from ..numerics.rotations import IDENTITY
 from ..spaces.dof_map import DofMap
-from ..spaces.space import Motion, Space
+from ..spaces.space import Motion, Space, mean_length
 from ..spaces.translations import has_low_part
 
 PerGroup: TypeAlias = 'list[Float[Array, "n_elem ..."] | None]'
@@ -227,7 +227,9 @@ class Elementwise:
 
     def length_scale(self) -> Float[Array, ""]:
         """Return the mean initial length of elements, m, by which steps are measured."""
-        return jnp.mean(jnp.concatenate([g.chord(self.nodes[g.links]) for g in self.groups]))
+        if self.dof_map is not None and self.dof_map.mean_lengths is not None:
+            return self.dof_map.mean_lengths[0]
+        return mean_length(self.groups, self.nodes)
 
     def extent(self) -> Float[Array, ""]:
         """Return the diagonal of the structure's bounding box, m."""

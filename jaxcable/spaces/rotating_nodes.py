@@ -49,6 +49,7 @@ from .space import (
     Space,
     Step,
     as_square_matrices,
+    mean_length,
     transform_by_jacobian,
 )
 
@@ -86,9 +87,10 @@ class RotatingNodes(Space):
         support_rotation: Float[Array, "n_row 4"] | None,
     ) -> Self:
         """Make the space of a system; `rotation_length` is the mean length of rotating elements."""
-        chords = [group.chord(nodes[group.links]) for group in groups if group.rotates]
-        lengths = jnp.concatenate(chords)
-        arm = lax.stop_gradient(jnp.mean(lengths)) if lengths.size else jnp.ones((), nodes.dtype)
+        if dof_map.mean_lengths is not None:
+            arm = dof_map.mean_lengths[1]
+        else:
+            arm = lax.stop_gradient(mean_length([g for g in groups if g.rotates], nodes))
         return cls(dof_map, prescribed, nodes, arm, support_rotation)
 
     # --- motions

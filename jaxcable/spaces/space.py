@@ -45,6 +45,12 @@ class ElementGroup(Protocol):
         """Return the distance between the first two ends of every element, m."""
 
 
+def mean_length(groups: Sequence[ElementGroup], nodes: Float[Array, "n_row 3"]) -> Float[Array, ""]:
+    """Return the mean initial length of elements, m; 1 m if none has a length."""
+    lengths = jnp.concatenate([group.chord(nodes[group.links]) for group in groups])
+    return jnp.mean(lengths) if lengths.size else jnp.ones((), nodes.dtype)
+
+
 @pytree
 class Space(abc.ABC):
     """How unknowns move the rows of motion (nodes, for example), and what supports allow.
