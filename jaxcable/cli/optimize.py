@@ -20,6 +20,7 @@ from ..files import save_scene
 from ..scenes import Scene
 from . import inputs, outputs
 from .guard import BadInput, print_message, refuse_value_errors
+from .solving import solve_scene
 
 _WIDTH = 0.02
 """Width of the smooth maximum of deflections, relative to their limit.
@@ -59,8 +60,8 @@ def run(options: Namespace) -> None:
         phase = replace(phases[number], pretension=pretension)
         return [*phases[:number], phase, *phases[number + 1 :]]
 
-    def analyse(parameters, progress=False):
-        return solve(structure, phases_with(pretension_of(parameters)), progress=progress)
+    def analyse(parameters):
+        return solve(structure, phases_with(pretension_of(parameters)))
 
     low, high = options.bounds
     if not low <= high:
@@ -76,7 +77,7 @@ def run(options: Namespace) -> None:
     with refuse_value_errors(options.scene):
         search = _minimize_pretension if options.target is None else _match_target_tension
         found, description = search(analyse, start, (low, high), options)
-        solution = analyse(found.params, progress=not options.quiet)
+        solution = solve_scene(options, structure, phases_with(pretension_of(found.params)))
     code = int(found.status)
     if code in (status.STATIONARY, status.STALLED) and _target_is_met(found, start, options):
         code = status.OK

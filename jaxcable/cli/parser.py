@@ -26,9 +26,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; return the exit status.
 
     Args:
-        arguments: words after the name of the program; None for those of this process, which then
-            keeps the flag of XLA that fuses loops. If another program gives arguments, its settings
-            are restored at the end.
+        arguments: words after the name of the program; None for those of this process. If another
+            program gives arguments, its settings are restored at the end.
     """
     options = parser().parse_args(arguments)
     with settings.command_settings(options.quiet, whole_process=arguments is None):

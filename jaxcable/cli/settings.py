@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import jax
 import matplotlib
 
-from ..common import fusion, program_store
+from ..common import program_store
 from .guard import print_message
 
 _PRECISION = "jax_enable_x64"
@@ -23,11 +23,10 @@ def command_settings(quiet: bool, whole_process: bool) -> Iterator[None]:
 
     Args:
         quiet: whether to leave out warnings.
-        whole_process: whether the process was started for the command, so that XLA is asked to fuse
-            loops. XLA reads its flags once: this one is not taken back.
+        whole_process: whether the process was started for the command; then pictures need no
+            display.
     """
     if whole_process:
-        fusion.request_fused_loops()
         matplotlib.use("Agg")  # pictures go to files; no display is needed
     double = getattr(jax.config, _PRECISION)
     with warnings.catch_warnings(), program_store.preserve_program_settings():

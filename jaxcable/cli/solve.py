@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 from .. import plots
-from ..analysis import solver
 from ..analysis.solution import Solution
 from ..common import status
 from ..equilibrium.incremental import Incremental
@@ -16,6 +15,7 @@ from ..files.opensees import require_exportable
 from ..reporting import report
 from . import file_names, inputs, outputs
 from .guard import print_message, refuse_value_errors, require_writable
+from .solving import solve_scene
 
 _STAGED = "energy check not available with construction stages (adds, removes)"
 
@@ -40,9 +40,7 @@ def run(options: Namespace) -> int | None:
     with refuse_value_errors(options.scene):
         if any(path.lower().endswith(".py") for path in options.save):
             require_exportable(structure)
-        solution = solver.solve(
-            structure, phases, _choose_method(options), progress=not options.quiet
-        )
+        solution = solve_scene(options, structure, phases, _choose_method(options))
         # energies take time: they are computed for a report only
         staged = any(phase.adds is not None or phase.removes is not None for phase in phases)
         energy = options.report is not None and not staged

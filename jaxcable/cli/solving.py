@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from ..analysis import solver
+from ..analysis.phases import Phase
 from ..analysis.solution import Solution
+from ..common import progress
+from ..equilibrium.incremental import Incremental
+from ..equilibrium.newton import Newton
 from ..model.structure import Structure
 from . import inputs
 from .guard import refuse_value_errors
 
 _Shown = TypeVar("_Shown")
+
+_LONG_ANALYSIS = 200_000
+"""Nodes times increments from which an analysis may take seconds, and its progress is shown.
+
+Smaller ones share their program with all other analyses from Python: it does not report."""
 
 
 def solve_and_show(
@@ -24,5 +33,19 @@ def solve_and_show(
     """
     structure, phases = inputs.read_scene(options)
     with refuse_value_errors(options.scene):
-        solution = solver.solve(structure, phases, progress=not options.quiet)
+        solution = solve_scene(options, structure, phases)
         return solution, show(structure, solution)
+
+
+def solve_scene(
+    options: Namespace,
+    structure: Structure,
+    phases: Sequence[Phase],
+    method: Newton | Incremental | None = None,
+) -> Solution:
+    """Analyse a scene for a command, which says on stderr that it compiles, and its progress."""
+    if options.quiet:
+        return solver.solve(structure, phases, method)
+    work = structure.n_node * sum(phase.increments for phase in phases)
+    with progress.with_compile_listener(progress.SHOW):
+        return solver.solve(structure, phases, method, progress=work > _LONG_ANALYSIS)

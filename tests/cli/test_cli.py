@@ -649,11 +649,9 @@ def test_comments_may_stand_in_every_object_of_a_class(tmp_path):
 WHOLE = """
     import sys
     from jaxcable.cli import main
-    from jaxcable.common import fusion
 
     sys.argv = ["jaxcable", "solve", "net.json"]
     assert main() == 0
-    assert fusion.are_loops_fused() or fusion.fusion_flag(1) is None
 """
 
 

@@ -12,7 +12,7 @@ INSIDE = """
     import jax, matplotlib
     import jaxcable as jc
     from jaxcable.cli import main
-    from jaxcable.common import fusion, program_store
+    from jaxcable.common import program_store
 
     def settings():
         backend = dict.__getitem__(matplotlib.rcParams, "backend")
@@ -26,7 +26,6 @@ INSIDE = """
         assert main(["solve", "none.json"]) == 2
         changed = [(a, b) for a, b in zip(before, settings()) if a != b]
         assert not changed, changed
-        assert not fusion.are_loops_fused()
         assert jax.numpy.ones(2).dtype == dtype
 
     run("float32")
@@ -37,7 +36,7 @@ INSIDE = """
 
 
 def test_a_program_that_runs_commands_keeps_its_settings(tmp_path):
-    """Of jax, warnings, kept programs, whatever they are; there is no fusing of loops then."""
+    """Of jax, warnings, kept programs, whatever they are."""
     flags = os.environ.get("XLA_FLAGS", "").split()
     flags = [flag for flag in flags if not flag.startswith("--xla_backend_extra_options")]
     around = environment(XLA_FLAGS=" ".join(flags), JAXCABLE_PROGRAMS=str(tmp_path / "programs"))
