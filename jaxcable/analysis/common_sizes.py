@@ -21,12 +21,15 @@ from ..elements.statement import StatedValues
 from ..linear.pattern import pad_pattern
 from ..loads.groups import OnGroups
 from ..mechanics.bundles import Bundles
+from ..mechanics.load_ramp import NodalIncrement
 from ..sections import Section
+from ..sections.padding import split_last_fibres
 from ..spaces.dof_map import DofMap, element_unknowns
 from .preparation import PreparedAnalysis, join_states
 from .schedule import stack_steps
 
 _SMALL_SIZES = 12, 24, 36, 48, 72, 96, 120, 150
+_FEWEST_FIBRES = 8
 _STEP = 1.25  # ratio of larger sizes: the work of a solve grows by little more than its unknowns
 
 
@@ -88,7 +91,7 @@ def pad_analysis(
         common_size(task.n_unknown),
         tuple(common_size(len(own)) for own in links),
         doubled_size(len(schedule), 1),
-        doubled_size(max(schedule.increments), 12) if max(schedule.increments) > 1 else 1,
+        common_size(max(schedule.increments)),
     )
     padded = list(arrays)
     for group, own, size in zip(groups, links, sizes.elements, strict=True):
@@ -175,9 +178,17 @@ def _pad_group(group, size):
             changes[name] = jax.tree.map(lambda x: _repeat_last(x, size), value)
         elif name == "strength":  # which is for reports
             changes[name] = None
-        elif isinstance(value, Section):  # without its mesh, which is for pictures
-            changes[name] = copy_with(value, points=None, cells=None, placed=True)
+        elif isinstance(value, Section):
+            changes[name] = _pad_section(value)
     return copy_with(group, **changes)
+
+
+def _pad_section(section):
+    """Return a section with one of a few numbers of fibres, unless they have history variables."""
+    counts = section.counts
+    if not section.has_memory:
+        counts = tuple(doubled_size(n, _FEWEST_FIBRES) for n in counts)
+    return split_last_fibres(section, counts)
 
 
 def _pad_restart(restart, groups, bundles, sizes):
@@ -238,12 +249,15 @@ def _pad_schedule(schedule, dof_map, sizes, links, bundles):
     if changes is not None:
         changes = _pad_held(changes, sizes)
         dof_map = copy_with(dof_map, temporarily_fixed=None)
+    # analyses with and without nodal loads share their program
+    fixed = np.asarray(schedule.dof_map.fixed)
+    nothing = NodalIncrement(np.zeros((len(schedule), *fixed.shape), dof_map.mean_lengths.dtype))
     idle = (0,) * (sizes.phases - len(schedule))
     return copy_with(
         schedule,
         number=np.arange(sizes.phases, dtype=np.int32),
         statements=statements,
-        added_load=_pad_nodal(schedule.added_load, sizes),
+        added_load=_pad_nodal(schedule.added_load or nothing, sizes),
         moved=_pad_nodal(schedule.moved, sizes),
         dof_map=dof_map,
         changes=changes,
@@ -273,7 +287,7 @@ def _pad_statement(stated, size, phases):
 
 
 def _pad_nodal(added, sizes):
-    """Return a `NodalIncrement` of phases with zeros for rows and phases that are added, or None.
+    """Return a `NodalIncrement` with zeros for rows and phases that are added, or None.
 
     The amplitudes of an added phase are those of the last one.
     """
@@ -358,11 +372,13 @@ def _pad_dof_map(
 
 def _mean_lengths(groups, links, nodes):
     """Return `DofMap.mean_lengths`: of all elements, and of those with rotations, [2]."""
-    chords = [
-        np.linalg.norm(nodes[own[:, 1]] - nodes[own[:, 0]], axis=-1)
-        for own in links
-        if own.shape[1] > 1
-    ]
-    turning = [chord for chord, group in zip(chords, groups, strict=False) if group.rotates]
-    means = [np.mean(np.concatenate(some)) if some else 1.0 for some in (chords, turning)]
-    return np.array(means, nodes.dtype)
+    with np.errstate(over="ignore"):  # as in a program, where infinity leads to a status
+        chords = [
+            np.linalg.norm(nodes[own[:, 1]] - nodes[own[:, 0]], axis=-1)
+            if own.shape[1] > 1
+            else np.zeros(0)
+            for own in links
+        ]
+    turning = [chord for chord, group in zip(chords, groups, strict=True) if group.rotates]
+    together = [np.concatenate(some) if some else np.zeros(0) for some in (chords, turning)]
+    return np.array([np.mean(all_) if len(all_) else 1.0 for all_ in together], nodes.dtype)

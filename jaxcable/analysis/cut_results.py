@@ -9,10 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import jax_internals as internals
+from ..common import status
 from ..common.tree import copy_with
 from ..mechanics.bundles import Bundles
 from .one_phase import ConvergedPoints
-from .results import map_element_fields
+from .results import map_element_fields, result_fields
 from .schedule import Schedule
 from .solution import Solution
 
@@ -58,17 +59,22 @@ def cut_results(
         _cut(solution.last, schedule, bundles, 0),
         restart=_cut_restart(solution.last, restart, schedule, bundles, nodes),
     )
-    solution = copy_with(_cut(solution, schedule, bundles, 0), phases=phases, last=last)
+    if solution.status == status.OK:  # the results of the solution are those of its last state
+        solution = copy_with(solution, **result_fields(last))
+    else:
+        solution = _cut(solution, schedule, bundles, 0)
+    solution = copy_with(solution, phases=phases, last=last)
     if points is not None:
         kept = min(points.motions.shape[1], most)
         motions = _first(_first(points.motions, n_row, 2), kept, 1)
         points = ConvergedPoints(motions, _first(points.codes, most, 1))
     cut, tree = jax.tree.flatten((solution, points))
     whole = {id(host): own for host, own in zip(on_host, leaves, strict=True)}
-    changed = [x for x in cut if id(x) not in whole]
+    changed = list({id(x): x for x in cut if id(x) not in whole}.values())
     device = next(iter(leaves[0].devices()))
-    placed = iter(internals.arrays_on_device(changed, device))
-    return tree.unflatten([whole[id(x)] if id(x) in whole else next(placed) for x in cut])
+    placed = zip(changed, internals.arrays_on_device(changed, device), strict=True)
+    whole |= {id(host): own for host, own in placed}
+    return tree.unflatten([whole[id(x)] for x in cut])
 
 
 def _cut(part, schedule: Schedule, bundles, axis):

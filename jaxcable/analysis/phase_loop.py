@@ -89,17 +89,34 @@ def analyse_without_fallbacks_first(
 def _analyse_known(task, arguments, given, size):
     """Run the analysis of known numbers, by the smaller program if it does without fallbacks."""
     if task.may_go_without_fallbacks and given["listen"] is None:
-        *parts, method, code = arguments
-        fields = {name: getattr(method, name) for name in Newton._all_fields}
         leaves, tree = jax.tree.flatten(arguments)
         key = tree, given["bundles"], tuple(map(argument_signature, leaves))
         if key not in _fell_back:
-            smaller = *parts, NewtonWithoutFallbacks(**fields), code
-            found = analyse(*smaller, **given, size=size)
+            found = analyse(*_without_fallbacks(arguments), **given, size=size)
             if int(found[0].status) != status.NEEDS_FALLBACKS:
                 return found
             _fell_back.add(key)
     return analyse(*arguments, **given, size=size)
+
+
+def _without_fallbacks(arguments):
+    """Return the arguments of `analyse` with the method without fallbacks."""
+    *parts, method, code = arguments
+    fields = {name: getattr(method, name) for name in Newton._all_fields}
+    return *parts, NewtonWithoutFallbacks(**fields), code
+
+
+def compile_analysis(arguments, bundles, size, with_fallbacks):
+    """Compile a program of an analysis, with fallbacks or without, and run it once.
+
+    Args:
+        arguments, bundles: as for `analyse`.
+        size: number of unknowns.
+        with_fallbacks: whether the method has fallbacks.
+    """
+    given = {"differentiate_path": False, "listen": None, "bundles": bundles, "size": size}
+    arguments = arguments if with_fallbacks else _without_fallbacks(arguments)
+    jax.block_until_ready(analyse(*arguments, **given))
 
 
 def recall_solution(without_indices, arrays, method, code, points, bundles):

@@ -13,7 +13,21 @@ from pathlib import Path
 
 from .. import linear
 from ..files.reading import number, parse_integer
-from . import convert, demo, form, info, new, optimize, plot, schema, settings, solve, view
+from ..scenes import usual
+from . import (
+    convert,
+    demo,
+    form,
+    info,
+    new,
+    optimize,
+    plot,
+    schema,
+    settings,
+    solve,
+    view,
+    warm,
+)
 from .guard import BadInput, run_guarded
 
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
@@ -71,6 +85,7 @@ def parser() -> argparse.ArgumentParser:
     _add_optimize(commands)
     _add_convert(commands)
     _add_schema(commands)
+    _add_warm(commands)
     _add_demo(commands)
     for command in commands.choices.values():
         _add_flag(command, "--quiet", "print errors only: no results, no warnings, no progress")
@@ -277,6 +292,19 @@ def _add_optimize(commands):
 def _add_info(commands):
     """Add the command ``info`` and its options."""
     _add_input_files(_add_command(commands, info, "net.json"), scene=False)
+
+
+def _add_warm(commands):
+    """Add the command ``warm`` and its options."""
+    command = _add_command(commands, warm, "nets masts my_bridge.json")
+    text = "kinds of structures (nets, domes, masts, frames; default: all of these), or scenes"
+    command.add_argument("what", nargs="*", metavar="KIND|SCENE", help=text)
+    sizes = ", ".join(f"{name}: {most}" for name, most in usual.SIZES.items())
+    text = f"largest number of elements of these kinds ({sizes}; default: medium)"
+    command.add_argument("--size", choices=usual.SIZES, default="medium", help=text)
+    _add_flag(command, "--background", "go on in another process, and return at once")
+    text = "refuse scenes larger than this, MB (default 64)"
+    command.add_argument("--largest", type=_parse_positive, default=64.0, metavar="MB", help=text)
 
 
 def _add_convert(commands):

@@ -121,6 +121,13 @@ class ProgramFolder:
                 with contextlib.suppress(OSError):
                     os.unlink(name)
 
+    def n_bytes(self) -> int:
+        """Return the size of all kept files, bytes."""
+        folders = self.programs_folder, self.jax_cache_folder
+        with contextlib.suppress(OSError):
+            return sum(size for folder in folders for _, size, _ in _list_own_files(folder))
+        return 0
+
     def remove_oldest_files(self) -> None:
         """Remove the least recently used files if all files together exceed the limit."""
         with contextlib.suppress(OSError):

@@ -124,6 +124,11 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
     return path
 
 
+def bytes_of_kept_programs() -> int | None:
+    """Return the size of all kept programs, bytes; None where none are kept."""
+    return _open_place[0].n_bytes() if _open_place else None
+
+
 def _parse_folder_argument(folder):
     """Return a user's argument as a path; None if it is empty or no path."""
     try:

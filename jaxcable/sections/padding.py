@@ -23,14 +23,17 @@ def padding_key(section: Section) -> Hashable:
 def pad_to_equal(sections: Sequence[Section]) -> list[Section]:
     """Return sections with equal numbers of fibres of each law, and unchanged forces.
 
-    They must have the same `padding_key`. Their meshes, which are for pictures, are left out.
+    They must have the same `padding_key`.
     """
     counts = tuple(max(n) for n in zip(*(section.counts for section in sections), strict=True))
-    return [_split_last_fibres(section, counts) for section in sections]
+    return [split_last_fibres(section, counts) for section in sections]
 
 
-def _split_last_fibres(section, counts):
-    """Return a section with `counts` fibres of each law, by splitting each law's last fibre."""
+def split_last_fibres(section: Section, counts: tuple[int, ...]) -> Section:
+    """Return a section with `counts` fibres of each law, by splitting each law's last fibre.
+
+    Forces are unchanged. The mesh of the section, which is for pictures, is left out.
+    """
     section = copy_with(section, points=None, cells=None, placed=True)
     if section.counts == counts:
         return section

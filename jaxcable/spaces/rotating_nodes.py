@@ -87,10 +87,9 @@ class RotatingNodes(Space):
         support_rotation: Float[Array, "n_row 4"] | None,
     ) -> Self:
         """Make the space of a system; `rotation_length` is the mean length of rotating elements."""
-        if dof_map.mean_lengths is not None:
-            arm = dof_map.mean_lengths[1]
-        else:
-            arm = lax.stop_gradient(mean_length([g for g in groups if g.rotates], nodes))
+        known = None if dof_map is None else dof_map.mean_lengths
+        turning = [group for group in groups if group.rotates]
+        arm = known[1] if known is not None else lax.stop_gradient(mean_length(turning, nodes))
         return cls(dof_map, prescribed, nodes, arm, support_rotation)
 
     # --- motions

@@ -177,7 +177,7 @@ def test_increments_up_to_40_share_four_programs():
         solution = jc.solve(structure, [prestress, jc.replace(loading, increments=count)])
         assert int(solution.status) == 0
         assert solution.phases[1].path.load_factor.shape == (count,)
-    assert len(phase_loop.analyse.known) == 4  # up to 1, 12, 24 and 48
+    assert len(phase_loop.analyse.known) == 4  # up to 12, 24, 36 and 48
 
 
 def test_gradients_start_from_padded_solutions():

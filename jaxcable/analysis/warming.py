@@ -1,0 +1,63 @@
+"""Programs compiled in advance: those that analyses of the same kind and size will look for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+import jax
+
+from ..common.program_store import argument_signature
+from ..model.structure import Structure
+from .common_sizes import CommonSizes, pad_analysis
+from .phase_loop import compile_analysis
+from .phases import Phase
+from .preparation import prepare
+
+
+class WarmedProgram(NamedTuple):
+    """A program for analyses of one kind and size.
+
+    Attributes:
+        sizes: `CommonSizes` of these analyses; None if it is for the sizes of one structure only.
+        has_fallbacks: whether it has the steps that few analyses need.
+        seconds: time that it took to compile the program, or to find it on disk.
+    """
+
+    sizes: CommonSizes | None
+    has_fallbacks: bool
+    seconds: float
+
+
+def warm_programs(scenes: Iterable[tuple[Structure, list[Phase]]]) -> Iterator[WarmedProgram]:
+    """Compile the programs that scenes need outside of `jax.jit`, one for each kind and size.
+
+    First those without fallbacks, which most analyses end with, then those with them. With
+    `keep_programs` they lie on disk, for other processes.
+
+    Args:
+        scenes: pairs of structure and phases.
+
+    Yields:
+        `WarmedProgram`, each when it has been compiled.
+    """
+    tasks = []
+    known: set[Any] = set()
+    for structure, phases in scenes:
+        task = prepare(structure, phases, None, None, to_end=True)
+        core = task.without_indices, task.arrays, task.method, task.code
+        padded = pad_analysis(task, core)
+        arguments, bundles, sizes = (core, task.bundles, None) if padded is None else padded
+        leaves, tree = jax.tree.flatten(arguments)
+        key: Any = (tree, bundles, tuple(map(argument_signature, leaves)))
+        if key not in known:
+            known.add(key)
+            tasks.append((task, arguments, bundles, sizes))
+    for with_fallbacks in (False, True):
+        for task, arguments, bundles, sizes in tasks:
+            if with_fallbacks or task.may_go_without_fallbacks:
+                begin = time.perf_counter()
+                size = task.n_unknown if sizes is None else sizes.unknowns
+                compile_analysis(arguments, bundles, size, with_fallbacks)
+                yield WarmedProgram(sizes, with_fallbacks, time.perf_counter() - begin)
