@@ -37,11 +37,12 @@ class Pattern:
         diagonal: positions of the diagonal among the values, [n].
         rows: row of every value, [n_value].
         digest: 128 bits that stand for `indptr` and `indices`, [4] uint32.
-        order: unknowns in an order of small bandwidth b, [n]; None if `symmetric` is False or b is
-            too large.
+        order: unknowns in an order of small bandwidth b, [n]; None if b is too large.
         place: position of every unknown in `order`, [n], or None.
         band: positions among the values of ``A[order][:, order]``, by columns from the diagonal
             down, [n, b + 1]; n_value for a zero. None if `order` is.
+        upper_band: likewise by rows from the diagonal to the right, [n, b + 1]; None if `order` is,
+            or if `symmetric`.
         table: positions among the values of the entries of the dense matrix, [n, n], n_value for a
             zero; None unless the solver needs it.
         opposite: True for values that are minus their sum, [n_value]; None if none is.
@@ -61,6 +62,7 @@ class Pattern:
     order: Int[Array, " n"] | None = None
     place: Int[Array, " n"] | None = None
     band: Int[Array, "n b+1"] | None = None
+    upper_band: Int[Array, "n b+1"] | None = None
     table: Int[Array, "n n"] | None = None
     opposite: Bool[Array, " n_value"] | None = None
     size: int = 0
@@ -112,9 +114,10 @@ def make_pattern(
         unsigned_indices(diagonal),
         row.astype(np.int32),
         np.frombuffer(digest, np.uint32),
-        *(_band_positions(row, indices, size) if symmetric else (None, None, None)),
+        *_band_positions(row, indices, size, symmetric),
     )
-    solver = choose_solver(size, arrays[-1] is not None, name, exchanges_rows, definite)
+    banded = symmetric and arrays[-2] is not None
+    solver = choose_solver(size, banded, name, exchanges_rows, definite)
     solver.load_library()
     whole = solver.on_device and not solver.definite
     table = _dense_positions(row, indices, size, symmetric) if whole else None
@@ -123,7 +126,7 @@ def make_pattern(
         last = table, some if some.any() else None
         placed: list[Any] = [None if a is None else jax.device_put(a) for a in (*arrays, *last)]
     settings = size, tuple(paired), symmetric, solver
-    return Pattern(sums, *placed, *settings)  # type: ignore[call-arg]  # eleven arrays
+    return Pattern(sums, *placed, *settings)  # type: ignore[call-arg]  # twelve arrays
 
 
 def _list_matrix_entries(numbers, size, symmetric, paired):
@@ -161,19 +164,26 @@ def _list_matrix_entries(numbers, size, symmetric, paired):
     return *(np.concatenate(parts) for parts in (keys, sources, signs)), m
 
 
-def _band_positions(rows, columns, size):
-    """Return `order`, `place` and `band` of a `Pattern`, each None if the band is too wide."""
+def _band_positions(rows, columns, size, symmetric):
+    """Return `order`, `place`, `band`, `upper_band` of a `Pattern`; None if the band is too wide.
+
+    Where only the upper triangle is stored (`symmetric`), there is no `upper_band`.
+    """
+    nothing = None, None, None, None
     if size > _WIDEST_BAND**2:
-        return None, None, None
-    upper = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), (size, size))
-    order, place = narrow_band_order(upper + upper.T)
-    low, high = np.minimum(place[rows], place[columns]), np.maximum(place[rows], place[columns])
-    width = int(np.max(high - low, initial=0)) + 1
+        return nothing
+    half = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), (size, size))
+    order, place = narrow_band_order(half + half.T)
+    row, column = place[rows], place[columns]
+    width = int(np.max(np.abs(row - column), initial=0)) + 1
     if width > _WIDEST_BAND + 1:
-        return None, None, None
-    band = np.full((size, width), len(rows), np.int32)
-    band[low, high - low] = np.arange(len(rows))
-    return unsigned_indices(order), unsigned_indices(place.astype(np.int32)), unsigned_indices(band)
+        return nothing
+    bands, low = np.full((2, size, width), len(rows), np.int32), np.minimum(row, column)
+    above = (row < column) & (not symmetric)
+    bands[above.astype(int), low, np.abs(row - column)] = np.arange(len(rows))
+    bands[1, :, 0] = bands[0, :, 0]
+    placed = order, place.astype(np.int32), bands[0], None if symmetric else bands[1]
+    return tuple(None if array is None else unsigned_indices(array) for array in placed)
 
 
 def narrow_band_order(matrix: Any) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
@@ -265,8 +275,15 @@ class SparseMatrix:
         return full
 
     def banded(self) -> Float[Array, "n b+1"]:
-        """Return the lower band, [n, b + 1], of this matrix in the order ``pattern.order``."""
-        return append_zero(self.values)[self.pattern.band]
+        """Return the lower band, [n, b + 1], of this matrix in the order ``pattern.order``.
+
+        It is that of the symmetric part, if both triangles are stored.
+        """
+        values = append_zero(self.values)
+        lower = values[self.pattern.band]
+        if self.pattern.upper_band is None:
+            return lower
+        return 0.5 * (lower + values[self.pattern.upper_band])
 
     @property
     def _is_diagonal(self):
