@@ -99,7 +99,7 @@ FULL = Cases(
     study=(100_000, 500),
     whole=True,
     waiting=(50, 500),
-    frames=(1000, 7),
+    frames=(1000, 3),
     gpu=((1000, 10_000, 100_000), (4, 10, 20), (100, 200)),
 )
 QUICK = Cases(

@@ -9,13 +9,14 @@ Reference  The single calls; a stiffness matrix written in NumPy (Euler-Bernoull
            BandGeneral and Newton's method.
 Error      Largest difference of displacements over the largest displacement of the case, likewise
            of gradients; number of cases whose status or number of steps differs.
-Results    frames_batch.txt; five minutes
+Results    frames_batch.txt; five minutes, and fifteen beside other work
 
 The frame: two columns of 3 m in three beams each, a beam of 4 m in four, clamped at the feet, nine
 free nodes (54 unknowns, with the inner unknowns of fibre sections 94). Section 0.1 m by 0.2 m of
 steel: linear, or 100 elastic-plastic fibres at 5 points of each beam, with 4 increments. Each case
 has random forces on all free nodes, up to 30 kN (linear) or 20 kN. Times are wall microseconds of a
-case, medians of calls in alternating order; cores are processor time over wall time.
+case, medians of calls in alternating order; cores are processor time over wall time. The product of
+both, microseconds of a core, is what other work on the machine changes least.
 """
 
 import time
