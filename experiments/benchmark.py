@@ -30,6 +30,7 @@ NAMES = {  # name: module of `benchmarks`, function, parts, and what it measures
     "gradient_cost": ("gradient_cost", "run", "value and gradient over the value alone"),
     "work_precision": ("work_precision", "run", "time against error, setting by setting"),
     "force_density": ("force_density", "run", "force densities beside jax_fdm"),
+    "frames_batch": ("frames_batch", "run", "frames in batches, and their gradients"),
     "many_cases": ("many_cases", "run", "a study of many cases in files, by several processes"),
     "first_screen": ("commands", "first_screen", "commands of the README's first screen"),
     "waiting": ("commands", "waiting", "programs that might wait for ever [PYTHON ...]"),

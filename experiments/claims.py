@@ -286,6 +286,17 @@ MANY_CASES = read(
 )
 """Rate of two processes over one; cases that differ; hours of a core for a million."""
 
+FRAMES = read(
+    "frames_batch",
+    *(
+        rf"^{kind} +{what} +{way} +[\d.]+ +\d+ +[\d.]+ +(\d+)$"
+        for kind in ("linear", "fibres")
+        for way in ("batched", "alone")
+        for what in ("value", "gradient")
+    ),
+)
+"""Microseconds of a core of a frame, value and gradient, in a batch and alone; with fibres."""
+
 STAGES = read(
     "stages",
     r"deck level within (\S+) m",
@@ -541,6 +552,12 @@ CLAIMS = [
         r"batch takes (\d+) to (\d+) us on two.+ OpenSees (\d+) us, (\d+) us with(?:.*\n)+?.+"
         r"all cases, (\d+) to (\d+) us",
         batch_times,
+    ),
+    Claim(
+        STUDIES,
+        r"takes (\d+) us of a core by `jc.batched`, (\d+) us with its gradient,\s"
+        r"and (\d+) and (\d+) us alone; with .+ section (\d+), (\d+), (\d+) and (\d+) us",
+        FRAMES,
     ),
     Claim(
         STUDIES,

@@ -26,6 +26,7 @@ class Cases(NamedTuple):
         study: load cases of the study in files, and those of a file.
         whole: whether all commands and programs of `commands` run.
         waiting: calls of each program, and of the control.
+        frames: load cases of a frame, and calls of each way to solve them.
         gpu: sizes of batches, of dense and of sparse nets.
     """
 
@@ -49,6 +50,7 @@ class Cases(NamedTuple):
     study: tuple
     whole: bool
     waiting: tuple
+    frames: tuple
     gpu: tuple
 
 
@@ -97,6 +99,7 @@ FULL = Cases(
     study=(100_000, 500),
     whole=True,
     waiting=(50, 500),
+    frames=(1000, 3),
     gpu=((1000, 10_000, 100_000), (4, 10, 20), (100, 200)),
 )
 QUICK = Cases(
@@ -120,6 +123,7 @@ QUICK = Cases(
     study=(40, 10),
     whole=False,
     waiting=(1, 2),
+    frames=(10, 2),
     gpu=((10,), (4,), ()),
 )
 

@@ -1,8 +1,8 @@
 """Many cases: in chunks that fit the cache or the memory, and over several devices.
 
-`jax.vmap` solves all cases at once. That is best for some hundred cases of a small net. The data of
-more cases no longer fit the cache, and later the memory. `batched` solves the cases in chunks, and
-shares them out to devices, which may belong to several processes. Where XLA fuses loops
+`jax.vmap` solves all cases at once. That is best for some dozen cases of a small structure. The
+data of more cases no longer fit the cache, and later the memory. `batched` solves the cases in
+chunks, and shares them out to devices, which may belong to several processes. Where XLA fuses loops
 (`common.fusion`) a program keeps one core busy, and `batched` shares chunks out to threads.
 """
 
@@ -24,6 +24,9 @@ from ..common.types import Array, PyTree
 
 _CASES_AXIS = "cases"
 _THREAD_CHUNK = 256  # cases of a thread at once: their data stay in cache
+# Cases at once without threads: data of frames and nets of some fifty unknowns stay in cache, and
+# each operation still works on many numbers.
+_CHUNK = 64
 
 
 def batched(
@@ -40,9 +43,10 @@ def batched(
 
     Args:
         function: of one case; its arguments and results are pytrees of arrays.
-        chunk: number of cases that a device, or a thread, solves at once; None for all of its
-            share, but at most 256 where loops are fused (`jc.fuse_loops`). For small nets 128 to
-            512 keep the work in the cache; for large nets take as many as memory allows, or 1.
+        chunk: number of cases that a device, or a thread, solves at once, each until all of them
+            have converged. None for at most 64 on CPUs, which keep the work of small structures in
+            the cache, 256 where loops are fused (`jc.fuse_loops`), and on accelerators all of a
+            device's share. For large nets take as many as memory allows, or 1.
 
     Options:
         devices: devices to share the cases out to, such as ``jax.devices()`` (with
@@ -77,11 +81,12 @@ def batched(
     def share(*cases):
         """The cases of one device."""
         count = _count_cases(cases)
-        if chunk is None or count <= chunk:
+        chunks = 1 if _cases_at_once(chunk) is None else -(-count // _cases_at_once(chunk))
+        if chunks == 1:
             return one_by_one(*cases)
-        chunks = -(-count // chunk)
+        size = -(-count // chunks)  # equal chunks have less padding
         parts = jax.tree.map(
-            lambda a: a.reshape(chunks, chunk, *a.shape[1:]), _pad_cases(cases, chunks * chunk)
+            lambda a: a.reshape(chunks, size, *a.shape[1:]), _pad_cases(cases, chunks * size)
         )
         results = lax.map(lambda part: one_by_one(*part), parts)
         return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], results)
@@ -119,6 +124,13 @@ def batched(
         return run(*cases) if size == count else _map_in_threads(run, cases, size, workers)
 
     return checked
+
+
+def _cases_at_once(chunk):
+    """Return how many cases are solved at once if the user says `chunk`; None for all."""
+    if chunk is not None or are_loops_fused() or jax.default_backend() != "cpu":
+        return chunk
+    return _CHUNK
 
 
 def _map_in_threads(run, cases, size, workers):

@@ -24,6 +24,7 @@ from ..mechanics.bundles import Bundles
 from ..mechanics.load_ramp import NodalIncrement
 from ..sections import Section
 from ..sections.padding import split_last_fibres
+from ..spaces import Space, space_of
 from ..spaces.dof_map import DofMap, element_unknowns
 from .preparation import PreparedAnalysis, join_states
 from .schedule import stack_steps
@@ -99,7 +100,7 @@ def pad_analysis(
     pairs = list(zip(groups, sizes.elements, strict=True))
     inner = tuple((group.n_freedom, group.inner_unknowns) for group in groups)
     dof_map = copy_with(
-        _pad_dof_map(schedule.dof_map, tuple(map(Indices, links)), inner, sizes),
+        _pad_dof_map(schedule.dof_map, tuple(map(Indices, links)), inner, space_of(groups), sizes),
         mean_lengths=_mean_lengths(groups, links, np.asarray(nodes)),
     )
     parts = (
@@ -125,7 +126,6 @@ def _can_be_padded(links, groups, restart, schedule):
         and all(isinstance(stack.load, OnGroups) and not stack.follows for stack in loads)
         and all(not stack.load._index_fields for stack in loads)
         and (pattern is None or not any(pattern.paired))
-        and (pattern is None or not any(group.rotates for group in groups))
     )
 
 
@@ -329,12 +329,13 @@ def _pad_dof_map(
     dof_map: DofMap,
     links: tuple[Indices, ...],
     inner: tuple[tuple[int, tuple[tuple[int, int], ...]], ...],
+    space: type[Space],
     sizes: CommonSizes,
 ) -> DofMap:
     """Return a `DofMap` with padded rows and unknowns, which are held; cached.
 
     `links` are those of all bundles; `inner` has (degrees of freedom of an end, inner unknowns) of
-    each.
+    each; `space` is the class of the space.
     """
     rows, unknowns = sizes.rows, sizes.unknowns
     number, count = np.asarray(dof_map.unknown_of_dof), len(dof_map.free)
@@ -351,7 +352,7 @@ def _pad_dof_map(
             )
             for own, (width, within), size in zip(links, inner, sizes.elements, strict=True)
         ]
-        pattern = pad_pattern(pattern, numbers, unknowns)
+        pattern = pad_pattern(pattern, [*numbers, *space.coupled_unknowns(number)], unknowns)
     optional = {
         "axes": lambda x: _repeat_last(x, rows),
         "node_of_row": lambda x: _fill(x, rows, 0, rows - 1),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 
 from .. import linear
 from ..common import status
+from ..common.batch_conditions import cond_in_batch
 from ..common.tree import copy_with, select_tree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..linear.sparse import FactoredMatrix
@@ -396,4 +396,4 @@ class EquilibriumSearch:
                 done=ends,
             )
 
-        return lax.cond(wanted, compute, lambda state: state, state)
+        return cond_in_batch(wanted, compute, state)

@@ -168,6 +168,7 @@ def equilibrate(
         `IncrementOutcome`; the last factored matrix. Not differentiable: its derivative is added
         by `implicit.attach_derivative`.
     """
+    system, x, factored = lax.stop_gradient((system, x, factored))
     if factored is None:
         factored = linear.no_factored_matrix(system.dof_map.pattern, x.dtype)
     end = _iterate_until_done(system, x, method, active, factored, judges_stability)

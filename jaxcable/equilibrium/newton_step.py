@@ -6,9 +6,9 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 
 from .. import linear
+from ..common.batch_conditions import cond_in_batch
 from ..common.types import Array, Bool, Float
 from ..linear import Matrix
 from ..linear.sparse import FactoredMatrix
@@ -64,16 +64,8 @@ def newton_direction(
         # Moments, following loads and elements that say so have no potential. Where the symmetric
         # part is definite, the step by the whole tangent leads downhill, too: R.p = -p.(sym K)p.
         # Steps by the symmetric part alone converge linearly, or not at all beside a large rest.
-        # In a batch both branches are computed. The barrier puts them one after the other, because
-        # batched calls of LAPACK can wait for each other for ever.
-        after, _ = lax.optimization_barrier((rhs, step))
-        step = lax.cond(
-            system.unsymmetric(),
-            lambda matrix, rhs, _: linear.solve_general(matrix, rhs)[0],
-            lambda matrix, rhs, found: found,
-            matrix,
-            after,
-            step,
+        step = cond_in_batch(
+            system.unsymmetric(), lambda _: linear.solve_general(matrix, rhs)[0], step
         )
     return step, definite, factored
 

@@ -69,7 +69,7 @@ def make_assembly_map(
     n: int,
     source: Int[np.ndarray, " k"] | None = None,
     m: int | None = None,
-    least_sums: int = 0,
+    step: int = 0,
 ) -> AssemblyMap:
     """Make the `AssemblyMap` that adds row ``source[k]`` of an array to the sum ``target[k]``.
 
@@ -78,8 +78,8 @@ def make_assembly_map(
         n: number of sums; a sum without rows is zero.
         source: index of the row, [k]; a row may be added to several sums. None for rows 0, 1, 2 ...
         m: number of rows of the array, if `source` is given.
-        least_sums: number of rows that the first table has at least. If it is given, the width is
-            one of a few, so that similar maps have arrays of equal shape.
+        step: if it is given, the number of rows of the first table is a multiple of it, and the
+            width one of a few, so that similar maps have arrays of equal shape.
     """
     of_rows = None
     if source is None or m is None:
@@ -89,7 +89,7 @@ def make_assembly_map(
     member, owner = source[used], target[used]
     place = np.full(n, m)
     count = np.bincount(owner, minlength=n)
-    width = _common_table_width(count) if least_sums else _best_table_width(count)
+    width = _common_table_width(count) if step else _best_table_width(count)
     tables, first = [], m + 1
     while True:  # what has one member has its place, the others are summed
         alone = np.bincount(owner, minlength=n) <= 1
@@ -99,8 +99,8 @@ def make_assembly_map(
         if not len(owner):
             break
         table, owner = _make_partial_sum_table(member, owner, width)
-        if not tables and len(table) < least_sums:
-            table = np.pad(table, ((0, least_sums - len(table)), (0, 0)), constant_values=-1)
+        if step and not tables:
+            table = np.pad(table, ((0, -len(table) % step), (0, 0)), constant_values=-1)
         first += 0 if not tables else len(tables[-1])
         tables.append(np.where(table < 0, _NO_ROW if tables else m, table).astype(np.uint32))
         member = np.arange(len(owner))

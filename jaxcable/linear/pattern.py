@@ -39,11 +39,12 @@ class Pattern:
         diagonal: positions of the diagonal among the values, [n].
         rows: row of every value, [n_value].
         digest: 128 bits that stand for `indptr` and `indices`, [4] uint32.
-        order: unknowns in an order of small bandwidth b, [n]; None if `symmetric` is False or b is
-            too large.
+        order: unknowns in an order of small bandwidth b, [n]; None if b is too large.
         place: position of every unknown in `order`, [n], or None.
         band: positions among the values of ``A[order][:, order]``, by columns from the diagonal
             down, [n, b + 1]; n_value for a zero. None if `order` is.
+        upper_band: likewise by rows from the diagonal to the right, [n, b + 1]; None if `order` is,
+            or if `symmetric`.
         table: positions among the values of the entries of the dense matrix, [n, n], n_value for a
             zero; None unless the solver needs it.
         opposite: True for values that are minus their sum, [n_value]; None if none is.
@@ -63,6 +64,7 @@ class Pattern:
     order: Int[Array, " n"] | None = None
     place: Int[Array, " n"] | None = None
     band: Int[Array, "n b+1"] | None = None
+    upper_band: Int[Array, "n b+1"] | None = None
     table: Int[Array, "n n"] | None = None
     opposite: Bool[Array, " n_value"] | None = None
     size: int = 0
@@ -103,8 +105,9 @@ def make_pattern(
     if (some != all_).any():
         return make_pattern(numbers, size, symmetric, name, exchanges_rows, definite)
     row, column = entries // size, entries % size
-    band = _band_positions(row, column, size) if symmetric else (None, None, None)
-    solver = choose_solver(size, band[0] is not None, name, exchanges_rows, definite)
+    band = _band_positions(row, column, size, symmetric)
+    banded = symmetric and band[0] is not None
+    solver = choose_solver(size, banded, name, exchanges_rows, definite)
     signs = some if some.any() else None
     settings = size, tuple(paired), symmetric, solver
     return _pattern_on_entries(entries, band, signs, listed, settings)
@@ -136,19 +139,19 @@ def pad_pattern(
     count = next(k * size for k in _VALUES_PER_UNKNOWN if k * size >= len(entries))
     entries = _fill_near_diagonal(entries, order, size, symmetric, count)
     settings = size, (), symmetric, solver
-    return _pattern_on_entries(entries, (None, None, None), None, listed, settings, 2 * size)
+    return _pattern_on_entries(entries, (None,) * 4, None, listed, settings, 2 * size)
 
 
-def _pattern_on_entries(entries, band, signs, listed, settings, least_sums=0):
+def _pattern_on_entries(entries, band, signs, listed, settings, step=0):
     """Return the `Pattern` with these entries (row times size plus column, ascending).
 
     Args:
         entries: its entries, [n_value].
-        band: `order`, `place` and `band`, or three None.
+        band: `order`, `place`, `band` and `upper_band`, or four None.
         signs: `opposite`, or None.
         listed: entries of element matrices, as `_list_matrix_entries` returns them.
         settings: the static fields.
-        least_sums: as for `make_assembly_map`.
+        step: as for `make_assembly_map`.
     """
     (key, source, _, m), (size, _, symmetric, solver) = listed, settings
     row, indices = (entries // size).astype(np.int32), (entries % size).astype(np.int32)
@@ -164,9 +167,7 @@ def _pattern_on_entries(entries, band, signs, listed, settings, least_sums=0):
     words = np.frombuffer(digest, np.uint32)
     arrays = indptr, indices, unsigned_indices(diagonal), row, words, *band, table, signs
     with jax.ensure_compile_time_eval():  # concrete arrays, also when a caller is being traced
-        found = make_assembly_map(
-            np.searchsorted(entries, key), len(entries), source, m, least_sums
-        )
+        found = make_assembly_map(np.searchsorted(entries, key), len(entries), source, m, step)
         sums = jax.tree.map(jax.device_put, found)
         placed: list[Any] = [None if a is None else jax.device_put(a) for a in arrays]
     return Pattern(sums, *placed, *settings)
@@ -207,18 +208,25 @@ def _list_matrix_entries(numbers, size, symmetric, paired):
     return *(np.concatenate(parts) for parts in (keys, sources, signs)), m
 
 
-def _band_positions(rows, columns, size):
-    """Return `order`, `place` and `band` of a `Pattern`, each None if the band is too wide."""
+def _band_positions(rows, columns, size, symmetric):
+    """Return `order`, `place`, `band`, `upper_band` of a `Pattern`; None if the band is too wide.
+
+    Where only the upper triangle is stored (`symmetric`), there is no `upper_band`.
+    """
+    nothing = None, None, None, None
     if size > _WIDEST_BAND**2:
-        return None, None, None
+        return nothing
     order, place = narrow_band_order(_symmetric_matrix(rows, columns, size))
-    low, high = np.minimum(place[rows], place[columns]), np.maximum(place[rows], place[columns])
-    width = int(np.max(high - low, initial=0)) + 1
+    row, column = place[rows], place[columns]
+    width = int(np.max(np.abs(row - column), initial=0)) + 1
     if width > _WIDEST_BAND + 1:
-        return None, None, None
-    band = np.full((size, width), len(rows), np.int32)
-    band[low, high - low] = np.arange(len(rows))
-    return unsigned_indices(order), unsigned_indices(place.astype(np.int32)), unsigned_indices(band)
+        return nothing
+    bands, low = np.full((2, size, width), len(rows), np.int32), np.minimum(row, column)
+    above = (row < column) & (not symmetric)
+    bands[above.astype(int), low, np.abs(row - column)] = np.arange(len(rows))
+    bands[1, :, 0] = bands[0, :, 0]
+    placed = order, place.astype(np.int32), bands[0], None if symmetric else bands[1]
+    return tuple(None if array is None else unsigned_indices(array) for array in placed)
 
 
 def _symmetric_matrix(rows, columns, size):
@@ -332,8 +340,15 @@ class SparseMatrix:
         return full
 
     def banded(self) -> Float[Array, "n b+1"]:
-        """Return the lower band, [n, b + 1], of this matrix in the order ``pattern.order``."""
-        return append_zero(self.values)[self.pattern.band]
+        """Return the lower band, [n, b + 1], of this matrix in the order ``pattern.order``.
+
+        It is that of the symmetric part, if both triangles are stored.
+        """
+        values = append_zero(self.values)
+        lower = values[self.pattern.band]
+        if self.pattern.upper_band is None:
+            return lower
+        return 0.5 * (lower + values[self.pattern.upper_band])
 
     @property
     def _is_diagonal(self):

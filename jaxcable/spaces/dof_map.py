@@ -255,8 +255,7 @@ def make_dof_map(
     if rows is not None:
         number[shared, :3] = number[rows.node_of_row[shared], :3]
     pattern, coupled = None, [] if space is None else space.coupled_unknowns(number)
-    dense = coupled and linear.choose_solver(n_free, False, solver).on_device
-    if links is not None and n_free > 0 and not dense:
+    if links is not None and n_free > 0:
         numbers = [
             element_unknowns(number, ends.array, width, inner, carried)
             for ends, width, inner in links
