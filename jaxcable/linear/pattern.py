@@ -24,7 +24,7 @@ from .solver import Solver, choose_solver
 # Half-bandwidth up to which batches of small systems are solved as banded systems: the work grows
 # with its square, and so does the program (`banded` has figures).
 _WIDEST_BAND = 40
-# numbers of values per unknown that such matrices have: three quarters of the last one on average
+# values per unknown of matrices whose pattern is padded to a common size
 _VALUES_PER_UNKNOWN = (*(8, 12, 18, 27), *(40 * 2**k for k in range(30)))
 
 
@@ -164,8 +164,8 @@ def _pattern_on_entries(entries, band, signs, listed, settings, step=0):
     solver.load_library()
     whole = solver.on_device and not solver.definite
     table = _dense_positions(row, indices, size, symmetric) if whole else None
-    words = np.frombuffer(digest, np.uint32)
-    arrays = indptr, indices, unsigned_indices(diagonal), row, words, *band, table, signs
+    arrays = indptr, indices, unsigned_indices(diagonal), row, np.frombuffer(digest, np.uint32)
+    arrays = *arrays, *band, table, signs
     with jax.ensure_compile_time_eval():  # concrete arrays, also when a caller is being traced
         found = make_assembly_map(np.searchsorted(entries, key), len(entries), source, m, step)
         sums = jax.tree.map(jax.device_put, found)
@@ -213,14 +213,13 @@ def _band_positions(rows, columns, size, symmetric):
 
     Where only the upper triangle is stored (`symmetric`), there is no `upper_band`.
     """
-    nothing = None, None, None, None
     if size > _WIDEST_BAND**2:
-        return nothing
+        return (None,) * 4
     order, place = narrow_band_order(_symmetric_matrix(rows, columns, size))
     row, column = place[rows], place[columns]
     width = int(np.max(np.abs(row - column), initial=0)) + 1
     if width > _WIDEST_BAND + 1:
-        return nothing
+        return (None,) * 4
     bands, low = np.full((2, size, width), len(rows), np.int32), np.minimum(row, column)
     above = (row < column) & (not symmetric)
     bands[above.astype(int), low, np.abs(row - column)] = np.arange(len(rows))
