@@ -124,6 +124,11 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
     return path
 
 
+def are_programs_kept() -> bool:
+    """Tell whether compiled programs are kept on disk now, for the next process."""
+    return bool(_open_place)
+
+
 def _parse_folder_argument(folder):
     """Return a user's argument as a path; None if it is empty or no path."""
     try:
