@@ -32,7 +32,7 @@ study-%: .venv/installed-test
 
 # write the notebooks, with their outputs, from their text sources
 notebooks: .venv/installed-notebooks
-	cd notebooks && OPENBLAS_NUM_THREADS=1 ../$(BIN)/jupytext --to ipynb --execute *.py
+	cd notebooks && JAXCABLE_PROGRESS=0 OPENBLAS_NUM_THREADS=1 ../$(BIN)/jupytext --to ipynb --execute *.py
 
 notebooks-test: .venv/installed-test
 	$(BIN)/python -m pytest -m "slow or not slow" tests/project/test_notebooks.py

@@ -5,7 +5,8 @@
 Without a name it lists them. Each writes its files to experiments/results. With --quick it measures
 a case or two of each kind and writes to a temporary folder, to see that it runs. The table
 `benchmarks/cases.py` says what is measured, `benchmarks/measure.py` how. OpenSees and jax_fdm are
-measured, too, if OPENSEES_PYTHON and JAX_FDM_PYTHON name interpreters that have them.
+measured, too, if OPENSEES_PYTHON and JAX_FDM_PYTHON name interpreters that have them; first calls
+with another version of jax, if OTHER_JAX_PYTHON names an interpreter that has it.
 """
 
 import importlib

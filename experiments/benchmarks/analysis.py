@@ -24,7 +24,7 @@ the first kind and with all); status, and with pretensions z_middle, iterations,
 residual (relative, largest of the phases) and slack; the pieces: assembly_ms (residual and
 tangent), factor_ms, solve_ms (of the loaded state, outside of jax). Of a batch: us_a_case and
 us_a_gradient (lists), first_s and cores (processor time over wall time) of both, iterations
-(largest), failed.
+(largest), failed. Always jax, its version.
 """
 
 import functools
@@ -272,8 +272,9 @@ def main():
     case = DEFAULTS | json.loads(sys.stdin.readline())
     sys.path.insert(0, str(Path(__file__).parent.parent))
     started(case)
+    import jax
+
     if case["scene"] == "bare":
-        import jax
         from bare import bare
 
         function, numbers = bare()
@@ -281,7 +282,7 @@ def main():
         answer = told | {"first_s": sum(told["stages"])}
     else:
         answer = analyses(case) if case["cases"] is None else batch(case)
-    print(json.dumps(answer), flush=True)
+    print(json.dumps(answer | {"jax": jax.__version__}), flush=True)
 
 
 if __name__ == "__main__":

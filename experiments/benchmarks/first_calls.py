@@ -2,11 +2,12 @@
 
 Question   first_call: seconds to trace, to lower and to compile, and lines of StableHLO, of the
            analysis of ready scenes, by itself and as value with gradient, and with the number of
-           phases. kept_programs_first: seconds of the first call of `solve` in a new process, with
-           nothing on disk, and with programs kept there by an earlier process
-           (`jc.keep_programs`); the same inside of `jax.jit`, where the analysis is traced and only
-           its compilation is kept. kept_programs_many: memory of a process that analyses 500 nets
-           of different shape.
+           phases; and first calls with another version of jax, if the environment variable
+           OTHER_JAX_PYTHON names an interpreter that has one. kept_programs_first: seconds of the
+           first call of `solve` in a new process, with nothing on disk, and with programs kept
+           there by an earlier process (`jc.keep_programs`); the same inside of `jax.jit`, where
+           the analysis is traced and only its compilation is kept. kept_programs_many: memory of
+           a process that analyses 500 nets of different shape.
 Reference  A bare analysis of a net of 48 unknowns in the same run (`bare.py`): its first call is
            the unit Y.
 Error      None: the results are those of the tests; those from disk are equal to the last bit
@@ -18,11 +19,13 @@ measurements before and after each scene, since the speed of the machine varies.
 call of `solve` as it is, with all its results; "jitted" the sum of the squares of the displacements
 inside `jax.jit`, as a function of the nodes; "gradient" its value and gradient; "after" these
 outside of `jax.jit`, where the plain analysis has been called before. Run: median of 15 further
-calls, other nodes in each. "fused": after `jaxcable.fuse_loops`.
+calls, other nodes in each. "fused": after `jaxcable.fuse_loops`. With two versions of jax each
+scene is measured by turns with both, and each version has its own unit.
 """
 
 import gc
 import json
+import os
 import re
 import statistics
 import tempfile
@@ -35,6 +38,10 @@ from .measure import analysis, bare, extent
 KINDS = "plain", "jitted", "gradient", "after"
 
 
+OTHER_KINDS = "plain", "after"
+"""Kinds that are measured with the other version of jax, too."""
+
+
 def first_call(cases, _):
     say = record.Record("first_call")
     say("\nY: first call of the bare analysis. plain, jitted, gradient, after: first calls in Y.")
@@ -44,26 +51,67 @@ def first_call(cases, _):
     say(f"{head}   g/j   a/p")
     rows = {}
     for label, scene in cases.first_calls.items():
-        units, found = [bare()], {}
-        for kind in KINDS:
-            own = analysis({"scene": scene, "kinds": [kind], "repeats": 15})
-            first, run = own[kind].pop("first_s"), statistics.median(own[kind].pop("ms"))
-            found[kind] = {"first": first, "run": run, "status": own["status"], **own[kind]}
-            units.append(bare())
-        unit = sum(units) / len(units)
-        rows[label] = found | {"unit": unit}
-        firsts = [found[kind]["first"] / unit for kind in KINDS]
+        found = rows[label] = first_calls_of(scene)
+        firsts = [found[kind]["first"] / found["unit"] for kind in KINDS]
         text = "  ".join(
             " ".join(f"{s:.1f}" for s in found[kind]["stages"])
             + f" s{found[kind]['lines']:7d}{found[kind]['run']:8.2f}"
             for kind in KINDS[1:3]
         )
         say(
-            f"{label:22}{unit:6.2f}{firsts[0]:7.2f}{firsts[1]:8.2f}{firsts[2]:9.2f}"
+            f"{label:22}{found['unit']:6.2f}{firsts[0]:7.2f}{firsts[1]:8.2f}{firsts[2]:9.2f}"
             f"{firsts[3]:7.2f}{firsts[2] / firsts[1]:6.2f}{firsts[3] / firsts[0]:6.2f}   {text}"
         )
+    say_versions(say, rows)
     say.close()
     record.write(record.RESULTS / "first_call.json", json.dumps(rows, indent=1) + "\n")
+
+
+def first_calls_of(scene):
+    """First and further calls of a scene by kind, and the unit; "other": those of another jax."""
+    interpreter = os.environ.get("OTHER_JAX_PYTHON")
+    # the other interpreter may have another copy of the package: this one is measured with both
+    path = os.pathsep.join(filter(None, (str(record.ROOT), os.environ.get("PYTHONPATH"))))
+    ways = [({"flags": {"PYTHONPATH": path}}, KINDS)]
+    if interpreter:
+        ways.append((ways[0][0] | {"interpreter": interpreter}, OTHER_KINDS))
+    rows = [{"units": [bare(**options)]} for options, _ in ways]
+    for kind in KINDS:
+        for row, (options, kinds) in zip(rows, ways, strict=True):
+            if kind not in kinds:
+                continue
+            own = analysis({"scene": scene, "kinds": [kind], "repeats": 15}, **options)
+            first, run = own[kind].pop("first_s"), statistics.median(own[kind].pop("ms"))
+            row[kind] = {"first": first, "run": run, "status": own["status"], **own[kind]}
+            row["units"].append(bare(**options))
+            row["jax"] = own["jax"]
+    for row in rows:
+        row["unit"] = statistics.mean(row.pop("units"))
+    return rows[0] | ({"other": rows[1]} if interpreter else {})
+
+
+def say_versions(say, rows):
+    """Write the table of first calls with two versions of jax, if there are two."""
+    pairs = {label: (row, row["other"]) for label, row in rows.items() if "other" in row}
+    if not pairs:
+        return
+    first, second = (row["jax"] for row in next(iter(pairs.values())))
+    say(f"\n=== jax {first} | jax {second}\n")
+    say("Seconds (in Y of that version): plain; after, the gradient after it. Then the second")
+    say("version over the first one, of seconds: plain, after\n")
+    head = f"{'Y, s':>6}{'plain':>16}{'after':>16}"
+    say(f"{'':22}{head} |{head} |{'plain':>6}{'after':>7}")
+    for label, pair in pairs.items():
+        cells = [
+            f"{row['unit']:6.2f}"
+            + "".join(
+                f"{row[kind]['first']:8.2f} ({row[kind]['first'] / row['unit']:5.2f})"
+                for kind in OTHER_KINDS
+            )
+            for row in pair
+        ]
+        over = [pair[1][kind]["first"] / pair[0][kind]["first"] for kind in OTHER_KINDS]
+        say(f"{label:22}{cells[0]} |{cells[1]} |{over[0]:6.2f}{over[1]:7.2f}")
 
 
 def kept_programs(cases, parts):

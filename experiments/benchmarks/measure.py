@@ -121,9 +121,9 @@ class Peer:
         self.process.wait()
 
 
-def bare():
+def bare(**options):
     """Seconds of the first call of the bare analysis, the unit Y."""
-    return analysis({"scene": "bare"})["first_s"]
+    return analysis({"scene": "bare"}, **options)["first_s"]
 
 
 def quartiles(values, digits=2):

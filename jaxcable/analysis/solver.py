@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from ..common.compile_notice import show_compilation
 from ..common.progress import Increment, as_listener
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
@@ -48,7 +49,9 @@ def solve(
             derivatives are NaN; all other results are differentiable in any case.
         progress: True writes a line to stderr every half second during long work (increment,
             iterations, residual); a function is called with a `progress.Increment` after each
-            increment. It is compiled in: another function compiles again. Default: nothing.
+            increment. It is compiled in: another function compiles again. By default a terminal or
+            a notebook shows one line while the compiler takes longer than 2 s; False, or the
+            environment variable JAXCABLE_PROGRESS=0, switches that off.
         exact_sizes: whether to compile for the sizes of this structure. By default, outside of jit,
             nodes, elements, unknowns and increments are padded to a few sizes, so that analyses of
             similar size (another mesh, a cable more) share one program. Runs of small structures
@@ -91,9 +94,10 @@ def solve(
     core = task.without_indices, task.arrays, task.method, task.code
     iterates = isinstance(task.method, Newton) and not differentiate_path
     known = known_numbers(core) if iterates else None
-    solution, points = analyse_without_fallbacks_first(
-        task, known or core, differentiate_path, listen, exact_sizes
-    )
+    with show_compilation(progress):
+        solution, points = analyse_without_fallbacks_first(
+            task, known or core, differentiate_path, listen, exact_sizes
+        )
     if known is not None:
         given = core, points, task.bundles, task.n_unknown
         solution = attach_recalled_derivative(solution, *given)

@@ -14,7 +14,7 @@ import numpy as np
 from ..analysis.group_values import value_per_group
 from ..analysis.phases import ABSOLUTE_STATEMENTS, Phase
 from ..common import status
-from ..common.progress import SHOW, announce_compilation
+from ..common.compile_notice import announce_compilation
 from ..common.selection import Only
 from ..common.tree import replace
 from ..files import save_scene
@@ -59,7 +59,7 @@ def run(options: Namespace) -> None:
     print(f"loads in the form: {acting.description}")
     stated: dict[str, Any]
     try:
-        with announce_compilation(None if options.quiet else SHOW):
+        with announce_compilation():
             if options.tension is not None:
                 tension = inputs.parse_group_values(options.tension, structure, "--tension")
                 form = find_form(structure, tension, acting.loads, length=lengths)

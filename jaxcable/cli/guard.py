@@ -15,6 +15,7 @@ from pathlib import Path
 
 from ..common import writing
 from ..common.checks import InputWarning, UnstableWarning
+from ..common.compile_notice import show_compilation
 from ..common.interrupt import exit_interrupted
 from ..common.status import AnalysisError
 from ..files import FileError
@@ -57,7 +58,12 @@ def run_guarded(command: Callable[[Namespace], int | None], options: Namespace) 
     def work():
         try:
             shown = io.StringIO() if options.quiet else sys.stdout
-            with warnings.catch_warnings(), contextlib.redirect_stdout(shown):
+            place = False if options.quiet else "terminal"
+            with (
+                warnings.catch_warnings(),
+                contextlib.redirect_stdout(shown),
+                show_compilation(place),
+            ):
                 for kind in (InputWarning, UnstableWarning):
                     warnings.simplefilter("ignore" if options.quiet else "always", kind)
                 warnings.showwarning = _print_warning

@@ -9,7 +9,6 @@ from typing import TypeVar
 from ..analysis import solver
 from ..analysis.phases import Phase
 from ..analysis.solution import Solution
-from ..common import progress
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.structure import Structure
@@ -43,9 +42,7 @@ def solve_scene(
     phases: Sequence[Phase],
     method: Newton | Incremental | None = None,
 ) -> Solution:
-    """Analyse a scene for a command, which says on stderr that it compiles, and its progress."""
-    if options.quiet:
-        return solver.solve(structure, phases, method)
+    """Analyse a scene for a command; show the progress of a long analysis on stderr."""
     work = structure.n_node * sum(phase.increments for phase in phases)
-    with progress.with_compile_listener(progress.SHOW):
-        return solver.solve(structure, phases, method, progress=work > _LONG_ANALYSIS)
+    long = work > _LONG_ANALYSIS and not options.quiet
+    return solver.solve(structure, phases, method, progress=long or None)

@@ -13,9 +13,9 @@ from typing import Any
 
 import jax
 
+from .compile_notice import announce_compilation
 from .jax_internals import is_tracing, quick_compile_options
 from .program_store import argument_signature, load_or_compile
-from .progress import announce_compilation
 
 # Unknowns up to which a program is compiled with `quick_compile_options`: it is as fast for some
 # hundred, and up to half as slow again for thousands.
@@ -54,7 +54,7 @@ def jit_program(function, static=()):
         alone = is_top_level_call(leaves)
         if "alone" in static:
             options["alone"] = alone
-        if not alone or any(getattr(jax.config, name, False) for name in _DEBUG_SETTINGS):
+        if not alone or _is_debugging():
             with without_garbage_collection():
                 return plain(*arguments, **options)
         small = size <= _QUICK_UNKNOWNS
@@ -80,6 +80,23 @@ def jit_program(function, static=()):
     return run
 
 
+def call_announced(program: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a function of `jax.jit`, and announce that it is compiled if that takes long.
+
+    Nothing is announced inside of another program, which is compiled as a whole.
+    """
+    lower = getattr(program, "lower", None)
+    if lower is not None and is_top_level_call(jax.tree.leaves(arguments)) and not _is_debugging():
+        with announce_compilation():
+            lower(*arguments).compile()  # jax keeps it for the call
+    return program(*arguments)
+
+
+def _is_debugging():
+    """Tell whether jax runs every operation by itself, or checks it."""
+    return any(getattr(jax.config, name, False) for name in _DEBUG_SETTINGS)
+
+
 def _compile_or_load(function, arguments, leaves, options, small):
     """Return the compiled program of `function`, loaded from disk or compiled now.
 
@@ -93,7 +110,7 @@ def _compile_or_load(function, arguments, leaves, options, small):
 
     def compiled():
         quick = quick_compile_options() if small else None
-        with announce_compilation(options.get("listen")):
+        with announce_compilation():
             return jax.jit(own, compiler_options=quick).trace(*leaves).lower().compile()
 
     with without_garbage_collection():

@@ -129,6 +129,11 @@ def bytes_of_kept_programs() -> int | None:
     return _open_place[0].n_bytes() if _open_place else None
 
 
+def are_programs_kept() -> bool:
+    """Tell whether compiled programs are kept on disk now, for the next process."""
+    return bool(_open_place)
+
+
 def _parse_folder_argument(folder):
     """Return a user's argument as a path; None if it is empty or no path."""
     try:

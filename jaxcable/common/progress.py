@@ -5,12 +5,9 @@ Compiled programs contain the calls to a listener only if there is a listener.
 
 from __future__ import annotations
 
-import contextlib
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextvars import ContextVar
+from collections.abc import Callable, Mapping
 from typing import IO, Any, NamedTuple
 
 import jax
@@ -22,9 +19,6 @@ from .types import Array, Float
 __all__ = ["Increment", "Printer", "Step", "Trial"]
 
 _PAUSE = 0.5  # seconds between two printed lines, and before the first line
-_COMPILE_LISTENER: ContextVar[Callable[[Any], object] | None] = ContextVar(
-    "_COMPILE_LISTENER", default=None
-)
 
 
 class Increment(NamedTuple):
@@ -212,43 +206,6 @@ def as_listener(progress: bool | Callable[[Any], object] | None) -> Callable[[An
             f"progress = {progress!r}: expected True, or a function to call with every report"
         )
     return progress
-
-
-@contextlib.contextmanager
-def with_compile_listener(listen: Callable[[Any], object] | None) -> Iterator[None]:
-    """Set the listener that `announce_compilation` uses by default while a ``with`` block runs."""
-    token = _COMPILE_LISTENER.set(listen)
-    try:
-        yield
-    finally:
-        _COMPILE_LISTENER.reset(token)
-
-
-@contextlib.contextmanager
-def announce_compilation(listen: Callable[[Any], object] | None) -> Iterator[None]:
-    """Print "compiling" if a ``with`` block takes long and nothing has been reported meanwhile.
-
-    Args:
-        listen: the listener of progress; None for the one that `with_compile_listener` has set.
-            Nothing is printed unless it is a `Printer`.
-    """
-    listen = _COMPILE_LISTENER.get() if listen is None else listen
-    if not isinstance(listen, Printer):
-        yield
-        return
-    count = listen.count
-
-    def still():
-        if listen.count == count:
-            listen.print_line("compiling the solver: some seconds, in the first run only")
-
-    timer = threading.Timer(listen.pause, still)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
 
 
 def report_progress(

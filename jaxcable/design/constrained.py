@@ -13,7 +13,9 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import checks, status
-from ..common.progress import Step, announce_compilation, as_listener
+from ..common.compilation import call_announced
+from ..common.compile_notice import show_compilation
+from ..common.progress import Step, as_listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .bounds import broadcast_to_params, check_call_arguments, check_search_arguments
@@ -160,11 +162,11 @@ def minimize_subject_to(
         return np.asarray(jnp.maximum(least, box.largest_per_array(x)), float)
 
     def evaluate(x):
-        return program(jnp.asarray(x, start.dtype), params, args)
+        return call_announced(program, jnp.asarray(x, start.dtype), params, args)
 
     limits = np.asarray(box.lower, float), np.asarray(box.upper, float)
     search = _ConstrainedSearch(evaluate, limits, sizes, float(tol), int(steps), listen)
-    with announce_compilation(listen):  # most of the time before the first report
+    with show_compilation(progress):  # most of the time before the first report
         search.evaluate_at(np.asarray(start, float))
     end, code, count = search.run(solve, np.asarray(step, float), int(rounds))
     multipliers, residual = search.multipliers_and_residual(end)

@@ -13,8 +13,9 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import checks
-from ..common.compilation import jit_program
-from ..common.progress import Trial, announce_compilation, as_listener, report_progress
+from ..common.compilation import call_announced, jit_program
+from ..common.compile_notice import show_compilation
+from ..common.progress import Trial, as_listener, report_progress
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from .bounds import check_call_arguments, check_search_arguments, search_or_input_status
@@ -99,7 +100,8 @@ def fit(
         args: tuple of further arguments of the residuals; pass here what changes from call to call
             (see `minimize`).
         progress: True to show progress on stderr (trial, misfit); or a function of a
-            `progress.Trial`, called at the start and after every trial point.
+            `progress.Trial`, called at the start and after every trial point. Default
+            and False: as for `solve`.
 
     Returns:
         `Fit`. Works under jit and vmap; differentiating it is an error.
@@ -145,8 +147,8 @@ def fit(
     args = check_call_arguments(residuals, args, steps, "residuals")
     params, box, tol = check_search_arguments(params, bounds, tol)
     listen = as_listener(progress)
-    with announce_compilation(listen):  # most of the time before the first report
-        return _programs(residuals, int(steps), listen)(params, args, box, tol)
+    with show_compilation(progress):  # most of the time before the first report
+        return call_announced(_programs(residuals, int(steps), listen), params, args, box, tol)
 
 
 def _compile_fit(reference, steps, listen):

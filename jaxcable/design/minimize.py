@@ -13,7 +13,9 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import status
-from ..common.progress import Step, announce_compilation, as_listener
+from ..common.compilation import call_announced
+from ..common.compile_notice import show_compilation
+from ..common.progress import Step, as_listener
 from ..common.tree import pytree, select_tree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .bounds import (
@@ -114,7 +116,8 @@ def minimize(
             optimizer works on the parameters divided by it. Default: a tenth of the size at the
             start for the default optimizer, 1 for others.
         progress: True to show progress on stderr (step, loss, gradient norm); or a function of a
-            `progress.Step`, called at the start and after every accepted step.
+            `progress.Step`, called at the start and after every accepted step. Default
+            and False: as for `solve`.
 
     Returns:
         `Design`. Works under jit and vmap (many starts at once); differentiating it is an error.
@@ -179,9 +182,9 @@ def minimize(
     if scale is not None or optimizer is not None:
         scale = broadcast_to_params(scale, params, "scale", absent=1.0, positive=True)
     listen = as_listener(progress)
-    with announce_compilation(listen):  # most of the time before the first report
-        program = _programs(loss, optimizer, int(steps), listen)
-        return program(params, args, box, scale, tol)
+    program = _programs(loss, optimizer, int(steps), listen)
+    with show_compilation(progress):  # most of the time before the first report
+        return call_announced(program, params, args, box, scale, tol)
 
 
 def _compile_minimize(reference, optimizer, steps, listen):

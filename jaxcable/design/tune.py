@@ -17,7 +17,8 @@ from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, status
 from ..common.compilation import is_top_level_call
-from ..common.progress import Trial, as_listener, with_compile_listener
+from ..common.compile_notice import show_compilation
+from ..common.progress import Trial, as_listener
 from ..common.tree import copy_with, pytree, replace, select_tree
 from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements import Bars, Cables
@@ -129,7 +130,7 @@ def tune(
             the structure has beams or bars, too. Where cables go slack results have kinks, at which
             a search from far away can get stuck. If all cables are taut at its end, the result is
             that of cables; else the search goes on with cables.
-        steps, tol, progress: as for `fit`; printed progress also says "compiling".
+        steps, tol, progress: as for `fit`.
 
     Returns:
         `Tuned`.
@@ -196,7 +197,7 @@ def tune(
     listen, solution, spent = as_listener(progress), None, jnp.int32(0)
     seeks = _make_search(phases_with, targets, bounds, method, start, (steps, tol, listen))
     pressing = _with_bars_for_cables(structure) if smooth and start is None else None
-    with with_compile_listener(listen):
+    with show_compilation(progress):
         if pressing is not None:
             found = seeks(pressing, values)
             spent = found.steps
