@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from .. import linear
@@ -14,7 +15,8 @@ from ..common import status
 from ..common.compilation import is_top_level_call, jit_program, on_forget_programs
 from ..common.program_store import argument_signature
 from ..common.progress import Increment, report_progress
-from ..common.tree import copy_with, merge_indices, pytree
+from ..common.split_programs import ProgramCall, call_apart
+from ..common.tree import copy_with, merge_indices, pytree, set_fields
 from ..common.types import Array, Bool, Int
 from ..equilibrium.newton import Newton, NewtonWithoutFallbacks
 from ..linear.sparse import FactoredMatrix
@@ -73,16 +75,55 @@ def analyse_without_fallbacks_first(task, arguments, differentiate_path=False, l
     given = {"differentiate_path": differentiate_path, "listen": listen, "bundles": task.bundles}
     leaves, tree = jax.tree.flatten(arguments)
     if task.may_go_without_fallbacks and listen is None and is_top_level_call(leaves):
-        *parts, method, code = arguments
-        fields = {name: getattr(method, name) for name in Newton._all_fields}
         key = tree, task.bundles, tuple(map(argument_signature, leaves))
         if key not in _fell_back:
-            smaller = *parts, NewtonWithoutFallbacks(**fields), code
-            found = analyse(*smaller, **given, size=task.n_unknown)
+            found = analyse(*_without_fallbacks(*arguments), **given, size=task.n_unknown)
             if int(found[0].status) != status.NEEDS_FALLBACKS:
                 return found
             _fell_back.add(key)
     return analyse(*arguments, **given, size=task.n_unknown)
+
+
+def _without_fallbacks(*arguments):
+    """Return the arguments of `analyse` with the method in its form without fallbacks."""
+    *parts, method, code = arguments
+    smaller = object.__new__(NewtonWithoutFallbacks)  # numbers were checked before
+    set_fields(smaller, **{name: getattr(method, name) for name in Newton._all_fields})
+    return *parts, smaller, code
+
+
+def analyse_apart(task, arguments, listen=None):
+    """Run a `PreparedAnalysis` in a function that is split, by the programs that plain `solve` has.
+
+    Args:
+        task, arguments, listen: as for `analyse_without_fallbacks_first`; some numbers are traced.
+
+    Returns:
+        `Solution` and `ConvergedPoints`, traced, without derivatives.
+    """
+    # keep nothing that is traced
+    task = task._replace(without_indices=None, arrays=None, method=None, code=None, loads=None)
+    smaller = task.may_go_without_fallbacks and listen is None
+
+    def run(*arguments, axes):  # of a batch: there is none
+        consistent = arguments[0][-1].is_consistent
+        if consistent is None or np.all(consistent):  # plain `solve` has found this out before
+            arguments = without_consistency(arguments)
+        return analyse_without_fallbacks_first(task, arguments, listen=listen)
+
+    def shapes(*arguments):
+        arguments = without_consistency(arguments)
+        arguments = _without_fallbacks(*arguments) if smaller else arguments
+        given = {"differentiate_path": False, "listen": listen, "bundles": task.bundles}
+        return analyse.result_shapes(*arguments, **given, size=task.n_unknown)
+
+    return call_apart(ProgramCall(run, shapes), *arguments)
+
+
+def without_consistency(arguments):
+    """Return the arguments of `analyse` as they are where activation is known to be consistent."""
+    (*parts, schedule), *others = arguments
+    return (*parts, copy_with(schedule, is_consistent=None)), *others
 
 
 def recall_solution(without_indices, arrays, method, code, points, bundles):

@@ -14,6 +14,7 @@ from jax.flatten_util import ravel_pytree
 from ..analysis.solution import Solution
 from ..common import checks, status
 from ..common.progress import Step, announce_compilation, as_listener
+from ..common.split_programs import SplitProgram, splittable
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .bounds import broadcast_to_params, check_call_arguments, check_search_arguments
@@ -274,34 +275,32 @@ class _ConstrainedSearch(ScaledProblem):
         return point.violation <= 0 and residual <= self.tol
 
 
-def _compile_problem(reference):
-    """Compile the user's function of loss and constraints, with its Jacobian.
+def _split_problem(reference):
+    """Return the `SplitProgram` of loss and constraints with their Jacobian; analyses stay apart.
 
-    `reference()` returns that function. The program takes flat parameters [n], their pytree and
-    further arguments, and returns the `Evaluation` of [loss, constraints ...].
+    `reference()` returns the user's function. The program takes flat parameters [n], their pytree
+    and further arguments, and returns the `Evaluation` of [loss, constraints ...].
     """
 
-    @jax.jit
+    def flattened(x, params, args):
+        returned = reference()(ravel_pytree(params)[1](x), *args)
+        if not isinstance(returned, tuple) or len(returned) not in (2, 3):
+            raise ValueError(
+                "problem: expected (loss, constraints) or (loss, constraints, solution)"
+            )
+        value, code = loss_and_status((returned[0], returned[2:]))
+        constraints = jnp.asarray(returned[1])
+        if constraints.ndim != 1 or not jnp.issubdtype(constraints.dtype, jnp.floating):
+            got = f"{constraints.dtype}{list(constraints.shape)}"
+            raise ValueError(f"constraints: expected floats [n], got {got}")
+        return jnp.append(value, constraints).astype(x.dtype), code
+
     def evaluate(x, params, args):
-        _, back = ravel_pytree(params)
+        own = splittable(lambda x: flattened(x, params, args))
+        count = jax.eval_shape(own, x)[0].size
+        return values_and_jacobian(own, x, count).mark_nonfinite()
 
-        def flattened(x):
-            returned = reference()(back(x), *args)
-            if not isinstance(returned, tuple) or len(returned) not in (2, 3):
-                raise ValueError(
-                    "problem: expected (loss, constraints) or (loss, constraints, solution)"
-                )
-            value, code = loss_and_status((returned[0], returned[2:]))
-            constraints = jnp.asarray(returned[1])
-            if constraints.ndim != 1 or not jnp.issubdtype(constraints.dtype, jnp.floating):
-                got = f"{constraints.dtype}{list(constraints.shape)}"
-                raise ValueError(f"constraints: expected floats [n], got {got}")
-            return jnp.append(value, constraints).astype(x.dtype), code
-
-        count = jax.eval_shape(flattened, x)[0].size
-        return values_and_jacobian(flattened, x, count).mark_nonfinite()
-
-    return evaluate
+    return SplitProgram(evaluate, calling=splittable(flattened))
 
 
-_programs = ProgramCache(_compile_problem)
+_programs = ProgramCache(_split_problem)
