@@ -118,6 +118,7 @@ def minimize_subject_to(
     Returns:
         `ConstrainedDesign`; computed on the host, not to be traced. If no point meets the
         constraints the status is CONSTRAINTS_VIOLATED and `constraints` shows by how much.
+        Analyses run by the programs of `solve` and of its derivative, as in `minimize`.
 
     Raises:
         ValueError: as `minimize`; an unknown solver, or one that is not installed.

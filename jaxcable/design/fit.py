@@ -104,7 +104,8 @@ def fit(
             `progress.Trial`, called at the start and after every trial point.
 
     Returns:
-        `Fit`. Works under jit and vmap; differentiating it is an error.
+        `Fit`. Works under jit and vmap; differentiating it is an error. Called from Python, it
+        runs analyses by the programs of `solve` and of its derivative, as `minimize` does.
 
     Raises:
         ValueError: residuals that are no floats, lower bounds above upper ones, or a start

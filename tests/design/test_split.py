@@ -49,7 +49,7 @@ def of_two_cases(p):
 def to_the_edge(p):
     """The step leads to pretensions below zero, which are no valid input: it is shortened."""
     solution = solved(jnp.ones(4) * p, 200.0)
-    return jnp.log(solution.tension[0] / 300.0)[None], solution
+    return jnp.log(solution.tension[0] / 1e3)[None], solution
 
 
 def compare_with_one_program(search, known=None):
@@ -108,10 +108,19 @@ def test_minimize_is_that_of_one_program_and_reports():
 
     with pytest.raises(KeyboardInterrupt):
         jc.minimize(loss, START, args=(wanted,), progress=interrupt)
-    gone = weakref.ref(loss)
-    del loss
+
+
+def test_programs_do_not_keep_the_function():
+    def make():
+        wanted = jnp.array([0.0, 2.0])
+        return lambda p: two_residuals(p)[0] + 0.1 * wanted
+
+    residuals = make()
+    jc.fit(residuals, START)
+    gone = weakref.ref(residuals)
+    del residuals
     gc.collect()
-    assert gone() is None  # programs do not keep the loss
+    assert gone() is None
 
 
 def test_failed_trials_and_starts():
