@@ -36,11 +36,24 @@ def cut_results(
     tree: Any
     leaves, tree = jax.tree.flatten(found)
     on_host = [np.asarray(own) for own in leaves]
-    solution, points = tree.unflatten(on_host)
+    cut, tree = jax.tree.flatten(cut_on_host(tree.unflatten(on_host), arguments, bundles))
+    whole = {id(host): own for host, own in zip(on_host, leaves, strict=True)}
+    changed = list({id(x): x for x in cut if id(x) not in whole}.values())
+    device = next(iter(leaves[0].devices()))
+    placed = zip(changed, internals.arrays_on_device(changed, device), strict=True)
+    whole |= {id(host): own for host, own in placed}
+    return tree.unflatten([whole[id(x)] for x in cut])
+
+
+def cut_on_host(
+    found: tuple[Solution, ConvergedPoints], arguments: tuple[Any, ...], bundles: Bundles
+) -> tuple[Solution, ConvergedPoints]:
+    """Do as `cut_results` does with arrays of NumPy."""
+    solution, points = found
     nodes, _, restart, schedule = arguments[0]
-    most, n_row, phases = max(schedule.increments), len(nodes), len(schedule)
+    most, n_row, n_phase = max(schedule.increments), len(nodes), len(schedule)
     ends, paths, log, points = jax.tree.map(
-        lambda x: _first(x, phases),
+        lambda x: _first(x, n_phase),
         (solution.phases.ends, solution.phases.paths, solution.phases.log, points),
     )
     ends = _cut(ends, schedule, bundles, 1)
@@ -68,13 +81,7 @@ def cut_results(
         kept = min(points.motions.shape[1], most)
         motions = _first(_first(points.motions, n_row, 2), kept, 1)
         points = ConvergedPoints(motions, _first(points.codes, most, 1))
-    cut, tree = jax.tree.flatten((solution, points))
-    whole = {id(host): own for host, own in zip(on_host, leaves, strict=True)}
-    changed = list({id(x): x for x in cut if id(x) not in whole}.values())
-    device = next(iter(leaves[0].devices()))
-    placed = zip(changed, internals.arrays_on_device(changed, device), strict=True)
-    whole |= {id(host): own for host, own in placed}
-    return tree.unflatten([whole[id(x)] for x in cut])
+    return solution, points
 
 
 def _cut(part, schedule: Schedule, bundles, axis):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,19 +10,16 @@ from jax import lax
 
 from .. import linear
 from ..common import status
-from ..common.compilation import is_top_level_call, jit_program, on_forget_programs
-from ..common.program_store import argument_signature
+from ..common.compilation import jit_program
 from ..common.progress import Increment, report_progress
 from ..common.tree import copy_with, merge_indices, pytree, select_tree
 from ..common.types import Array, Bool, Int
-from ..equilibrium.newton import Newton, NewtonWithoutFallbacks
+from ..equilibrium.newton import Newton
 from ..linear.sparse import FactoredMatrix
 from ..mechanics.element_output import ElementOutput, evaluate_output
 from ..mechanics.restart_state import RestartState, with_loads_until
 from ..numerics import implicit, scaled
 from ..numerics.single_kernel import as_single_kernel
-from .common_sizes import pad_analysis
-from .cut_results import cut_results
 from .one_phase import run_phase
 from .phase_results import PhaseResult, PhaseResults
 from .preparation import cast_to_dtype_of, complete_input, traced_input_status
@@ -52,71 +48,6 @@ def analyse(without_indices, arrays, method, code, differentiate_path, listen, b
     if whole and pattern is not None and pattern.solver.fused:
         through = as_single_kernel(through)
     return through(without_indices, arrays, method, code)
-
-
-_fell_back: set[Any] = set()  # analyses that have needed fallbacks, by tree and shapes
-on_forget_programs(_fell_back.clear)
-
-
-def analyse_without_fallbacks_first(
-    task, arguments, differentiate_path=False, listen=None, exact_sizes=False
-):
-    """Run a `PreparedAnalysis`, by a smaller program if it does without fallbacks.
-
-    Only outside of `jit`, where the status of the smaller program is known. Within it, and where
-    such an analysis has needed fallbacks before, the program is that of `analyse`.
-
-    Args:
-        task: `PreparedAnalysis`.
-        arguments: `without_indices`, `arrays`, `method` and `code` of `analyse`.
-        differentiate_path, listen: as for `analyse`.
-        exact_sizes: whether not to pad the arrays to `common_sizes`.
-
-    Returns:
-        `Solution` and `ConvergedPoints`, as `analyse`.
-    """
-    given = {"differentiate_path": differentiate_path, "listen": listen}
-    if not is_top_level_call(jax.tree.leaves(arguments)):
-        return analyse(*arguments, **given, bundles=task.bundles, size=task.n_unknown)
-    padded = None if exact_sizes or differentiate_path else pad_analysis(task, arguments)
-    if padded is None:
-        return _analyse_known(task, arguments, given | {"bundles": task.bundles}, task.n_unknown)
-    larger, bundles, sizes = padded
-    found = _analyse_known(task, larger, given | {"bundles": bundles}, sizes.unknowns)
-    return cut_results(found, arguments, task.bundles)
-
-
-def _analyse_known(task, arguments, given, size):
-    """Run the analysis of known numbers, by the smaller program if it does without fallbacks."""
-    if task.may_go_without_fallbacks and given["listen"] is None:
-        leaves, tree = jax.tree.flatten(arguments)
-        key = tree, given["bundles"], tuple(map(argument_signature, leaves))
-        if key not in _fell_back:
-            found = analyse(*_without_fallbacks(arguments), **given, size=size)
-            if int(found[0].status) != status.NEEDS_FALLBACKS:
-                return found
-            _fell_back.add(key)
-    return analyse(*arguments, **given, size=size)
-
-
-def _without_fallbacks(arguments):
-    """Return the arguments of `analyse` with the method without fallbacks."""
-    *parts, method, code = arguments
-    fields = {name: getattr(method, name) for name in Newton._all_fields}
-    return *parts, NewtonWithoutFallbacks(**fields), code
-
-
-def compile_analysis(arguments, bundles, size, with_fallbacks):
-    """Compile a program of an analysis, with fallbacks or without, and run it once.
-
-    Args:
-        arguments, bundles: as for `analyse`.
-        size: number of unknowns.
-        with_fallbacks: whether the method has fallbacks.
-    """
-    given = {"differentiate_path": False, "listen": None, "bundles": bundles, "size": size}
-    arguments = arguments if with_fallbacks else _without_fallbacks(arguments)
-    jax.block_until_ready(analyse(*arguments, **given))
 
 
 def recall_solution(without_indices, arrays, method, code, points, bundles):

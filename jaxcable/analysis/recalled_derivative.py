@@ -22,11 +22,17 @@ from jax import lax
 
 from ..common import jax_internals as internals
 from ..common.compilation import jit_program
+from ..common.split_programs import ProgramCall, call_apart, is_split_here, is_splitting
 from ..common.types import Array, PyTree
 from ..mechanics.bundles import Bundles
 from .one_phase import ConvergedPoints
 from .phase_loop import recall_solution
 from .solution import Solution
+
+
+def can_stay_apart() -> bool:
+    """Tell whether an analysis at this place of a function that is split stays apart."""
+    return None not in (_SOLUTION, _CHANGE) and is_split_here()
 
 
 def known_numbers(core: PyTree[Any]) -> PyTree[Any] | None:
@@ -36,11 +42,18 @@ def known_numbers(core: PyTree[Any]) -> PyTree[Any] | None:
     """
     if None in (_SOLUTION, _CHANGE) or not internals.is_differentiating():
         return None
-    tree: Any
-    leaves, tree = jax.tree.flatten(core)
-    known = [lax.stop_gradient(x) if isinstance(x, jax.core.Tracer) else x for x in leaves]
-    traced = any(isinstance(x, jax.core.Tracer) for x in known)
-    return None if traced else tree.unflatten(known)
+    known = without_derivatives(core)
+    traced = any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(known))
+    return None if traced else known
+
+
+def without_derivatives(core: PyTree[Any]) -> PyTree[Any]:
+    """Return the arguments of an analysis with no derivatives of their own."""
+
+    def without(x):
+        return lax.stop_gradient(x) if isinstance(x, jax.core.Tracer) else x
+
+    return jax.tree.map(without, core)
 
 
 def attach_recalled_derivative(
@@ -143,8 +156,19 @@ def _evaluate_change(*arrays, settings, moving, wanted, shapes):
     """Return the changes of the results `wanted`; the last arrays are the changes of arguments."""
     count = len(arrays) - len(moving)
     core, points = settings.core_and_points(arrays[:count])
-    given = {"bundles": settings.bundles, "moving": moving, "wanted": wanted}
-    return change_of_solution(core, points, list(arrays[count:]), **given, size=settings.size)
+    given = {"bundles": settings.bundles, "moving": moving, "size": settings.size}
+    if not is_splitting():
+        return change_of_solution(core, points, list(arrays[count:]), wanted=wanted, **given)
+
+    def call(places):  # few results compile faster
+        some = tuple(wanted[k] for k in places)
+        return ProgramCall(
+            functools.partial(change_of_solution, wanted=some, **given),
+            lambda *_: [jax.ShapeDtypeStruct(*shapes[k]) for k in places],
+            call,
+        )
+
+    return call_apart(call(tuple(range(len(wanted)))), core, points, list(arrays[count:]))
 
 
 def _shapes_of_change(*_, shapes, **__):
@@ -180,7 +204,13 @@ def _change_transpose(cotangents, *arrays, settings, moving, wanted, shapes):
         return [None] * len(arrays)
     core, points = settings.core_and_points(arrays[:count])
     given = {"bundles": settings.bundles, "moving": moving, "wanted": tuple(some)}
-    pulled = adjoint_of_solution(core, points, list(some.values()), **given, size=settings.size)
+    run = functools.partial(adjoint_of_solution, **given, size=settings.size)
+    given = core, points, list(some.values())
+    if is_splitting():
+        shapes = [jax.ShapeDtypeStruct(arrays[k].shape, arrays[k].dtype) for k in moving]
+        pulled = call_apart(ProgramCall(run, lambda *_: shapes), *given)
+    else:
+        pulled = run(*given)
     return [None] * count + list(pulled)
 
 

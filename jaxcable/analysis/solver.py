@@ -10,10 +10,15 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model import plausibility
 from ..model.structure import Structure
-from .phase_loop import analyse_without_fallbacks_first
+from .outside_jit import analyse_apart, analyse_by_known_programs, without_consistency
 from .phases import Phase
 from .preparation import prepare
-from .recalled_derivative import attach_recalled_derivative, known_numbers
+from .recalled_derivative import (
+    attach_recalled_derivative,
+    can_stay_apart,
+    known_numbers,
+    without_derivatives,
+)
 from .solution import Solution, State
 from .states import arrange_solution
 
@@ -93,11 +98,15 @@ def solve(
     task = prepare(structure, phases, method, start, to_end=True)
     core = task.without_indices, task.arrays, task.method, task.code
     iterates = isinstance(task.method, Newton) and not differentiate_path
-    known = known_numbers(core) if iterates else None
     with show_compilation(progress):
-        solution, points = analyse_without_fallbacks_first(
-            task, known or core, differentiate_path, listen, exact_sizes
-        )
+        if iterates and can_stay_apart() and not exact_sizes:
+            solution, points = analyse_apart(task, without_derivatives(core), listen)
+            known = core = without_consistency(core)
+        else:
+            known = known_numbers(core) if iterates else None
+            solution, points = analyse_by_known_programs(
+                task, known or core, differentiate_path, listen, exact_sizes
+            )
     if known is not None:
         given = core, points, task.bundles, task.n_unknown
         solution = attach_recalled_derivative(solution, *given)

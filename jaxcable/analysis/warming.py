@@ -11,7 +11,7 @@ import jax
 from ..common.program_store import argument_signature
 from ..model.structure import Structure
 from .common_sizes import CommonSizes, pad_analysis
-from .phase_loop import compile_analysis
+from .outside_jit import compile_analysis
 from .phases import Phase
 from .preparation import prepare
 

@@ -33,11 +33,15 @@ _DEBUG_SETTINGS = "jax_disable_jit", "jax_debug_nans", "jax_debug_infs"
 def jit_program(function, static=()):
     """Compile a function as `jax.jit` does, with a faster compiler for programs of few unknowns.
 
-    The result takes one more argument by keyword, ``size``, the number of unknowns; few are up to
-    `_QUICK_UNKNOWNS`. Where it is called inside of another jax program, it becomes part of that
-    program as with `jax.jit`, and ``size`` is ignored. A call from Python looks for the program
-    among the last `MOST_PROGRAMS` of this function, then on disk (`program_store`), and compiles it
-    only if it is in neither.
+    The result takes more arguments by keyword: ``size``, the number of unknowns, few up to
+    `_QUICK_UNKNOWNS`; and ``axes`` for a batch, the axis of every leaf of the arguments, or None.
+    ``result_shapes`` of the result takes the same, with `jax.ShapeDtypeStruct` for arrays that are
+    not known yet, and returns the shapes of what the program returns, which it compiles.
+
+    Where it is called inside of another jax program, it becomes part of that program as with
+    `jax.jit`, and ``size`` is ignored. A call from Python looks for the program among the last
+    `MOST_PROGRAMS` of this function, then on disk (`program_store`), and compiles it only if it is
+    in neither.
 
     Args:
         function: its arguments are pytrees of arrays.
@@ -49,33 +53,46 @@ def jit_program(function, static=()):
     known, lock = OrderedDict(), threading.Lock()
 
     @functools.wraps(function)
-    def run(*arguments, size, **options):
-        leaves, tree = jax.tree.flatten(arguments)
+    def run(*arguments, size, axes=None, **options):
+        leaves = jax.tree.leaves(arguments)
         alone = is_top_level_call(leaves)
         if "alone" in static:
             options["alone"] = alone
-        if not alone or _is_debugging():
+        if not alone or is_debugging():
             with without_garbage_collection():
-                return plain(*arguments, **options)
+                if axes is None:
+                    return plain(*arguments, **options)
+                tree = jax.tree.structure(arguments)
+                return jax.vmap(lambda *own: plain(*tree.unflatten(own), **options), axes)(*leaves)
+        return find(arguments, leaves, options, size, axes)(*leaves)
+
+    def find(arguments, leaves, options, size, axes):
+        """Return the compiled program: a known one, one from disk, or a new one."""
         small = size <= _QUICK_UNKNOWNS
         key = (
-            tree,
+            jax.tree.structure(arguments),
             tuple(map(argument_signature, leaves)),
             tuple(options.items()),
             small,
+            axes,
             program_settings(),
         )
         with lock:
             compiled = known.pop(key, None)
         if compiled is None:
-            compiled = _compile_or_load(function, arguments, leaves, options, small)
+            compiled = _compile_or_load(function, arguments, leaves, options, small, axes)
         with lock:
             known[key] = compiled  # as the last one
             while len(known) > MOST_PROGRAMS:
                 known.popitem(last=False)
-        return compiled(*leaves)
+        return compiled
 
-    run.known = known
+    def result_shapes(*arguments, size, axes=None, **options):
+        if "alone" in static:
+            options["alone"] = True
+        return find(arguments, jax.tree.leaves(arguments), options, size, axes).out_info
+
+    run.known, run.result_shapes = known, result_shapes
     _PROGRAMS.append(run)
     return run
 
@@ -86,32 +103,30 @@ def call_announced(program: Callable[..., Any], *arguments: Any) -> Any:
     Nothing is announced inside of another program, which is compiled as a whole.
     """
     lower = getattr(program, "lower", None)
-    if lower is not None and is_top_level_call(jax.tree.leaves(arguments)) and not _is_debugging():
+    if lower is not None and is_top_level_call(jax.tree.leaves(arguments)) and not is_debugging():
         with announce_compilation():
             lower(*arguments).compile()  # jax keeps it for the call
     return program(*arguments)
 
 
-def _is_debugging():
-    """Tell whether jax runs every operation by itself, or checks it."""
-    return any(getattr(jax.config, name, False) for name in _DEBUG_SETTINGS)
-
-
-def _compile_or_load(function, arguments, leaves, options, small):
+def _compile_or_load(function, arguments, leaves, options, small, axes):
     """Return the compiled program of `function`, loaded from disk or compiled now.
 
     It takes `leaves`, the arrays in the pytrees `arguments`; `options` are static arguments. With
-    `small`, compiler options for few unknowns are used.
+    `small`, compiler options for few unknowns are used; `axes` are those of a batch, or None.
     """
-    words, tree = (function.__module__, function.__qualname__, small), jax.tree.structure(arguments)
+    words = function.__module__, function.__qualname__, small, *(() if axes is None else (axes,))
+    tree = jax.tree.structure(arguments)
 
     def own(*leaves):  # jax forgets what it has traced together with it
         return function(*tree.unflatten(leaves), **options)
 
+    program = own if axes is None else jax.vmap(own, axes)
+
     def compiled():
         quick = quick_compile_options() if small else None
         with announce_compilation():
-            return jax.jit(own, compiler_options=quick).trace(*leaves).lower().compile()
+            return jax.jit(program, compiler_options=quick).trace(*leaves).lower().compile()
 
     with without_garbage_collection():
         return load_or_compile(compiled, words, arguments, options)
@@ -149,6 +164,11 @@ def on_forget_programs(function: Callable[[], object]) -> Callable[[], object]:
     """Register a function without arguments, which `forget_programs` will call; return it."""
     _FORGET.append(function)
     return function
+
+
+def is_debugging() -> bool:
+    """Tell whether settings of jax have it run every operation by itself, or check it."""
+    return any(getattr(jax.config, name, False) for name in _DEBUG_SETTINGS)
 
 
 def program_settings() -> tuple[Any, ...]:

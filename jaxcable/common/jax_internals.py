@@ -70,7 +70,9 @@ def _import_members(module: str, *names: str) -> Any:
 
 # --- primitives
 
-_jaxpr_tools = _import_members("jax.extend.core", "Primitive", "ClosedJaxpr", "jaxpr_as_fun")
+_jaxpr_tools = _import_members(
+    "jax.extend.core", "Primitive", "ClosedJaxpr", "jaxpr_as_fun", "Jaxpr"
+)
 _rule_modules = _import_members("jax.interpreters", "ad", "batching", "mlir")
 
 
@@ -154,7 +156,7 @@ def convert_closure(
 
 def bind_constants(jaxpr: Any, constants: Sequence[Any]) -> Callable[..., Any]:
     """Return the Python function that a jaxpr computes with the given constants."""
-    _, make, function = _jaxpr_tools
+    make, function = _jaxpr_tools[1:3]
     return function(make(jaxpr, constants))
 
 
@@ -173,6 +175,19 @@ def is_jaxpr_literal(value: Any) -> bool:
     return hasattr(value, "val") and hasattr(value, "aval")
 
 
+def function_of_equations(
+    program: Any, equations: Sequence[Any], arguments: Sequence[Any], results: Sequence[Any]
+) -> Callable[..., Any]:
+    """Return the Python function that computes some equations of a jaxpr, `program`.
+
+    `arguments` and `results` are variables: the function returns a list of the values of `results`.
+    """
+    make, function, jaxpr = _jaxpr_tools[1:]
+    about = program.debug_info.with_unknown_names()
+    own = jaxpr([], [*arguments], [*results], [*equations], debug_info=about)
+    return function(make(own, []))
+
+
 # --- where the program is
 
 _traces = _import_members("jax._src.core", "trace_ctx")
@@ -180,9 +195,14 @@ _traces = _import_members("jax._src.core", "trace_ctx")
 _EAGER_TRACES = "JVPTrace", "LinearizeTrace", "BatchTrace", "JaxprTrace"
 
 
+def current_trace() -> Any:
+    """Return the object in which jax records operations now, in this thread; None if not known."""
+    return None if _traces is None else getattr(_traces[0], "trace", None)
+
+
 def _traces_around():
     """Return the kinds of jax's traces from the present one outward; None if not known."""
-    trace, kinds = None if _traces is None else getattr(_traces[0], "trace", None), []
+    trace, kinds = current_trace(), []
     if trace is None:
         return None
     while trace is not None:
@@ -202,6 +222,11 @@ def is_tracing() -> bool:
     if kinds is None:
         return isinstance(jnp.zeros(()), jax.core.Tracer)
     return kinds[-1] != "EvalTrace" or any(kind not in _EAGER_TRACES for kind in kinds[:-1])
+
+
+def is_untransformed() -> bool:
+    """Tell whether jax computes with plain numbers now: no derivative, no batch, no program."""
+    return _traces_around() == ["EvalTrace"]
 
 
 def is_differentiating() -> bool:

@@ -352,7 +352,8 @@ def argument_signature(x: Any) -> Any:
     if isinstance(x, jax.Array):
         free = not (x.weak_type or getattr(x, "committed", True))
         return (x.shape, x.dtype) if free else (x.shape, x.dtype, x.weak_type, x.sharding)
-    return (x.shape, x.dtype) if isinstance(x, np.ndarray | np.generic) else type(x)
+    plain = np.ndarray | np.generic | jax.ShapeDtypeStruct
+    return (x.shape, x.dtype) if isinstance(x, plain) else type(x)
 
 
 def _describe_process():

@@ -13,9 +13,9 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import checks, status
-from ..common.compilation import call_announced
 from ..common.compile_notice import show_compilation
 from ..common.progress import Step, as_listener
+from ..common.split_programs import SplitProgram, splittable
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .bounds import broadcast_to_params, check_call_arguments, check_search_arguments
@@ -119,6 +119,7 @@ def minimize_subject_to(
     Returns:
         `ConstrainedDesign`; computed on the host, not to be traced. If no point meets the
         constraints the status is CONSTRAINTS_VIOLATED and `constraints` shows by how much.
+        Analyses run by the programs of `solve` and of its derivative, as in `minimize`.
 
     Raises:
         ValueError: as `minimize`; an unknown solver, or one that is not installed.
@@ -162,7 +163,7 @@ def minimize_subject_to(
         return np.asarray(jnp.maximum(least, box.largest_per_array(x)), float)
 
     def evaluate(x):
-        return call_announced(program, jnp.asarray(x, start.dtype), params, args)
+        return program(jnp.asarray(x, start.dtype), params, args)
 
     limits = np.asarray(box.lower, float), np.asarray(box.upper, float)
     search = _ConstrainedSearch(evaluate, limits, sizes, float(tol), int(steps), listen)
@@ -276,34 +277,32 @@ class _ConstrainedSearch(ScaledProblem):
         return point.violation <= 0 and residual <= self.tol
 
 
-def _compile_problem(reference):
-    """Compile the user's function of loss and constraints, with its Jacobian.
+def _split_problem(reference):
+    """Return the `SplitProgram` of loss and constraints with their Jacobian; analyses stay apart.
 
-    `reference()` returns that function. The program takes flat parameters [n], their pytree and
-    further arguments, and returns the `Evaluation` of [loss, constraints ...].
+    `reference()` returns the user's function. The program takes flat parameters [n], their pytree
+    and further arguments, and returns the `Evaluation` of [loss, constraints ...].
     """
 
-    @jax.jit
+    def flattened(x, params, args):
+        returned = reference()(ravel_pytree(params)[1](x), *args)
+        if not isinstance(returned, tuple) or len(returned) not in (2, 3):
+            raise ValueError(
+                "problem: expected (loss, constraints) or (loss, constraints, solution)"
+            )
+        value, code = loss_and_status((returned[0], returned[2:]))
+        constraints = jnp.asarray(returned[1])
+        if constraints.ndim != 1 or not jnp.issubdtype(constraints.dtype, jnp.floating):
+            got = f"{constraints.dtype}{list(constraints.shape)}"
+            raise ValueError(f"constraints: expected floats [n], got {got}")
+        return jnp.append(value, constraints).astype(x.dtype), code
+
     def evaluate(x, params, args):
-        _, back = ravel_pytree(params)
+        own = splittable(lambda x: flattened(x, params, args))
+        count = jax.eval_shape(own, x)[0].size
+        return values_and_jacobian(own, x, count).mark_nonfinite()
 
-        def flattened(x):
-            returned = reference()(back(x), *args)
-            if not isinstance(returned, tuple) or len(returned) not in (2, 3):
-                raise ValueError(
-                    "problem: expected (loss, constraints) or (loss, constraints, solution)"
-                )
-            value, code = loss_and_status((returned[0], returned[2:]))
-            constraints = jnp.asarray(returned[1])
-            if constraints.ndim != 1 or not jnp.issubdtype(constraints.dtype, jnp.floating):
-                got = f"{constraints.dtype}{list(constraints.shape)}"
-                raise ValueError(f"constraints: expected floats [n], got {got}")
-            return jnp.append(value, constraints).astype(x.dtype), code
-
-        count = jax.eval_shape(flattened, x)[0].size
-        return values_and_jacobian(flattened, x, count).mark_nonfinite()
-
-    return evaluate
+    return SplitProgram(evaluate, calling=splittable(flattened))
 
 
-_programs = ProgramCache(_compile_problem)
+_programs = ProgramCache(_split_problem)

@@ -135,7 +135,8 @@ class Descent:
     """The search of `minimize` for a minimum of one loss, as a function from state to state.
 
     Args:
-        loss: function of the parameters (as a pytree) to (value, status code).
+        loss: function of flat parameters [n] to (value, status code), for optimizers that evaluate
+            it; None for the default one.
         back: function from the flat vector of parameters [n] to their pytree.
         optimizer: optax transformation, or None for L-BFGS with a line search.
         steps: largest number of accepted steps.
@@ -145,7 +146,7 @@ class Descent:
         listen: function of a `progress.Step`, called after every accepted step, or None.
     """
 
-    loss: Callable[[PyTree[Float[Array, " ..."]]], tuple[Float[Array, ""], Int[Array, ""]]]
+    loss: Callable[[Float[Array, " n"]], tuple[Float[Array, ""], Int[Array, ""]]] | None
     back: Callable[[Float[Array, " n"]], PyTree[Float[Array, " ..."]]]
     optimizer: optax.GradientTransformation | None
     steps: int
@@ -321,16 +322,6 @@ class Descent:
             last_failure=jnp.where(logged, 0, s.last_failure),
         )
 
-    def _loss_and_status(self, x):
-        """Return the loss at flat parameters `x`, [n], and the status code of the analysis."""
-        value, code = self.loss(self.back(x))
-        return value.astype(x.dtype), code
-
-    def evaluate(self, x: Float[Array, " n"]) -> Evaluation:
-        """Evaluate the loss, its gradient [n] and the status at flat parameters `x`, [n]."""
-        (value, code), gradient = jax.value_and_grad(self._loss_and_status, has_aux=True)(x)
-        return Evaluation(value, gradient, code)
-
     def _judge_trial(self, s, value, gradient, sound, begun):
         """Return whether to accept the trial point, and the factor to shorten the step by if not.
 
@@ -376,9 +367,7 @@ class Descent:
         """Return the optimizer's step [n], zero where blocked, and its new state after `state`."""
 
         def value_of(scaled):  # for optimizers with a line search: infinite for a failed analysis
-            value, code = self._loss_and_status(
-                self.box.project(ravel_pytree(scaled)[0] * self.scale)
-            )
+            value, code = self.loss(self.box.project(ravel_pytree(scaled)[0] * self.scale))
             sound = (code == status.OK) & jnp.isfinite(value)
             return jnp.where(sound, s.loss_factor * value, jnp.inf)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -16,6 +17,7 @@ from ..common import checks
 from ..common.compilation import call_announced, jit_program
 from ..common.compile_notice import show_compilation
 from ..common.progress import Trial, as_listener, report_progress
+from ..common.split_programs import SplitProgram, can_be_split, splittable
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from .bounds import check_call_arguments, check_search_arguments, search_or_input_status
@@ -104,7 +106,8 @@ def fit(
             and False: as for `solve`.
 
     Returns:
-        `Fit`. Works under jit and vmap; differentiating it is an error.
+        `Fit`. Works under jit and vmap; differentiating it is an error. Called from Python, it
+        runs analyses by the programs of `solve` and of its derivative, as `minimize` does.
 
     Raises:
         ValueError: residuals that are no floats, lower bounds above upper ones, or a start
@@ -148,7 +151,49 @@ def fit(
     params, box, tol = check_search_arguments(params, bounds, tol)
     listen = as_listener(progress)
     with show_compilation(progress):  # most of the time before the first report
+        if can_be_split((params, args, box, tol)):
+            start, _ = ravel_pytree(params)
+            evaluate = _evaluations(residuals)
+            if evaluate.has_calls(start, params, args):
+
+                def evaluate_at(x):
+                    return evaluate(x, params, args)
+
+                return fit_on_host(evaluate_at, params, bounds, steps, tol, listen)
         return call_announced(_programs(residuals, int(steps), listen), params, args, box, tol)
+
+
+def _flat_residuals(reference, x, params, args):
+    """Return the residuals [n_residual] and the status code at flat parameters `x`, [n].
+
+    `reference()` is the user's function, `params` the pytree of its parameters, `args` are further
+    arguments.
+    """
+    _, back = ravel_pytree(params)
+    values, code = residuals_and_status(reference()(back(x), *args))
+    vector = ravel_pytree(values)[0]
+    if vector.size == 0 or not jnp.issubdtype(vector.dtype, jnp.floating):
+        raise ValueError("residuals: expected arrays of floats")
+    return vector.astype(x.dtype), code
+
+
+def _split_evaluation(reference):
+    """Return the `SplitProgram` of residuals and Jacobian; its analyses stay apart.
+
+    `reference()` returns the user's function. The program takes flat parameters [n], their pytree
+    and further arguments, and returns an `Evaluation`.
+    """
+    flat = functools.partial(_flat_residuals, reference)
+
+    def evaluate(x, params, args):
+        @splittable
+        def residuals(x):
+            return flat(x, params, args)
+
+        count = jax.eval_shape(residuals, x)[0].size
+        return values_and_jacobian(residuals, x, count)
+
+    return SplitProgram(evaluate, calling=splittable(flat))
 
 
 def _compile_fit(reference, steps, listen):
@@ -160,14 +205,10 @@ def _compile_fit(reference, steps, listen):
     @jax.jit
     def run(params, args, box, tol):
         params, args = refuse_derivative((params, args))
-        start, back = ravel_pytree(params)
+        start, _ = ravel_pytree(params)
 
         def flattened(x):
-            values, code = residuals_and_status(reference()(back(x), *args))
-            vector = ravel_pytree(values)[0]
-            if vector.size == 0 or not jnp.issubdtype(vector.dtype, jnp.floating):
-                raise ValueError("residuals: expected arrays of floats")
-            return vector.astype(x.dtype), code
+            return _flat_residuals(reference, x, params, args)
 
         search = LevenbergMarquardt(box, tol, steps)
         count = jax.eval_shape(flattened, start)[0].size
@@ -203,7 +244,7 @@ def fit_on_host(
     params, box, tol = check_search_arguments(params, bounds, tol)
     start, _ = ravel_pytree(params)
     search, found = LevenbergMarquardt(box, tol, int(steps)), evaluate(start)
-    state = search.initial_state(start, found.values.size)
+    state = _initial_state_compiled(search, start, count=found.values.size, size=start.size)
     while True:
         state = _advance_compiled(search, state, found, size=start.size)
         if listen is not None:
@@ -212,8 +253,14 @@ def fit_on_host(
             }
             listen(Trial(count=int(steps), **numbers))
         if not state.running:
-            return make_fit(search, state, params)
+            return _make_fit_compiled(search, state, params, size=start.size)
         found = evaluate(state.trial)
+
+
+@functools.partial(jit_program, static=("count",))
+def _initial_state_compiled(search, start, count):
+    """Return the first state of a search with `count` residuals; a compiled program."""
+    return search.initial_state(start, count)
 
 
 @jit_program
@@ -253,4 +300,6 @@ def make_fit(
     )
 
 
+_make_fit_compiled = jit_program(make_fit)
 _programs = ProgramCache(_compile_fit)
+_evaluations = ProgramCache(_split_evaluation)

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 from jax import lax
 from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import status
-from ..common.compilation import call_announced
+from ..common.compilation import call_announced, jit_program
 from ..common.compile_notice import show_compilation
 from ..common.progress import Step, as_listener
+from ..common.split_programs import SplitProgram, can_be_split, splittable
 from ..common.tree import pytree, select_tree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .bounds import (
@@ -28,6 +31,7 @@ from .descent import Descent, History
 from .minimum_criteria import MinimumCriteria
 from .program_cache import ProgramCache, refuse_derivative
 from .returned_values import loss_and_status
+from .trials import loss_and_gradient
 
 # Typical change of a parameter over its size, by which the default optimizer scales: the length of
 # its first step, before L-BFGS has learned the curvature.
@@ -122,6 +126,14 @@ def minimize(
     Returns:
         `Design`. Works under jit and vmap (many starts at once); differentiating it is an error.
 
+    Called from Python, the default optimizer runs the analyses (`solve`) in a loss by the program
+    that `solve` has by itself, and their derivatives by that of a gradient outside of jit; only
+    what is around them is compiled for the loss. If the analysis has been called before, the first
+    call waits for the derivative only. With `optimizer`, within jit or vmap, and for analyses in
+    functions that the loss itself compiles, maps or scans, the whole search is one program: it
+    takes two to four times as long to compile, and less than half as long for each trial of a small
+    structure.
+
     Raises:
         ValueError: no optax transformation, a loss that is no scalar, lower bounds above upper
             ones, or a start outside of the bounds. Where the numbers are traced, such bounds or
@@ -182,9 +194,51 @@ def minimize(
     if scale is not None or optimizer is not None:
         scale = broadcast_to_params(scale, params, "scale", absent=1.0, positive=True)
     listen = as_listener(progress)
-    program = _programs(loss, optimizer, int(steps), listen)
+    problem = params, args, box, scale, tol
     with show_compilation(progress):  # most of the time before the first report
-        return call_announced(program, params, args, box, scale, tol)
+        # a user's optimizer may evaluate the loss by itself: then it is one program
+        if optimizer is None and can_be_split(problem):
+            evaluate = _evaluations(loss)
+            if evaluate.has_calls(ravel_pytree(params)[0], params, args):
+                return _minimize_on_host(evaluate, *problem, steps=int(steps), listen=listen)
+        return call_announced(_programs(loss, optimizer, int(steps), listen), *problem)
+
+
+def _flat_loss(reference, x, params, args):
+    """Return the loss and the status code at flat parameters `x`, [n].
+
+    `reference()` is the user's loss, `params` the pytree of its parameters, `args` are further
+    arguments.
+    """
+    value, code = loss_and_status(reference()(ravel_pytree(params)[1](x), *args))
+    return value.astype(x.dtype), code
+
+
+def _split_evaluation(reference):
+    """Return the `SplitProgram` of loss, gradient and status; its analyses stay apart.
+
+    `reference()` returns the user's loss. The program takes flat parameters [n], their pytree and
+    further arguments, and returns an `Evaluation`.
+    """
+    flat = functools.partial(_flat_loss, reference)
+
+    def evaluate(x, params, args):
+        return loss_and_gradient(splittable(lambda x: flat(x, params, args)), x)
+
+    return SplitProgram(evaluate, calling=splittable(flat))
+
+
+def _make_descent(params, box, scale, tol, steps, **given):
+    """Return the `Descent` of `minimize` and the flat start, [n].
+
+    `given` are loss, optimizer and listener, if there are any.
+    """
+    start, back = ravel_pytree(params)
+    floor = box.typical_sizes(start)
+    scale = _TYPICAL_CHANGE * floor if scale is None else ravel_pytree(scale)[0]
+    criteria = MinimumCriteria(box, floor, tol)
+    given = {"loss": None, "optimizer": None, **given}
+    return Descent(back=back, steps=steps, box=box, criteria=criteria, scale=scale, **given), start
 
 
 def _compile_minimize(reference, optimizer, steps, listen):
@@ -197,38 +251,77 @@ def _compile_minimize(reference, optimizer, steps, listen):
     @jax.jit
     def run(params, args, box, scale, tol):
         params, args = refuse_derivative((params, args))
-        start, back = ravel_pytree(params)
-        floor = box.typical_sizes(start)
-        scale = _TYPICAL_CHANGE * floor if scale is None else ravel_pytree(scale)[0]
+        given = {"optimizer": optimizer, "listen": listen}
 
-        def value(params):
-            return loss_and_status(reference()(params, *args))
+        def loss(x):
+            return _flat_loss(reference, x, params, args)
 
-        criteria = MinimumCriteria(box, floor, tol)
-        descent = Descent(value, back, optimizer, steps, box, criteria, scale, listen)
+        descent, start = _make_descent(params, box, scale, tol, steps, loss=loss, **given)
 
         def iterate(state):
-            return descent.advance(state, descent.evaluate(state.trial))
+            return descent.advance(state, loss_and_gradient(loss, state.trial))
 
         end = lax.while_loop(lambda s: s.running, iterate, descent.initial_state(start))
-        converged = (end.code == status.OK) | (end.code == status.STATIONARY)
-        point = select_tree(converged, end.current, end.best)
-        return refuse_derivative(
-            Design(
-                params=back(point.x),
-                loss=point.loss,
-                gradient=back(point.gradient),
-                gradient_norm=point.measure,
-                history=end.history,
-                status=search_or_input_status(end.code, box, start, tol),
-                steps=jnp.maximum(end.n_accepted, 0),
-                evaluations=end.evaluations,
-                # of accepted steps, and of a last step that was never accepted
-                failures=jnp.sum(jnp.maximum(end.history.failures, 0)) + end.failures,
-            )
-        )
+        return refuse_derivative(_make_design(params, box, tol, end))
 
     return run
 
 
+def _minimize_on_host(evaluate, params, args, box, scale, tol, steps, listen):
+    """Search as `minimize` does, in a Python loop: `evaluate` is called, not traced or compiled.
+
+    `evaluate` is a `SplitProgram`, see `_split_evaluation`; other arguments are those of the
+    program of `_compile_minimize`.
+    """
+    given = params, box, scale, tol
+    state = _initial_state_compiled(*given, steps=steps, size=sum(box.counts))
+    while state.running:
+        n_accepted = int(state.n_accepted)
+        found = evaluate(state.trial, params, args)
+        state = _advance_compiled(*given, state, found, steps=steps, size=sum(box.counts))
+        if listen is not None and (n_accepted < 0 or int(state.n_accepted) > n_accepted):
+            number = max(int(state.n_accepted), 0)
+            log = {
+                name: np.asarray(value)[number].item()
+                for name, value in vars(state.history).items()
+            }
+            names = "loss", "gradient_norm", "failures"
+            listen(Step(number, steps, **{name: log[name] for name in names}))
+    return _make_design_compiled(params, box, tol, state, size=sum(box.counts))
+
+
+@functools.partial(jit_program, static=("steps",))
+def _initial_state_compiled(params, box, scale, tol, steps):
+    """Return the first state of a search; a compiled program."""
+    descent, start = _make_descent(params, box, scale, tol, steps)
+    return descent.initial_state(start)
+
+
+@functools.partial(jit_program, static=("steps",))
+def _advance_compiled(params, box, scale, tol, state, found, steps):
+    """Return the next state of a search, ``descent.advance(state, found)``; a compiled program."""
+    return _make_descent(params, box, scale, tol, steps)[0].advance(state, found)
+
+
+def _make_design(params, box, tol, end):
+    """Convert the last state `end` of a search, which started at `params`, to a `Design`."""
+    start, back = ravel_pytree(params)
+    converged = (end.code == status.OK) | (end.code == status.STATIONARY)
+    point = select_tree(converged, end.current, end.best)
+    return Design(
+        params=back(point.x),
+        loss=point.loss,
+        gradient=back(point.gradient),
+        gradient_norm=point.measure,
+        history=end.history,
+        status=search_or_input_status(end.code, box, start, tol),
+        steps=jnp.maximum(end.n_accepted, 0),
+        evaluations=end.evaluations,
+        # of accepted steps, and of a last step that was never accepted
+        failures=jnp.sum(jnp.maximum(end.history.failures, 0)) + end.failures,
+    )
+
+
+_make_design_compiled = jit_program(_make_design)
 _programs = ProgramCache(_compile_minimize)
+_evaluations = ProgramCache(_split_evaluation)

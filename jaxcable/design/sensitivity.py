@@ -15,7 +15,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..analysis.phase_loop import analyse_without_fallbacks_first, recall_solution
+from ..analysis.outside_jit import analyse_by_known_programs
+from ..analysis.phase_loop import recall_solution
 from ..analysis.phases import Phase
 from ..analysis.preparation import prepare
 from ..analysis.solution import Solution, State
@@ -70,7 +71,7 @@ def measured_results_and_jacobian(
     for k, value in zip(moving, values, strict=True):
         leaves[k] = value
     core, size = tree.unflatten(leaves), task.n_unknown
-    solution, points = analyse_without_fallbacks_first(task, core)  # the program of `solve`
+    solution, points = analyse_by_known_programs(task, core)  # the program of `solve`
     together = min(x.size, _MAX_DIRECTIONS)
     every = jnp.eye(x.size + -x.size % together, x.size, dtype=x.dtype)
     columns = []

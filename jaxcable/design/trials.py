@@ -85,6 +85,15 @@ def values_and_jacobian(
     return Evaluation(values, jacobian, code)
 
 
+def loss_and_gradient(
+    function: Callable[[Float[Array, " n"]], tuple[Float[Array, ""], Int[Array, ""]]],
+    x: Float[Array, " n"],
+) -> Evaluation:
+    """Evaluate a function of parameters `x` [n] to (loss, status code) and its gradient [n]."""
+    (value, code), gradient = jax.value_and_grad(function, has_aux=True)(x)
+    return Evaluation(value, gradient, code)
+
+
 class TrialPoint(NamedTuple):
     """A trial point of an optimization library: parameters, loss, constraints, derivatives, status.
 

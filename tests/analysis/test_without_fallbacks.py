@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.analysis import phase_loop
+from jaxcable.analysis import outside_jit, phase_loop
 
 
 def programs(structure, phases, method=None):
@@ -34,7 +34,7 @@ def test_a_prestressed_net_needs_one_program():
     jc.forget_programs()
     structure, phases = jc.scenes.flat_net(load=15.0)
     solution, count = programs(structure, phases)
-    assert int(solution.status) == 0 and count == 1 and not phase_loop._fell_back
+    assert int(solution.status) == 0 and count == 1 and not outside_jit._fell_back
     check_same(structure, phases)
 
 
@@ -43,14 +43,14 @@ def test_a_net_that_needs_fallbacks_gets_them():
     jc.forget_programs()
     scene = jc.scenes.accuracy_cable()[:2]
     solution, count = programs(*scene)
-    assert int(solution.status) == 0 and count == 2 and len(phase_loop._fell_back) == 1
+    assert int(solution.status) == 0 and count == 2 and len(outside_jit._fell_back) == 1
     structure, phases = scene
     moved = jc.replace(structure, nodes=np.asarray(structure.nodes) * 1.001)
     solution, count = programs(moved, phases)
-    assert int(solution.status) == 0 and count == 0 and len(phase_loop._fell_back) == 1
+    assert int(solution.status) == 0 and count == 0 and len(outside_jit._fell_back) == 1
     check_same(*scene)
     jc.forget_programs()
-    assert not phase_loop._fell_back
+    assert not outside_jit._fell_back
 
 
 def test_a_failure_is_that_with_fallbacks():
@@ -61,7 +61,7 @@ def test_a_failure_is_that_with_fallbacks():
     pull = jc.Phase(loads=jc.NodalLoads([1], (1.0, 0.0, 0.0)))
     assert int(check_same(structure, pull).status) == 0
     assert int(check_same(structure, pull, jc.Newton(max_steps=3)).status) == 1
-    assert len(phase_loop._fell_back) == 1  # other numbers, the same program
+    assert len(outside_jit._fell_back) == 1  # other numbers, the same program
 
 
 @pytest.mark.parametrize("seed", range(4))

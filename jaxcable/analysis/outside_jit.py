@@ -1,0 +1,147 @@
+"""Analyses outside of `jit`, where numbers are known: which programs run, and for which sizes.
+
+Arrays are padded to common sizes (`common_sizes`). Where few analyses need fallbacks, a smaller
+program without them runs first. In a function that is split (`common.split_programs`), an analysis
+runs by the same programs.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from ..common import status
+from ..common.compilation import is_top_level_call, on_forget_programs
+from ..common.program_store import argument_signature
+from ..common.split_programs import ProgramCall, call_apart
+from ..common.tree import copy_with, set_fields
+from ..equilibrium.newton import Newton, NewtonWithoutFallbacks
+from .common_sizes import pad_analysis
+from .cut_results import cut_on_host, cut_results
+from .phase_loop import analyse
+
+_fell_back: set[Any] = set()  # analyses that have needed fallbacks, by tree and shapes
+on_forget_programs(_fell_back.clear)
+
+
+def analyse_by_known_programs(
+    task, arguments, differentiate_path=False, listen=None, exact_sizes=False
+):
+    """Run a `PreparedAnalysis`, padded to common sizes, without fallbacks if it needs none.
+
+    Only outside of `jit`, where the status of the smaller program is known. Within it, and where
+    such an analysis has needed fallbacks before, the program is that of `analyse`.
+
+    Args:
+        task: `PreparedAnalysis`.
+        arguments: `without_indices`, `arrays`, `method` and `code` of `analyse`.
+        differentiate_path, listen: as for `analyse`.
+        exact_sizes: whether not to pad the arrays to `common_sizes`.
+
+    Returns:
+        `Solution` and `ConvergedPoints`, as `analyse`.
+    """
+    given = {"differentiate_path": differentiate_path, "listen": listen}
+    if not is_top_level_call(jax.tree.leaves(arguments)):
+        return analyse(*arguments, **given, bundles=task.bundles, size=task.n_unknown)
+    padded = None if exact_sizes or differentiate_path else pad_analysis(task, arguments)
+    larger, bundles, size = _sized(task, arguments, padded)
+    found = _analyse(task, larger, {**given, "bundles": bundles, "size": size})
+    return found if padded is None else cut_results(found, arguments, task.bundles)
+
+
+def _sized(task, arguments, padded):
+    """Return arguments, bundles and number of unknowns of a program; `padded` may be None."""
+    if padded is None:
+        return arguments, task.bundles, task.n_unknown
+    larger, bundles, sizes = padded
+    return larger, bundles, sizes.unknowns
+
+
+def _analyse(task, arguments, given):
+    """Run an analysis, by the smaller program if it does without fallbacks."""
+    if task.may_go_without_fallbacks and given["listen"] is None:
+        leaves, tree = jax.tree.flatten(arguments)
+        key = tree, given["bundles"], tuple(map(argument_signature, leaves))
+        if key not in _fell_back:
+            found = analyse(*_without_fallbacks(*arguments), **given)
+            if int(found[0].status) != status.NEEDS_FALLBACKS:
+                return found
+            _fell_back.add(key)
+    return analyse(*arguments, **given)
+
+
+def _without_fallbacks(*arguments):
+    """Return the arguments of `analyse` with the method in its form without fallbacks."""
+    *parts, method, code = arguments
+    smaller = object.__new__(NewtonWithoutFallbacks)  # numbers were checked before
+    set_fields(smaller, **{name: getattr(method, name) for name in Newton._all_fields})
+    return *parts, smaller, code
+
+
+def compile_analysis(arguments, bundles, size, with_fallbacks):
+    """Compile a program of an analysis, with fallbacks or without, and run it once.
+
+    Args:
+        arguments, bundles: as for `analyse`.
+        size: number of unknowns.
+        with_fallbacks: whether the method has fallbacks.
+    """
+    given = {"differentiate_path": False, "listen": None, "bundles": bundles, "size": size}
+    arguments = arguments if with_fallbacks else _without_fallbacks(*arguments)
+    jax.block_until_ready(analyse(*arguments, **given))
+
+
+def analyse_apart(task, arguments, listen=None):
+    """Run a `PreparedAnalysis` in a function that is split, by the programs that plain `solve` has.
+
+    Args:
+        task, arguments, listen: as for `analyse_by_known_programs`; some numbers are traced.
+
+    Returns:
+        `Solution` and `ConvergedPoints`, traced, without derivatives.
+    """
+    # keep nothing that is traced
+    task = task._replace(without_indices=None, arrays=None, method=None, code=None, loads=None)
+
+    def run(*arguments, axes):  # of a batch: there is none
+        consistent = arguments[0][-1].is_consistent
+        if consistent is None or np.all(consistent):  # plain `solve` has found this out before
+            arguments = without_consistency(arguments)
+        return analyse_by_known_programs(task, arguments, listen=listen)
+
+    def shapes(*arguments):
+        return _result_shapes(task, without_consistency(arguments), listen)
+
+    return call_apart(ProgramCall(run, shapes), *arguments)
+
+
+def _result_shapes(task, arguments, listen):
+    """Return the shapes of what `analyse_by_known_programs` returns; compile its program.
+
+    Numbers of the arguments that are not known yet are `jax.ShapeDtypeStruct`.
+    """
+
+    def zeros(x):
+        return np.zeros(x.shape, x.dtype) if isinstance(x, jax.ShapeDtypeStruct) else x
+
+    arguments = jax.tree.map(zeros, arguments)
+    padded = pad_analysis(task, arguments)
+    larger, bundles, size = _sized(task, arguments, padded)
+    if task.may_go_without_fallbacks and listen is None:
+        larger = _without_fallbacks(*larger)
+    given = {"differentiate_path": False, "listen": listen, "bundles": bundles, "size": size}
+    found = analyse.result_shapes(*larger, **given)
+    if padded is None:
+        return found
+    found = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), found)
+    cut = cut_on_host(found, arguments, task.bundles)
+    return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), cut)
+
+
+def without_consistency(arguments):
+    """Return the arguments of `analyse` as they are where activation is known to be consistent."""
+    (*parts, schedule), *others = arguments
+    return (*parts, copy_with(schedule, is_consistent=None)), *others
