@@ -128,17 +128,16 @@ def pad_pattern(
             a row that is left out.
         size: number of unknowns of the result.
     """
-    symmetric, solver = pattern.symmetric, pattern.solver
+    symmetric = pattern.symmetric
     listed = _list_matrix_entries(list(numbers), size, symmetric, ())
-    diagonal = np.arange(size, dtype=np.int64) * (size + 1)
-    entries = np.union1d(listed[0], diagonal)
+    entries = np.union1d(listed[0], np.arange(size, dtype=np.int64) * (size + 1))
     row, column = entries // size, entries % size
     order = np.arange(size)
     if symmetric and size <= _WIDEST_BAND**2:
         order, _ = narrow_band_order(_symmetric_matrix(row, column, size))
     count = next(k * size for k in _VALUES_PER_UNKNOWN if k * size >= len(entries))
     entries = _fill_near_diagonal(entries, order, size, symmetric, count)
-    settings = size, (), symmetric, solver
+    settings = size, (), symmetric, pattern.solver
     return _pattern_on_entries(entries, (None,) * 4, None, listed, settings, 2 * size)
 
 
