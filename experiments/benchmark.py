@@ -31,6 +31,7 @@ NAMES = {  # name: module of `benchmarks`, function, parts, and what it measures
     "gradient_cost": ("gradient_cost", "run", "value and gradient over the value alone"),
     "work_precision": ("work_precision", "run", "time against error, setting by setting"),
     "force_density": ("force_density", "run", "force densities beside jax_fdm"),
+    "similar_sizes": ("similar_sizes", "run", "analyses of similar size that share programs"),
     "frames_batch": ("frames_batch", "run", "frames in batches, and their gradients"),
     "many_cases": ("many_cases", "run", "a study of many cases in files, by several processes"),
     "first_screen": ("commands", "first_screen", "commands of the README's first screen"),

@@ -27,6 +27,7 @@ class Cases(NamedTuple):
         whole: whether all commands and programs of `commands` run.
         waiting: calls of each program, and of the control.
         frames: load cases of a frame, and calls of each way to solve them.
+        similar: nodes on a side of saddles, most increments, size that is compiled in advance.
         gpu: sizes of batches, of dense and of sparse nets.
     """
 
@@ -51,6 +52,7 @@ class Cases(NamedTuple):
     whole: bool
     waiting: tuple
     frames: tuple
+    similar: tuple
     gpu: tuple
 
 
@@ -100,6 +102,7 @@ FULL = Cases(
     whole=True,
     waiting=(50, 500),
     frames=(1000, 3),
+    similar=((4, 6, 8, 11, 16, 22), 40, "medium"),
     gpu=((1000, 10_000, 100_000), (4, 10, 20), (100, 200)),
 )
 QUICK = Cases(
@@ -124,6 +127,7 @@ QUICK = Cases(
     whole=False,
     waiting=(1, 2),
     frames=(10, 2),
+    similar=((2, 3), 2, "small"),
     gpu=((10,), (4,), ()),
 )
 

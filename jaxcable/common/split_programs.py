@@ -12,7 +12,7 @@ Calls in functions that the user's function transforms or compiles itself (`jax.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, NamedTuple
@@ -28,6 +28,7 @@ from .compilation import (
     program_settings,
     without_garbage_collection,
 )
+from .compile_notice import announce_compilation
 from .program_store import argument_signature
 from .types import Array, PyTree
 
@@ -40,7 +41,7 @@ class _Splitting:
         calls: number of calls that stay apart, so far.
     """
 
-    own_trace: Any = None
+    own_trace: Hashable = None
     calls: int = 0
 
 
@@ -125,12 +126,13 @@ class _BoundCall:
 
     call: ProgramCall
     leaves: list[Any]
-    tree: Any
+    tree: Hashable
     axes: tuple[int | None, ...] | None = None
 
     def arguments(self, traced):
         """Return the arguments with the arrays `traced` in their places."""
-        return self.tree.unflatten(_fill(self.leaves, traced))
+        tree: Any = self.tree
+        return tree.unflatten(_fill(self.leaves, traced))
 
     def run(self, traced):
         """Run the program; return the leaves of its results."""
@@ -251,9 +253,12 @@ class SplitProgram:
         if not can_be_split(arguments):
             return call_announced(self.whole, *arguments)
         key = _signature(arguments)
-        if key not in self.runs:
-            self.runs[key] = _trace_and_split(self.function, *jax.tree.flatten(arguments))
-        return self.runs[key](jax.tree.leaves(arguments))
+        leaves, tree = jax.tree.flatten(arguments)
+        if key in self.runs:
+            return self.runs[key](leaves)
+        with announce_compilation():
+            self.runs[key] = _trace_and_split(self.function, leaves, tree)
+            return self.runs[key](leaves)
 
 
 def can_be_split(arguments: PyTree[Any]) -> bool:

@@ -137,8 +137,8 @@ def pad_pattern(
         order, _ = narrow_band_order(_symmetric_matrix(row, column, size))
     count = next(k * size for k in _VALUES_PER_UNKNOWN if k * size >= len(entries))
     entries = _fill_near_diagonal(entries, order, size, symmetric, count)
-    settings = size, (), symmetric, pattern.solver
-    return _pattern_on_entries(entries, (None,) * 4, None, listed, settings, 2 * size)
+    none, settings = (None,) * 4, (size, (), symmetric, pattern.solver)
+    return _pattern_on_entries(entries, none, None, listed, settings, 2 * size)
 
 
 def _pattern_on_entries(entries, band, signs, listed, settings, step=0):
@@ -155,10 +155,8 @@ def _pattern_on_entries(entries, band, signs, listed, settings, step=0):
     (key, source, _, m), (size, _, symmetric, solver) = listed, settings
     row, indices = (entries // size).astype(np.int32), (entries % size).astype(np.int32)
     indptr = np.searchsorted(row, np.arange(size + 1)).astype(np.int32)
-    on_diagonal = np.arange(size, dtype=np.int64) * (size + 1)
-    diagonal = np.searchsorted(entries, on_diagonal)
-    # every unknown belongs to an element, so that all of the diagonal is there
-    assert np.array_equal(entries[diagonal], on_diagonal)
+    diagonal = np.searchsorted(entries, np.arange(size, dtype=np.int64) * (size + 1))
+    assert (row[diagonal] == indices[diagonal]).all()  # every unknown belongs to an element
     digest = hashlib.blake2b(indptr.tobytes() + indices.tobytes(), digest_size=16).digest()
     solver.load_library()
     whole = solver.on_device and not solver.definite
@@ -236,16 +234,18 @@ def _symmetric_matrix(rows, columns, size):
 def _fill_near_diagonal(entries, order, size, symmetric, count):
     """Add entries to a list of them until there are `count`: those nearest to the diagonal.
 
-    Unknowns are in the order `order`, in which the other entries are near the diagonal, too.
+    Unknowns are in the order `order`, in which the other entries are near the diagonal, too. Unless
+    only the upper triangle is stored (`symmetric`), entries come in pairs that mirror each other.
     """
+    each = 1 if symmetric else 2
     for away in range(1, size):
         if len(entries) == count:
             break
-        first, second = order[:-away].astype(np.int64), order[away:].astype(np.int64)
-        if symmetric:
-            first, second = np.minimum(first, second), np.maximum(first, second)
-        new = np.setdiff1d(first * size + second, entries)
-        entries = np.union1d(entries, new[: count - len(entries)])
+        pair = order[:-away].astype(np.int64), order[away:].astype(np.int64)
+        low, high = np.minimum(*pair), np.maximum(*pair)
+        new = np.setdiff1d(low * size + high, entries)[: (count - len(entries)) // each]
+        mirrored = new % size * size + new // size
+        entries = np.union1d(entries, new if symmetric else np.append(new, mirrored))
     return entries
 
 

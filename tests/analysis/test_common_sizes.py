@@ -67,7 +67,22 @@ SCENES = {
         *("flat_net", "accuracy_cable", "roof_ring", "simplex", "von_mises_truss"),
         *("guyed_mast", "suspension_footbridge"),
     )
-} | {"hypar_net": jc.scenes.hypar_net(increments=(5, 3)), "saddle": jc.scenes.saddle(4, 5)}
+}
+# of 192 and of 174 unknowns: solvers with narrow bands, and on the host
+CLAMPED = jc.Structure(
+    np.linspace([0.0, 0, 0], [30.0, 0, 0], 30),
+    jc.Beams(
+        np.stack([np.arange(29), np.arange(1, 30)], axis=1),
+        jc.Section.rectangle(0.2, 0.4, jc.Elastic(30e9)),
+    ),
+    jc.clamped([0]),
+)
+SCENES |= {
+    "hypar_net": jc.scenes.hypar_net(increments=(5, 3)),
+    "saddle": jc.scenes.saddle(4, 5),
+    "large saddle": jc.scenes.saddle(8, 8, load=50.0),
+    "many beams": (CLAMPED, jc.Phase(loads=jc.NodalLoads([29], (5.0, 0.0, -30.0)))),
+}
 
 
 @not_fused

@@ -456,6 +456,7 @@ QUIET = {
     "optimize": None,  # in `test_optimize_that_fails_writes_nothing_unasked`
     "convert": "net.json --save net.dxf",
     "schema": "",
+    "warm": None,  # `test_warm` looks at its programs
     "demo": "",
 }
 
@@ -557,7 +558,7 @@ def test_a_folder_that_cannot_be_written_to(scene, refused, monkeypatch):
         raise PermissionError(13, "Permission denied", "x")
 
     monkeypatch.setattr("jaxcable.common.writing.os.open", denied)
-    monkeypatch.setattr("jaxcable.cli.solve.solver.solve", pytest.fail)
+    monkeypatch.setattr("jaxcable.cli.solving.solver.solve", pytest.fail)
     assert refused("solve net.json --save r.json") == "jaxcable: r.json: Permission denied"
     assert refused("demo") == "jaxcable: hypar_net.png: Permission denied"
 
@@ -583,7 +584,7 @@ def test_an_error_of_the_program_is_not_hidden(scene, monkeypatch):
     def broken(*_, **__):
         raise ZeroDivisionError("a defect")
 
-    monkeypatch.setattr("jaxcable.cli.solve.solver.solve", broken)
+    monkeypatch.setattr("jaxcable.cli.solving.solver.solve", broken)
     with pytest.raises(ZeroDivisionError, match="a defect"):
         command("solve net.json")
 

@@ -1,0 +1,99 @@
+"""`jaxcable warm`: programs compiled in advance are found by analyses that were never made."""
+
+import time
+
+import jax
+import pytest
+from conftest import FUSED
+
+import jaxcable as jc
+from jaxcable.analysis import phase_loop
+from jaxcable.analysis.common_sizes import pad_analysis
+from jaxcable.analysis.preparation import prepare
+from jaxcable.cli import main
+from jaxcable.common import program_store
+from jaxcable.scenes import usual
+
+pytestmark = pytest.mark.skipif(FUSED, reason="with fused loops every size has its own program")
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch):
+    """A folder for kept programs, and a single usual net."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("JAXCABLE_PROGRAMS", str(tmp_path / "kept"))
+    monkeypatch.setitem(usual.KINDS, "nets", lambda most: iter([jc.scenes.saddle(1, 2, load=9.0)]))
+    jc.forget_programs()
+    return tmp_path / "kept"
+
+
+def files(folder):
+    return sorted(path.name for path in (folder / "programs").iterdir())
+
+
+def test_an_analysis_never_made_finds_its_program(kept, capsys):
+    assert main(["warm", "nets", "--size", "small"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("nets: up to 12 elements, 12 unknowns, 2 phases, 12 increments: ")
+    assert "with fallbacks" in lines[1] and lines[2].startswith("2 programs in ")
+    before = files(kept)
+    assert len(before) == 2
+    jc.forget_programs()
+    structure, (prestress, loading) = jc.scenes.saddle(1, 1, load=30.0)
+    with program_store.preserve_program_settings():
+        jc.keep_programs(kept)
+        solution = jc.solve(structure, [prestress, jc.replace(loading, increments=7)])
+    assert int(solution.status) == 0 and len(phase_loop.analyse.known) == 1
+    assert files(kept) == before  # nothing was compiled
+
+
+def test_a_scene_of_the_user(kept, capsys):
+    """Also one that cannot be padded, for its own sizes: loads that follow the net."""
+    structure, (prestress, _) = jc.scenes.saddle(2, 2)
+    wind = jc.Phase(loads=jc.FacePressure([[0, 1, 2]], 50.0))
+    jc.save_scene("wind.json", structure, [prestress, wind])
+    assert main(["warm", "wind.json"]) == 0
+    assert "wind.json: up to its own sizes" in capsys.readouterr().out
+    assert files(kept)
+
+
+def test_in_the_background(kept, capfd):
+    """The command returns at once; programs appear within the time that one takes."""
+    jc.save_scene("net.json", *jc.scenes.saddle(1, 1))
+    begin = time.monotonic()
+    assert main(["warm", "net.json", "--background"]) == 0
+    assert time.monotonic() - begin < 5.0
+    assert "in the background (process " in capfd.readouterr().out
+    while time.monotonic() - begin < 300.0:
+        if (kept / "programs").is_dir() and len(files(kept)) == 2:
+            break
+        time.sleep(0.2)
+    assert len(files(kept)) == 2
+
+
+@pytest.mark.parametrize("words", [["ropes"], ["nets", "none.json"]])
+def test_what_is_unknown_is_refused(words, kept, capsys):
+    assert main(["warm", *words]) == 2
+    text = f"warm: {words[-1]}: expected a scene, or one of nets, domes, masts, frames"
+    assert text in capsys.readouterr().err
+
+
+def test_without_kept_programs_there_is_nothing_to_warm(kept, monkeypatch, capsys):
+    monkeypatch.setenv("JAXCABLE_PROGRAMS", "")
+    assert main(["warm", "nets"]) == 2
+    assert "warm: no programs are kept" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["nets", "domes", "masts", "frames"])
+def test_usual_scenes_are_sound(kind):
+    """They can be padded; the smallest and one of the largest small ones converge."""
+    scenes = list(usual.KINDS[kind](usual.SIZES["small"]))
+    keys = set()
+    for structure, phases in scenes:
+        task = prepare(structure, phases, None, None, to_end=True)
+        padded = pad_analysis(task, (task.without_indices, task.arrays, task.method, task.code))
+        assert padded is not None
+        keys.add((jax.tree.structure(padded[0]), padded[2]))
+    assert len(keys) < len(scenes)
+    for structure, phases in (scenes[0], scenes[-1]):
+        assert int(jc.solve(structure, phases).status) == 0
