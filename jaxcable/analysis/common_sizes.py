@@ -135,17 +135,19 @@ def _has_links_only(group):
     return all(getattr(group, name) is None for name in others)
 
 
-_may_be_absent: dict[type, bool] = {}  # by class of elements
+_with_mask: list[type] = []  # classes of elements whose states have `present`
+_without_mask: list[type] = []
 
 
 def _can_be_absent(group, links):
     """Return whether states of a class of elements have the mask `present`."""
     kind = type(group)
-    if kind not in _may_be_absent:
+    if kind not in _with_mask and kind not in _without_mask:
         ends = jax.ShapeDtypeStruct((*links.shape, 3), np.float64)
         state = jax.eval_shape(copy_with(group, links=links).start, ends)
-        _may_be_absent[kind] = "present" in getattr(type(state), "_all_fields", ())
-    return _may_be_absent[kind]
+        found = "present" in getattr(type(state), "_all_fields", ())
+        (_with_mask if found else _without_mask).append(kind)
+    return kind in _with_mask
 
 
 def _repeat_last(x, size, axis=0):

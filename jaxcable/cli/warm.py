@@ -18,6 +18,8 @@ from ..scenes import usual
 from . import inputs
 from .guard import BadInput, refuse_value_errors
 
+_started: list[subprocess.Popen[bytes]] = []  # kept, because they go on after this process
+
 
 def run(options: Namespace) -> None:
     """Compile the programs of the kinds and scenes that options name; print each, and the sum."""
@@ -64,4 +66,5 @@ def _start_in_background(options):
     words = [sys.executable, "-m", "jaxcable", "warm", *options.what, "--size", options.size]
     nowhere = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
     process = subprocess.Popen([*words, "--quiet"], **nowhere, start_new_session=True)
+    _started.append(process)
     print(f"compiling in the background (process {process.pid})")

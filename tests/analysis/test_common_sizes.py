@@ -4,13 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import FUSED
 
 import jaxcable as jc
 from jaxcable.analysis import common_sizes, phase_loop
 from jaxcable.analysis.preparation import prepare
+from jaxcable.common.fusion import are_loops_fused
 
-not_fused = pytest.mark.skipif(FUSED, reason="with fused loops every size has its own program")
+not_fused = pytest.mark.skipif(are_loops_fused(), reason="sizes are exact then")
 
 # columns of the log that are counts, statuses or flags; the others are floats
 COUNTS = [

@@ -4,7 +4,6 @@ import time
 
 import jax
 import pytest
-from conftest import FUSED
 
 import jaxcable as jc
 from jaxcable.analysis import phase_loop
@@ -12,9 +11,10 @@ from jaxcable.analysis.common_sizes import pad_analysis
 from jaxcable.analysis.preparation import prepare
 from jaxcable.cli import main
 from jaxcable.common import program_store
+from jaxcable.common.fusion import are_loops_fused
 from jaxcable.scenes import usual
 
-pytestmark = pytest.mark.skipif(FUSED, reason="with fused loops every size has its own program")
+pytestmark = pytest.mark.skipif(are_loops_fused(), reason="sizes are exact then")
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def test_a_scene_of_the_user(kept, capsys):
     """Also one that cannot be padded, for its own sizes: loads that follow the net."""
     structure, (prestress, _) = jc.scenes.saddle(2, 2)
     wind = jc.Phase(loads=jc.FacePressure([[0, 1, 2]], 50.0))
-    jc.save_scene("wind.json", structure, [prestress, wind])
+    jc.save_scene("wind.json", (structure, [prestress, wind]))
     assert main(["warm", "wind.json"]) == 0
     assert "wind.json: up to its own sizes" in capsys.readouterr().out
     assert files(kept)
@@ -59,7 +59,7 @@ def test_a_scene_of_the_user(kept, capsys):
 
 def test_in_the_background(kept, capfd):
     """The command returns at once; programs appear within the time that one takes."""
-    jc.save_scene("net.json", *jc.scenes.saddle(1, 1))
+    jc.save_scene("net.json", jc.scenes.saddle(1, 1))
     begin = time.monotonic()
     assert main(["warm", "net.json", "--background"]) == 0
     assert time.monotonic() - begin < 5.0
