@@ -31,6 +31,7 @@ from .schedule import stack_steps
 
 _SMALL_SIZES = 12, 24, 36, 48, 72, 96, 120, 150
 _FEWEST_FIBRES = 8
+_MOST_UNKNOWNS = 2000  # beyond them runs are longer than what a program takes to compile
 _STEP = 1.25  # ratio of larger sizes: the work of a solve grows by little more than its unknowns
 
 
@@ -119,7 +120,7 @@ def _can_be_padded(links, groups, restart, schedule):
     pattern = schedule.dof_map.pattern
     return (
         not are_loops_fused()
-        and len(schedule.dof_map.free) > 0
+        and 0 < len(schedule.dof_map.free) <= _MOST_UNKNOWNS
         and all(type(group).chord is Element.chord for group in groups)
         and all(map(_has_links_only, groups))
         and all(map(_can_be_absent, groups, links))

@@ -134,7 +134,8 @@ def _known_loads(stack, phase, dtype):
     found = []
     for leaf in jax.tree.leaves(stack.load):
         x = np.asarray(leaf)
-        x = x.astype(dtype) if np.issubdtype(x.dtype, np.floating) else x
+        real = np.issubdtype(x.dtype, np.floating)
+        x = x.astype(dtype if real else jax.dtypes.canonicalize_dtype(x.dtype))
         if stack.late:
             x = np.where(known.reshape(-1, *(1,) * (x.ndim - 1)), x, np.zeros((), x.dtype))
         found.append(x)
