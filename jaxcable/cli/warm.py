@@ -12,11 +12,11 @@ import time
 from argparse import Namespace
 from pathlib import Path
 
-from ..analysis.warming import warm_programs
 from ..common import program_store
 from ..scenes import usual
 from . import inputs
 from .guard import BadInput, refuse_value_errors
+from .warming import warm_programs
 
 _started: list[subprocess.Popen[bytes]] = []  # kept, because they go on after this process
 

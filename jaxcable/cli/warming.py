@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 import jax
 
+from ..analysis.common_sizes import CommonSizes, pad_analysis
+from ..analysis.outside_jit import compile_analysis
+from ..analysis.phases import Phase
+from ..analysis.preparation import prepare
 from ..common.program_store import argument_signature
 from ..model.structure import Structure
-from .common_sizes import CommonSizes, pad_analysis
-from .outside_jit import compile_analysis
-from .phases import Phase
-from .preparation import prepare
 
 
 class WarmedProgram(NamedTuple):
