@@ -15,6 +15,7 @@ import jax
 import numpy as np
 
 from ..common.fusion import are_loops_fused
+from ..common.python_objects import is_program_module
 from ..common.tree import Indices, PerElement, copy_with
 from ..elements.element import Element
 from ..elements.statement import StatedValues
@@ -71,7 +72,7 @@ def common_size(count: int) -> int:
 
 
 def pad_analysis(
-    task: PreparedAnalysis, arguments: tuple[Any, ...]
+    task: PreparedAnalysis, arguments: tuple[Any, ...], listens: bool = False
 ) -> tuple[tuple[Any, ...], Bundles, CommonSizes] | None:
     """Pad the arguments of the compiled core to common sizes.
 
@@ -79,6 +80,7 @@ def pad_analysis(
         task: `PreparedAnalysis`.
         arguments: `without_indices`, `arrays`, `method` and `code` of `phase_loop.analyse`, known
             numbers.
+        listens: whether the program reports progress, with the number of phases: it is exact then.
 
     Returns:
         The arguments, the bundles and the sizes of the padded analysis; None where an analysis has
@@ -92,7 +94,7 @@ def pad_analysis(
         doubled_size(len(nodes) + 1, 12),
         common_size(task.n_unknown),
         tuple(common_size(len(own)) for own in links),
-        doubled_size(len(schedule), 1),
+        len(schedule) if listens else doubled_size(len(schedule), 1),
         common_size(max(schedule.increments)),
     )
     padded = list(arrays)
@@ -136,19 +138,20 @@ def _has_links_only(group):
     return all(getattr(group, name) is None for name in others)
 
 
-_with_mask: list[type] = []  # classes of elements whose states have `present`
-_without_mask: list[type] = []
+_with_mask: list[type] = []  # classes of the package whose states are known to have `present`
 
 
 def _can_be_absent(group, links):
     """Return whether states of a class of elements have the mask `present`."""
     kind = type(group)
-    if kind not in _with_mask and kind not in _without_mask:
-        ends = jax.ShapeDtypeStruct((*links.shape, 3), np.float64)
-        state = jax.eval_shape(copy_with(group, links=links).start, ends)
-        found = "present" in getattr(type(state), "_all_fields", ())
-        (_with_mask if found else _without_mask).append(kind)
-    return kind in _with_mask
+    if kind in _with_mask:
+        return True
+    ends = jax.ShapeDtypeStruct((*links.shape, 3), np.float64)
+    state = jax.eval_shape(copy_with(group, links=links).start, ends)
+    found = "present" in getattr(type(state), "_all_fields", ())
+    if found and is_program_module(kind.__module__):
+        _with_mask.append(kind)
+    return found
 
 
 def _repeat_last(x, size, axis=0):
@@ -173,14 +176,15 @@ def _fill(x, size, axis, value):
 
 def _pad_group(group, size):
     """Return a group with `size` elements; those that are added equal its last one."""
-    changes = {}
+    changes: dict[str, Any] = {}
+    own = not is_program_module(type(group).__module__)
     for name, value in vars(group).items():
-        if name in group.per_element and name != "strength" and value is not None:
+        if name == "strength" and not own:
+            changes[name] = None  # it is for reports
+        elif name in group.per_element and value is not None:
             changes[name] = _repeat_last(value, size)
         elif isinstance(value, PerElement):
             changes[name] = jax.tree.map(lambda x: _repeat_last(x, size), value)
-        elif name == "strength":  # which is for reports
-            changes[name] = None
         elif isinstance(value, Section):
             changes[name] = _pad_section(value)
     return copy_with(group, **changes)

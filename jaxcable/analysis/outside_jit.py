@@ -46,7 +46,8 @@ def analyse_by_known_programs(
     given = {"differentiate_path": differentiate_path, "listen": listen}
     if not is_top_level_call(jax.tree.leaves(arguments)):
         return analyse(*arguments, **given, bundles=task.bundles, size=task.n_unknown)
-    padded = None if exact_sizes or differentiate_path else pad_analysis(task, arguments)
+    exact = exact_sizes or differentiate_path
+    padded = None if exact else pad_analysis(task, arguments, listen is not None)
     larger, bundles, size = _sized(task, arguments, padded)
     found = _analyse(task, larger, {**given, "bundles": bundles, "size": size})
     return found if padded is None else cut_results(found, arguments, task.bundles)
@@ -128,7 +129,7 @@ def _result_shapes(task, arguments, listen):
         return np.zeros(x.shape, x.dtype) if isinstance(x, jax.ShapeDtypeStruct) else x
 
     arguments = jax.tree.map(zeros, arguments)
-    padded = pad_analysis(task, arguments)
+    padded = pad_analysis(task, arguments, listen is not None)
     larger, bundles, size = _sized(task, arguments, padded)
     if task.may_go_without_fallbacks and listen is None:
         larger = _without_fallbacks(*larger)

@@ -297,7 +297,10 @@ def _add_info(commands):
 def _add_warm(commands):
     """Add the command ``warm`` and its options."""
     command = _add_command(commands, warm, "nets masts my_bridge.json")
-    text = "kinds of structures (nets, domes, masts, frames; default: all of these), or scenes"
+    text = (
+        "kinds of structures (nets, domes, masts, frames; default: all of these), or scenes; other "
+        "commands, and scripts that call jaxcable.keep_programs(), find the programs"
+    )
     command.add_argument("what", nargs="*", metavar="KIND|SCENE", help=text)
     sizes = ", ".join(f"{name}: {most}" for name, most in usual.SIZES.items())
     text = f"largest number of elements of these kinds ({sizes}; default: medium)"

@@ -1,7 +1,6 @@
-"""``warm``: compile the programs of usual structures in advance, so that first calls are quick.
+"""``warm``: compile the programs of usual structures in advance, which takes some minutes.
 
-They are kept on disk, where `jaxcable` commands, and scripts that call `jaxcable.keep_programs()`,
-find them.
+First analyses by commands, and by scripts that call `jaxcable.keep_programs()`, then begin at once.
 """
 
 from __future__ import annotations
@@ -24,7 +23,10 @@ _started: list[subprocess.Popen[bytes]] = []  # kept, because they go on after t
 def run(options: Namespace) -> None:
     """Compile the programs of the kinds and scenes that options name; print each, and the sum."""
     if program_store.bytes_of_kept_programs() is None:
-        raise BadInput("warm: no programs are kept: JAXCABLE_PROGRAMS is empty, or no safe folder")
+        raise BadInput(
+            "warm: no programs are kept; let JAXCABLE_PROGRAMS name a folder to which only you can "
+            "write"
+        )
     kinds = [word for word in options.what if word in usual.KINDS]
     files = [word for word in options.what if word not in usual.KINDS]
     for word in files:
@@ -64,6 +66,9 @@ def _warm(name, scenes):
 def _start_in_background(options):
     """Start the command once more, as a process of its own that goes on after this one."""
     words = [sys.executable, "-m", "jaxcable", "warm", *options.what, "--size", options.size]
+    words += ["--largest", str(options.largest)]
+    for module in options.modules:
+        words += ["--import", module]
     nowhere = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
     process = subprocess.Popen([*words, "--quiet"], **nowhere, start_new_session=True)
     _started.append(process)

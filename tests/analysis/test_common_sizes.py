@@ -211,6 +211,30 @@ def test_gradients_start_from_padded_solutions():
     assert 0.9 < np.log2(without[0] / without[1]) < 1.1  # negative control
 
 
+def test_progress_reports_the_number_of_phases():
+    structure, phases = jc.scenes.flat_net(load=15.0)
+    reports = []
+    solution = jc.solve(structure, [*phases, jc.Phase()], progress=reports.append)
+    assert int(solution.status) == 0
+    jax.effects_barrier()
+    assert {(report.phase, report.phases) for report in reports} == {(1, 3), (2, 3), (3, 3)}
+
+
+class Fuses(jc.Cables):
+    """Cables of a user, whose mechanics may read their strength."""
+
+
+@pytest.mark.parametrize(("kind", "kept"), [(jc.Cables, False), (Fuses, True)])
+def test_only_own_elements_keep_their_strength(kind, kept):
+    """For cables of the package it is for reports: with and without it they share programs."""
+    group = kind([[0, 1], [1, 2]], axial_stiffness=1e5, strength=[50.0, 60.0])
+    padded = common_sizes._pad_group(group, 4)
+    np.testing.assert_array_equal(padded.axial_stiffness, 4 * [1e5])
+    assert (padded.strength is not None) == kept
+    if kept:
+        np.testing.assert_array_equal(padded.strength, [50.0, 60.0, 60.0, 60.0])
+
+
 def test_sizes_grow_by_little():
     """Large enough, few, and at most half as large again (above 24 unknowns)."""
     found = [common_sizes.common_size(n) for n in range(1, 2000)]

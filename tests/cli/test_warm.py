@@ -81,7 +81,7 @@ def test_what_is_unknown_is_refused(words, kept, capsys):
 def test_without_kept_programs_there_is_nothing_to_warm(kept, monkeypatch, capsys):
     monkeypatch.setenv("JAXCABLE_PROGRAMS", "")
     assert main(["warm", "nets"]) == 2
-    assert "warm: no programs are kept" in capsys.readouterr().err
+    assert "warm: no programs are kept; let JAXCABLE_PROGRAMS name" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["nets", "domes", "masts", "frames"])
