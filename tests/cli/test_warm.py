@@ -9,8 +9,8 @@ import jaxcable as jc
 from jaxcable.analysis import phase_loop
 from jaxcable.analysis.common_sizes import pad_analysis
 from jaxcable.analysis.preparation import prepare
-from jaxcable.cli import main
-from jaxcable.common import program_store
+from jaxcable.cli import main, warm
+from jaxcable.common import jax_internals, program_store
 from jaxcable.common.fusion import are_loops_fused
 from jaxcable.scenes import usual
 
@@ -24,11 +24,15 @@ def kept(tmp_path, monkeypatch):
     monkeypatch.setenv("JAXCABLE_PROGRAMS", str(tmp_path / "kept"))
     monkeypatch.setitem(usual.KINDS, "nets", lambda most: iter([jc.scenes.saddle(1, 2, load=9.0)]))
     jc.forget_programs()
-    return tmp_path / "kept"
+    with program_store.preserve_program_settings():
+        # jax's own cache of the suite: what comes from there cannot be written once more
+        jax.config.update("jax_compilation_cache_dir", None)
+        jax_internals.reset_jax_cache()
+        yield tmp_path / "kept"
 
 
 def files(folder):
-    return sorted(path.name for path in (folder / "programs").iterdir())
+    return sorted(path.name for path in (folder / "programs").glob("*.program"))
 
 
 def test_an_analysis_never_made_finds_its_program(kept, capsys):
@@ -69,6 +73,7 @@ def test_in_the_background(kept, capfd):
             break
         time.sleep(0.2)
     assert len(files(kept)) == 2
+    assert warm._started.pop().wait(60.0) == 0
 
 
 @pytest.mark.parametrize("words", [["ropes"], ["nets", "none.json"]])
