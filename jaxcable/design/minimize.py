@@ -131,7 +131,7 @@ def minimize(
     what is around them is compiled for the loss. If the analysis has been called before, the first
     call waits for the derivative only. With `optimizer`, within jit or vmap, and for analyses in
     functions that the loss itself compiles, maps or scans, the whole search is one program: it
-    takes 1.7 to three times as long to compile, and less than half as long for each trial of a small
+    takes 1.7 to three times as long to compile, and less than half as long for a trial of a small
     structure.
 
     Raises:
