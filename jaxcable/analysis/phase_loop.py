@@ -113,22 +113,8 @@ def _scan_phases(
             after = select_tree(steps[0] > 0, after, run)
         return after, (result, path, done.log, done.points)
 
-    start, reached = (
-        copy_with(restart, loads=None),
-        LastConvergedIncrement.before_first(schedule, nodes.dtype),
-    )
-    end = _zeros_like_result(
-        lambda: make_state(frame, restart, (restart.motion, None), reached, schedule)
-    )
-    factored = last_output = None
-    if isinstance(method, Newton) and points is None:
-        factored = linear.no_factored_matrix(schedule.dof_map.pattern, nodes.dtype)
-        last_output = _zeros_like_result(
-            lambda: evaluate_output(
-                system_at_last(frame, restart, reached, schedule), restart.motion
-            )
-        )
-    run = _LoopState(code, jnp.zeros((), bool), start, end, factored, reached, last_output)
+    evaluates = isinstance(method, Newton) and points is None
+    run = _state_before_first_phase(frame, restart, schedule, code, evaluates)
     run, (ends, paths, log, points) = lax.scan(
         phase, run, (schedule.scanned_arrays, codes, counts, factors, points)
     )
@@ -149,6 +135,28 @@ def _scan_phases(
         **implicit.nan_unless_probed(run.code == status.OK, result_fields(run.end), touched),
     )
     return _split_bundles(bundles, solution), points
+
+
+def _state_before_first_phase(frame, restart, schedule, code, evaluates):
+    """Return the `_LoopState` with which the loop over the phases begins.
+
+    `frame` is (nodes, groups); `evaluates` says whether factors and outputs of elements are handed
+    from phase to phase.
+    """
+    reached = LastConvergedIncrement.before_first(schedule, frame[0].dtype)
+    end = _zeros_like_result(
+        lambda: make_state(frame, restart, (restart.motion, None), reached, schedule)
+    )
+    factored = last_output = None
+    if evaluates:
+        factored = linear.no_factored_matrix(schedule.dof_map.pattern, frame[0].dtype)
+        last_output = _zeros_like_result(
+            lambda: evaluate_output(
+                system_at_last(frame, restart, reached, schedule), restart.motion
+            )
+        )
+    start = copy_with(restart, loads=None)
+    return _LoopState(code, jnp.zeros((), bool), start, end, factored, reached, last_output)
 
 
 def _zeros_like_result(function):
