@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..common import status
-from ..common.tree import copy_with, merge_indices, select_tree, split_indices
+from ..common.tree import copy_with, entry, merge_indices, select_tree, split_indices
 from ..common.types import Array, Bool, Float, Int
 from ..equilibrium import incremental, newton
 from ..equilibrium.newton import Newton
@@ -50,7 +50,7 @@ class PhaseOutcome(NamedTuple):
         point: (motion of `restart`, marks) as `bare` and `marks` of
             `implicit.attach_derivative_with_marks`.
         factor: load factor of the last good increment, 0 if there is none.
-        last_output: `ElementOutput` of the last good increment.
+        last_output: `ElementOutput` of the last good increment, with derivatives if there is one.
         path: `Path`, results of every increment.
         log: the numbers `LOG_COLUMNS` of every increment, [n_inc, 10].
         factored: the last matrix that a sparse solve has factorised.
@@ -152,16 +152,22 @@ def _solve_by_newton(
         *whole, last_output, memory, factored = found
         xs, log, outputs = jax.tree.map(lambda x: x[1:], whole)
     else:
-        xs, log, outputs = _recall_increments(known, frozen, len(factors) - 1)
-        last_output, memory = None, ramp.memory
+        xs, log = _recall_increments(known, len(factors) - 1)
+        memory = ramp.memory
     factors, good = factors[1:], (log[:, 0] == status.OK) & live[1:]
     valid, factor = _last_converged_factor(good, count, factors.dtype)
     ramp = implicit.stop_gradient_unless(valid, ramp)
     x = xs[-1]  # the point stays where it was when an increment fails
     if memory is None:
-        tol, cg_limit = newton.adjoint_cg_settings(method, ramp.system_at(factor), factors.dtype)
-        earlier = () if known is not None else (factored, tol, cg_limit)
-        point = implicit.attach_derivative_with_marks(ramp.system_at(factor), x, valid, *earlier)
+        system, settings = ramp.system_at(factor), ()
+        if known is None:
+            settings = factored, *newton.adjoint_cg_settings(method, system, factors.dtype)
+        else:
+            last_output = evaluate_output(*lax.stop_gradient((system, x)))
+        *point, results = implicit.attach_derivative_with_marks(
+            system, x, valid, *settings, results=last_output.by_name
+        )
+        last_output = copy_with(last_output, by_name=results)
         if differentiate_path:
             attach = jax.vmap(lambda f, x, ok: implicit.attach_derivative(ramp.system_at(f), x, ok))
             xs = attach(factors, xs, good)
@@ -171,28 +177,34 @@ def _solve_by_newton(
     else:
         problem = split_indices((ramp, factors, xs, good))
         if known is None:
-            x, memory = with_deferred_derivative(_replay_to_end, (x, memory), problem)
+            ends = x, memory, last_output.by_name
+            x, memory, results = with_deferred_derivative(_replay_to_end, ends, problem)
+            last_output = copy_with(last_output, by_name=results)
         else:
-            x, memory = _replay_to_end(problem)
+            seen, _, memory, x = _replay_increments(ramp, factors, xs, good, True)
+            last_output = _last_entry(seen, good)
         point = x, x, None
         if differentiate_path:
-            outputs, xs, *_ = _replay_increments(ramp, factors, xs, good, True)
+            seen, xs, *_ = _replay_increments(ramp, factors, xs, good, True)
+            outputs = jax.vmap(lambda one: one.increment_results)(seen)
+    if known is not None:  # no results of increments are wanted
+        outputs = jax.tree.map(
+            lambda s: jnp.zeros((len(factors), *s.shape), s.dtype), last_output.increment_results
+        )
     return ramp, point, xs, outputs, log, memory, last_output, factored
 
 
-def _recall_increments(known, ramp, count):
-    """Return points of all increments of a solved phase, and zeros for log and outputs.
+def _recall_increments(known, count):
+    """Return points of all increments of a solved phase, and their log, zero but for the status.
 
     Args:
         known: `ConvergedPoints` of the phase.
-        ramp: `LoadRamp`.
         count: number of increments.
     """
     xs = jnp.broadcast_to(known.motions, (count, *known.motions.shape[1:]))
     columns = len(LOG_COLUMNS) - 2  # without those that `_make_path` counts
     log = jnp.zeros((count, columns), xs.dtype).at[:, 0].set(known.codes.astype(xs.dtype))
-    shapes = jax.eval_shape(lambda x: _evaluate_path_output(ramp.system_at(1.0), x), xs[-1])
-    return xs, log, jax.tree.map(lambda s: jnp.zeros((count, *s.shape), s.dtype), shapes)
+    return xs, log
 
 
 def _solve_by_incremental_scheme(ramp, count, given, is_first, report):
@@ -209,7 +221,8 @@ def _solve_by_incremental_scheme(ramp, count, given, is_first, report):
         )
     else:
         good = (log[:, 0] == status.OK) & live[1:]
-        outputs, _, memory, x = _replay_increments(ramp, factors[1:], xs, good, False)
+        seen, _, memory, x = _replay_increments(ramp, factors[1:], xs, good, False)
+        outputs = jax.vmap(lambda one: one.increment_results)(seen)
     return ramp, (x, x, None), xs, outputs, log, memory, None, None
 
 
@@ -240,7 +253,7 @@ def _replay_increments(ramp, factors, xs, good, converges):
         converges: whether points are equilibria, which have an implicit derivative.
 
     Returns:
-        Outputs and points of all increments; history variables and point at the end.
+        `ElementOutput` and points of all increments; history variables and point at the end.
     """
 
     @jax.checkpoint
@@ -249,26 +262,35 @@ def _replay_increments(ramp, factors, xs, good, converges):
         factor, x, ok = increment
         system = ramp.system_at(factor, memory)
         if converges:
-            x = implicit.attach_derivative(system, x, ok)
+            seen = evaluate_output(*lax.stop_gradient((system, x)))
+            x, _, _, results = implicit.attach_derivative_with_marks(
+                system, x, ok, results=seen.by_name
+            )
+            seen = copy_with(seen, by_name=results)
+        else:
+            seen = evaluate_output(system, x)
         last = jnp.where(ok, x, last)
-        last_output = evaluate_output(system, x)
-        return (ramp.commit_memory(system, x, last_output.strains, ok, memory), last), (
-            last_output.increment_results,
-            x,
-        )
+        memory = ramp.commit_memory(system, x, seen.strains, ok, memory)
+        return (memory, last), (seen, x)
 
-    start = (ramp.memory, lax.stop_gradient(xs[0]))
-    (memory, last), (outputs, xs) = lax.scan(step, start, (factors, xs, good))
-    return outputs, xs, memory, last
+    start = ramp.memory, lax.stop_gradient(xs[0])
+    (memory, last), (seen, xs) = lax.scan(step, start, (factors, xs, good))
+    return seen, xs, memory, last
 
 
 def _replay_to_end(problem):
-    """Return last point and history variables of a phase by `_replay_increments`.
+    """Return last point, history variables and element results of a phase by `_replay_increments`.
 
     `problem` has the ramp, load factors, points and which are good, split by `split_indices`.
     """
-    *_, memory, last = _replay_increments(*merge_indices(*problem), True)
-    return last, memory
+    ramp, factors, xs, good = merge_indices(*problem)
+    seen, _, memory, last = _replay_increments(ramp, factors, xs, good, True)
+    return last, memory, _last_entry(seen, good).by_name
+
+
+def _last_entry(stacked, good):
+    """Return the entry of the last good increment of a tree of stacked arrays, or the first one."""
+    return entry(stacked, jnp.maximum(jnp.sum(good), 1) - 1)
 
 
 def _restart_after_phase(ramp, factor, points, valid, before, memory=None):

@@ -12,7 +12,7 @@ from .. import linear
 from ..common import status
 from ..common.compilation import jit_program
 from ..common.progress import Increment, report_progress
-from ..common.tree import copy_with, merge_indices, pytree, select_tree
+from ..common.tree import copy_with, entry, merge_indices, pytree, select_tree
 from ..common.types import Array, Bool, Int
 from ..equilibrium.newton import Newton
 from ..linear.sparse import FactoredMatrix
@@ -24,7 +24,7 @@ from .one_phase import run_phase
 from .phase_results import PhaseResult, PhaseResults
 from .preparation import cast_to_dtype_of, complete_input, traced_input_status
 from .results import map_element_fields, result_fields
-from .solution import Solution, State
+from .solution import Solution
 from .states import LastConvergedIncrement, make_state, system_at_last
 
 
@@ -100,24 +100,28 @@ def _scan_phases(
         path = copy_with(done.path, displacement=done.path.displacement[:, : schedule.n_node])
         reached = run.reached.updated(data, done.factor)
         end = make_state(frame, restart, done.point, reached, schedule, done.last_output)
-        end = _nan_results_unless(sound, end, touched)
-        moved = end.displacement - done.begin.motion[: schedule.n_node, :3]
-        result = _nan_results_unless(code == status.OK, copy_with(end, displacement=moved), touched)
-        began = [state.memory for state in done.begin.states]
-        began = None if all(memory is None for memory in began) else began
-        given = {"status": None, "stable": None, "path": None, "began": began}
-        result = PhaseResult(**given, **result_fields(result))
-        left = copy_with(restart, loads=None)
-        after = _LoopState(code, done.stable, left, end, done.factored, reached, done.last_output)
+        begin = done.begin.motion[: schedule.n_node, :3], [s.memory for s in done.begin.states]
+        seen = None if run.last_output is None else lax.stop_gradient(done.last_output)
+        after = _LoopState(
+            *(code, done.stable, copy_with(restart, loads=None), done.factored, reached, seen)
+        )
         if schedule.given_steps is not None:  # a phase that is padding does nothing
             after = select_tree(steps[0] > 0, after, run)
-        return after, (result, path, done.log, done.points)
+        return after, (end, code, begin, path, done.log, done.points)
 
     evaluates = isinstance(method, Newton) and points is None
     run = _state_before_first_phase(frame, restart, schedule, code, evaluates)
-    run, (ends, paths, log, points) = lax.scan(
+    if points is not None:  # else the derivative needs all intermediate results of a phase
+        phase = jax.checkpoint(phase, prevent_cse=False)
+    run, (ends, codes, begins, paths, log, points) = lax.scan(
         phase, run, (schedule.scanned_arrays, codes, counts, factors, points)
     )
+    ends = _nan_results_unless(sound, ends, touched)
+    # of the last phase with a converged increment; before the first one there is no derivative
+    end = entry(ends, jnp.maximum(run.reached.number, 0))
+    fresh = copy_with(end, **implicit.with_nan_derivative(result_fields(end), touched))
+    end = select_tree(run.reached.number >= 0, end, fresh)
+    ends = _phase_results(ends, *begins, codes == status.OK, touched)
     if not differentiate_path and isinstance(method, Newton):
         paths = implicit.with_nan_derivative(paths, touched)
     known = [stack.up_to_phase(run.reached.number) for stack in _loads_on_groups(parameters)]
@@ -130,9 +134,9 @@ def _scan_phases(
     solution = Solution(
         status=run.code,
         stable=run.stable,
-        last=copy_with(_split_bundles(bundles, run.end), restart=restart),
+        last=copy_with(_split_bundles(bundles, end), restart=restart),
         phases=PhaseResults(ends, paths, log, schedule.increments, watched),
-        **implicit.nan_unless_probed(run.code == status.OK, result_fields(run.end), touched),
+        **implicit.nan_unless_probed(run.code == status.OK, result_fields(end), touched),
     )
     return _split_bundles(bundles, solution), points
 
@@ -144,9 +148,6 @@ def _state_before_first_phase(frame, restart, schedule, code, evaluates):
     from phase to phase.
     """
     reached = LastConvergedIncrement.before_first(schedule, frame[0].dtype)
-    end = _zeros_like_result(
-        lambda: make_state(frame, restart, (restart.motion, None), reached, schedule)
-    )
     factored = last_output = None
     if evaluates:
         factored = linear.no_factored_matrix(schedule.dof_map.pattern, frame[0].dtype)
@@ -156,7 +157,7 @@ def _state_before_first_phase(frame, restart, schedule, code, evaluates):
             )
         )
     start = copy_with(restart, loads=None)
-    return _LoopState(code, jnp.zeros((), bool), start, end, factored, reached, last_output)
+    return _LoopState(code, jnp.zeros((), bool), start, factored, reached, last_output)
 
 
 def _zeros_like_result(function):
@@ -190,24 +191,38 @@ class _LoopState:
     Attributes:
         code, stable: status so far, and whether the end of the last phase is stable.
         restart: `RestartState`, without the loads, which do not change.
-        end: the `State` that belongs to `restart`.
         factored: the last matrix that a sparse solve has factorised, see
             `linear.solve_reusing_factor`.
         reached: `states.LastConvergedIncrement`.
-        last_output: `ElementOutput` of the last converged increment.
+        last_output: `ElementOutput` of the last converged increment, without derivatives.
     """
 
     code: Int[Array, ""]
     stable: Bool[Array, ""]
     restart: RestartState
-    end: State
     factored: FactoredMatrix | None
     reached: LastConvergedIncrement
     last_output: ElementOutput | None
 
 
+def _phase_results(ends, begins, memories, ok, touched):
+    """Return the results of all phases, a `PhaseResult` without path; NaN in phases not `ok`.
+
+    Args:
+        ends: the `State` at the end of each phase, stacked.
+        begins: displacements at its begin, [n_phase, n_node, 3].
+        memories: history variables there, an item for each group.
+        ok: whether it and all before it have converged, [n_phase] bool.
+        touched: as for `_nan_results_unless`.
+    """
+    moved = copy_with(ends, displacement=ends.displacement - begins)
+    results = result_fields(_nan_results_unless(ok, moved, touched))
+    began = None if all(memory is None for memory in memories) else memories
+    return PhaseResult(status=None, stable=None, path=None, began=began, **results)
+
+
 def _nan_results_unless(ok, end, touched):
-    """Return the `State` `end` with NaN results unless `ok`.
+    """Return the `State` `end` with NaN results unless `ok`, a scalar or [n_phase] of all phases.
 
     `touched` is a zero that knows whether a derivative is taken (`implicit.gradient_probe`).
     """

@@ -8,16 +8,16 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..common.tree import copy_with, merge_indices, pytree, select_tree, split_indices
+from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, Float, Int
 from ..elements.element import Element
 from ..mechanics.assembly import System
+from ..mechanics.element_output import evaluate_output
 from ..mechanics.elementwise import evaluate_elements
 from ..mechanics.load_ramp import PhaseData
 from ..mechanics.restart_state import RestartState, make_system
 from ..model.structure import Structure
 from ..model.topology import topology_of
-from ..numerics.implicit_root import with_deferred_derivative
 from .preparation import PreparedAnalysis
 from .results import Part, fields_of_element_results, fill_peak_tensions, map_element_fields
 from .schedule import Schedule
@@ -79,7 +79,7 @@ def make_state(frame, restart, point, reached, schedule, last_output=None):
             `implicit.attach_derivative_with_marks`; marks may be None.
         reached: `LastConvergedIncrement`.
         schedule: `Schedule`.
-        last_output: `ElementOutput` of this motion without derivatives; None: it is evaluated.
+        last_output: `ElementOutput` of this motion; None: it is evaluated.
     """
     nodes, groups = frame
     system = system_at_last(frame, restart, reached, schedule)
@@ -95,12 +95,8 @@ def make_state(frame, restart, point, reached, schedule, last_output=None):
         return jnp.zeros_like(values[:n_node]).at[dof_map.node_of_row].add(values)
 
     displacement = restart.motion[:n_node, :3]
-    problem = split_indices((system, motion))
-    if last_output is None:
-        found = _evaluate_element_results(problem)
-    else:
-        found = {name: last_output.by_name[name] for name in (*last_output.of_ends, "end_forces")}
-        found = with_deferred_derivative(_evaluate_element_results, found, problem)
+    seen = evaluate_output(system, motion) if last_output is None else last_output
+    found = {name: seen.by_name[name] for name in (*seen.of_ends, "end_forces")}
     reactions = summed(system.reactions(motion, found.pop("end_forces")))
     follow = system.followers is not None or any(group.slides for group in groups)
     load = summed(_acting_loads(system, motion), follow)  # dead loads do not depend on the motion
@@ -118,16 +114,6 @@ def make_state(frame, restart, point, reached, schedule, last_output=None):
         reaction_moments=space.moments(reactions),
         **fields_of_element_results({name: within(values) for name, values in found.items()}),
     )
-
-
-def _evaluate_element_results(problem):
-    """Evaluate element results at the end of a phase, a dict by name.
-
-    `problem` is (system, motion), split by `split_indices`.
-    """
-    system, motion = merge_indices(*problem)
-    names = [name for name, result in system.results().items() if result.ends]
-    return system.results_by_name(motion, *names, "end_forces")
 
 
 def _spread_derivative_marks(system, marks):

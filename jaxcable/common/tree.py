@@ -333,6 +333,12 @@ def select_tree(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
     return jax.tree.map(one, new, old)
 
 
+def entry(tree: _T, index: Int[Array, ""]) -> _T:
+    """Return the entry at an index, which is not negative, of all leaves along their first axis."""
+    index = jnp.asarray(index).astype(jnp.uint32)  # less code than a signed index
+    return jax.tree.map(lambda x: lax.dynamic_index_in_dim(x, index, 0, False), tree)
+
+
 def concatenate(arrays: Sequence[ArrayLike]) -> ArrayLike:
     """Concatenate along the first axis, by NumPy unless an array is traced or on another device."""
     if all(isinstance(x, np.ndarray) or _is_on_host(x) for x in arrays):

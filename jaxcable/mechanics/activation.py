@@ -7,7 +7,7 @@ the phase reduces to zero.
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -16,14 +16,32 @@ from jax import lax
 from ..common.tree import copy_with
 from ..common.types import Array, Bool, Float
 from ..elements.element import Element
+from ..elements.element_state import ElementState
 from ..spaces import space_of
 from ..spaces.dof_map import DofMap, to_global, to_local
-from ..spaces.space import Forces
+from ..spaces.space import Forces, Motion
+from .assembly import EndForces
 from .elementwise import evaluate_elements
 from .restart_state import RestartState, make_system
 
 Present: TypeAlias = 'list[Bool[Array, " n_elem"]]'
 """For every group, which of its elements are active."""
+
+
+class ActivatedElements(NamedTuple):
+    """What activation and deactivation make of a structure.
+
+    Attributes:
+        motion: motion of all rows after it.
+        states: states of elements after it, per group.
+        end_forces_before: end forces before it, per group.
+        unbalanced: unbalanced forces of the change, [n_row, n_freedom], N and N m.
+    """
+
+    motion: Motion
+    states: list[ElementState]
+    end_forces_before: EndForces
+    unbalanced: Forces
 
 
 def apply_activation(
@@ -34,7 +52,7 @@ def apply_activation(
     before: DofMap,
     now: DofMap,
     attached: Bool[Array, ""] | None,
-) -> tuple[RestartState, Forces]:
+) -> ActivatedElements:
     """Activate and deactivate elements at the start of a phase.
 
     Args:
@@ -43,35 +61,50 @@ def apply_activation(
         before, now: `DofMap` with the supports and inactive nodes of both phases.
         attached: whether inactive nodes move rigidly with the node to which their first element
             joins them; None if this is so in no phase.
-
-    Returns:
-        The changed `RestartState`, and the unbalanced forces of the change, [n_row, n_freedom], N,
-        N m.
     """
-    motion = restart.motion
-    old = make_system(nodes, groups, restart, motion, before)
-    new = []
-    for there, state in zip(present, restart.states, strict=True):
-        was: Array = state.present  # type: ignore[assignment]  # all groups have it here
-        new.append(there & ~was)
+    motion: Motion = restart.motion
+    was: Any = [state.present for state in restart.states]  # all groups have it here
+    new = [there & ~own for there, own in zip(present, was, strict=True)]
     if attached is not None:
         placed = _attach_nodes(nodes, groups, motion, new, before, now)
         motion = jnp.where(attached, placed, motion)
-    states = []
-    for group, state, there, coming in zip(groups, restart.states, present, new, strict=True):
+    states, either = [], []
+    pairs = zip(groups, restart.states, was, present, new, strict=True)
+    for group, state, there, stays, coming in pairs:
         begins, fresh = copy_with(state, present=coming), group.initial_memory()
         if fresh is not None:
             begins = copy_with(begins, memory=fresh)
         found = evaluate_elements("state_at_activation", group, begins, nodes, motion)
         state = jax.tree.map(
             lambda a, b, own=coming: jnp.where(own.reshape(-1, *(1,) * (a.ndim - 1)), a, b),
-            copy_with(found, present=there),
-            copy_with(state, present=there),
+            copy_with(found, present=stays),
+            copy_with(state, present=there | stays),
         )
-        states.append(state)
-    restart = copy_with(restart, motion=motion, states=states)
-    system = make_system(nodes, groups, restart, motion, now)
-    return restart, system.unbalanced(motion) - old.unbalanced(old.impose_supports(restart.motion))
+        either.append(state)
+        states.append(copy_with(state, present=stays))
+
+    def system(motion, states, dof_map):
+        given = copy_with(restart, motion=motion, states=states)
+        return make_system(nodes, groups, given, motion, dof_map)
+
+    # Of all elements that are there before or after: the nodes that are moved are touched by those
+    # only that come.
+    together = system(motion, either, now)
+    forces = together.results_by_name(motion, "end_forces")["end_forces"]
+    old = [_where(there, force) for there, force in zip(was, forces, strict=True)]
+    changes = [
+        together.space.pad_moments(_where(there, force) - gone)
+        for there, force, gone in zip(present, forces, old, strict=True)
+    ]
+    load = system(motion, states, now).external_force(motion)
+    load_before = system(restart.motion, restart.states, before).external_force(restart.motion)
+    unbalanced = together.sum_at_rows(changes) - (load - load_before)
+    return ActivatedElements(motion, states, old, unbalanced)
+
+
+def _where(there, force):
+    """Return end forces, [n_elem, n_end, n], of the elements that are there, else zero."""
+    return jnp.where(there[:, None, None], force, 0.0)
 
 
 def _attach_nodes(nodes, groups, motion, new, before, now):

@@ -24,7 +24,7 @@ from ..spaces import Space
 from ..spaces.dof_map import reference_rows
 from ..spaces.space import Forces, Matrix, MatrixPart, Motion, Step
 from ..spaces.translations import append_low_part, drop_low_part
-from .elementwise import Elementwise, PerGroup, evaluate_elements, map_elements_at_ends
+from .elementwise import Elementwise, PerGroup, evaluate_elements
 from .load_stacks import ActiveFollowers
 
 EndForces: TypeAlias = 'list[Float[Array, "n_elem n_end n_freedom"]]'
@@ -83,10 +83,24 @@ class System(Elementwise):
         zero = jnp.where(jnp.isnan(x[0, 0]), 0.0, 0.0)
         zero = jnp.full(self.dof_map.free.shape[0], zero, x.dtype)
 
-        def residual(step: Step) -> Step:
-            return self.space.hold_temporarily_fixed(self._residual_after_step(x, step), step)
+        return lambda step: self.after_step(x, step)[0], zero, lambda step: self.move(x, step)
 
-        return residual, zero, lambda step: self.move(x, step)
+    def after_step(self, x: Motion, step: Step, *names: str) -> tuple[Step, dict[str, list[Any]]]:
+        """Return the residual after a step of the unknowns, and named results of elements there.
+
+        Args:
+            x: motion, with the supports imposed.
+            step: step of the unknowns, [n_free], from it.
+            names: names of results of elements; beside them there are always "end_forces".
+
+        Returns:
+            The residual conjugate to the step, [n_free], N; a dict as of `results_by_name`.
+        """
+        row_step = self.space.prolong(x, step)
+        found = self.results_by_name(self.move(x, step), *names, "end_forces")
+        internal = self.space.conjugate_loads(self._assemble_forces(found["end_forces"]), row_step)
+        residual = self.space.restrict(internal - self.external_force(x, row_step), x, row_step)
+        return self.space.hold_temporarily_fixed(residual, step), found
 
     def with_low_order_part(self, x: Motion) -> Motion:
         """Return `x`; for cable nets with an added low-order part, which doubles its digits."""
@@ -106,6 +120,10 @@ class System(Elementwise):
         ends = [self.space.pad_moments(forces) for forces in end_forces]
         return self.sum_at_rows(ends), self.sum_at_rows(self.end_force_norms(ends, x))
 
+    def _assemble_forces(self, end_forces: EndForces) -> Forces:
+        """Assemble end forces at nodes (rows), [n_row, n_freedom], N and N m."""
+        return self.sum_at_rows([self.space.pad_moments(forces) for forces in end_forces])
+
     def end_force_norms(self, ends: EndForces, x: Motion) -> list[Float[Array, "n_elem n_end"]]:
         """Return norms of end forces plus `internal_absolute_forces`, [n_elem, n_end] each, N."""
         sizes = [self.space.force_norm(forces) for forces in ends]
@@ -122,15 +140,6 @@ class System(Elementwise):
             return self.dof_map.nodal_assembly(flat)
         rows = jnp.concatenate([group.links.reshape(-1) for group in self.groups])
         return jnp.zeros((len(self.nodes), *flat.shape[1:]), flat.dtype).at[rows].add(flat)
-
-    def _end_forces_after(self, x, spread):
-        """Return end forces after a step `spread` of all rows from `x`, one array per group."""
-        found = []
-        placed = zip(*map(self.gather_at_ends, (self.nodes, x, spread)), strict=True)
-        for group, state, (*at, step) in zip(self.groups, self.states, placed, strict=True):
-            beside = (step[..., : group.n_freedom],)
-            found.append(map_elements_at_ends(_element_forces_after, group, state, at, beside))
-        return found
 
     def internal_absolute_forces(
         self, group: Element, state: ElementState, motion: Motion
@@ -168,18 +177,13 @@ class System(Elementwise):
 
     def unbalanced(self, x: Motion, end_forces: EndForces | None = None) -> Forces:
         """Return internal forces less loads at all nodes, [n_row, n_freedom], N and N m."""
-        return self.internal_force(x, end_forces)[0] - self.external_force(x)
+        if end_forces is None:
+            end_forces = self.results_by_name(x, "end_forces")["end_forces"]
+        return self._assemble_forces(end_forces) - self.external_force(x)
 
     def residual(self, x: Motion) -> Step:
         """Return the residual at motion `x`: the unbalanced force of every unknown, [n_free], N."""
         return self.space.restrict(self.unbalanced(x), x)
-
-    def _residual_after_step(self, x: Motion, step: Step) -> Step:
-        """Return the residual after a step of the unknowns, [n_free], from `x`, [n_free], N."""
-        spread = self.space.prolong(x, step)
-        load = self.external_force(x, spread)
-        internal, _ = self.internal_force(x, self._end_forces_after(x, spread))
-        return self.space.restrict(internal - load, x, spread)
 
     def residual_and_scale(
         self, x: Motion, end_forces: EndForces | None = None
@@ -393,8 +397,3 @@ class System(Elementwise):
         pairs = zip(self.groups, self.states, strict=True)
         cables = [isinstance(g, TensionElement) and g.has_tension_unknown(s) for g, s in pairs]
         return all(cables) and self.always_convex and not self.space.rotates
-
-
-def _element_forces_after(one, state, ends, motion, step):
-    """Return the end forces of one element after a step from a motion."""
-    return one.end_forces_after_step(state, ends, motion, step)

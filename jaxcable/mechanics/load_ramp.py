@@ -126,11 +126,15 @@ class LoadRamp:
         restart = copy_with(restart, load_factors=amounts)
         released = None
         if data.dof_map_before is not None:
-            restart, released = _change_supports(nodes, groups, restart, data)
+            changed = None
             if data.present is not None:
                 at = data.present, data.dof_map_before, data.dof_map, data.attached
-                restart, left = activation.apply_activation(nodes, groups, restart, *at)
-                released = released + jnp.where(data.dof_map.fixed, 0.0, left)
+                changed = activation.apply_activation(nodes, groups, restart, *at)
+            end_forces = None if changed is None else changed.end_forces_before
+            restart, released = _change_supports(nodes, groups, restart, data, end_forces)
+            if changed is not None:
+                restart = copy_with(restart, motion=changed.motion, states=changed.states)
+                released = released + jnp.where(data.dof_map.fixed, 0.0, changed.unbalanced)
         states, end_states, jacks = [], [], []
         for group, state, statements in zip(groups, restart.states, data.statements, strict=True):
             end_state = jack = None
@@ -306,13 +310,13 @@ def _restrict_to_supports(added, dof_map):
     return NodalIncrement(jnp.where(jnp.any(loose), jnp.nan, moved))
 
 
-def _change_supports(nodes, groups, restart, data):
+def _change_supports(nodes, groups, restart, data, end_forces):
     """Apply the supports of a phase to the `RestartState` before it.
 
     Loads on newly supported degrees of freedom end. Reactions of released ones become loads, which
     the phase reduces to zero. A load on an inactive degree of freedom stays, and acts once an
     element activates it. A node that is partly supported before and after has the same directions
-    in both (`preparation`).
+    in both (`preparation`). `end_forces` are those of all groups there; None: they are evaluated.
 
     Returns:
         The `RestartState`, and the reactions of released supports, [n_row, n_freedom], N and N m.
@@ -321,9 +325,10 @@ def _change_supports(nodes, groups, restart, data):
     was, now = data.dof_map_before.fixed, data.dof_map.fixed
     newly = data.dof_map.fixed_by_supports & ~data.dof_map_before.fixed_by_supports
     if data.dof_map.axes is None:
-        released = jnp.where(was & ~now, before.unbalanced(restart.motion), 0.0)
+        unbalanced = before.unbalanced(restart.motion, end_forces)
+        released = jnp.where(was & ~now, unbalanced, 0.0)
         return copy_with(restart, nodal_load=jnp.where(newly, 0.0, restart.nodal_load)), released
-    reaction, load = before.reactions(restart.motion), restart.nodal_load
+    reaction, load = before.reactions(restart.motion, end_forces), restart.nodal_load
     if restart.support_rotation is not None:
         turned_anew = jnp.any((was != now)[:, 3:], axis=1, keepdims=True)
         bearing = jnp.where(turned_anew, restart.motion[:, 3:], restart.support_rotation)

@@ -1,9 +1,9 @@
 """The derivative of an equilibrium by the implicit function theorem: adjoint and tangent solves.
 
 With ``R(x, p) = 0`` the derivative of ``x`` is ``dx = -K^-1 R_p dp``, whatever iteration found
-``x`` and however many increments it took. `implicit_root` attaches it to ``x``. Derivatives of any
-order, in forward mode (one solve with K) and reverse mode (one adjoint solve with K^T), follow from
-`lax.custom_linear_solve`. Results without a valid derivative get NaN, never a silent zero.
+``x`` and however many increments it took. `implicit_root` attaches it to ``x`` and to the results
+of elements there, in forward mode (one solve with K) and reverse mode (one adjoint solve with K^T),
+to any order. Results without a valid derivative get NaN, never a silent zero.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .. import linear
 from ..common.tree import merge_indices, select_tree, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear.sparse import FactoredMatrix
-from .implicit_root import implicit_root
+from .implicit_root import TangentSolver, implicit_root
 
 Tree = TypeVar("Tree")
 System: TypeAlias = Any
@@ -60,7 +60,13 @@ def attach_derivative_with_marks(
     factored: FactoredMatrix | None = None,
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
-) -> tuple[Float[Array, "n_row n_motion"], Float[Array, "n_row n_motion"], Float[Array, " n_row"]]:
+    results: dict[str, Any] | None = None,
+) -> tuple[
+    Float[Array, "n_row n_motion"],
+    Float[Array, "n_row n_motion"],
+    Float[Array, " n_row"],
+    dict[str, Any],
+]:
     """Attach the implicit derivative to an equilibrium, and mark where it is not defined.
 
     The derivative is not defined at nodes without stiffness, and at a cable exactly between taut
@@ -69,10 +75,11 @@ def attach_derivative_with_marks(
     Args:
         system: the differentiable `System`, whose equilibrium it is.
         x: motion of all rows; the derivative of this argument is ignored.
-        valid: whether `x` is an equilibrium. If not, the result has derivative zero, and the caller
-            must make it NaN.
+        valid: whether `x` is an equilibrium. If not, the caller has to make all derivatives NaN.
         factored, tol, limit: for conjugate gradients with an earlier factor, as in
             `linear.factorize`.
+        results: known results of elements, dict by name, whose derivatives are wanted; "end_forces"
+            are among them.
 
     Returns:
         x: the equilibrium, with derivative NaN where it is not defined.
@@ -80,82 +87,78 @@ def attach_derivative_with_marks(
         marks: zero for every row of motion, [n_row], with derivative NaN where that of the row is
             not defined. Results are computed from `bare`, and the marks are added at the end: a NaN
             in a product would be multiplied by zero in second derivatives and spread everywhere.
+        results: the results with their derivatives at `bare`.
     """
     x = lax.stop_gradient(x)
     _, numbers, back = system.local_residual(system.with_support_rotations(x))
-    if not numbers.size:  # nothing is free
-        return back(numbers), back(numbers), jnp.zeros(system.nodes.shape[0], x.dtype)
     # Marks are further unknowns beside the root. A NaN in the root itself would enter the residual
     # there, where second derivatives would multiply it by zero.
     start = jnp.concatenate([numbers, jnp.zeros_like(numbers)])
+    known = results or {}
     problem = split_indices((system, x, valid, factored, tol, limit))
-    found = implicit_root(_residual_with_marks, start, problem, _solve_linearized)
+
+    def equation(found, problem):
+        equations, seen = _residual_and_results(found, problem, [n for n in known if n != _FORCES])
+        return equations, {name: seen[name] for name in known}
+
+    solver = TangentSolver(_solve_tangent, _solve_adjoint)
+    found, known = implicit_root(equation, start, problem, solver, known)
     found, mark = jnp.split(found, 2)
+    if not numbers.size:  # nothing is free
+        return back(found), back(found), jnp.zeros(system.nodes.shape[0], x.dtype), known
     number, numbering = system.dof_map.unknown_of_dof, system.dof_map.unknown_assembly
     if numbering is None:
         marks = linear.append_zero(mark)[number]
     else:  # whose transpose needs no scatter
         marks = numbering.apply_transpose(mark).reshape(number.shape)
     marks = jnp.sum(marks, axis=1)
-    return back(found + mark), back(found), marks
+    return back(found + mark), back(found), marks, known
 
 
-def _residual_with_marks(found, problem):
-    """Return the equations of which `implicit_root` takes the derivative, [2 n].
+_FORCES = "end_forces"
 
-    They are the residual after a step, then the marks, which are zero at the root. `found` are the
-    step and the marks, [2 n]; `problem` are the split arguments of `attach_derivative_with_marks`.
+
+def _residual_and_results(found, problem, names):
+    """Return the equations of which `implicit_root` takes the derivative, and results of elements.
+
+    Args:
+        found: step of the unknowns and marks, [2 n].
+        problem: the split arguments of `attach_derivative_with_marks`.
+        names: names of the results, beside the end forces.
+
+    Returns:
+        The residual after the step, then the marks, which are zero at the root, [2 n]; the results
+        there.
     """
     system, x, *_ = merge_indices(*problem)
-    residual, numbers, _ = system.local_residual(system.with_support_rotations(x))
-    return jnp.concatenate([residual(found[: numbers.size]), found[numbers.size :]])
+    step, marks = jnp.split(found, 2)
+    begin = system.impose_supports(system.with_support_rotations(x))
+    residual, results = system.after_step(begin, step, *names)
+    return jnp.concatenate([residual, marks]), results
 
 
-def _solve_linearized(problem, linearized, rhs):
-    """Return the solution [2 n] of the linear map `linearized` for a right side [2 n].
+def _solve_tangent(problem, _, both):
+    """Return ``K^-1 b`` for the tangent K, and marks, NaN for undefined unknowns, together [2 n].
 
-    The map is the derivative of `_residual_with_marks`, and is solved by a factor of the tangent.
+    `both` are b and the marks on the right side.
     """
-    problem = lax.stop_gradient(problem)
-    pattern = merge_indices(*problem)[0].dof_map.pattern
-    if pattern is None or (pattern.solver.on_device and not pattern.solver.fused):
-        factor = _factorize_tangent(problem)  # one factor for forward and adjoint solves
-
-        def answered(_, b):
-            return factor.solve_with_marks(b)
-
-        def adjoint(_, b):
-            return factor.solve_adjoint(b)
-    else:
-        answered, adjoint = _solve_tangent, _solve_adjoint
-
-    def forward(_, both):
-        b, mark = jnp.split(both, 2)
-        answer, unknown = answered(problem, b)
-        return jnp.concatenate([answer, jnp.where(unknown, jnp.nan, mark)])
-
-    def backward(_, both):
-        b, mark = jnp.split(both, 2)
-        return jnp.concatenate([adjoint(problem, b), mark])
-
-    return lax.custom_linear_solve(linearized, rhs, solve=forward, transpose_solve=backward)
+    b, mark = jnp.split(both, 2)
+    answer, unknown = _factorize_tangent(problem).solve_with_marks(b)
+    return jnp.concatenate([answer, jnp.where(unknown, jnp.nan, mark)])
 
 
-def _solve_tangent(problem, b):
-    """Return ``K^-1 b``, [n], for the tangent K, and a mask of undefined unknowns, [n]."""
-    return _factorize_tangent(problem).solve_with_marks(b)
-
-
-def _solve_adjoint(problem, b):
-    """Return ``K^-T b``, [n], for the tangent K; nothing is assembled where b is zero."""
-    return lax.cond(
+def _solve_adjoint(problem, _, both):
+    """Return ``K^-T b`` and marks, together [2 n]; nothing is assembled where b is zero."""
+    b, mark = jnp.split(both, 2)
+    answer = lax.cond(
         jnp.any(b != 0), lambda b: _factorize_tangent(problem).solve_adjoint(b), jnp.zeros_like, b
     )
+    return jnp.concatenate([answer, mark])
 
 
 def _factorize_tangent(problem):
     """Return the factor of the tangent stiffness of `problem`; of NaN where it is not smooth."""
-    system, x, valid, *known = merge_indices(*problem)
+    system, x, valid, *known = merge_indices(*lax.stop_gradient(problem))
     matrix = linear.identity_unless(system.tangent(x), valid)
     matrix = linear.nan_unless(matrix, ~(system.is_at_kink(x) & valid))
     loose = system.nodes_without_stiffness(x)[system.dof_map.row_of_unknown] & valid
@@ -199,7 +202,7 @@ def nan_unless_probed(ok: Bool[ArrayLike, ""], tree: Tree, probe: Float[Array, "
     """Return `tree` if `ok`, else NaN with NaN derivatives by all that a probe depends on.
 
     Args:
-        ok: whether the values are valid, scalar bool.
+        ok: whether the values are valid, bool, a scalar or for each entry along the first axis.
         tree: the values.
         probe: ``gradient_probe(parameters)``, which is cheaper if it is computed outside of loops.
     """
@@ -243,12 +246,13 @@ def _identity_or_nan(ok, x, probe):
         return v
 
     def forward(_, b):
-        return jax.tree.map(lambda x: jnp.where(ok, x, jnp.nan), b)
+        x, probe = b
+        return jnp.where(ok, x, jnp.nan), jnp.where(jnp.all(ok), probe, jnp.nan)
 
     def backward(_, b):
         x, probe = b
-        wanted = jnp.any(x != 0)
-        return jnp.where(ok | (x == 0), x, jnp.nan), jnp.where(ok | ~wanted, probe, jnp.nan)
+        kept = ok | (x == 0)
+        return jnp.where(kept, x, jnp.nan), jnp.where(jnp.all(kept), probe, jnp.nan)
 
     def beside(x, other):
         """`x`, made differentiable wherever `other` is (jax 0.10 wants both or none)."""
@@ -256,6 +260,7 @@ def _identity_or_nan(ok, x, probe):
 
     if not x.size:
         return x
+    ok = jnp.reshape(ok, (-1, *(1,) * (x.ndim - 1))) if jnp.ndim(ok) else ok
     probe = probe.astype(x.dtype)
     both = beside(x, probe), beside(probe, x.ravel()[0])
     return beside(*lax.custom_linear_solve(identity, both, forward, backward))

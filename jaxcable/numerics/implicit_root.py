@@ -1,5 +1,9 @@
 """Implicit roots: a known root with the derivative of its equation, as a primitive of jax.
 
+Beside the root, further quantities can be known that depend on it and on the parameters, such as
+the results of elements at an equilibrium. One function then returns the residual and these
+quantities, and is linearized once for the derivatives of all.
+
 `lax.custom_root` is a custom rule. jax 0.10 drops custom rules when it takes a reverse-mode
 derivative of a `lax.scan`, and derivatives of this derivative are then silently zero (jax 0.12 does
 not). Primitives are not dropped.
@@ -7,61 +11,96 @@ not). Primitives are not dropped.
 The parameters of the equation are arguments of the primitive, so that the equation is traced only
 if a derivative is taken. The derivative is a primitive, too, so that reverse mode stores the
 parameters and no intermediate results of the linearization (except in batches of changes, where the
-derivative is traced).
+derivative is traced). Its linear systems are implicit roots again: what their derivatives need is
+traced for second derivatives only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
-from jax.flatten_util import ravel_pytree
 
 from ..common import jax_internals as internals
 from ..common.compilation import without_garbage_collection
 from ..common.types import Array, Float, PyTree
 
 Tree = TypeVar("Tree")
+Vector: TypeAlias = 'Float[Array, "*n"]'
+
+
+class TangentSolver(NamedTuple):
+    """How to solve with the derivative ``f_x`` of an equation ``f(x, p) = 0`` at its root.
+
+    Both are functions of the parameters p, of a linear function of x, and of a right side.
+
+    Attributes:
+        forward: solves with ``f_x``, the linear function.
+        adjoint: solves with its transpose, the linear function.
+    """
+
+    forward: Callable[..., Vector]
+    adjoint: Callable[..., Vector]
 
 
 def implicit_root(
-    function: Callable[[Float[Array, "*n"], PyTree[Any]], Float[Array, "*n"]],
-    root: Float[Array, "*n"],
+    function: Callable[[Vector, PyTree[Any]], Any],
+    root: Vector,
     parameters: PyTree[Any],
-    tangent_solve: Callable[..., Float[Array, "*n"]] | None,
-) -> Float[Array, "*n"]:
+    solver: TangentSolver | None,
+    outputs: Tree | None = None,
+) -> Any:
     """Return the known root x of ``f(x, p) = 0``, with its derivatives by p, of any order.
 
     The implicit function theorem gives ``dx = -f_x^-1 f_p dp``. f is traced only if a derivative is
     taken (where jax has no primitives to define, always).
 
     Args:
-        function: ``f(x, p)``, an array like `x`; it depends on no other traced values.
-        root: x, an array; the derivative of this argument is ignored.
+        function: ``f(x, p)``, an array like `x`; it depends on no other traced values. With
+            `outputs` it returns a pair: f, and a pytree like these.
+        root: x, an array, which may have no entries; the derivative of this argument is ignored.
         parameters: p, a pytree.
-        tangent_solve: function of p, of ``f_x`` as a linear function and of a right side, which
-            returns ``f_x^-1`` times the right side; None if ``f_x`` is the identity.
+        solver: `TangentSolver`; None if the root has no entries.
+        outputs: known quantities ``y = g(x, p)``, a pytree of floats; the derivatives of this
+            argument are ignored. None: there are none.
+
+    Returns:
+        The root; with `outputs`, the pair of root and outputs.
     """
     if _ROOT is None or _ROOT_TANGENT is None:
         internals.warn_missing_feature("primitives")
-        return _implicit_root_by_custom_root(function, root, parameters, tangent_solve)
+        return _implicit_root_by_custom_root(function, root, parameters, solver, outputs)
     leaves, tree = jax.tree.flatten(parameters)
+    shape: Any
+    known, shape = jax.tree.flatten(outputs)
 
     def equation(x, *leaves):
-        return function(x, tree.unflatten(leaves))
+        found = function(x, tree.unflatten(leaves))
+        residual, further = (found, None) if outputs is None else found
+        return [residual, *jax.tree.leaves(further)]
 
-    def solver(x, rhs, *leaves):
-        if tangent_solve is None:
-            return rhs
-        _, linear = jax.linearize(lambda x: equation(x, *leaves), x)
-        return tangent_solve(tree.unflatten(leaves), linear, rhs)
+    def forward(x, rhs, *leaves):
+        by = partial(_product, equation)
+        return solver.forward(tree.unflatten(leaves), lambda change: by(change, x, *leaves), rhs)
 
-    arrays = map(jnp.asarray, leaves)
-    return _ROOT.bind(lax.stop_gradient(root), *arrays, equation=equation, solver=solver)
+    def adjoint(x, rhs, *leaves):
+        by = partial(_transposed_product, equation)
+        return solver.adjoint(tree.unflatten(leaves), lambda force: by(force, x, *leaves), rhs)
+
+    arrays = [lax.stop_gradient(jnp.asarray(x)) for x in (root, *known)]
+    found, *known = _ROOT.bind(
+        *arrays,
+        *map(jnp.asarray, leaves),
+        count=len(arrays),
+        equation=equation,
+        solver=TangentSolver(forward, adjoint),
+    )
+    return found if outputs is None else (found, shape.unflatten(known))
 
 
 def with_deferred_derivative(
@@ -70,70 +109,140 @@ def with_deferred_derivative(
     """Return known values of a function, which is traced only if their derivative is taken.
 
     Args:
-        function: function of the parameters, which returns a pytree of floats of one dtype; it
-            depends on no other traced values.
+        function: function of the parameters, which returns a pytree of floats; it depends on no
+            other traced values.
         values: ``function(parameters)``; the derivatives of this argument are ignored.
         parameters: a pytree.
     """
-    flat, back = ravel_pytree(values)
-    return back(
-        implicit_root(lambda x, p: x - ravel_pytree(function(p))[0], flat, parameters, None)
-    )
+    return implicit_root(lambda x, p: (x, function(p)), jnp.zeros(0), parameters, None, values)[1]
 
 
-def _implicit_root_by_custom_root(function, root, parameters, tangent_solve):
+def _implicit_root_by_custom_root(function, root, parameters, solver, outputs):
     """Return a root with implicit derivatives by `lax.custom_root`, if jax has no primitives."""
-
-    def solver(linear, rhs):
-        return rhs if tangent_solve is None else tangent_solve(parameters, linear, rhs)
-
     root = lax.stop_gradient(root)
-    return lax.custom_root(lambda x: function(x, parameters), root, lambda _, x: x, solver)
+
+    def residual(x):
+        found = function(x, parameters)
+        return found if outputs is None else found[0]
+
+    def solve(linear, rhs):
+        return lax.custom_linear_solve(
+            linear,
+            rhs,
+            lambda linear, rhs: solver.forward(parameters, linear, rhs),
+            lambda linear, rhs: solver.adjoint(parameters, linear, rhs),
+        )
+
+    if root.size:
+        root = lax.custom_root(residual, root, lambda _, x: x, solve)
+    return root if outputs is None else (root, function(root, parameters)[1])
 
 
-def _evaluate_root(root, *leaves, equation, solver):
-    """Return the root, the first argument: value, and shape rule, of the primitive `_ROOT`."""
-    return root
+def _known_values(*arrays, count, equation, solver):
+    """Return root and outputs, the first arguments: value, and shape rule, of `_ROOT`."""
+    return list(arrays[:count])
 
 
-def _root_jvp(primals, tangents, *, equation, solver):
-    """Forward derivative of `_ROOT`: return the root, and its tangent by `_ROOT_TANGENT`."""
-    _, *leaves = primals
-    found = _ROOT.bind(*primals, equation=equation, solver=solver)
-    pairs = enumerate(zip(leaves, tangents[1:], strict=True))
+def _root_jvp(primals, tangents, *, count, **given):
+    """Forward derivative of `_ROOT`: root and outputs, and their tangents by `_ROOT_TANGENT`."""
+    found = _ROOT.bind(*primals, count=count, **given)
+    pairs = enumerate(zip(primals[count:], tangents[count:], strict=True))
     changes = {
         k: change
         for k, (x, change) in pairs
         if jnp.issubdtype(x.dtype, jnp.inexact) and not internals.is_zero_tangent(change)
     }
     if not changes:
-        return found, internals.zero_tangent(found)
-    given = {"equation": equation, "solver": solver, "moving": tuple(changes)}
-    return found, _ROOT_TANGENT.bind(found, *leaves, *changes.values(), **given)
+        return found, [internals.zero_tangent(x) for x in found]
+    given |= {"count": count, "moving": tuple(changes)}
+    return found, _ROOT_TANGENT.bind(*found, *primals[count:], *changes.values(), **given)
 
 
-def _root_tangent(found, *leaves_and_changes, equation, solver, moving):
-    """Return the tangent of a root, ``-f_x^-1 f_p dp``: the value of the primitive `_ROOT_TANGENT`.
+class _Linearization(NamedTuple):
+    """A root with outputs and parameters, about which it is to be differentiated.
 
-    `found` is the root; `leaves_and_changes` are all parameters, then the tangents dp of those with
-    the indices `moving`; `equation` is f, and `solver` solves with ``f_x``.
+    Attributes:
+        root: x.
+        leaves: the parameters, of which those with the indices `moving` change.
+        moving: these indices.
+        equation: function of x and the leaves to a list of residual and outputs.
+        solver: pair of functions of x, a right side and the leaves.
     """
-    count = len(leaves_and_changes) - len(moving)
-    leaves, changes = leaves_and_changes[:count], leaves_and_changes[count:]
 
-    def residual(*some):
-        at = list(leaves)
-        for k, x in zip(moving, some, strict=True):
-            at[k] = x
-        return equation(found, *at)
+    root: Vector
+    leaves: Sequence[Array]
+    moving: tuple[int, ...]
+    equation: Callable[..., list[Array]]
+    solver: TangentSolver
 
-    rhs = jax.jvp(residual, [leaves[k] for k in moving], list(changes))[1]
-    return -solver(found, rhs, *leaves)
+    @classmethod
+    def of(cls, arrays, count, moving, equation, solver):
+        """Return it, and what is behind it in the arguments of `_ROOT_TANGENT`: the changes."""
+        last = len(arrays) - len(moving)
+        return cls(arrays[0], arrays[count:last], moving, equation, solver), arrays[last:]
+
+    def at(self, wanted):
+        """Return residual and the outputs `wanted` as a function, and its arguments here."""
+
+        def function(x, *some):
+            leaves = list(self.leaves)
+            for k, value in zip(self.moving, some, strict=True):
+                leaves[k] = value
+            residual, *outputs = self.equation(x, *leaves)
+            return [residual, *(outputs[k] for k in wanted)]
+
+        return function, (self.root, *(self.leaves[k] for k in self.moving))
+
+    def solve(self, rhs, adjoint):
+        """Solve with the tangent or its transpose; the solution depends on root and leaves, too."""
+        if not rhs.size:
+            return rhs
+        product = _transposed_product if adjoint else _product
+        solvers = [
+            lambda p, _, b, own=own: own(p[1], b, *p[2:])
+            for own in (reversed(self.solver) if adjoint else self.solver)
+        ]
+        equation = self.equation
+        parameters = rhs, self.root, *self.leaves
+        answer = solvers[0](lax.stop_gradient(parameters), None, lax.stop_gradient(rhs))
+        return implicit_root(
+            lambda y, p: product(equation, y, *p[1:]) - p[0],
+            answer,
+            parameters,
+            TangentSolver(*solvers),
+        )
 
 
-def _root_tangent_shape(found, *_, **__):
-    """Return shape and dtype of the tangent of a root: those of the root."""
-    return found
+def _product(equation, change, x, *leaves):
+    """Return the product of the tangent, the derivative of the residual by x, with a change."""
+    return jax.jvp(lambda x: equation(x, *leaves)[0], (x,), (change,))[1]
+
+
+def _transposed_product(equation, force, x, *leaves):
+    """Return the product of the transposed tangent with a force."""
+    return jax.vjp(lambda x: equation(x, *leaves)[0], x)[1](force)[0]
+
+
+def _root_tangent(*arrays, count, **given):
+    """Return the tangents of root and outputs: the value of the primitive `_ROOT_TANGENT`.
+
+    The arguments are root, outputs, all parameters, and the tangents of those that are moving. The
+    root changes by ``-f_x^-1 f_p dp``.
+    """
+    here, changes = _Linearization.of(arrays, count, **given)
+    function, at = here.at(range(count - 1))
+    if count == 1:
+        rhs = jax.jvp(partial(function, here.root), at[1:], tuple(changes))[1][0]
+        return [-here.solve(rhs, adjoint=False)]
+    _, linear = jax.linearize(function, *at)
+    rhs = linear(jnp.zeros_like(here.root), *changes)[0]
+    change = -here.solve(rhs, adjoint=False)
+    return [change, *linear(change, *changes)[1:]]
+
+
+def _root_tangent_shapes(*arrays, count, **_):
+    """Return shapes and dtypes of the tangents: those of root and outputs."""
+    return list(arrays[:count])
 
 
 def _root_tangent_jvp(primals, tangents, *, moving, **given):
@@ -160,50 +269,77 @@ def _root_tangent_jvp(primals, tangents, *, moving, **given):
 
 
 @without_garbage_collection()
-def _root_tangent_transpose(back, *arguments, moving, **given):
-    """Transpose rule of `_ROOT_TANGENT`: return cotangents of parameters, by an adjoint solve."""
-    count = len(arguments) - len(moving)
-    if internals.is_zero_tangent(back):
-        return [None] * len(arguments)
-    known, changes = arguments[:count], arguments[count:]
-    evaluate = partial(_root_tangent, *known, moving=moving, **given)
-    pulled = jax.linear_transpose(evaluate, *(c.aval for c in changes))(back)
-    return [None] * count + list(pulled)
+def _root_tangent_transpose(cotangents, *arrays, count, **given):
+    """Transpose rule of `_ROOT_TANGENT`: return cotangents of parameters, by an adjoint solve.
+
+    With outputs, their cotangents first add to that of the root; then one product with the
+    transposed derivative gives those of the parameters.
+    """
+    here, changes = _Linearization.of(arrays, count, **given)
+    back, *further = cotangents
+    wanted = [k for k, x in enumerate(further) if not internals.is_zero_tangent(x)]
+    if not wanted and internals.is_zero_tangent(back):
+        return [None] * len(arrays)
+    back, further = internals.instantiate_tangent(back), [further[k] for k in wanted]
+    function, (root, *some) = here.at(wanted)
+    if not wanted:
+        force = -here.solve(back, adjoint=True)
+        pulled = jax.vjp(partial(function, root), *some)[1]([force])
+        return [None] * (len(arrays) - len(changes)) + list(pulled)
+    _, pull = jax.vjp(function, root, *some)
+
+    # The same product twice, in a loop so that it is compiled once: first of the outputs alone, for
+    # the right side of the adjoint system, then of residual and outputs.
+    def step(carried, is_first):
+        force, _ = carried
+        of_root, *pulled = pull([force, *further])
+        solved = lax.cond(
+            is_first, lambda b: -here.solve(b, adjoint=True), jnp.zeros_like, back + of_root
+        )
+        return (force + solved, pulled), None
+
+    start = jnp.zeros_like(back), [jnp.zeros_like(x) for x in some]
+    (_, pulled), _ = lax.scan(step, start, np.array([True, False]))
+    return [None] * (len(arrays) - len(changes)) + list(pulled)
 
 
-def _root_tangent_batch_rule(arguments, axes, **given):
+def _root_tangent_batch_rule(arrays, axes, **given):
     """Rule for `jax.vmap` of `_ROOT_TANGENT`: trace `_root_tangent` for a batch."""
-    return jax.vmap(partial(_root_tangent, **given), axes)(*arguments), 0
+    found = jax.vmap(partial(_root_tangent, **given), axes)(*arrays)
+    return found, [0] * len(found)
 
 
-def _root_batch_rule(arguments, axes, *, equation, solver):
+def _root_batch_rule(arrays, axes, *, count, equation, solver):
     """Rule for `jax.vmap` of `_ROOT`: the primitive again, with equation and solver mapped."""
-    size = next(x.shape[a] for x, a in zip(arguments, axes, strict=True) if a is not None)
-    arguments = [
-        x if a is None else jnp.moveaxis(x, a, 0) for x, a in zip(arguments, axes, strict=True)
+    size = next(x.shape[a] for x, a in zip(arrays, axes, strict=True) if a is not None)
+    arrays = [x if a is None else jnp.moveaxis(x, a, 0) for x, a in zip(arrays, axes, strict=True)]
+    known = [
+        jnp.broadcast_to(x, (size, *x.shape)) if a is None else x
+        for x, a in zip(arrays[:count], axes[:count], strict=True)
     ]
-    leaf_axes = [None if a is None else 0 for a in axes[1:]]
-    root, *leaves = arguments
-    if axes[0] is None:
-        root = jnp.broadcast_to(root, (size, *root.shape))
+    leaf_axes = [None if a is None else 0 for a in axes[count:]]
     found = _ROOT.bind(
-        root,
-        *leaves,
+        *known,
+        *arrays[count:],
+        count=count,
         equation=jax.vmap(equation, (0, *leaf_axes), axis_size=size),
-        solver=jax.vmap(solver, (0, 0, *leaf_axes), axis_size=size),
+        solver=TangentSolver(
+            *(jax.vmap(solve, (0, 0, *leaf_axes), axis_size=size) for solve in solver)
+        ),
     )
-    return found, 0
+    return found, [0] * count
 
 
 _ROOT = internals.define_primitive(
-    "rooted", _evaluate_root, _evaluate_root, _root_jvp, _root_batch_rule
+    "rooted", _known_values, _known_values, _root_jvp, _root_batch_rule, multiple_results=True
 )
-# derivative of a root, linear in the changes of parameters
+# derivative of a root and its outputs, linear in the changes of parameters
 _ROOT_TANGENT = internals.define_primitive(
     "root_change",
     _root_tangent,
-    _root_tangent_shape,
+    _root_tangent_shapes,
     _root_tangent_jvp,
     _root_tangent_batch_rule,
     _root_tangent_transpose,
+    multiple_results=True,
 )

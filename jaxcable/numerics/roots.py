@@ -10,7 +10,7 @@ from jax import lax
 
 from ..common import jax_internals as internals
 from ..common.types import Array, Float
-from .implicit_root import implicit_root
+from .implicit_root import TangentSolver, implicit_root
 
 _MAX_STEPS = 120  # enough for bisection alone to halve any bracket of floats to its last digit
 
@@ -68,4 +68,8 @@ def bracketed_root(
     low, high, guess = (lax.stop_gradient(v) for v in (low, high, guess))
     given, parameters = internals.convert_closure(function, guess)
     root = solve(lambda x: given(x, lax.stop_gradient(parameters)), guess)
-    return implicit_root(given, root, parameters, lambda p, g, y: y / g(jnp.ones_like(y)))
+
+    def divide(_, slope, rhs):
+        return rhs / slope(jnp.ones_like(rhs))
+
+    return implicit_root(given, root, parameters, TangentSolver(divide, divide))

@@ -262,7 +262,10 @@ class RotatingNodes(Space):
 
     def conjugate_loads(self, load: Forces, row_step: Forces) -> Forces:
         """Return loads whose moments, fixed in space, are made conjugate to spins of a step."""
-        moment = jax.vmap(conjugate_moment)(row_step[:, 3:], load[:, 3:])
+        spin = row_step[:, 3:]
+        if self.dof_map.inner is not None:  # rows of inner unknowns do not rotate
+            spin = jnp.where(self.dof_map.inner[:, None], 0.0, spin)
+        moment = jax.vmap(conjugate_moment)(spin, load[:, 3:])
         return jnp.concatenate([load[:, :3], moment], axis=1)
 
     def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax import lax
 
-from jaxcable.numerics.implicit_root import implicit_root
+from jaxcable.numerics.implicit_root import TangentSolver, implicit_root
 from jaxcable.numerics.roots import bracketed_root
 
 AT, ALONG = jnp.array([1.0, 2.0]), jnp.array([0.3, 0.7])
@@ -18,7 +18,10 @@ def solve(_, linearized, rhs):
     return rhs / linearized(jnp.ones_like(rhs))
 
 
-def by_jax(residual, x, p, solve):
+SOLVER = TangentSolver(solve, solve)
+
+
+def by_jax(residual, x, p, _):
     return lax.custom_root(
         lambda x: residual(x, p), lax.stop_gradient(x), lambda f, x: x, lambda *at: solve(p, *at)
     )
@@ -35,7 +38,7 @@ def chain(p, scan=True, attach=implicit_root):
 
     def step(x, load):
         q = 0.5 * x + p * load
-        y = attach(lambda y, q: y**3 + y - q, cubic(lax.stop_gradient(q)), q, solve)
+        y = attach(lambda y, q: y**3 + y - q, cubic(lax.stop_gradient(q)), q, SOLVER)
         return y, y
 
     if scan:
@@ -119,7 +122,7 @@ def test_an_equation_is_traced_only_for_derivatives():
         return x * x - p
 
     def square_root(p):
-        return implicit_root(equation, jnp.sqrt(lax.stop_gradient(p)), p, solve)
+        return implicit_root(equation, jnp.sqrt(lax.stop_gradient(p)), p, SOLVER)
 
     jax.make_jaxpr(square_root)(2.0)
     assert not traced
