@@ -221,8 +221,7 @@ def _solve_by_incremental_scheme(ramp, count, given, is_first, report):
         )
     else:
         good = (log[:, 0] == status.OK) & live[1:]
-        seen, _, memory, x = _replay_increments(ramp, factors[1:], xs, good, False)
-        outputs = jax.vmap(lambda one: one.increment_results)(seen)
+        outputs, _, memory, x = _replay_increments(ramp, factors[1:], xs, good, False)
     return ramp, (x, x, None), xs, outputs, log, memory, None, None
 
 
@@ -253,7 +252,8 @@ def _replay_increments(ramp, factors, xs, good, converges):
         converges: whether points are equilibria, which have an implicit derivative.
 
     Returns:
-        `ElementOutput` and points of all increments; history variables and point at the end.
+        `ElementOutput` and points of all increments (only its `increment_results` unless
+        `converges`); history variables and point at the end.
     """
 
     @jax.checkpoint
@@ -269,13 +269,14 @@ def _replay_increments(ramp, factors, xs, good, converges):
             seen = copy_with(seen, by_name=results)
         else:
             seen = evaluate_output(system, x)
+        read = seen if converges else seen.increment_results
         last = jnp.where(ok, x, last)
         memory = ramp.commit_memory(system, x, seen.strains, ok, memory)
-        return (memory, last), (seen, x)
+        return (memory, last), (read, x)
 
     start = ramp.memory, lax.stop_gradient(xs[0])
-    (memory, last), (seen, xs) = lax.scan(step, start, (factors, xs, good))
-    return seen, xs, memory, last
+    (memory, last), (outputs, xs) = lax.scan(step, start, (factors, xs, good))
+    return outputs, xs, memory, last
 
 
 def _replay_to_end(problem):

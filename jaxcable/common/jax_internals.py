@@ -74,6 +74,7 @@ _jaxpr_tools = _import_members(
     "jax.extend.core", "Primitive", "ClosedJaxpr", "jaxpr_as_fun", "Jaxpr"
 )
 _rule_modules = _import_members("jax.interpreters", "ad", "batching", "mlir")
+_unused_result_rules = _import_members("jax.interpreters.partial_eval", "dce_rules")
 
 
 def define_primitive(
@@ -85,6 +86,7 @@ def define_primitive(
     transpose_rule: Callable[..., Any] | None = None,
     lowered: Callable[..., Any] | None = None,
     multiple_results: bool = False,
+    narrow: Callable[..., tuple[Sequence[bool], Sequence[bool], dict[str, Any]]] | None = None,
 ) -> Any:
     """Define a primitive of jax with its rules and return it; None if jax has no way to do so.
 
@@ -97,6 +99,9 @@ def define_primitive(
         transpose_rule: rule for the transpose, if the primitive is linear.
         lowered: the function that is compiled; default `evaluate`.
         multiple_results: whether the primitive returns a list of results.
+        narrow: function of which results are used, a list of bool, of the number of arguments, and
+            of the parameters by name; it returns which results and arguments remain, and the new
+            parameters. None: all remain if any result is used.
     """
     if _jaxpr_tools is None or _rule_modules is None:
         return None
@@ -112,10 +117,29 @@ def define_primitive(
             ad.primitive_transposes[made] = transpose_rule
         lowering = mlir.lower_fun(lowered or evaluate, multiple_results=multiple_results)
         mlir.register_lowering(made, lowering)
+        if narrow is not None and _unused_result_rules is not None:
+            _unused_result_rules[0][made] = functools.partial(_without_unused_results, narrow)
         used = ad.Zero, ad.instantiate_zeros, ad.is_undefined_primal, jax.core.ShapedArray
     except (AttributeError, TypeError):
         return None
     return made if all(used) else None
+
+
+def _without_unused_results(narrow, used, *further):
+    """Rule of a primitive for equations of which some results are not used (jax's `dce_rules`)."""
+    equation = further[-1]  # behind more lists since jax 0.12
+    count = len(equation.invars)
+    if not any(used):
+        return [False] * count, None
+    results, arguments, parameters = narrow(used, count, **equation.params)
+    if all(results):
+        return [True] * count, equation
+    less = equation.replace(
+        invars=[x for x, own in zip(equation.invars, arguments, strict=True) if own],
+        outvars=[x for x, own in zip(equation.outvars, results, strict=True) if own],
+        params=parameters,
+    )
+    return list(arguments), less
 
 
 def is_zero_tangent(tangent: Any) -> bool:

@@ -23,7 +23,6 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from ..common import jax_internals as internals
@@ -143,6 +142,32 @@ def _known_values(*arrays, count, equation, solver):
     return list(arrays[:count])
 
 
+def _narrow_root(used, n_argument, *, count, equation, solver):
+    """Leave out unused outputs, and the arguments with their values: see `define_primitive`."""
+    kept = [True, *used[1:]]
+    arguments = kept + [True] * (n_argument - count)
+    given = {"count": sum(kept), "equation": _select(equation, kept), "solver": solver}
+    return kept, arguments, given
+
+
+def _narrow_root_tangent(used, n_argument, *, shapes, equation, **given):
+    """Leave out the tangents of unused outputs."""
+    kept = [True, *used[1:]]
+    shapes = tuple(shape for shape, own in zip(shapes, kept[1:], strict=True) if own)
+    given |= {"shapes": shapes, "equation": _select(equation, kept)}
+    return kept, [True] * n_argument, given
+
+
+def _select(equation, kept):
+    """Return the equation without those outputs that are not kept."""
+
+    def fewer(x, *leaves):
+        pairs = zip(equation(x, *leaves), kept, strict=True)
+        return [found for found, own in pairs if own]
+
+    return fewer
+
+
 def _root_jvp(primals, tangents, *, count, **given):
     """Forward derivative of `_ROOT`: root and outputs, and their tangents by `_ROOT_TANGENT`."""
     found = _ROOT.bind(*primals, count=count, **given)
@@ -154,8 +179,10 @@ def _root_jvp(primals, tangents, *, count, **given):
     }
     if not changes:
         return found, [internals.zero_tangent(x) for x in found]
-    given |= {"count": count, "moving": tuple(changes)}
-    return found, _ROOT_TANGENT.bind(*found, *primals[count:], *changes.values(), **given)
+    # shapes, not outputs themselves: reverse mode would store them
+    shapes = tuple(jax.ShapeDtypeStruct(x.shape, x.dtype) for x in found[1:])
+    given |= {"shapes": shapes, "moving": tuple(changes)}
+    return found, _ROOT_TANGENT.bind(found[0], *primals[count:], *changes.values(), **given)
 
 
 class _Linearization(NamedTuple):
@@ -176,10 +203,10 @@ class _Linearization(NamedTuple):
     solver: TangentSolver
 
     @classmethod
-    def of(cls, arrays, count, moving, equation, solver):
+    def of(cls, root, *arrays, moving, equation, solver):
         """Return it, and what is behind it in the arguments of `_ROOT_TANGENT`: the changes."""
         last = len(arrays) - len(moving)
-        return cls(arrays[0], arrays[count:last], moving, equation, solver), arrays[last:]
+        return cls(root, arrays[:last], moving, equation, solver), arrays[last:]
 
     def at(self, wanted):
         """Return residual and the outputs `wanted` as a function, and its arguments here."""
@@ -223,26 +250,25 @@ def _transposed_product(equation, force, x, *leaves):
     return jax.vjp(lambda x: equation(x, *leaves)[0], x)[1](force)[0]
 
 
-def _root_tangent(*arrays, count, **given):
+def _root_tangent(*arrays, shapes, **given):
     """Return the tangents of root and outputs: the value of the primitive `_ROOT_TANGENT`.
 
-    The arguments are root, outputs, all parameters, and the tangents of those that are moving. The
-    root changes by ``-f_x^-1 f_p dp``.
+    The arguments are root, all parameters, and the tangents of those that are moving; `shapes` are
+    those of the outputs. The root changes by ``-f_x^-1 f_p dp``.
     """
-    here, changes = _Linearization.of(arrays, count, **given)
-    function, at = here.at(range(count - 1))
-    if count == 1:
+    here, changes = _Linearization.of(*arrays, **given)
+    function, at = here.at(range(len(shapes)))
+    if not shapes:
         rhs = jax.jvp(partial(function, here.root), at[1:], tuple(changes))[1][0]
         return [-here.solve(rhs, adjoint=False)]
-    _, linear = jax.linearize(function, *at)
-    rhs = linear(jnp.zeros_like(here.root), *changes)[0]
-    change = -here.solve(rhs, adjoint=False)
-    return [change, *linear(change, *changes)[1:]]
+    _, product = jax.linearize(function, *at)
+    change = -here.solve(product(jnp.zeros_like(here.root), *changes)[0], adjoint=False)
+    return [change, *product(change, *changes)[1:]]
 
 
-def _root_tangent_shapes(*arrays, count, **_):
+def _root_tangent_shapes(root, *_, shapes, **__):
     """Return shapes and dtypes of the tangents: those of root and outputs."""
-    return list(arrays[:count])
+    return [root, *map(internals.abstract_array, shapes)]
 
 
 def _root_tangent_jvp(primals, tangents, *, moving, **given):
@@ -269,37 +295,23 @@ def _root_tangent_jvp(primals, tangents, *, moving, **given):
 
 
 @without_garbage_collection()
-def _root_tangent_transpose(cotangents, *arrays, count, **given):
+def _root_tangent_transpose(cotangents, *arrays, shapes, **given):
     """Transpose rule of `_ROOT_TANGENT`: return cotangents of parameters, by an adjoint solve.
 
     With outputs, their cotangents first add to that of the root; then one product with the
     transposed derivative gives those of the parameters.
     """
-    here, changes = _Linearization.of(arrays, count, **given)
+    here, changes = _Linearization.of(*arrays, **given)
     back, *further = cotangents
     wanted = [k for k, x in enumerate(further) if not internals.is_zero_tangent(x)]
     if not wanted and internals.is_zero_tangent(back):
         return [None] * len(arrays)
     back, further = internals.instantiate_tangent(back), [further[k] for k in wanted]
     function, (root, *some) = here.at(wanted)
-    if not wanted:
-        force = -here.solve(back, adjoint=True)
-        pulled = jax.vjp(partial(function, root), *some)[1]([force])
-        return [None] * (len(arrays) - len(changes)) + list(pulled)
-    _, pull = jax.vjp(function, root, *some)
-
-    # The same product twice, in a loop so that it is compiled once: first of the outputs alone, for
-    # the right side of the adjoint system, then of residual and outputs.
-    def step(carried, is_first):
-        force, _ = carried
-        of_root, *pulled = pull([force, *further])
-        solved = lax.cond(
-            is_first, lambda b: -here.solve(b, adjoint=True), jnp.zeros_like, back + of_root
-        )
-        return (force + solved, pulled), None
-
-    start = jnp.zeros_like(back), [jnp.zeros_like(x) for x in some]
-    (_, pulled), _ = lax.scan(step, start, np.array([True, False]))
+    if wanted:
+        back = back + jax.vjp(lambda x: function(x, *some)[1:], root)[1](further)[0]
+    force = -here.solve(back, adjoint=True)
+    pulled = jax.vjp(partial(function, root), *some)[1]([force, *further])
     return [None] * (len(arrays) - len(changes)) + list(pulled)
 
 
@@ -331,7 +343,13 @@ def _root_batch_rule(arrays, axes, *, count, equation, solver):
 
 
 _ROOT = internals.define_primitive(
-    "rooted", _known_values, _known_values, _root_jvp, _root_batch_rule, multiple_results=True
+    "rooted",
+    _known_values,
+    _known_values,
+    _root_jvp,
+    _root_batch_rule,
+    multiple_results=True,
+    narrow=_narrow_root,
 )
 # derivative of a root and its outputs, linear in the changes of parameters
 _ROOT_TANGENT = internals.define_primitive(
@@ -342,4 +360,5 @@ _ROOT_TANGENT = internals.define_primitive(
     _root_tangent_batch_rule,
     _root_tangent_transpose,
     multiple_results=True,
+    narrow=_narrow_root_tangent,
 )
