@@ -102,8 +102,10 @@ def pad_analysis(
         padded[group.links.number] = _repeat_last(own, size)
     pairs = list(zip(groups, sizes.elements, strict=True))
     inner = tuple((group.n_freedom, group.inner_unknowns) for group in groups)
+    numbers, tree = jax.tree.flatten(schedule.dof_map)  # known by content
+    by_content = tree, tuple(map(Indices, numbers)), tuple(map(Indices, links))
     dof_map = copy_with(
-        _pad_dof_map(schedule.dof_map, tuple(map(Indices, links)), inner, space_of(groups), sizes),
+        _pad_dof_map(*by_content, inner, space_of(groups), sizes),
         mean_lengths=_mean_lengths(groups, links, np.asarray(nodes)),
     )
     parts = (
@@ -333,7 +335,8 @@ def _load_on_bundles(stack, bundles):
 
 @functools.lru_cache(maxsize=16)
 def _pad_dof_map(
-    dof_map: DofMap,
+    tree: Any,
+    arrays: tuple[Indices, ...],
     links: tuple[Indices, ...],
     inner: tuple[tuple[int, tuple[tuple[int, int], ...]], ...],
     space: type[Space],
@@ -341,9 +344,10 @@ def _pad_dof_map(
 ) -> DofMap:
     """Return a `DofMap` with padded rows and unknowns, which are held; cached.
 
-    `links` are those of all bundles; `inner` has (degrees of freedom of an end, inner unknowns) of
-    each; `space` is the class of the space.
+    `tree` and `arrays` are those of the `DofMap`; `links` are those of all bundles; `inner` has
+    (degrees of freedom of an end, inner unknowns) of each; `space` is the class of the space.
     """
+    dof_map: DofMap = tree.unflatten([own.array for own in arrays])
     rows, unknowns = sizes.rows, sizes.unknowns
     number, count = np.asarray(dof_map.unknown_of_dof), len(dof_map.free)
     number = np.where(number == count, unknowns, number).astype(np.uint32)

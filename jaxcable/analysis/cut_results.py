@@ -23,18 +23,16 @@ _FIELDS_OF_NODES = (
 )
 
 
-def cut_results(
-    found: tuple[Solution, ConvergedPoints], arguments: tuple[Any, ...], bundles: Bundles
-) -> tuple[Solution, ConvergedPoints]:
+def cut_results(solution: Solution, arguments: tuple[Any, ...], bundles: Bundles) -> Solution:
     """Cut the results of a padded analysis to the sizes of the one that was padded.
 
     Args:
-        found: what `phase_loop.analyse` returns for the padded analysis.
+        solution: `Solution` of `phase_loop.analyse` for the padded analysis.
         arguments: the arguments of `phase_loop.analyse` before they were padded.
         bundles: bundles of the analysis that was padded.
     """
     tree: Any
-    leaves, tree = jax.tree.flatten(found)
+    leaves, tree = jax.tree.flatten(solution)
     on_host = [np.asarray(own) for own in leaves]
     cut, tree = jax.tree.flatten(cut_on_host(tree.unflatten(on_host), arguments, bundles))
     whole = {id(host): own for host, own in zip(on_host, leaves, strict=True)}
@@ -45,16 +43,13 @@ def cut_results(
     return tree.unflatten([whole[id(x)] for x in cut])
 
 
-def cut_on_host(
-    found: tuple[Solution, ConvergedPoints], arguments: tuple[Any, ...], bundles: Bundles
-) -> tuple[Solution, ConvergedPoints]:
+def cut_on_host(solution: Solution, arguments: tuple[Any, ...], bundles: Bundles) -> Solution:
     """Do as `cut_results` does with arrays of NumPy."""
-    solution, points = found
     nodes, _, restart, schedule = arguments[0]
     most, n_row, n_phase = max(schedule.increments), len(nodes), len(schedule)
-    ends, paths, log, points = jax.tree.map(
+    ends, paths, log = jax.tree.map(
         lambda x: _first(x, n_phase),
-        (solution.phases.ends, solution.phases.paths, solution.phases.log, points),
+        (solution.phases.ends, solution.phases.paths, solution.phases.log),
     )
     ends = _cut(ends, schedule, bundles, 1)
     paths = jax.tree.map(lambda x: _first(x, most, 1), paths)
@@ -76,12 +71,27 @@ def cut_on_host(
         solution = copy_with(solution, **result_fields(last))
     else:
         solution = _cut(solution, schedule, bundles, 0)
-    solution = copy_with(solution, phases=phases, last=last)
-    if points is not None:
-        kept = min(points.motions.shape[1], most)
-        motions = _first(_first(points.motions, n_row, 2), kept, 1)
-        points = ConvergedPoints(motions, _first(points.codes, most, 1))
-    return solution, points
+    return copy_with(solution, phases=phases, last=last)
+
+
+def cut_points(
+    points: ConvergedPoints | None, arguments: tuple[Any, ...]
+) -> ConvergedPoints | None:
+    """Return the `ConvergedPoints` of a padded analysis in its exact sizes; others as they are.
+
+    Args:
+        points: `ConvergedPoints`, traced or not; None for none.
+        arguments: as for `cut_results`.
+    """
+    if points is None:
+        return None
+    nodes, *_, schedule = arguments[0]
+    most, n_row, n_phase = max(schedule.increments), len(nodes), len(schedule)
+    motions, codes = (
+        _first(x if isinstance(x, jax.core.Tracer) else np.asarray(x), n_phase) for x in points
+    )
+    motions = _first(_first(motions, n_row, 2), min(motions.shape[1], most), 1)
+    return ConvergedPoints(motions, _first(codes, most, 1))
 
 
 def _cut(part, schedule: Schedule, bundles, axis):

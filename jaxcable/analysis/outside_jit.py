@@ -13,7 +13,7 @@ import jax
 import numpy as np
 
 from ..common import status
-from ..common.compilation import is_top_level_call, on_forget_programs
+from ..common.compilation import is_top_level_call, on_forget_programs, program_settings
 from ..common.program_store import argument_signature
 from ..common.split_programs import ProgramCall, call_apart
 from ..common.tree import copy_with, set_fields
@@ -24,6 +24,9 @@ from .phase_loop import analyse
 
 _fell_back: set[Any] = set()  # analyses that have needed fallbacks, by tree and shapes
 on_forget_programs(_fell_back.clear)
+
+_MOST_SHAPES = 256
+_result_shapes_by_key: dict[Any, Any] = {}  # shapes of results of padded analyses
 
 
 def analyse_by_known_programs(
@@ -41,7 +44,7 @@ def analyse_by_known_programs(
         exact_sizes: whether not to pad the arrays to `common_sizes`.
 
     Returns:
-        `Solution` and `ConvergedPoints`, as `analyse`.
+        `Solution` and `ConvergedPoints`, as `analyse`; points are those of the padded analysis.
     """
     given = {"differentiate_path": differentiate_path, "listen": listen}
     if not is_top_level_call(jax.tree.leaves(arguments)):
@@ -50,7 +53,11 @@ def analyse_by_known_programs(
     padded = None if exact else pad_analysis(task, arguments, listen is not None)
     larger, bundles, size = _sized(task, arguments, padded)
     found = _analyse(task, larger, {**given, "bundles": bundles, "size": size})
-    return found if padded is None else cut_results(found, arguments, task.bundles)
+    if padded is None:
+        return found
+    _note_result_shapes(larger, bundles, found)
+    solution, points = found
+    return cut_results(solution, arguments, task.bundles), points
 
 
 def _sized(task, arguments, padded):
@@ -95,6 +102,43 @@ def compile_analysis(arguments, bundles, size, with_fallbacks):
     jax.block_until_ready(analyse(*arguments, **given))
 
 
+def padded_result_shapes(task, padded, listen=None):
+    """Return the shapes of what `analyse` returns for a padded analysis, `padded`.
+
+    They are known if such an analysis has run; else its program is compiled.
+    """
+    larger, bundles, sizes = padded
+    known = _result_shapes_by_key.get(_shape_key(larger, bundles))
+    if known is not None:
+        return known
+    if task.may_go_without_fallbacks and listen is None:
+        larger = _without_fallbacks(*larger)
+    given = {"differentiate_path": False, "listen": listen, "bundles": bundles}
+    return analyse.result_shapes(*larger, **given, size=sizes.unknowns)
+
+
+def _note_result_shapes(arguments, bundles, found):
+    """Note the shapes of what an analysis returns, for its derivatives."""
+    key = _shape_key(arguments, bundles)
+    if key not in _result_shapes_by_key:
+        shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), found)
+        _result_shapes_by_key[key] = shapes
+        while len(_result_shapes_by_key) > _MOST_SHAPES:
+            _result_shapes_by_key.pop(next(iter(_result_shapes_by_key)))
+
+
+def _shape_key(arguments, bundles):
+    """Return what the shapes of results depend on."""
+    leaves, tree = jax.tree.flatten(arguments)
+    return tree, bundles, tuple(map(np.shape, leaves)), program_settings()
+
+
+def without_numbers(task):
+    """Return a `PreparedAnalysis` without arrays: hashable, with what programs depend on."""
+    nothing = dict.fromkeys(("without_indices", "arrays", "method", "code", "loads"))
+    return task._replace(**nothing, fixed=())
+
+
 def analyse_apart(task, arguments, listen=None):
     """Run a `PreparedAnalysis` in a function that is split, by the programs that plain `solve` has.
 
@@ -104,8 +148,7 @@ def analyse_apart(task, arguments, listen=None):
     Returns:
         `Solution` and `ConvergedPoints`, traced, without derivatives.
     """
-    # keep nothing that is traced
-    task = task._replace(without_indices=None, arrays=None, method=None, code=None, loads=None)
+    task = without_numbers(task)  # keep nothing that is traced
 
     def run(*arguments, axes):  # of a batch: there is none
         consistent = arguments[0][-1].is_consistent
@@ -130,16 +173,16 @@ def _result_shapes(task, arguments, listen):
 
     arguments = jax.tree.map(zeros, arguments)
     padded = pad_analysis(task, arguments, listen is not None)
-    larger, bundles, size = _sized(task, arguments, padded)
-    if task.may_go_without_fallbacks and listen is None:
-        larger = _without_fallbacks(*larger)
-    given = {"differentiate_path": False, "listen": listen, "bundles": bundles, "size": size}
-    found = analyse.result_shapes(*larger, **given)
     if padded is None:
-        return found
-    found = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), found)
-    cut = cut_on_host(found, arguments, task.bundles)
-    return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), cut)
+        larger = arguments
+        if task.may_go_without_fallbacks and listen is None:
+            larger = _without_fallbacks(*larger)
+        given = {"differentiate_path": False, "listen": listen, "bundles": task.bundles}
+        return analyse.result_shapes(*larger, **given, size=task.n_unknown)
+    solution, points = padded_result_shapes(task, padded, listen)
+    solution = jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), solution)
+    cut = cut_on_host(solution, arguments, task.bundles)
+    return jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), cut), points
 
 
 def without_consistency(arguments):

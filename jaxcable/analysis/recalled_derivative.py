@@ -21,18 +21,17 @@ import numpy as np
 from jax import lax
 
 from ..common import jax_internals as internals
-from ..common.compilation import jit_program
+from ..common.compilation import is_top_level_call
 from ..common.split_programs import ProgramCall, call_apart, is_split_here, is_splitting
 from ..common.types import Array, PyTree
-from ..mechanics.bundles import Bundles
+from .derivative_programs import Recalled, run_adjoint, run_change, trace_adjoint, trace_change
 from .one_phase import ConvergedPoints
-from .phase_loop import recall_solution
 from .solution import Solution
 
 
 def can_stay_apart() -> bool:
     """Tell whether an analysis at this place of a function that is split stays apart."""
-    return None not in (_SOLUTION, _CHANGE) and is_split_here()
+    return None not in (_SOLUTION, _CHANGE, _ADJOINT) and is_split_here()
 
 
 def known_numbers(core: PyTree[Any]) -> PyTree[Any] | None:
@@ -40,7 +39,7 @@ def known_numbers(core: PyTree[Any]) -> PyTree[Any] | None:
 
     They are known where a derivative is taken outside of `jit`; else None is returned.
     """
-    if None in (_SOLUTION, _CHANGE) or not internals.is_differentiating():
+    if None in (_SOLUTION, _CHANGE, _ADJOINT) or not internals.is_differentiating():
         return None
     known = without_derivatives(core)
     traced = any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(known))
@@ -57,20 +56,20 @@ def without_derivatives(core: PyTree[Any]) -> PyTree[Any]:
 
 
 def attach_recalled_derivative(
-    solution: Solution, core: PyTree[Any], points: ConvergedPoints, bundles: Bundles, size: int
+    solution: Solution, core: PyTree[Any], points: ConvergedPoints, recalled: Recalled
 ) -> Solution:
     """Return a known solution with its derivatives by the arguments of the analysis.
 
     Args:
         solution: `Solution` of the compiled core.
         core: arguments of the compiled core that are differentiated, of which it was computed.
-        points: `ConvergedPoints` of the solution.
-        bundles, size: as for the compiled core.
+        points: `ConvergedPoints` of the analysis, padded if it was padded.
+        recalled: `Recalled`.
     """
     shape: Any
     values, shape = jax.tree.flatten(solution)
     leaves, tree = jax.tree.flatten(core)
-    settings = _Settings(tree, bundles, size, len(values), len(leaves))
+    settings = _Settings(tree, recalled, len(values), len(leaves))
     # not `jnp.asarray`: each shape would be compiled while derivatives are taken
     arrays = [x if hasattr(x, "dtype") else np.asarray(x) for x in (*values, *leaves, *points)]
     return shape.unflatten(_SOLUTION.bind(*arrays, settings=settings))
@@ -81,14 +80,12 @@ class _Settings(NamedTuple):
 
     Attributes:
         tree: tree of the arguments of the compiled core (`jax.tree.structure`).
-        bundles: `Bundles`.
-        size: number of unknowns.
+        recalled: `Recalled`.
         n_value, n_leaf: numbers of leaves of the solution, and of these arguments.
     """
 
     tree: Hashable
-    bundles: Bundles
-    size: int
+    recalled: Recalled
     n_value: int
     n_leaf: int
 
@@ -97,34 +94,6 @@ class _Settings(NamedTuple):
         tree: Any = self.tree
         core = tree.unflatten(arrays[: self.n_leaf])
         return core, ConvergedPoints(*arrays[self.n_leaf :])
-
-
-@functools.partial(jit_program, static=("bundles", "moving", "wanted"))
-def change_of_solution(core, points, changes, bundles, moving, wanted):
-    """Return the changes of the results `wanted` for changes of the arguments `moving`."""
-    results, at = _results_of(core, points, bundles, moving, wanted)
-    return jax.jvp(results, (at,), (list(changes),))[1]
-
-
-@functools.partial(jit_program, static=("bundles", "moving", "wanted"))
-def adjoint_of_solution(core, points, cotangents, bundles, moving, wanted):
-    """Return the cotangents of the arguments `moving` for those of the results `wanted`."""
-    results, at = _results_of(core, points, bundles, moving, wanted)
-    return jax.vjp(results, at)[1](list(cotangents))[0]
-
-
-def _results_of(core, points, bundles, moving, wanted):
-    """Return the results `wanted` as a function of the arguments `moving`, and these arguments."""
-    leaves, tree = jax.tree.flatten(core)
-
-    def results(values):
-        at = list(leaves)
-        for k, value in zip(moving, values, strict=True):
-            at[k] = value
-        found = jax.tree.leaves(recall_solution(*tree.unflatten(at), points, bundles))
-        return [found[k] for k in wanted]
-
-    return results, [leaves[k] for k in moving]
 
 
 def _return_values(*arrays, settings):
@@ -156,19 +125,55 @@ def _evaluate_change(*arrays, settings, moving, wanted, shapes):
     """Return the changes of the results `wanted`; the last arrays are the changes of arguments."""
     count = len(arrays) - len(moving)
     core, points = settings.core_and_points(arrays[:count])
-    given = {"bundles": settings.bundles, "moving": moving, "size": settings.size}
+    given = core, points, list(arrays[count:])
+    if is_top_level_call(arrays):
+        return run_change(settings.recalled, *given, moving, wanted)
     if not is_splitting():
-        return change_of_solution(core, points, list(arrays[count:]), wanted=wanted, **given)
+        return trace_change(settings.recalled, *given, moving, wanted)
 
     def call(places):  # few results compile faster
         some = tuple(wanted[k] for k in places)
         return ProgramCall(
-            functools.partial(change_of_solution, wanted=some, **given),
+            _apart(run_change, trace_change, settings.recalled, moving, some),
             lambda *_: [jax.ShapeDtypeStruct(*shapes[k]) for k in places],
             call,
         )
 
-    return call_apart(call(tuple(range(len(wanted)))), core, points, list(arrays[count:]))
+    return call_apart(call(tuple(range(len(wanted)))), *given)
+
+
+def _apart(run, trace, recalled, moving, wanted):
+    """Return the function of a `ProgramCall` that runs `run_change` or `run_adjoint`.
+
+    Where more than the last of its arguments are those of a batch, it is a program of exact sizes.
+    """
+
+    def call(core, points, values, axes=None):
+        if axes is None:
+            return run(recalled, core, points, values, moving, wanted)
+        leaves, tree = jax.tree.flatten((core, points, values))
+        count = len(leaves) - len(values)
+        if any(axis is not None for axis in axes[:count]):
+            own = lambda *x: trace(recalled, *tree.unflatten(x), moving, wanted)  # noqa: E731
+            return jax.vmap(own, axes)(*leaves)
+        values, number = _along_first_axis(values, axes[count:])
+        return run(recalled, core, points, values, moving, wanted, number)
+
+    return call
+
+
+def _along_first_axis(arrays, axes):
+    """Return arrays of NumPy with the axis of a batch as the first, and the size of the batch.
+
+    `axes` are the axes in `arrays`, None for those that are the same in all of the batch.
+    """
+    pairs = [(np.asarray(x), axis) for x, axis in zip(arrays, axes, strict=True)]
+    number = next(x.shape[axis] for x, axis in pairs if axis is not None)
+    moved = [
+        np.broadcast_to(x, (number, *x.shape)) if axis is None else np.moveaxis(x, axis, 0)
+        for x, axis in pairs
+    ]
+    return moved, number
 
 
 def _shapes_of_change(*_, shapes, **__):
@@ -179,39 +184,80 @@ def _shapes_of_change(*_, shapes, **__):
 def _change_jvp(primals, tangents, *, moving, **given):
     """Forward derivative of `_CHANGE`: linear in the changes, traced in the other arguments."""
     count = len(primals) - len(moving)
-    out = _CHANGE.bind(*primals, moving=moving, **given)
     if all(internals.is_zero_tangent(t) for t in tangents[:count]):
         further = [internals.instantiate_tangent(t) for t in tangents[count:]]
+        out = _CHANGE.bind(*primals, moving=moving, **given)
         return out, _CHANGE.bind(*primals[:count], *further, moving=moving, **given)
+    return _differentiate(_evaluate_change, primals, tangents, moving=moving, **given)
+
+
+def _change_transpose(cotangents, *arrays, settings, moving, wanted, shapes):
+    """Transpose `_CHANGE` in the changes, for reverse mode: the adjoint of the analysis."""
+    count = len(arrays) - len(moving)
+    places = [k for k, x in enumerate(cotangents) if not internals.is_zero_tangent(x)]
+    if not places:
+        return [None] * len(arrays)
+    pulled = _ADJOINT.bind(
+        *arrays[:count],
+        *(cotangents[k] for k in places),
+        settings=settings,
+        moving=moving,
+        wanted=tuple(wanted[k] for k in places),
+        shapes=tuple(shapes[k] for k in places),
+    )
+    return [None] * count + list(pulled)
+
+
+def _evaluate_adjoint(*arrays, settings, moving, wanted, shapes):
+    """Return the cotangents of the arguments `moving`; the last arrays are those of results."""
+    count = len(arrays) - len(wanted)
+    core, points = settings.core_and_points(arrays[:count])
+    given = core, points, list(arrays[count:])
+    if is_top_level_call(arrays):
+        return run_adjoint(settings.recalled, *given, moving, wanted)
+    if not is_splitting():
+        return trace_adjoint(settings.recalled, *given, moving, wanted)
+    run = _apart(run_adjoint, trace_adjoint, settings.recalled, moving, wanted)
+    shapes = [jax.ShapeDtypeStruct(arrays[k].shape, arrays[k].dtype) for k in moving]
+    return call_apart(ProgramCall(run, lambda *_: shapes), *given)
+
+
+def _shapes_of_adjoint(*arrays, moving, **__):
+    """Return shapes and dtypes of the cotangents."""
+    return [internals.abstract_array(arrays[k]) for k in moving]
+
+
+def _adjoint_jvp(primals, tangents, *, wanted, **given):
+    """Forward derivative of `_ADJOINT`: linear in its cotangents, traced in the other arguments."""
+    count = len(primals) - len(wanted)
+    if all(internals.is_zero_tangent(t) for t in tangents[:count]):
+        further = [internals.instantiate_tangent(t) for t in tangents[count:]]
+        out = _ADJOINT.bind(*primals, wanted=wanted, **given)
+        return out, _ADJOINT.bind(*primals[:count], *further, wanted=wanted, **given)
+    return _differentiate(_evaluate_adjoint, primals, tangents, wanted=wanted, **given)
+
+
+def _adjoint_transpose(cotangents, *arrays, settings, moving, wanted, shapes):
+    """Transpose `_ADJOINT` in its cotangents: a change of the solution."""
+    count = len(arrays) - len(wanted)
+    if all(map(internals.is_zero_tangent, cotangents)):
+        return [None] * len(arrays)
+    changes = map(internals.instantiate_tangent, cotangents)
+    given = {"settings": settings, "moving": moving, "wanted": wanted, "shapes": shapes}
+    return [None] * count + list(_CHANGE.bind(*arrays[:count], *changes, **given))
+
+
+def _differentiate(function, primals, tangents, **given):
+    """Return ``function(*primals, **given)`` and its change, by tracing it; for rules."""
     places = [k for k, t in enumerate(tangents) if not internals.is_zero_tangent(t)]
 
     def some(*values):
         at = list(primals)
         for k, x in zip(places, values, strict=True):
             at[k] = x
-        return _evaluate_change(*at, moving=moving, **given)
+        return function(*at, **given)
 
-    start, direction = [primals[k] for k in places], [tangents[k] for k in places]
-    return out, jax.jvp(some, start, direction)[1]
-
-
-def _change_transpose(cotangents, *arrays, settings, moving, wanted, shapes):
-    """Transpose `_CHANGE` in the changes, for reverse mode: the adjoint of the analysis."""
-    count = len(arrays) - len(moving)
-    pairs = zip(wanted, cotangents, strict=True)
-    some = {k: x for k, x in pairs if not internals.is_zero_tangent(x)}
-    if not some:
-        return [None] * len(arrays)
-    core, points = settings.core_and_points(arrays[:count])
-    given = {"bundles": settings.bundles, "moving": moving, "wanted": tuple(some)}
-    run = functools.partial(adjoint_of_solution, **given, size=settings.size)
-    given = core, points, list(some.values())
-    if is_splitting():
-        shapes = [jax.ShapeDtypeStruct(arrays[k].shape, arrays[k].dtype) for k in moving]
-        pulled = call_apart(ProgramCall(run, lambda *_: shapes), *given)
-    else:
-        pulled = run(*given)
-    return [None] * count + list(pulled)
+    return jax.jvp(some, [primals[k] for k in places], [tangents[k] for k in places])
 
 
 def _batch_solution(arrays, axes, *, settings):
@@ -220,8 +266,25 @@ def _batch_solution(arrays, axes, *, settings):
 
 
 def _batch_change(arrays, axes, **given):
-    """Map `_CHANGE` over a batch, such as one of directions: its program under `jax.vmap`."""
-    found = jax.vmap(functools.partial(_evaluate_change, **given), axes)(*arrays)
+    """Map `_CHANGE` over a batch, such as one of directions."""
+    return _batch(_evaluate_change, run_change, arrays, axes, len(given["moving"]), given)
+
+
+def _batch_adjoint(arrays, axes, **given):
+    """Map `_ADJOINT` over a batch of cotangents."""
+    return _batch(_evaluate_adjoint, run_adjoint, arrays, axes, len(given["wanted"]), given)
+
+
+def _batch(evaluate, run, arrays, axes, n_value, given):
+    """Map a primitive over a batch: by a program of its own if only the last `n_value` vary."""
+    count, settings = len(arrays) - n_value, given["settings"]
+    if is_top_level_call(arrays) and all(axis is None for axis in axes[:count]):
+        values, number = _along_first_axis(arrays[count:], axes[count:])
+        core, points = settings.core_and_points(arrays[:count])
+        sets = given["moving"], given["wanted"]
+        found = run(settings.recalled, core, points, values, *sets, number)
+    else:
+        found = jax.vmap(functools.partial(evaluate, **given), axes)(*arrays)
     return found, [0] * len(found)
 
 
@@ -241,5 +304,15 @@ _CHANGE = internals.define_primitive(
     _change_jvp,
     _batch_change,
     _change_transpose,
+    multiple_results=True,
+)
+# cotangents of the arguments of an analysis, linear in those of its results
+_ADJOINT = internals.define_primitive(
+    "adjoint_of_solution",
+    _evaluate_adjoint,
+    _shapes_of_adjoint,
+    _adjoint_jvp,
+    _batch_adjoint,
+    _adjoint_transpose,
     multiple_results=True,
 )

@@ -10,7 +10,13 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model import plausibility
 from ..model.structure import Structure
-from .outside_jit import analyse_apart, analyse_by_known_programs, without_consistency
+from .derivative_programs import Recalled
+from .outside_jit import (
+    analyse_apart,
+    analyse_by_known_programs,
+    without_consistency,
+    without_numbers,
+)
 from .phases import Phase
 from .preparation import prepare
 from .recalled_derivative import (
@@ -109,8 +115,8 @@ def solve(
                 task, known or core, differentiate_path, listen, exact_sizes
             )
     if known is not None:
-        given = core, points, task.bundles, task.n_unknown
-        solution = attach_recalled_derivative(solution, *given)
+        recalled = Recalled(without_numbers(task), listen, exact_sizes)
+        solution = attach_recalled_derivative(solution, core, points, recalled)
     if task.warns_if_unstable:  # only then: the check waits until the numbers have been computed
         plausibility.warn_if_unstable(solution)
     return arrange_solution(structure, solution, task)

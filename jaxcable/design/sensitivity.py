@@ -8,20 +8,18 @@ derivatives.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from ..analysis.outside_jit import analyse_by_known_programs
-from ..analysis.phase_loop import recall_solution
+from ..analysis.derivative_programs import Recalled, run_change
+from ..analysis.outside_jit import analyse_by_known_programs, without_numbers
 from ..analysis.phases import Phase
 from ..analysis.preparation import prepare
 from ..analysis.solution import Solution, State
 from ..analysis.states import arrange_solution
-from ..common.compilation import jit_program
 from ..common.tree import copy_with
 from ..common.types import Array, Float, Int
 from ..equilibrium.incremental import Incremental
@@ -70,15 +68,15 @@ def measured_results_and_jacobian(
     leaves, tree = jax.tree.flatten(_arguments_of_compiled_analysis(task))
     for k, value in zip(moving, values, strict=True):
         leaves[k] = value
-    core, size = tree.unflatten(leaves), task.n_unknown
+    core = tree.unflatten(leaves)
     solution, points = analyse_by_known_programs(task, core)  # the program of `solve`
     together = min(x.size, _MAX_DIRECTIONS)
     every = jnp.eye(x.size + -x.size % together, x.size, dtype=x.dtype)
+    recalled, wanted = Recalled(without_numbers(task)), _float_results_of_ends(solution, names)
     columns = []
     for k in range(0, x.size, together):
         changes = jax.vmap(push)(every[k : k + together])
-        given = {"bundles": task.bundles, "moving": moving, "names": names}
-        ends = _derivatives_of_ends(core, points, changes, **given, size=size)
+        ends = run_change(recalled, core, points, changes, moving, wanted, together)
 
         def measured(phases, solution=solution):
             return measure(arrange_solution(structure, copy_with(solution, phases=phases), task))
@@ -93,38 +91,12 @@ def _arguments_of_compiled_analysis(task):
     return task.without_indices, task.arrays, task.method, task.code
 
 
-@functools.partial(jit_program, static=("bundles", "moving", "names"))
-def _derivatives_of_ends(core, points, changes, bundles, moving, names):
-    """Compute the derivatives of the phases' end results in several directions.
-
-    Args:
-        core: arguments of the analysis, from `_arguments_of_compiled_analysis`.
-        points: its converged points, `ConvergedPoints`.
-        changes: directions: for each leaf of `core` that changes, an array [n_direction, ...].
-        bundles: how element groups are joined in the program (`mechanics.bundles`); static.
-        moving: indices of the leaves of `core` that change; static.
-        names: names of the results that are differentiated; static.
-
-    Returns:
-        The derivatives, a list of arrays [n_direction, ...] for the floats of these results.
-    """
-    leaves, tree = jax.tree.flatten(core)
-
-    def recall(values):
-        at = list(leaves)
-        for k, value in zip(moving, values, strict=True):
-            at[k] = value
-        ends = recall_solution(*tree.unflatten(at), points, bundles).phases.ends
-        return _take_out_float_results(ends, names)[0]
-
-    at = [leaves[k] for k in moving]
-
-    def push(change):
-        return jax.jvp(recall, (at,), (change,))[1]
-
-    # not `jax.linearize`: the points are known, and separate forward and linear parts take a third
-    # longer to compile; matrices are the same in all directions
-    return jax.vmap(push)(changes)
+def _float_results_of_ends(solution, names):
+    """Return indices of the float arrays `_take_out_float_results` takes, among all leaves."""
+    leaves, tree = jax.tree.flatten(solution)
+    ends = tree.unflatten(range(len(leaves))).phases.ends
+    places = jax.tree.leaves({name: getattr(ends, name) for name in names})
+    return tuple(k for k in places if jnp.issubdtype(leaves[k].dtype, jnp.floating))
 
 
 def _take_out_float_results(ends, names):

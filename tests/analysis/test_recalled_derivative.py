@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.analysis import one_phase, phase_loop, recalled_derivative
+from jaxcable.analysis import derivative_programs, one_phase, phase_loop
 
 POINTS = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 3.0, 2.0]]
 DOWN = jnp.array([0.0, 0.0, -1.0])
@@ -106,12 +106,12 @@ def test_nothing_is_solved_again(monkeypatch):
         raise AssertionError("the increments are solved again")
 
     monkeypatch.setattr(one_phase.newton, "solve_increments", refuse)
-    recalled_derivative.adjoint_of_solution.known.clear()
+    derivative_programs.adjoint_of_solution.known.clear()
     rate = jax.grad(measure)(load, nodes)
     assert set(phase_loop.analyse.known) == before
-    assert len(recalled_derivative.adjoint_of_solution.known) == 1
+    assert len(derivative_programs.adjoint_of_solution.known) == 1
     jax.grad(measure)(1.1 * load, 1.001 * nodes)
-    assert len(recalled_derivative.adjoint_of_solution.known) == 1
+    assert len(derivative_programs.adjoint_of_solution.known) == 1
     h = 1e-3 * load  # error of fourth order: 1e-12 of the fifth derivative
     f = [measure(load + k * h, nodes) for k in (-2, -1, 1, 2)]
     np.testing.assert_allclose(rate, (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h), rtol=1e-7)

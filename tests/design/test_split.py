@@ -10,7 +10,7 @@ import pytest
 from banks.shapes import cross
 
 import jaxcable as jc
-from jaxcable.analysis import phase_loop, recalled_derivative
+from jaxcable.analysis import derivative_programs, phase_loop
 from jaxcable.common import status
 
 CROSS = cross()
@@ -135,7 +135,7 @@ def test_failed_trials_and_starts():
 
 def test_the_derivative_is_known_to_another_function():
     jc.fit(two_residuals, START)
-    programs = recalled_derivative.adjoint_of_solution, recalled_derivative.change_of_solution
+    programs = derivative_programs.adjoint_of_solution, derivative_programs.change_of_solution
     before = [set(program.known) for program in programs]
     jc.fit(lambda p: two_residuals(p)[0] * 2.0, 1.1 * START)
     assert [set(program.known) for program in programs] == before
