@@ -18,10 +18,11 @@ from ..common import jax_internals as internals
 from ..common import status
 from ..common.compilation import jit_program
 from ..common.types import Array
+from ..mechanics.bundles import Bundles
 from .common_sizes import common_size, doubled_size, pad_analysis
 from .cut_results import cut_points
 from .one_phase import ConvergedPoints
-from .outside_jit import padded_result_shapes
+from .outside_jit import analyse_by_known_programs, padded_result_shapes, without_numbers
 from .phase_loop import recall_solution
 from .preparation import PreparedAnalysis
 from .size_maps import ArgumentMap, ResultMap, size_maps
@@ -163,11 +164,28 @@ def run_adjoint(
     return _on_device(out, found)
 
 
+def compile_adjoint(task: PreparedAnalysis, core: tuple[Any, ...], names: Sequence[str]) -> None:
+    """Analyse, and compile the program of gradients of the solution's results `names`; run it once.
+
+    Args:
+        task: `PreparedAnalysis` that can be padded.
+        core: its arguments of `analyse`.
+        names: names of results; all element groups that have them are taken.
+    """
+    tree: Any
+    solution, points = analyse_by_known_programs(task, core)
+    leaves, tree = jax.tree.flatten(solution)
+    places = tree.unflatten(range(len(leaves)))
+    wanted = tuple(jax.tree.leaves([getattr(places, name) for name in names]))
+    cotangents = [np.zeros(leaves[k].shape, leaves[k].dtype) for k in wanted]
+    run_adjoint(Recalled(without_numbers(task)), core, points, cotangents, (0,), wanted)
+
+
 class _Padded(NamedTuple):
     """A padded analysis: its arguments, bundles and number of unknowns, and the maps to it."""
 
     core: tuple[Any, ...]
-    bundles: Any
+    bundles: Bundles
     n_unknown: int
     arguments: ArgumentMap
     results: ResultMap

@@ -2,11 +2,13 @@
 
 Where `jax.grad` and its like see the numbers of an analysis, it is solved first, by the program
 that `solve` has without derivatives. The derivative of its converged points is another program,
-much smaller than one that iterates once more, and only for the results and inputs that are asked
-for. Within `jax.jit` there is one program, as before.
+much smaller than one that iterates once more, for the results that are asked for
+(`derivative_programs`). Within `jax.jit` there is one program, as before.
 
 As roots (`numerics.implicit_root`), solutions are results of a primitive of jax, and so are their
-changes: any order and mode of derivatives works.
+changes and the cotangents of their arguments: any order and mode of derivatives works. Those of
+known arrays run by programs of common sizes; what is traced, such as the first of two derivatives,
+has the exact sizes.
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..common.compilation import on_forget_programs, program_settings
 from ..common.tree import copy_with
+from ..common.types import Bool
 from .common_sizes import pad_analysis
 from .cut_results import cut_on_host
 from .preparation import PreparedAnalysis
@@ -25,6 +26,7 @@ from .preparation import PreparedAnalysis
 _MOST_MAPS = 64
 _COMPUTED = ".mean_lengths", ".given_steps"  # floats that padding computes; not differentiated
 _FAILED = 1  # a status other than OK: results of the solution are its own, not those of `last`
+_EVERYTHING = np.ones((), bool)
 
 
 class ArgumentMap:
@@ -120,7 +122,7 @@ class _Part(NamedTuple):
     padded: int | None = None
     slices: tuple[slice, ...] = ()
     argument: int | None = None
-    mask: Any = None
+    mask: Bool[np.ndarray, " ..."] = _EVERYTHING
 
     @property
     def place(self) -> Any:

@@ -305,6 +305,8 @@ def _add_warm(commands):
     sizes = ", ".join(f"{name}: {most}" for name, most in usual.SIZES.items())
     text = f"largest number of elements of these kinds ({sizes}; default: medium)"
     command.add_argument("--size", choices=usual.SIZES, default="medium", help=text)
+    text = "also programs of gradients (jax.grad) of displacements, of tensions, and of both"
+    _add_flag(command, "--gradients", text)
     _add_flag(command, "--background", "go on in another process, and return at once")
     text = "refuse scenes larger than this, MB (default 64)"
     command.add_argument("--largest", type=_parse_positive, default=64.0, metavar="MB", help=text)

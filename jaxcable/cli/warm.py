@@ -38,19 +38,20 @@ def run(options: Namespace) -> None:
         return
     begin, count = time.perf_counter(), 0
     for kind in kinds if options.what else usual.KINDS:
-        count += _warm(kind, usual.KINDS[kind](usual.SIZES[options.size]))
+        count += _warm(kind, usual.KINDS[kind](usual.SIZES[options.size]), options.gradients)
     for path in files:
         with refuse_value_errors(path):
-            count += _warm(path, [inputs.read_scene(Namespace(**vars(options), scene=path))])
+            scene = inputs.read_scene(Namespace(**vars(options), scene=path))
+            count += _warm(path, [scene], options.gradients)
     size = (program_store.bytes_of_kept_programs() or 0) / 1e6
     seconds = time.perf_counter() - begin
     print(f"{count} programs in {seconds:.0f} s; all programs that are kept take {size:.0f} MB")
 
 
-def _warm(name, scenes):
+def _warm(name, scenes, gradients):
     """Compile the programs of scenes, print their sizes and times, and return their number."""
     count = 0
-    for program in warm_programs(scenes):
+    for program in warm_programs(scenes, gradients):
         sizes, count = program.sizes, count + 1
         text = (
             "its own sizes"
@@ -58,8 +59,10 @@ def _warm(name, scenes):
             else f"{sum(sizes.elements)} elements, {sizes.unknowns} unknowns, "
             f"{sizes.phases} phases, {sizes.increments} increments"
         )
-        fallbacks = ", with fallbacks" if program.has_fallbacks else ""
-        print(f"{name}: up to {text}{fallbacks}: {program.seconds:.1f} s", flush=True)
+        kind = ", with fallbacks" if program.has_fallbacks else ""
+        if program.gradient_of:
+            kind = f", gradient of {' and '.join(program.gradient_of)}"
+        print(f"{name}: up to {text}{kind}: {program.seconds:.1f} s", flush=True)
     return count
 
 
@@ -67,6 +70,7 @@ def _start_in_background(options):
     """Start the command once more, as a process of its own that goes on after this one."""
     words = [sys.executable, "-m", "jaxcable", "warm", *options.what, "--size", options.size]
     words += ["--largest", str(options.largest)]
+    words += ["--gradients"] * options.gradients
     for module in options.modules:
         words += ["--import", module]
     nowhere = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)

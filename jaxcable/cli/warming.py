@@ -9,11 +9,15 @@ from typing import Any, NamedTuple
 import jax
 
 from ..analysis.common_sizes import CommonSizes, pad_analysis
+from ..analysis.derivative_programs import compile_adjoint
 from ..analysis.outside_jit import compile_analysis
 from ..analysis.phases import Phase
 from ..analysis.preparation import prepare
 from ..common.program_store import argument_signature
 from ..model.structure import Structure
+
+_OBJECTIVES = ("displacement",), ("tension",), ("displacement", "tension")
+"""Results of which gradients are usual, by any arguments."""
 
 
 class WarmedProgram(NamedTuple):
@@ -23,21 +27,28 @@ class WarmedProgram(NamedTuple):
         sizes: `CommonSizes` of these analyses; None if it is for the sizes of one structure only.
         has_fallbacks: whether it has the steps that few analyses need.
         seconds: time that it took to compile the program, or to find it on disk.
+        gradient_of: names of the results of which it computes the gradient; () for an analysis.
     """
 
     sizes: CommonSizes | None
     has_fallbacks: bool
     seconds: float
+    gradient_of: tuple[str, ...] = ()
 
 
-def warm_programs(scenes: Iterable[tuple[Structure, list[Phase]]]) -> Iterator[WarmedProgram]:
+def warm_programs(
+    scenes: Iterable[tuple[Structure, list[Phase]]], gradients: bool = False
+) -> Iterator[WarmedProgram]:
     """Compile the programs that scenes need outside of `jax.jit`, one for each kind and size.
 
-    First those without fallbacks, which most analyses end with, then those with them. With
-    `keep_programs` they lie on disk, for other processes.
+    First those without fallbacks, which most analyses end with, then those with them, then those of
+    gradients. With `keep_programs` they lie on disk, for other processes.
 
     Args:
         scenes: pairs of structure and phases.
+        gradients: whether to compile the programs of gradients of displacements, of tensions, and
+            of both, by any arguments. Scenes that have programs of their own sizes have none: these
+            depend on the arguments.
 
     Yields:
         `WarmedProgram`, each when it has been compiled.
@@ -61,3 +72,11 @@ def warm_programs(scenes: Iterable[tuple[Structure, list[Phase]]]) -> Iterator[W
                 size = task.n_unknown if sizes is None else sizes.unknowns
                 compile_analysis(arguments, bundles, size, with_fallbacks)
                 yield WarmedProgram(sizes, with_fallbacks, time.perf_counter() - begin)
+    for task, _, _, sizes in tasks:
+        if not gradients or sizes is None:
+            continue
+        for names in _OBJECTIVES:
+            begin = time.perf_counter()
+            core = task.without_indices, task.arrays, task.method, task.code
+            compile_adjoint(task, core, names)
+            yield WarmedProgram(sizes, False, time.perf_counter() - begin, names)

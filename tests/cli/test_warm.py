@@ -3,6 +3,8 @@
 import time
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import jaxcable as jc
@@ -49,6 +51,43 @@ def test_an_analysis_never_made_finds_its_program(kept, capsys):
         jc.keep_programs(kept)
         solution = jc.solve(structure, [prestress, jc.replace(loading, increments=7)])
     assert int(solution.status) == 0 and len(phase_loop.analyse.known) == 1
+    assert files(kept) == before  # nothing was compiled
+
+
+def test_a_gradient_never_taken_finds_its_program(kept, capsys):
+    """By nodes and by pretension, of another net: one program serves for both."""
+    assert main(["warm", "nets", "--size", "small", "--gradients"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.rpartition(", ")[2].partition(":")[0] for line in lines[2:5]] == [
+        "gradient of displacement",
+        "gradient of tension",
+        "gradient of displacement and tension",
+    ]
+    assert lines[5].startswith("5 programs in ")
+    before = files(kept)
+    assert len(before) == 5
+    jc.forget_programs()
+    structure, (prestress, loading) = jc.scenes.saddle(1, 1, load=30.0)
+
+    def results(nodes, pretension):
+        moved = jc.replace(structure, nodes=nodes)
+        phases = [jc.replace(prestress, pretension=pretension), loading]
+        return jc.solve(moved, phases)
+
+    def sag(*given):
+        return jnp.sum(results(*given).displacement[:, 2])
+
+    def both(*given):
+        solution = results(*given)
+        return jnp.sum(solution.displacement[:, 2]) * jnp.sum(solution.tension)
+
+    with program_store.preserve_program_settings():
+        jc.keep_programs(kept)
+        for function in (sag, both):
+            slopes = jax.grad(function, (0, 1))(np.asarray(structure.nodes), 1e3)
+            assert all(np.isfinite(x).all() for x in slopes)
+        tension = jax.grad(lambda force: jnp.sum(results(structure.nodes, force).tension))(1e3)
+        assert float(tension) > 0
     assert files(kept) == before  # nothing was compiled
 
 
