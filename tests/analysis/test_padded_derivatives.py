@@ -82,7 +82,7 @@ QUICK = "flat_net", "simplex"
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in SCENES if name not in QUICK]
 
 
-# axial forces of the girder, 100 N, are EA / L of 1e9 N/m times differences of displacements: what
+# axial forces of the girder, 100 N, are EA / L of 6e8 N/m times differences of displacements: what
 # rounding leaves of their derivatives is 1e-7 of them
 ROUNDING = {"suspension_footbridge": 1e-5}
 
