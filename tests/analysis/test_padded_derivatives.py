@@ -186,7 +186,8 @@ def test_batches_of_directions(mode):
     program = CHANGES if mode is jax.jacfwd else ADJOINTS
     known = set(program.known)
     fewer = mode(lambda x: scaled_net(x)[:, 1:])(scale)
-    np.testing.assert_array_equal(fewer, padded[:, 1:])
+    close = {"rtol": 0, "atol": 1e-12 * np.abs(exact).max()}  # sums in another order
+    np.testing.assert_allclose(fewer, padded[:, 1:], **close)
     # 18 results and 12: each number has its program
     assert len(set(program.known) - known) == (0 if mode is jax.jacfwd else 1)
 
