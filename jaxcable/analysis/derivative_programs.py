@@ -25,7 +25,7 @@ from .one_phase import ConvergedPoints
 from .outside_jit import analyse_by_known_programs, padded_result_shapes, without_numbers
 from .phase_loop import recall_solution
 from .preparation import PreparedAnalysis
-from .size_maps import ArgumentMap, ResultMap, size_maps
+from .size_maps import ArgumentMap, ResultMap, is_of_section, size_maps
 
 _FEW_DIRECTIONS = 8
 
@@ -164,21 +164,35 @@ def run_adjoint(
     return _on_device(out, found)
 
 
-def compile_adjoint(task: PreparedAnalysis, core: tuple[Any, ...], names: Sequence[str]) -> None:
+def compile_adjoint(
+    task: PreparedAnalysis, core: tuple[Any, ...], names: Sequence[str], by_sections: bool
+) -> bool:
     """Analyse, and compile the program of gradients of the solution's results `names`; run it once.
 
     Args:
         task: `PreparedAnalysis` that can be padded.
         core: its arguments of `analyse`.
         names: names of results; all element groups that have them are taken.
+        by_sections: whether gradients are also by numbers of sections, such as areas of fibres.
+
+    Returns:
+        Whether there is such a program; there is none where no element has a section.
     """
+    moving = [
+        k
+        for k, (path, x) in enumerate(jax.tree_util.tree_leaves_with_path(core))
+        if is_of_section(path) == by_sections and np.issubdtype(np.asarray(x).dtype, np.floating)
+    ]
+    if not moving:
+        return False
     tree: Any
     solution, points = analyse_by_known_programs(task, core)
     leaves, tree = jax.tree.flatten(solution)
     places = tree.unflatten(range(len(leaves)))
     wanted = tuple(jax.tree.leaves([getattr(places, name) for name in names]))
     cotangents = [np.zeros(leaves[k].shape, leaves[k].dtype) for k in wanted]
-    run_adjoint(Recalled(without_numbers(task)), core, points, cotangents, (0,), wanted)
+    run_adjoint(Recalled(without_numbers(task)), core, points, cotangents, (moving[0],), wanted)
+    return True
 
 
 class _Padded(NamedTuple):

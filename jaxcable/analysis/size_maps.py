@@ -36,17 +36,18 @@ class ArgumentMap:
         sizes: number of entries of each exact leaf.
         sources: for each padded leaf of floats, by index: indices of source entries among all
             entries of exact leaves, -1 for constants; and weights, or None where all are 1.
-        usual: indices of the padded leaves of floats whose cotangents a program computes together.
+        sets: sets of indices of padded leaves whose cotangents a program computes together: first
+            those of all floats without those of sections, then those of all.
     """
 
     def __init__(
         self,
         sizes: Sequence[int],
         sources: Mapping[int, tuple[np.ndarray, np.ndarray | None]],
-        usual: Sequence[int],
+        sets: Sequence[frozenset[int]],
     ):
         self._ends = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
-        self._sources, self._usual = sources, frozenset(usual)
+        self._sources, self._sets = sources, sets
         self._places: dict[tuple[int, ...], dict[int, np.ndarray]] = {}
 
     def _indices(self, moving):
@@ -85,9 +86,12 @@ class ArgumentMap:
         """Return indices of the padded leaves whose cotangents give those of the leaves `moving`.
 
         They are those of nearly all floats, so that derivatives by nodes, by pretension and by
-        areas share a program, which has up to 7 % more code than one by nodes alone.
+        stiffness share a program, which has up to 2 % more code than one by nodes alone (7 % with
+        fibres of sections, which take time, too).
         """
-        return tuple(sorted(self._usual.union(self._indices(moving))))
+        own = frozenset(self._indices(moving))
+        some = next((one for one in self._sets if own <= one), self._sets[-1])
+        return tuple(sorted(own | some))
 
     def cut_cotangents(
         self, moving: tuple[int, ...], cotangents: Mapping[int, np.ndarray], lead: tuple[int, ...]
@@ -238,6 +242,11 @@ def size_maps(
     return found
 
 
+def is_of_section(path: tuple[Any, ...]) -> bool:
+    """Tell whether an argument of an analysis, known by its path in the tree, is of a section."""
+    return ".section" in jax.tree_util.keystr(path)
+
+
 def _map_arguments(task, core, listens):
     """Return the `ArgumentMap`, and the arguments with the numbers of their entries from 1 on."""
     tree: Any
@@ -258,7 +267,8 @@ def _map_arguments(task, core, listens):
     ones = with_floats(lambda k, x: np.ones(x.shape))
     numbered = with_floats(lambda k, x: ends[k] + np.arange(1.0, x.size + 1).reshape(x.shape))
     named = jax.tree_util.tree_leaves_with_path(pad_analysis(task, constants, listens)[0])
-    sources, usual = {}, []
+    sources: dict[int, Any] = {}
+    sets: list[set[int]] = [set(), set()]
     triples = zip(named, padded(ones), padded(numbered), strict=True)
     for k, ((path, zero), one, number) in enumerate(triples):
         name = jax.tree_util.keystr(path)
@@ -267,14 +277,16 @@ def _map_arguments(task, core, listens):
         if any(word in name for word in _COMPUTED):
             continue
         if name.startswith("[0]"):  # the others are numbers of the method
-            usual.append(k)
+            sets[1].add(k)
+            if not is_of_section(path):
+                sets[0].add(k)
         weights = np.asarray(one) - zero
         there = weights != 0
         if there.any():
             source = np.rint((number - zero) / np.where(there, weights, 1.0)).astype(int) - 1
             source = np.where(there, source, -1)
             sources[k] = source, None if (weights[there] == 1).all() else weights
-    return ArgumentMap(sizes, sources, usual), numbered
+    return ArgumentMap(sizes, sources, [frozenset(one) for one in sets]), numbered
 
 
 def _map_results(task, numbered, shapes, phase):

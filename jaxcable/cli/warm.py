@@ -61,7 +61,8 @@ def _warm(name, scenes, gradients):
         )
         kind = ", with fallbacks" if program.has_fallbacks else ""
         if program.gradient_of:
-            kind = f", gradient of {' and '.join(program.gradient_of)}"
+            by = " by sections, too" if program.by_sections else ""
+            kind = f", gradient of {' and '.join(program.gradient_of)}{by}"
         print(f"{name}: up to {text}{kind}: {program.seconds:.1f} s", flush=True)
     return count
 

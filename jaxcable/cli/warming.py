@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
@@ -28,12 +29,14 @@ class WarmedProgram(NamedTuple):
         has_fallbacks: whether it has the steps that few analyses need.
         seconds: time that it took to compile the program, or to find it on disk.
         gradient_of: names of the results of which it computes the gradient; () for an analysis.
+        by_sections: whether this gradient is also by numbers of sections, such as areas.
     """
 
     sizes: CommonSizes | None
     has_fallbacks: bool
     seconds: float
     gradient_of: tuple[str, ...] = ()
+    by_sections: bool = False
 
 
 def warm_programs(
@@ -75,8 +78,9 @@ def warm_programs(
     for task, _, _, sizes in tasks:
         if not gradients or sizes is None:
             continue
-        for names in _OBJECTIVES:
+        for names, by_sections in itertools.product(_OBJECTIVES, (False, True)):
             begin = time.perf_counter()
             core = task.without_indices, task.arrays, task.method, task.code
-            compile_adjoint(task, core, names)
-            yield WarmedProgram(sizes, False, time.perf_counter() - begin, names)
+            if compile_adjoint(task, core, names, by_sections):
+                seconds = time.perf_counter() - begin
+                yield WarmedProgram(sizes, False, seconds, names, by_sections)

@@ -91,6 +91,40 @@ def test_a_gradient_never_taken_finds_its_program(kept, capsys):
     assert files(kept) == before  # nothing was compiled
 
 
+@pytest.mark.slow
+def test_a_gradient_by_areas_finds_its_program(kept, capsys):
+    """A cantilever with other fibres, by nodes and by areas: two programs."""
+
+    def cantilever(count):
+        angles = 2 * np.pi / count * np.arange(count)
+        y, z, area = 0.02 * np.cos(angles), 0.02 * np.sin(angles), np.full(count, 1e-3 / count)
+        section = jc.Section(y=y, z=z, area=area, laws=[jc.Elastic(200e9)])
+        beams = jc.Beams([[0, 1], [1, 2]], section, torsional_stiffness=1e4, up=(0.0, 0.0, 1.0))
+        nodes = np.linspace([0.0, 0, 0], [2.0, 0, 0], 3)
+        load = jc.Phase(loads=jc.NodalLoads([2], (30.0, 40.0, -50.0)))
+        return jc.Structure(nodes, beams, jc.clamped([0])), [load]
+
+    jc.save_scene("beam.json", cantilever(5))
+    assert main(["warm", "beam.json", "--gradients"]) == 0
+    assert "gradient of displacement by sections, too: " in capsys.readouterr().out
+    before = files(kept)
+    jc.forget_programs()
+    structure, phases = cantilever(7)
+    section = structure.elements.section
+
+    def tip(nodes, area):
+        beams = jc.replace(structure.elements, section=jc.replace(section, area=area))
+        moved = jc.replace(structure, nodes=nodes, elements=beams)
+        return jc.solve(moved, phases).displacement[2, 2]
+
+    with program_store.preserve_program_settings():
+        jc.keep_programs(kept)
+        nodes, area = np.asarray(structure.nodes), np.asarray(section.area)
+        for by in (0, 1):
+            assert np.abs(jax.grad(tip, by)(nodes, area)).max() > 0
+    assert files(kept) == before  # nothing was compiled
+
+
 def test_a_scene_of_the_user(kept, capsys):
     """Also one that cannot be padded, for its own sizes: loads that follow the net."""
     structure, (prestress, _) = jc.scenes.saddle(2, 2)
