@@ -221,6 +221,28 @@ def test_second_derivatives():
         np.testing.assert_allclose(padded, exact, rtol=1e-8)
 
 
+def test_transformations_of_linear_maps():
+    """What `jax.linearize` and `jax.vjp` return, compiled, batched twice, transposed, later."""
+    scale, change = np.array([0.1, 0.2]), np.array([1.0, 0.5])
+    exact = jax.jacfwd(lambda x: scaled_net(x, True))(scale)
+    found, push = jax.linearize(scaled_net, scale)
+    ones, total = np.ones(found.shape), exact.sum((0, 1))
+    pull = jax.vjp(scaled_net, scale)[1]
+    several = jax.vmap(jax.vmap(push))(np.eye(2)[None])[0]
+    jc.forget_programs()  # what is known of sizes is found again
+    pairs = [
+        (push(change), exact @ change),
+        (jax.jit(push)(change), exact @ change),
+        (several, np.moveaxis(exact, -1, 0)),
+        (pull(ones)[0], total),
+        (jax.jit(pull)(ones)[0], total),
+        (jax.linear_transpose(push, scale)(ones)[0], total),
+        (jax.grad(lambda x: pull(x)[0] @ change)(ones), exact @ change),
+    ]
+    for own, other in pairs:
+        np.testing.assert_allclose(own, other, rtol=0, atol=1e-9 * np.abs(other).max())
+
+
 def test_exact_sizes_have_exact_derivatives():
     jc.forget_programs()
     jax.grad(lambda x: jnp.sum(scaled_net(x, True)))(np.ones(2))
