@@ -265,8 +265,7 @@ class RotatingNodes(Space):
         spin = row_step[:, 3:]
         if self.dof_map.inner is not None:  # rows of inner unknowns do not rotate
             spin = jnp.where(self.dof_map.inner[:, None], 0.0, spin)
-        moment = jax.vmap(conjugate_moment)(spin, load[:, 3:])
-        return jnp.concatenate([load[:, :3], moment], axis=1)
+        return jnp.concatenate([load[:, :3], jax.vmap(conjugate_moment)(spin, load[:, 3:])], axis=1)
 
     def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:
         """Return support reactions, N and N m, from unbalanced forces; zero at free dofs."""
