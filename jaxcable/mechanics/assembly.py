@@ -91,13 +91,13 @@ class System(Elementwise):
         Args:
             x: motion, with the supports imposed.
             step: step of the unknowns, [n_free], from it.
-            names: names of results of elements; beside them there are always "end_forces".
+            names: names of results of elements; "end_forces" come in any case.
 
         Returns:
             The residual conjugate to the step, [n_free], N; a dict as of `results_by_name`.
         """
         row_step = self.space.prolong(x, step)
-        found = self.results_by_name(self.move(x, step), *names, "end_forces")
+        found = self.results_by_name(self.move(x, step), *dict.fromkeys((*names, "end_forces")))
         internal = self.space.conjugate_loads(self._assemble_forces(found["end_forces"]), row_step)
         residual = self.space.restrict(internal - self.external_force(x, row_step), x, row_step)
         return self.space.hold_temporarily_fixed(residual, step), found

@@ -78,8 +78,7 @@ def attach_derivative_with_marks(
         valid: whether `x` is an equilibrium. If not, the caller has to make all derivatives NaN.
         factored, tol, limit: for conjugate gradients with an earlier factor, as in
             `linear.factorize`.
-        results: known results of elements, dict by name, whose derivatives are wanted; "end_forces"
-            are among them.
+        results: known results of elements, dict by name, whose derivatives are wanted.
 
     Returns:
         x: the equilibrium, with derivative NaN where it is not defined.
@@ -98,8 +97,7 @@ def attach_derivative_with_marks(
     problem = split_indices((system, x, valid, factored, tol, limit))
 
     def equation(found, problem):
-        equations, seen = _residual_and_results(found, problem, [n for n in known if n != _FORCES])
-        return equations, {name: seen[name] for name in known}
+        return _residual_and_results(found, problem, known)
 
     solver = TangentSolver(_solve_tangent, _solve_adjoint)
     found, known = implicit_root(equation, start, problem, solver, known)
@@ -115,16 +113,13 @@ def attach_derivative_with_marks(
     return back(found + mark), back(found), marks, known
 
 
-_FORCES = "end_forces"
-
-
 def _residual_and_results(found, problem, names):
     """Return the equations of which `implicit_root` takes the derivative, and results of elements.
 
     Args:
         found: step of the unknowns and marks, [2 n].
         problem: the split arguments of `attach_derivative_with_marks`.
-        names: names of the results, beside the end forces.
+        names: names of the results.
 
     Returns:
         The residual after the step, then the marks, which are zero at the root, [2 n]; the results
@@ -134,7 +129,7 @@ def _residual_and_results(found, problem, names):
     step, marks = jnp.split(found, 2)
     begin = system.impose_supports(system.with_support_rotations(x))
     residual, results = system.after_step(begin, step, *names)
-    return jnp.concatenate([residual, marks]), results
+    return jnp.concatenate([residual, marks]), {name: results[name] for name in names}
 
 
 def _solve_tangent(problem, _, both):
