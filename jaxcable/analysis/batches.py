@@ -19,6 +19,7 @@ from jax import lax
 from jax.sharding import Mesh, PartitionSpec
 
 from ..common import checks
+from ..common.function_programs import ProgramCache
 from ..common.fusion import are_loops_fused
 from ..common.types import Array, PyTree
 
@@ -39,7 +40,8 @@ def batched(
 
     The result is that of ``jax.vmap(function)``, compiled, whatever the chunks and devices, and has
     the same transformations. Devices do not wait for each other: each iterates until its own cases
-    have converged.
+    have converged. Programs are known by the function object: a second call of `batched` with the
+    same function compiles nothing, another number of cases does.
 
     Args:
         function: of one case; its arguments and results are pytrees of arrays.
@@ -76,7 +78,24 @@ def batched(
         checks.require_whole_number(chunk, "chunk")
     if devices is not None and len(devices) == 0:
         raise ValueError("devices: expected at least one, or None")
-    one_by_one = jax.vmap(function)
+    program = _programs(function, chunk, None if devices is None else tuple(devices))
+
+    def mapped(*cases):
+        return _call(program, cases, function)
+
+    return mapped
+
+
+def _call(program, cases, function):
+    """Call a program; `function` is named to stay alive, the program has a weak reference."""
+    return program(*cases)
+
+
+def _compile_batched(reference, chunk, devices):
+    """Return the function of cases that `batched` describes, for the function ``reference()``."""
+
+    def one_by_one(*cases):
+        return jax.vmap(reference())(*cases)
 
     def share(*cases):
         """The cases of one device."""
@@ -124,6 +143,9 @@ def batched(
         return run(*cases) if size == count else _map_in_threads(run, cases, size, workers)
 
     return checked
+
+
+_programs = ProgramCache(_compile_batched)
 
 
 def _cases_at_once(chunk):

@@ -14,6 +14,7 @@ from jax.flatten_util import ravel_pytree
 from ..analysis.solution import Solution
 from ..common import checks, status
 from ..common.compile_notice import show_compilation
+from ..common.function_programs import ProgramCache
 from ..common.progress import Step, as_listener
 from ..common.split_programs import SplitProgram, splittable
 from ..common.tree import pytree
@@ -21,7 +22,6 @@ from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .bounds import broadcast_to_params, check_call_arguments, check_search_arguments
 from .nlp_solvers import nlp_solver_by_name
 from .optimality import solve_kkt_conditions
-from .program_cache import ProgramCache
 from .returned_values import loss_and_status
 from .trials import RunEnded, ScaledProblem, TrialPoint, values_and_jacobian
 

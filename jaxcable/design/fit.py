@@ -16,13 +16,14 @@ from ..analysis.solution import Solution
 from ..common import checks
 from ..common.compilation import call_announced, jit_program
 from ..common.compile_notice import show_compilation
+from ..common.function_programs import ProgramCache
 from ..common.progress import Trial, as_listener, report_progress
 from ..common.split_programs import SplitProgram, can_be_split, splittable
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from .bounds import check_call_arguments, check_search_arguments, search_or_input_status
 from .levenberg import FitHistory, LevenbergMarquardt, LevenbergState
-from .program_cache import ProgramCache, refuse_derivative
+from .no_derivative import refuse_derivative
 from .returned_values import residuals_and_status
 from .trials import Evaluation, values_and_jacobian
 

@@ -265,6 +265,6 @@ def _solve_damped_step(residual, jacobian, size, damping, blocked):
     size = jnp.where(size > 0, size, 1.0)
     scaled = jnp.where(blocked[None, :], 0.0, jacobian / size[None, :])
     damper = jnp.sqrt(jnp.asarray(damping, size.dtype)) * jnp.eye(size.size, dtype=size.dtype)
-    # a search has no derivative, and `program_cache.refuse_derivative` says so of its result
+    # a search has no derivative, and `no_derivative.refuse_derivative` says so of its result
     q, r = unbatched.qr(lax.stop_gradient(jnp.concatenate([scaled, damper])))
     return unbatched.solve_triangular(r, -(residual @ q[: residual.size]), lower=False) / size

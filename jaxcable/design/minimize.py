@@ -17,6 +17,7 @@ from ..analysis.solution import Solution
 from ..common import status
 from ..common.compilation import call_announced, jit_program
 from ..common.compile_notice import show_compilation
+from ..common.function_programs import ProgramCache
 from ..common.progress import Step, as_listener
 from ..common.split_programs import SplitProgram, can_be_split, splittable
 from ..common.tree import pytree, select_tree
@@ -29,7 +30,7 @@ from .bounds import (
 )
 from .descent import Descent, History
 from .minimum_criteria import MinimumCriteria
-from .program_cache import ProgramCache, refuse_derivative
+from .no_derivative import refuse_derivative
 from .returned_values import loss_and_status
 from .trials import loss_and_gradient
 

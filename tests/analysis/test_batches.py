@@ -1,6 +1,7 @@
 """Chunks, devices and processes change nothing in the answers of a batch."""
 
 import functools
+import gc
 import json
 import os
 import socket
@@ -72,6 +73,26 @@ def test_several_arguments_as_pytrees():
 
     cases = {"a": jnp.arange(5.0), "b": (jnp.ones((5, 2)),)}
     assert np.array_equal(jc.batched(function, 2)(cases)["sum"], np.arange(5.0) + 2)
+
+
+def test_the_same_function_is_compiled_once():
+    """Whatever object of `batched` calls it; a chunk or a number of cases is another program."""
+    traced = []
+
+    def square(x):
+        traced.append(1)
+        return x**2
+
+    cases = jnp.arange(4.0)
+    for _ in range(2):
+        np.testing.assert_array_equal(jc.batched(square)(cases), cases**2)
+    assert len(traced) == 1
+    jc.batched(square)(jnp.arange(5.0))
+    jc.batched(square, chunk=2)(cases)
+    assert len(traced) == 3
+    kept = jc.batched(lambda x: 2 * x)  # nobody else has this function
+    gc.collect()
+    np.testing.assert_array_equal(kept(cases), 2 * cases)
 
 
 @pytest.mark.parametrize("chunk", [0, -1, 2.5, True])

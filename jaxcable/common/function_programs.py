@@ -1,14 +1,10 @@
-"""Keep the compiled programs of functions that users optimize; refuse derivatives of results."""
+"""Compiled programs of users' functions, known by the function object and forgotten with it."""
 
 from __future__ import annotations
 
 import weakref
 from collections.abc import Callable, Hashable
 from typing import Any
-
-import jax
-
-from ..common.types import PyTree
 
 
 class ProgramCache:
@@ -34,21 +30,3 @@ class ProgramCache:
         if options not in programs:
             programs[options] = self.make(weakref.ref(function), *options)
         return programs[options]
-
-
-@jax.custom_jvp
-def refuse_derivative(tree: PyTree[Any]) -> PyTree[Any]:
-    """Return the pytree unchanged, such that differentiating through it raises ValueError.
-
-    Without this, a derivative of a search would be a silent NaN or zero.
-    """
-    return tree
-
-
-@refuse_derivative.defjvp
-def _raise_on_derivative(primals, tangents):
-    """Raise ValueError: this is the derivative rule of `refuse_derivative`."""
-    raise ValueError(
-        "a result of minimize or fit has no derivative; pass lax.stop_gradient of what it depends "
-        "on, or differentiate its optimality conditions"
-    )
