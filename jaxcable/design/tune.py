@@ -109,10 +109,10 @@ def tune(
     in the given phases, which are the start. This is the search of `fit` with exact derivatives
     through all phases, hence also through stages with activation and deactivation of elements.
 
-    The first call compiles a program of results and derivatives, about three times as long as
-    `solve` does; other numbers, and other targets of displacements, positions and tensions, do not
-    compile it again. (Inside of jit and vmap, and with more than 256 unknowns, it is `fit`, which
-    is compiled at each call.)
+    The first call compiles programs of results and derivatives, three to five times as long as
+    `solve` does (the longer where bars replace cables first, see `smooth`); other numbers, and
+    other targets of displacements, positions and tensions, do not compile them again. (Inside of
+    jit and vmap, and with more than 256 unknowns, it is `fit`, which is compiled at each call.)
 
     Args:
         structure, phases: as for `solve`.
