@@ -27,13 +27,13 @@ from ..sections import Section
 from ..sections.padding import split_last_fibres
 from ..spaces import Space, space_of
 from ..spaces.dof_map import DofMap, element_unknowns
+from .padded_loads import pad_faces, pad_loads
+from .padding import common_size, doubled_size, fill, repeat_last
 from .preparation import PreparedAnalysis, join_states
 from .schedule import stack_steps
 
-_SMALL_SIZES = 12, 24, 36, 48, 72, 96, 120, 150
 _FEWEST_FIBRES = 8
 _MOST_UNKNOWNS = 2000  # beyond them runs are longer than what a program takes to compile
-_STEP = 1.25  # ratio of larger sizes: the work of a solve grows by little more than its unknowns
 
 
 class CommonSizes(NamedTuple):
@@ -52,23 +52,6 @@ class CommonSizes(NamedTuple):
     elements: tuple[int, ...]
     phases: int
     increments: int
-
-
-def doubled_size(count: int, first: int) -> int:
-    """Return the smallest of the sizes `first`, 2 `first`, 4 `first`, ... of at least `count`."""
-    while first < count:
-        first *= 2
-    return first
-
-
-def common_size(count: int) -> int:
-    """Return the smallest of the sizes of what takes time, at least `count`."""
-    for size in _SMALL_SIZES:
-        if size >= count:
-            return size
-    while size < count:
-        size = int(np.ceil(_STEP * size / 10)) * 10
-    return size
 
 
 def pad_analysis(
@@ -99,7 +82,10 @@ def pad_analysis(
     )
     padded = list(arrays)
     for group, own, size in zip(groups, links, sizes.elements, strict=True):
-        padded[group.links.number] = _repeat_last(own, size)
+        padded[group.links.number] = repeat_last(own, size)
+    loads = (*schedule.loads, *(() if restart is None else restart.loads))
+    for number, faces in pad_faces(loads, arrays, sizes.rows - 1).items():
+        padded[number] = faces
     pairs = list(zip(groups, sizes.elements, strict=True))
     inner = tuple((group.n_freedom, group.inner_unknowns) for group in groups)
     numbers, tree = jax.tree.flatten(schedule.dof_map)  # known by content
@@ -109,7 +95,7 @@ def pad_analysis(
         mean_lengths=_mean_lengths(groups, links, np.asarray(nodes)),
     )
     parts = (
-        _repeat_last(nodes, sizes.rows),
+        repeat_last(nodes, sizes.rows),
         [_pad_group(group, size) for group, size in pairs],
         None if restart is None else _pad_restart(restart, groups, task.bundles, sizes),
         _pad_schedule(schedule, dof_map, sizes, links, task.bundles),
@@ -129,7 +115,7 @@ def _can_be_padded(links, groups, restart, schedule):
         and all(map(_has_links_only, groups))
         and all(map(_can_be_absent, groups, links))
         and all(isinstance(stack.load, OnGroups) and not stack.follows for stack in loads)
-        and all(not stack.load._index_fields for stack in loads)
+        and all(set(stack.load._index_fields) <= {"faces"} for stack in loads)
         and (pattern is None or not any(pattern.paired))
     )
 
@@ -156,26 +142,6 @@ def _can_be_absent(group, links):
     return found
 
 
-def _repeat_last(x, size, axis=0):
-    """Pad an array along `axis` to `size` entries with copies of the last one."""
-    return _fill(x, size, axis, None)
-
-
-def _fill(x, size, axis, value):
-    """Pad an array along `axis` to `size` entries with `value`; None: with the last entry."""
-    x = np.asarray(x)
-    count = x.shape[axis]
-    if count == size:
-        return x
-    padded = np.empty((*x.shape[:axis], size, *x.shape[axis + 1 :]), x.dtype)
-    before = (slice(None),) * axis
-    padded[(*before, slice(count))] = x
-    padded[(*before, slice(count, None))] = (
-        x[(*before, slice(count - 1, count))] if value is None else value
-    )
-    return padded
-
-
 def _pad_group(group, size):
     """Return a group with `size` elements; those that are added equal its last one."""
     changes: dict[str, Any] = {}
@@ -184,9 +150,9 @@ def _pad_group(group, size):
         if name == "strength" and not own:
             changes[name] = None  # it is for reports
         elif name in group.per_element and value is not None:
-            changes[name] = _repeat_last(value, size)
+            changes[name] = repeat_last(value, size)
         elif isinstance(value, PerElement):
-            changes[name] = jax.tree.map(lambda x: _repeat_last(x, size), value)
+            changes[name] = jax.tree.map(lambda x: repeat_last(x, size), value)
         elif isinstance(value, Section):
             changes[name] = _pad_section(value)
     return copy_with(group, **changes)
@@ -204,40 +170,26 @@ def _pad_restart(restart, groups, bundles, sizes):
     """Return a `RestartState` on bundles, with padded rows and elements."""
     factors = [
         copy_with(
-            own, begun=None if own.begun is None else _repeat_last(own.begun, sizes.rows, axis=1)
+            own, begun=None if own.begun is None else repeat_last(own.begun, sizes.rows, axis=1)
         )
         for own in restart.load_factors
     ]
     return copy_with(
         restart,
-        motion=_repeat_last(restart.motion, sizes.rows),
+        motion=repeat_last(restart.motion, sizes.rows),
         states=[
-            jax.tree.map(lambda x, size=size: _repeat_last(x, size), state)
+            jax.tree.map(lambda x, size=size: repeat_last(x, size), state)
             for state, size in zip(
                 join_states(groups, bundles, restart.states), sizes.elements, strict=True
             )
         ],
-        nodal_load=_fill(restart.nodal_load, sizes.rows, 0, 0.0),
-        loads=_pad_loads(restart.loads, bundles, sizes),
+        nodal_load=fill(restart.nodal_load, sizes.rows, 0, 0.0),
+        loads=pad_loads(restart.loads, bundles, sizes.elements),
         load_factors=factors,
         support_rotation=None
         if restart.support_rotation is None
-        else _repeat_last(restart.support_rotation, sizes.rows),
+        else repeat_last(restart.support_rotation, sizes.rows),
     )
-
-
-def _pad_loads(stacks, bundles, sizes):
-    """Return every `LoadStack` on bundles, with factors of elements padded with zeros."""
-    padded = []
-    for stack in stacks:
-        if not bundles.are_groups:
-            stack = _load_on_bundles(stack, bundles)
-        factors = stack.load.element_factors
-        if factors is not None:
-            larger = {k: _fill(own, sizes.elements[k], 1, 0.0) for k, own in factors.items()}
-            stack = copy_with(stack, load=copy_with(stack.load, element_factors=larger))
-        padded.append(stack)
-    return padded
 
 
 def _pad_schedule(schedule, dof_map, sizes, links, bundles):
@@ -252,8 +204,8 @@ def _pad_schedule(schedule, dof_map, sizes, links, bundles):
         first = [np.arange(size) < n for n, size in zip(counts, sizes.elements, strict=True)]
     else:
         pairs = list(zip(schedule.present, schedule.present_at_start, sizes.elements, strict=True))
-        present = [_repeat_last(_fill(own, size, 1, False), sizes.phases) for own, _, size in pairs]
-        first = [_fill(own, size, 0, False) for _, own, size in pairs]
+        present = [repeat_last(fill(own, size, 1, False), sizes.phases) for own, _, size in pairs]
+        first = [fill(own, size, 0, False) for _, own, size in pairs]
     changes, before = schedule.changes, schedule.before
     if changes is not None:
         changes = _pad_held(changes, sizes)
@@ -271,7 +223,7 @@ def _pad_schedule(schedule, dof_map, sizes, links, bundles):
         dof_map=dof_map,
         changes=changes,
         before=None if before is None else _pad_held(before, sizes),
-        loads=_pad_loads(schedule.loads, bundles, sizes),
+        loads=pad_loads(schedule.loads, bundles, sizes.elements),
         increments=(sizes.increments,) * sizes.phases,
         n_node=sizes.rows,
         present=present,
@@ -279,20 +231,20 @@ def _pad_schedule(schedule, dof_map, sizes, links, bundles):
         given_steps=stack_steps((*schedule.increments, *idle), sizes.increments),
         attached=None
         if schedule.attached is None
-        else _repeat_last(schedule.attached, sizes.phases),
+        else repeat_last(schedule.attached, sizes.phases),
         is_consistent=None
         if schedule.is_consistent is None
-        else _fill(schedule.is_consistent, sizes.phases, 0, True),
+        else fill(schedule.is_consistent, sizes.phases, 0, True),
     )
 
 
 def _pad_statement(stated, size, phases):
     """Return `StatedValues`, [n_phase, n_elem, ...], that do not concern what is added."""
-    values = _repeat_last(_repeat_last(stated.values, size, axis=1), phases)
+    values = repeat_last(repeat_last(stated.values, size, axis=1), phases)
     chosen = stated.chosen
     if chosen is None:
         chosen = np.ones(np.shape(stated.values)[:2], bool)
-    return StatedValues(values, _fill(_fill(chosen, size, 1, False), phases, 0, False))
+    return StatedValues(values, fill(fill(chosen, size, 1, False), phases, 0, False))
 
 
 def _pad_nodal(added, sizes):
@@ -303,8 +255,8 @@ def _pad_nodal(added, sizes):
     if added is None:
         return None
     values = np.asarray(added.values)
-    values = _fill(_fill(values, sizes.rows, values.ndim - 2, 0.0), sizes.phases, 0, 0.0)
-    amplitude = jax.tree.map(lambda x: _repeat_last(x, sizes.phases), added.amplitude)
+    values = fill(fill(values, sizes.rows, values.ndim - 2, 0.0), sizes.phases, 0, 0.0)
+    amplitude = jax.tree.map(lambda x: repeat_last(x, sizes.phases), added.amplitude)
     return copy_with(added, values=values, amplitude=amplitude)
 
 
@@ -313,24 +265,14 @@ def _pad_held(fields, sizes):
     padded = dict(fields)
     for name, value in fields.items():
         if name in ("fixed", "supported"):
-            padded[name] = _repeat_last(_fill(value, sizes.rows, 1, True), sizes.phases)
+            padded[name] = repeat_last(fill(value, sizes.rows, 1, True), sizes.phases)
         elif name == "axes":
-            padded[name] = _repeat_last(_repeat_last(value, sizes.rows, axis=1), sizes.phases)
+            padded[name] = repeat_last(repeat_last(value, sizes.rows, axis=1), sizes.phases)
         elif name == "temporarily_fixed":
-            padded[name] = _repeat_last(_fill(value, sizes.unknowns, 1, True), sizes.phases)
+            padded[name] = repeat_last(fill(value, sizes.unknowns, 1, True), sizes.phases)
         else:
-            padded[name] = jax.tree.map(lambda x: _repeat_last(x, sizes.phases), value)
+            padded[name] = jax.tree.map(lambda x: repeat_last(x, sizes.phases), value)
     return padded
-
-
-def _load_on_bundles(stack, bundles):
-    """Return a `LoadStack` with loads on bundles in place of groups, by NumPy."""
-    leaves, tree = jax.tree.flatten(stack.load)
-    each = [
-        jax.tree.unflatten(tree, [np.asarray(x)[k] for x in leaves]).on_bundles(bundles)
-        for k in range(len(stack.phase))
-    ]
-    return copy_with(stack, load=jax.tree.map(lambda *parts: np.stack(parts), *each))
 
 
 @functools.lru_cache(maxsize=16)
@@ -351,11 +293,11 @@ def _pad_dof_map(
     rows, unknowns = sizes.rows, sizes.unknowns
     number, count = np.asarray(dof_map.unknown_of_dof), len(dof_map.free)
     number = np.where(number == count, unknowns, number).astype(np.uint32)
-    number = _fill(number, rows, 0, unknowns)
+    number = fill(number, rows, 0, unknowns)
     pattern = dof_map.pattern
     if pattern is not None:
         numbers = [
-            _fill(
+            fill(
                 element_unknowns(number, own.array, width, within, dof_map.rigid_links),
                 size,
                 0,
@@ -365,17 +307,17 @@ def _pad_dof_map(
         ]
         pattern = pad_pattern(pattern, [*numbers, *space.coupled_unknowns(number)], unknowns)
     optional = {
-        "axes": lambda x: _repeat_last(x, rows),
-        "node_of_row": lambda x: _fill(x, rows, 0, rows - 1),
-        "inner": lambda x: _fill(x, rows, 0, False),
-        "supported": lambda x: _fill(x, rows, 0, True),
+        "axes": lambda x: repeat_last(x, rows),
+        "node_of_row": lambda x: fill(x, rows, 0, rows - 1),
+        "inner": lambda x: fill(x, rows, 0, False),
+        "supported": lambda x: fill(x, rows, 0, True),
     }
     fields = {name: getattr(dof_map, name) for name in optional}
     return copy_with(
         dof_map,
-        free=_fill(dof_map.free, unknowns, 0, number.size - 1),
+        free=fill(dof_map.free, unknowns, 0, number.size - 1),
         unknown_of_dof=number,
-        fixed=_fill(dof_map.fixed, rows, 0, True),
+        fixed=fill(dof_map.fixed, rows, 0, True),
         pattern=pattern,
         temporarily_fixed=np.arange(unknowns) >= count,
         **{name: optional[name](x) for name, x in fields.items() if x is not None},

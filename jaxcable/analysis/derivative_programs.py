@@ -19,10 +19,11 @@ from ..common import status
 from ..common.compilation import jit_program
 from ..common.types import Array
 from ..mechanics.bundles import Bundles
-from .common_sizes import common_size, doubled_size, pad_analysis
+from .common_sizes import pad_analysis
 from .cut_results import cut_points
 from .one_phase import ConvergedPoints
 from .outside_jit import analyse_by_known_programs, padded_result_shapes, without_numbers
+from .padding import common_size, doubled_size
 from .phase_loop import recall_solution
 from .preparation import PreparedAnalysis
 from .size_maps import ArgumentMap, ResultMap, is_of_section, size_maps

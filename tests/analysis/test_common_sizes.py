@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.analysis import common_sizes, phase_loop
+from jaxcable.analysis import common_sizes, padding, phase_loop
 from jaxcable.analysis.preparation import prepare
 from jaxcable.common.fusion import are_loops_fused
 
@@ -185,6 +185,37 @@ def test_ten_nets_of_60_to_70_cables_share_one_program():
 
 
 @not_fused
+@pytest.mark.parametrize("each", [False, True])
+@pytest.mark.parametrize("geometry", ["input", "begun"])
+def test_snow_on_another_number_of_faces_shares_the_program(geometry, each):
+    """One force for all faces, or one for each; the gradient is that of exact sizes, too."""
+    jc.forget_programs()
+    structure, (prestress, _) = jc.scenes.saddle(5, 5)
+    faces = jc.net_faces(structure.nodes, structure.elements.links.array, border="ends")
+    counts, known = (len(faces), len(faces) - 1, len(faces) - 5), []
+
+    def phases_of(count, factor=1.0):
+        forces = np.linspace([0.0, 0, -90.0], [30.0, 0, -40.0], count)
+        forces = forces if each else forces[0]
+        snow = jc.AreaLoads(faces[:count], forces, factor=factor, geometry=geometry)
+        return [prestress, jc.Phase(loads=snow, increments=3)]
+
+    for count in counts:
+        assert int(jc.solve(structure, phases_of(count)).status) == 0
+        known.append(len(phase_loop.analyse.known))
+    assert known[0] == known[-1]
+    check_equal(structure, phases_of(counts[-1]))
+
+    def vertical_load(factor, exact):
+        phases = phases_of(counts[-1], factor)
+        return jc.solve(structure, phases, exact_sizes=exact).load[:, 2].sum()
+
+    slopes = [jax.grad(vertical_load)(1.0, exact) for exact in (False, True)]
+    assert slopes[1] < -100.0  # N
+    np.testing.assert_allclose(*slopes, rtol=1e-12)  # sums in another order
+
+
+@not_fused
 def test_increments_up_to_40_share_four_programs():
     jc.forget_programs()
     structure, (prestress, loading) = jc.scenes.flat_net(load=15.0)
@@ -237,7 +268,7 @@ def test_only_own_elements_keep_their_strength(kind, kept):
 
 def test_sizes_grow_by_little():
     """Large enough, few, and at most half as large again (above 24 unknowns)."""
-    found = [common_sizes.common_size(n) for n in range(1, 2000)]
+    found = [padding.common_size(n) for n in range(1, 2000)]
     assert all(size >= n for n, size in enumerate(found, 1))
     assert found == sorted(found) and len(set(found)) < 25
     assert max(size / n for n, size in enumerate(found, 1) if n > 24) <= 1.5
