@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from ..common.tree import copy_with
+from ..loads.faces import OnFaces
 from ..mechanics.bundles import Bundles
 from ..mechanics.load_stacks import LoadStack
 from .padding import common_size, fill, repeat_last
@@ -21,11 +22,16 @@ def pad_faces(stacks: Iterable[LoadStack], arrays: list[Any], node: int) -> dict
     """
     found = {}
     for stack in stacks:
-        faces: Any = getattr(stack.load, "faces", None)
-        if faces is not None:
+        if _is_on_faces(stack.load):
+            faces: Any = stack.load.faces
             own = arrays[faces.number]
             found[faces.number] = fill(own, common_size(len(own)), 0, node)
     return found
+
+
+def _is_on_faces(load):
+    """Return whether a load has faces of its own, not those of element groups."""
+    return isinstance(load, OnFaces) and load.faces is not None
 
 
 def pad_loads(
@@ -40,7 +46,7 @@ def pad_loads(
     for stack in stacks:
         if not bundles.are_groups:
             stack = _load_on_bundles(stack, bundles)
-        if getattr(stack.load, "faces", None) is not None and np.ndim(stack.load.forces) == 3:
+        if _is_on_faces(stack.load) and np.ndim(stack.load.forces) == 3:
             forces = stack.load.forces  # of each face
             forces = repeat_last(forces, common_size(np.shape(forces)[1]), axis=1)
             stack = copy_with(stack, load=copy_with(stack.load, forces=forces))
