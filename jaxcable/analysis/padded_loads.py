@@ -21,11 +21,10 @@ def pad_faces(stacks: Iterable[LoadStack], arrays: list[Any], node: int) -> dict
     All corners of a face that is added are one `node`: it has no area.
     """
     found = {}
-    for stack in stacks:
-        if _is_on_faces(stack.load):
-            faces: Any = stack.load.faces
-            own = arrays[faces.number]
-            found[faces.number] = fill(own, common_size(len(own)), 0, node)
+    loads: list[Any] = [stack.load for stack in stacks if _is_on_faces(stack.load)]
+    for load in loads:
+        own = arrays[load.faces.number]
+        found[load.faces.number] = fill(own, common_size(len(own)), 0, node)
     return found
 
 
