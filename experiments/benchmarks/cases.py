@@ -72,6 +72,7 @@ FULL = Cases(
         "suspended cable": "suspended_cable",
         "strung arch": "strung_arch",
         "guyed mast": "guyed_mast",
+        "bridge in stages": "cable_stayed_bridge",
         "flat net, 2 phases": "phases 2",
         "flat net, 8 phases": "phases 8",
         "flat net, 32 phases": "phases 32",
