@@ -90,11 +90,11 @@ def test_the_number_of_increments_does_not_enter_the_size_of_the_program():
 LINES = {
     # some 500 for tensions as unknowns (`tension_unknowns`), and 300 for exact elongations
     # (`elements.fine`), of which derivatives make 600 more
-    "flat_net": (2500, 4600),
+    "flat_net": (2550, 4750),
     # some 500 for interior-point steps of cables beside other elements (`partial_net`)
-    "geiger_dome": (3000, 5650),
-    "isolated_cable": (4200, 10700),
-    "strung_arch": (6300, 14700),
+    "geiger_dome": (2900, 5200),
+    "isolated_cable": (4200, 9900),
+    "strung_arch": (6100, 12700),
 }
 
 COUNTED = """
