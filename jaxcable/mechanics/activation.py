@@ -64,24 +64,24 @@ def apply_activation(
     """
     motion: Motion = restart.motion
     was: Any = [state.present for state in restart.states]  # all groups have it here
-    new = [there & ~own for there, own in zip(present, was, strict=True)]
+    new = [there & ~earlier for there, earlier in zip(present, was, strict=True)]
     if attached is not None:
         placed = _attach_nodes(nodes, groups, motion, new, before, now)
         motion = jnp.where(attached, placed, motion)
     states, either = [], []
-    pairs = zip(groups, restart.states, was, present, new, strict=True)
-    for group, state, there, stays, coming in pairs:
+    given = zip(groups, restart.states, was, present, new, strict=True)
+    for group, state, earlier, there, coming in given:
         begins, fresh = copy_with(state, present=coming), group.initial_memory()
         if fresh is not None:
             begins = copy_with(begins, memory=fresh)
         found = evaluate_elements("state_at_activation", group, begins, nodes, motion)
         state = jax.tree.map(
             lambda a, b, own=coming: jnp.where(own.reshape(-1, *(1,) * (a.ndim - 1)), a, b),
-            copy_with(found, present=stays),
-            copy_with(state, present=there | stays),
+            copy_with(found, present=there),
+            copy_with(state, present=there | earlier),
         )
         either.append(state)
-        states.append(copy_with(state, present=stays))
+        states.append(copy_with(state, present=there))
 
     def system(motion, states, dof_map):
         given = copy_with(restart, motion=motion, states=states)
@@ -91,15 +91,15 @@ def apply_activation(
     # only that come.
     together = system(motion, either, now)
     forces = together.results_by_name(motion, "end_forces")["end_forces"]
-    old = [_where(there, force) for there, force in zip(was, forces, strict=True)]
+    forces_before = [_where(earlier, force) for earlier, force in zip(was, forces, strict=True)]
     changes = [
-        together.space.pad_moments(_where(there, force) - gone)
-        for there, force, gone in zip(present, forces, old, strict=True)
+        together.space.pad_moments(_where(there, force) - before_it)
+        for there, force, before_it in zip(present, forces, forces_before, strict=True)
     ]
     load = system(motion, states, now).external_force(motion)
     load_before = system(restart.motion, restart.states, before).external_force(restart.motion)
     unbalanced = together.sum_at_rows(changes) - (load - load_before)
-    return ActivatedElements(motion, states, old, unbalanced)
+    return ActivatedElements(motion, states, forces_before, unbalanced)
 
 
 def _where(there, force):

@@ -102,8 +102,8 @@ def attach_derivative_with_marks(
     solver = TangentSolver(_solve_tangent, _solve_adjoint)
     found, known = implicit_root(equation, start, problem, solver, known)
     found, mark = jnp.split(found, 2)
-    if not numbers.size:  # nothing is free
-        return back(found), back(found), jnp.zeros(system.nodes.shape[0], x.dtype), known
+    if not numbers.size:  # nothing is free: the point depends on supports only, not on the root
+        return back(numbers), back(numbers), jnp.zeros(system.nodes.shape[0], x.dtype), known
     number, numbering = system.dof_map.unknown_of_dof, system.dof_map.unknown_assembly
     if numbering is None:
         marks = linear.append_zero(mark)[number]
