@@ -21,16 +21,17 @@ def pad_faces(stacks: Iterable[LoadStack], arrays: list[Any], node: int) -> dict
     All corners of a face that is added are one `node`: it has no area.
     """
     found = {}
-    loads: list[Any] = [stack.load for stack in stacks if _is_on_faces(stack.load)]
-    for load in loads:
-        own = arrays[load.faces.number]
-        found[load.faces.number] = fill(own, common_size(len(own)), 0, node)
+    loads: list[Any] = [stack.load for stack in stacks]
+    slots = [own.faces for own in loads if _is_on_faces(own)]
+    for slot in slots:
+        own = arrays[slot.number]
+        found[slot.number] = fill(own, common_size(len(own)), 0, node)
     return found
 
 
-def _is_on_faces(load):
+def _is_on_faces(acting):
     """Return whether a load has faces of its own, not those of element groups."""
-    return isinstance(load, OnFaces) and load.faces is not None
+    return isinstance(acting, OnFaces) and acting.faces is not None
 
 
 def pad_loads(
