@@ -281,6 +281,19 @@ def first_call_ratios():
     return (*span(nets, "{:.1f}"), f"{plain['guyed mast']:.0f}")
 
 
+# --- similar_sizes.txt
+
+
+def similar_sizes():
+    """First and further calls of nets, ms; programs of increments; calls after warm; run ratios."""
+    text = (RESULTS / "similar_sizes.txt").read_text()
+    nets = re.search(r"^ten nets.*?69 cables +(\d+) +([\d.]+)", text, re.M).groups()
+    programs = re.search(r"^1 to 40 increments.*programs: (\d+)", text, re.M)[1]
+    warmed = re.findall(r"^(?:nets|masts) +(\d+) +\d+   compiled: (\d+)", text, re.M)
+    ratios = re.findall(r"^\w+ +[\d.]+ +[\d.]+ +([\d.]+)$", text, re.M)
+    return (*nets, programs, warmed[0][0], warmed[1][0], warmed[0][1], min(ratios), max(ratios))
+
+
 # --- kept_programs_first.txt, many_cases.txt
 
 SHOWN = (
@@ -429,6 +442,14 @@ CLAIMS = [
         "README.md",
         r"The first call takes (.+),\s+a gradient after it (.+),\s+mostly for compilation",
         first_calls_by_version,
+    ),
+    Claim(
+        STUDIES,
+        r"69 cables the first call takes (\d+) ms, calls that compile\s+nothing ([\d.]+) ms "
+        r"\(median\); analyses with 1 to 40 increments need (\d+) programs[^|]*? seen take "
+        r"(\d+) ms \(nets\) and (\d+) ms \(masts\)[^|]*?prepared: (\d+) programs[^|]*?take "
+        r"([\d.]+) to ([\d.]+) times as long",
+        similar_sizes,
     ),
     Claim(
         "README.md",

@@ -66,7 +66,7 @@ def solve(
         exact_sizes: whether to compile for the sizes of this structure. By default, outside of jit,
             nodes, elements, unknowns, phases and increments are padded to a few sizes, so that
             analyses of similar size (another mesh, a cable more) share one program, and one of each
-            derivative. Runs of small structures take longer, by up to half a millisecond. Results
+            derivative. Runs take longer, by up to half for small structures. Results
             are equal to rounding, or to the tolerance where an increment takes many iterations, of
             which there may be others.
 
