@@ -116,12 +116,11 @@ def _scan_phases(
     run, (ends, codes, begins, paths, log, points) = lax.scan(
         phase, run, (schedule.scanned_arrays, codes, counts, factors, points)
     )
-    ends = _nan_results_unless(sound, ends, touched)
     # of the last phase with a converged increment; before the first one there is no derivative
     end = entry(ends, jnp.maximum(run.reached.number, 0))
     fresh = copy_with(end, **implicit.with_nan_derivative(result_fields(end), touched))
-    end = select_tree(run.reached.number >= 0, end, fresh)
-    ends = _phase_results(ends, *begins, codes == status.OK, touched)
+    last = _nan_results_unless(sound, select_tree(run.reached.number >= 0, end, fresh), touched)
+    ends = _phase_results(ends, *begins, sound & (codes == status.OK), touched)
     if not differentiate_path and isinstance(method, Newton):
         paths = implicit.with_nan_derivative(paths, touched)
     known = [stack.up_to_phase(run.reached.number) for stack in _loads_on_groups(parameters)]
@@ -134,9 +133,9 @@ def _scan_phases(
     solution = Solution(
         status=run.code,
         stable=run.stable,
-        last=copy_with(_split_bundles(bundles, end), restart=restart),
+        last=copy_with(_split_bundles(bundles, last), restart=restart),
         phases=PhaseResults(ends, paths, log, schedule.increments, watched),
-        **implicit.nan_unless_probed(run.code == status.OK, result_fields(end), touched),
+        **implicit.nan_unless_probed(sound & (run.code == status.OK), result_fields(end), touched),
     )
     return _split_bundles(bundles, solution), points
 

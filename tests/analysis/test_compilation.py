@@ -90,7 +90,7 @@ def test_the_number_of_increments_does_not_enter_the_size_of_the_program():
 LINES = {
     # some 500 for tensions as unknowns (`tension_unknowns`), and 300 for exact elongations
     # (`elements.fine`), of which derivatives make 600 more
-    "flat_net": (2550, 4750),
+    "flat_net": (2500, 4600),
     # some 500 for interior-point steps of cables beside other elements (`partial_net`)
     "geiger_dome": (2900, 5200),
     "isolated_cable": (4200, 9900),
