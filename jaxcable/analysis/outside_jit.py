@@ -27,6 +27,7 @@ on_forget_programs(_fell_back.clear)
 
 _MOST_SHAPES = 256
 _result_shapes_by_key: dict[Any, Any] = {}  # shapes of results of padded analyses
+on_forget_programs(_result_shapes_by_key.clear)
 
 
 def analyse_by_known_programs(
@@ -124,7 +125,7 @@ def _note_result_shapes(arguments, bundles, found):
         shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), found)
         _result_shapes_by_key[key] = shapes
         while len(_result_shapes_by_key) > _MOST_SHAPES:
-            _result_shapes_by_key.pop(next(iter(_result_shapes_by_key)))
+            _result_shapes_by_key.pop(next(iter(_result_shapes_by_key)), None)  # or another thread
 
 
 def _shape_key(arguments, bundles):

@@ -156,7 +156,10 @@ def _apart(run, trace, recalled, moving, wanted):
         leaves, tree = jax.tree.flatten((core, points, values))
         count = len(leaves) - len(values)
         if any(axis is not None for axis in axes[:count]):
-            own = lambda *x: trace(recalled, *tree.unflatten(x), moving, wanted)  # noqa: E731
+
+            def own(*leaves):
+                return trace(recalled, *tree.unflatten(leaves), moving, wanted)
+
             return jax.vmap(own, axes)(*leaves)
         values, number = _along_first_axis(values, axes[count:])
         return run(recalled, core, points, values, moving, wanted, number)
@@ -183,14 +186,9 @@ def _shapes_of_change(*_, shapes, **__):
     return [internals.abstract_array(jax.ShapeDtypeStruct(*one)) for one in shapes]
 
 
-def _change_jvp(primals, tangents, *, moving, **given):
+def _change_jvp(primals, tangents, **given):
     """Forward derivative of `_CHANGE`: linear in the changes, traced in the other arguments."""
-    count = len(primals) - len(moving)
-    if all(internals.is_zero_tangent(t) for t in tangents[:count]):
-        further = [internals.instantiate_tangent(t) for t in tangents[count:]]
-        out = _CHANGE.bind(*primals, moving=moving, **given)
-        return out, _CHANGE.bind(*primals[:count], *further, moving=moving, **given)
-    return _differentiate(_evaluate_change, primals, tangents, moving=moving, **given)
+    return _linear_jvp(_CHANGE, _evaluate_change, primals, tangents, len(given["moving"]), given)
 
 
 def _change_transpose(cotangents, *arrays, settings, moving, wanted, shapes):
@@ -229,14 +227,9 @@ def _shapes_of_adjoint(*arrays, moving, **__):
     return [internals.abstract_array(arrays[k]) for k in moving]
 
 
-def _adjoint_jvp(primals, tangents, *, wanted, **given):
+def _adjoint_jvp(primals, tangents, **given):
     """Forward derivative of `_ADJOINT`: linear in its cotangents, traced in the other arguments."""
-    count = len(primals) - len(wanted)
-    if all(internals.is_zero_tangent(t) for t in tangents[:count]):
-        further = [internals.instantiate_tangent(t) for t in tangents[count:]]
-        out = _ADJOINT.bind(*primals, wanted=wanted, **given)
-        return out, _ADJOINT.bind(*primals[:count], *further, wanted=wanted, **given)
-    return _differentiate(_evaluate_adjoint, primals, tangents, wanted=wanted, **given)
+    return _linear_jvp(_ADJOINT, _evaluate_adjoint, primals, tangents, len(given["wanted"]), given)
 
 
 def _adjoint_transpose(cotangents, *arrays, settings, moving, wanted, shapes):
@@ -247,6 +240,16 @@ def _adjoint_transpose(cotangents, *arrays, settings, moving, wanted, shapes):
     changes = map(internals.instantiate_tangent, cotangents)
     given = {"settings": settings, "moving": moving, "wanted": wanted, "shapes": shapes}
     return [None] * count + list(_CHANGE.bind(*arrays[:count], *changes, **given))
+
+
+def _linear_jvp(primitive, evaluate, primals, tangents, n_linear, given):
+    """Forward derivative of a primitive that is linear in its last `n_linear` arguments."""
+    count = len(primals) - n_linear
+    if all(internals.is_zero_tangent(t) for t in tangents[:count]):
+        further = [internals.instantiate_tangent(t) for t in tangents[count:]]
+        out = primitive.bind(*primals, **given)
+        return out, primitive.bind(*primals[:count], *further, **given)
+    return _differentiate(evaluate, primals, tangents, **given)
 
 
 def _differentiate(function, primals, tangents, **given):

@@ -19,14 +19,14 @@ from ..common import checks, status
 from ..common.compilation import is_top_level_call
 from ..common.compile_notice import show_compilation
 from ..common.progress import Trial, as_listener
-from ..common.tree import copy_with, pytree, replace, select_tree
+from ..common.tree import copy_with, pytree, select_tree
 from ..common.types import Array, Bool, Float, Int, PyTree
-from ..elements import Bars, Cables
 from ..elements.abilities import STATEMENTS
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.result_parts import named_groups_of, values_per_group
 from ..model.structure import Structure
+from .bars_for_cables import solve_as_bars, with_bars_for_cables
 from .fit import fit, fit_on_host
 from .sensitivity import measured_results_and_jacobian
 from .targets import Target, deviations, require_targets, result_names_for_targets
@@ -109,8 +109,8 @@ def tune(
     in the given phases, which are the start. This is the search of `fit` with exact derivatives
     through all phases, hence also through stages with activation and deactivation of elements.
 
-    The first call compiles programs of results and derivatives, three to five times as long as
-    `solve` does (the longer where bars replace cables first, see `smooth`); other numbers, and
+    The first call compiles programs of results and derivatives, which takes about three times as
+    long as the first `solve`, and longer if a cable goes slack (see `smooth`). Other numbers, and
     other targets of displacements, positions and tensions, do not compile them again. (Inside of
     jit and vmap, and with more than 256 unknowns, it is `fit`, which is compiled at each call.)
 
@@ -128,8 +128,9 @@ def tune(
         method, start: as for `solve`.
         smooth: whether to begin with bars in place of cables, which also bear compression, where
             the structure has beams or bars, too. Where cables go slack results have kinks, at which
-            a search from far away can get stuck. If all cables are taut at its end, the result is
-            that of cables; else the search goes on with cables.
+            a search from far away can get stuck. If all cables are taut in all increments, the
+            result is that of cables; else the phases are analysed with cables, and the search goes
+            on with them where results differ.
         steps, tol, progress: as for `fit`.
 
     Returns:
@@ -196,14 +197,14 @@ def tune(
 
     listen, solution, spent = as_listener(progress), None, jnp.int32(0)
     seeks = _make_search(phases_with, targets, bounds, method, start, (steps, tol, listen))
-    pressing = _with_bars_for_cables(structure) if smooth and start is None else None
+    pressing = with_bars_for_cables(structure) if smooth and start is None else None
     with show_compilation(progress):
         if pressing is not None:
             found = seeks(pressing, values)
             spent = found.steps
             reached = select_tree(found.status == status.OK, found.params, values)
             with contextlib.suppress(ValueError):  # forces below zero, which bars take
-                solution = solve(structure, phases_with(reached), method, start=start)
+                solution = solve_as_bars(structure, pressing, phases_with(reached), method)
                 values = reached
         if solution is None or not _cables_act_like_bars(targets, solution, found):
             found = seeks(structure, values)
@@ -293,23 +294,6 @@ def _describe_nearly_slack(structure, solution, first_phase):
                 f"element {i}, {least:.3g} N at the end of phase {first_phase + number}"
             )
     return tuple(words)
-
-
-def _with_bars_for_cables(structure):
-    """Return the structure with its cables replaced by bars, which also bear compression.
-
-    None if it has no `Cables`, or nothing but groups that bear tension only.
-    """
-    kinds = {type(group) for group in structure.groups}
-    if Cables not in kinds or all(group.tension_only for group in structure.groups):
-        return None
-    groups = [
-        Bars(**{name: getattr(group, name) for name in Bars._all_fields})
-        if type(group) is Cables
-        else group
-        for group in structure.groups
-    ]
-    return replace(structure, elements=structure.arrange(groups))
 
 
 def _cables_act_like_bars(targets, solution, found):
