@@ -41,7 +41,7 @@ def commit():
 def machine():
     """Describe the machine: processor, cores, versions, commit."""
     information = Path("/proc/cpuinfo")  # of Linux
-    lines = information.read_text().splitlines() if information.exists() else []
+    lines = information.read_text(encoding="utf-8").splitlines() if information.exists() else []
     names = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
     return (
         f"{names[0] if names else platform.machine()}, {os.cpu_count()} cores; "

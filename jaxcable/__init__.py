@@ -72,7 +72,7 @@ from .reporting import report
 from .results import energy_balance, fibre_stress, section_forces
 from .sections import Section
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 __all__ = [
     "AnalysisError",

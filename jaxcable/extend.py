@@ -3,13 +3,11 @@
 A class derives from a base class below, which says what to write and has defaults for the rest; an
 analysis, derivatives, pictures and reports then treat it as they treat those of the package.
 
-| what | base classes | tried by |
-|---|---|---|
-| element | `Element`; `Straight`; for more `Prestressable`, `Jacked`, ... | `check` |
-| its state | `ElementState`, or `AxialState` for an unstressed length | `check` |
-| uniaxial law | `Law` | |
-| load | `OnNodes`, `Moving`, `Dead`, `Measured`, `Following`; `OnGroups` beside them | |
-| linear solver | `Solver`, `Analysis`, `NumericFactor` | `register_solver` |
+- An element derives from `Element`, or `Straight`; for more from `Prestressable`, `Jacked`, ...
+- Its state is an `ElementState`, or `AxialState` for an unstressed length. `check` tries both.
+- A uniaxial law derives from `Law`.
+- A load derives from `OnNodes`, `Moving`, `Dead`, `Measured`, `Following`; and `OnGroups`.
+- A linear solver consists of `Solver`, `Analysis` and `NumericFactor`; `register_solver` tries it.
 
 Elements, states, laws and loads are pytrees: decorate them by `pytree`, which makes them frozen
 dataclasses whose fields are arrays; fields with topology are `Indices`. `copy_with` changes fields

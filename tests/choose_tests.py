@@ -84,7 +84,9 @@ def recorded(paths):
         By the name of every test its seconds, and the numbers of what it shows; the worth of that.
     """
     numbers, worth, texts, tests = {}, [], {}, {}
-    for line in (line for path in paths for line in Path(path).read_text().splitlines()):
+    for line in (
+        line for path in paths for line in Path(path).read_text(encoding="utf-8").splitlines()
+    ):
         record = json.loads(line)
         name = record["id"].removeprefix("tests/")
         file, _, function = name.partition("[")[0].partition("::")

@@ -72,6 +72,6 @@ def _forget_programs():
     yield
     statm = pathlib.Path("/proc/self/statm")  # of Linux: elsewhere programs are kept
     if statm.exists():
-        pages = int(statm.read_text().split()[1])
+        pages = int(statm.read_text(encoding="utf-8").split()[1])
         if pages * os.sysconf("SC_PAGE_SIZE") > MEMORY * 1e6:
             jaxcable.forget_programs()

@@ -71,7 +71,7 @@ class Recorder:
             module = Path(name).relative_to(self.package).as_posix()
             lines.setdefault(module, []).append(line)
         record = {"id": test, "wall": wall, "cpu": cpu, "lines": lines}
-        with open(f"{self.path}.{os.getpid()}", "a") as stream:
+        with open(f"{self.path}.{os.getpid()}", "a", encoding="utf-8") as stream:
             stream.write(json.dumps(record) + "\n")
 
 
@@ -98,7 +98,7 @@ def records(files):
     """The objects in files of JSON lines, a list; a last line that is cut off is left out."""
     found = []
     for file in files:
-        for line in Path(file).read_text().splitlines():
+        for line in Path(file).read_text(encoding="utf-8").splitlines():
             try:
                 found.append(json.loads(line))
             except json.JSONDecodeError:

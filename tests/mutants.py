@@ -55,7 +55,7 @@ def pytest_collectreport(report):
 
 def _note_failed(report):
     if report.failed and FAILED in os.environ:
-        with open(os.environ[FAILED], "a") as stream:
+        with open(os.environ[FAILED], "a", encoding="utf-8") as stream:
             stream.write(report.nodeid + "\n")
 
 
@@ -92,7 +92,7 @@ def tested(folder, limit, tests, marks):
     changes = {"PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider"]
     command += ["-p", "mutants", "-m", marks, f"--ignore={OWN}", *tests]
-    with open(folder.parent / "pytest.txt", "w") as stream:
+    with open(folder.parent / "pytest.txt", "w", encoding="utf-8") as stream:
         run = subprocess.Popen(
             command,
             cwd=folder,
@@ -114,7 +114,7 @@ def tested(folder, limit, tests, marks):
         return Run(noted.read_text().splitlines()[0], False)
     if code in (0, 5):  # 5: none of the tests has the marks
         return Run(None, False)
-    told = Path(stream.name).read_text()[-2000:]
+    told = Path(stream.name).read_text(encoding="utf-8")[-2000:]
     return Run(f"pytest ended with {code}: {told.splitlines()[-1] if told else ''}", False)
 
 

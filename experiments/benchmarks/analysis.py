@@ -86,7 +86,7 @@ def scene_of(case):
 
 def peak():
     """Largest resident memory of this process so far, MB."""
-    text = Path("/proc/self/status").read_text()
+    text = Path("/proc/self/status").read_text(encoding="utf-8")
     return int(re.search(r"VmHWM:\s+(\d+)", text).group(1)) / 1e3
 
 

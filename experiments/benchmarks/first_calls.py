@@ -143,8 +143,10 @@ def kept_first(cases):
 
 def resident():
     """Memory of this process, MB, and number of its memory maps."""
-    size = re.search(r"VmRSS:\s+(\d+)", Path("/proc/self/status").read_text()).group(1)
-    return int(size) / 1e3, len(Path("/proc/self/maps").read_text().splitlines())
+    size = re.search(
+        r"VmRSS:\s+(\d+)", Path("/proc/self/status").read_text(encoding="utf-8")
+    ).group(1)
+    return int(size) / 1e3, len(Path("/proc/self/maps").read_text(encoding="utf-8").splitlines())
 
 
 def kept_many(cases):

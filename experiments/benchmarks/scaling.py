@@ -300,7 +300,7 @@ def draw(nets, cases):
     if alone is not None:
         right.axhline(1e3 * alone, color="C3", label="OpenSees, analysis alone")
         right.axhline(1e3 * both, color="C3", ls="--", label="OpenSees, with building the model")
-    right.set(xlabel="load cases", ylabel="time a case, µs")
+    right.set(xlabel="load cases", ylabel="time a case, μs")
     right.set(title="Load cases of a net of 48 unknowns", ylim=(0, None))
     right.grid(True, alpha=0.3)
     right.legend(fontsize=8, loc="center right", bbox_to_anchor=(1.0, 0.36))

@@ -91,7 +91,7 @@ def _report_error(error):
         print_message(str(error))
         return BAD_INPUT
     if isinstance(error, BrokenPipeError):  # the reader of the output has ended, as `head` does
-        sys.stdout = open(os.devnull, "w")
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")
         return OK
     if isinstance(error, OSError) and error.strerror:
         name = error.filename if error.filename is not None else "the system"

@@ -152,7 +152,8 @@ def forget_programs() -> None:
     for forget in _FORGET:
         forget()
     gc.collect()
-    with contextlib.suppress(OSError, AttributeError):  # glibc: freed memory back to the system
+    # freed memory back to the system: of glibc; Windows cannot open the library of the process
+    with contextlib.suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)
 
 

@@ -47,7 +47,7 @@ def require_memory(n_bytes: float, what: str, way_out: str) -> None:
 def _available_machine_bytes():
     """Return the bytes that the machine can give without swapping; None if that is unknown."""
     try:
-        for line in Path("/proc/meminfo").read_text().splitlines():
+        for line in Path("/proc/meminfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("MemAvailable:"):
                 return 1024 * int(line.split()[1])
     except (OSError, ValueError, IndexError):

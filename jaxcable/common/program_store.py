@@ -379,7 +379,7 @@ def _describe_machine():
     """Return a tuple of library versions, devices, operating system and processor features."""
     devices = [(device.platform, device.device_kind) for device in jax.devices()]
     processor = platform.processor() or platform.machine()
-    with contextlib.suppress(OSError), open("/proc/cpuinfo") as file:
+    with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as file:
         lines = [line for line in file if line.startswith(("flags", "Features", "model name"))]
         processor += "".join(sorted(set(lines)))
     libraries = jax, jaxlib, np, scipy, optax

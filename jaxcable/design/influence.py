@@ -326,8 +326,8 @@ def propagate_tolerances(
     Returns:
         worst: deviations if those of all inputs add up, ``sum_j |J_ij| t_j``, a pytree like the
             results that `influence` differentiated.
-        random: standard deviations if the inputs deviate independently, ``sqrt(sum_j (J_ij
-            t_j)^2)``, likewise.
+        random: standard deviations if the inputs deviate independently, likewise:
+            ``sqrt(sum_j (J_ij t_j)^2)``.
 
     Raises:
         ValueError: `tolerance` does not have the shape of these inputs.

@@ -161,7 +161,7 @@ class Element(abc.ABC):
     # --- the group
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on the numbers of the group, such as positive lengths: `Rule`s."""
+        """Return the conditions on numbers of the group, such as positive lengths, a list."""
         return []
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:

@@ -83,7 +83,7 @@ class Straight(Axial, Prestressed, Uniaxial):
         refuse_if_broken(self.rules())
 
     def rules(self) -> list[Rule]:
-        """Return the conditions on the numbers of the group, such as positive areas: `Rule`s."""
+        """Return the conditions on numbers of the group, such as positive areas, a list."""
         above = ("axial_stiffness", "area", "rest_length", "strength")
         rules = [positive(name, getattr(self, name)) for name in above]
         rules += [not_negative(name, getattr(self, name)) for name in ("weight", "compliance")]

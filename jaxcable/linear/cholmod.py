@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import importlib
 from collections.abc import Iterator
 from typing import Any
 
@@ -25,10 +26,8 @@ _FILL_RATIO = 6
 @functools.cache
 def load_cvxopt() -> Any:
     """Import `cvxopt` and return the module; raise ImportError if it is not installed."""
-    import cvxopt
-    import cvxopt.cholmod
-
-    return cvxopt
+    importlib.import_module("cvxopt.cholmod")
+    return importlib.import_module("cvxopt")
 
 
 class _CholmodAnalysis(solver.Analysis):

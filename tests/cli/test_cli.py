@@ -99,7 +99,7 @@ def test_solve_writes_what_it_is_asked_for(scene, capsys):
     assert "wrote net.svg" in out
     for name in ("r.json", "r.npz"):
         np.testing.assert_array_equal(jc.files.load_result(name)["tension"], solution.tension)
-    data = json.loads(Path("r.json").read_text())  # others can read it, too
+    data = json.loads(Path("r.json").read_text(encoding="utf-8"))  # others can read it, too
     assert data["format"] == "jaxcable result" and data["description"] == "converged"
     assert (scene / "net.svg").read_text().rstrip().endswith("</svg>")
     assert "Global equilibrium" in (scene / "net.txt").read_text()
@@ -127,11 +127,11 @@ def test_an_analysis_that_fails_ends_with_status_1_and_its_text(scene, capsys):
 def test_the_cause_of_a_failure_is_said_once(scene, capsys):
     """A net of bars without prestress: what is likely and what to try, without words of Python."""
     assert command("new net --save bars.json --quiet") == 0
-    data = json.loads(Path("bars.json").read_text())
+    data = json.loads(Path("bars.json").read_text(encoding="utf-8"))
     for group in data["structure"]["elements"].values():
         group["type"] = "Bars"
     del data["phases"][0]["pretension"]
-    Path("bars.json").write_text(json.dumps(data))
+    Path("bars.json").write_text(json.dumps(data), encoding="utf-8")
     assert command("solve bars.json --report r.txt") == 1
     out, err = capsys.readouterr()
     assert out.startswith("status 1: the analysis failed in phase 1\n")
@@ -144,7 +144,9 @@ def test_the_cause_of_a_failure_is_said_once(scene, capsys):
     said = out + err
     assert said.count("equilibrium found") == 1
     assert not [word for word in ("trace_path", "max_steps", "residual") if word in said]
-    text = Path("r.txt").read_text()  # the report has no table of zeros, and says why itself
+    text = Path("r.txt").read_text(
+        encoding="utf-8"
+    )  # the report has no table of zeros, and says why itself
     assert "Reactions" not in text and "no equilibrium found" in text
 
 
@@ -295,10 +297,10 @@ def test_optimize_that_fails_writes_nothing_unasked(scene, capsys):
     """The best design of a search that has not ended is written by --keep, none of a bad start."""
     save_bare("bare.json")
     words = "optimize bare.json --target 321 --bounds 300 400 --steps 1 --save t.json"
-    Path("t.json").write_text("mine")  # nor is what is there replaced
+    Path("t.json").write_text("mine", encoding="utf-8")  # nor is what is there replaced
     assert command(f"{words} --quiet") == 1
     out, err = capsys.readouterr()
-    assert out == "" and Path("t.json").read_text() == "mine"
+    assert out == "" and Path("t.json").read_text(encoding="utf-8") == "mine"
     first, second = err.strip().splitlines()  # and no warning of the start
     assert first == ("jaxcable: t.json: not written: the search did not converge; --keep writes it")
     assert "maximum number of optimization steps reached" in second
@@ -537,8 +539,8 @@ def test_wrong_words_end_with_status_2(scene, refused):
 
 
 def test_a_wrong_file_names_its_field(scene, refused):
-    text = Path("net.json").read_text()
-    Path("bad.json").write_text(text.replace("[8, 11]", "[8, 12]"))
+    text = Path("net.json").read_text(encoding="utf-8")
+    Path("bad.json").write_text(text.replace("[8, 11]", "[8, 12]"), encoding="utf-8")
     for name, more in (
         ("solve", ""),
         ("info", ""),
@@ -574,7 +576,9 @@ def test_large_files_and_nonsense(scene, refused):
     begin = time.monotonic()
     refused("solve junk.json --largest 200")
     assert time.monotonic() - begin < 5.0  # reading 100 MB once takes a fraction of a second
-    Path("junk.json").write_text('{"format": "jaxcable scene", "version": 1, ' + "[{" * 1_000_000)
+    Path("junk.json").write_text(
+        '{"format": "jaxcable scene", "version": 1, ' + "[{" * 1_000_000, encoding="utf-8"
+    )
     assert "junk.json: line 1, column" in refused("solve junk.json")
 
 

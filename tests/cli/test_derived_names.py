@@ -75,7 +75,7 @@ def test_two_files_of_a_call_have_two_names(folder, capsys):
     ):
         line = refused(["solve", "net.json", *words], capsys)
         assert line == f"jaxcable: {name}: two outputs of this command have this name"
-    Path("a.vtk").write_text("old")
+    Path("a.vtk").write_text("old", encoding="utf-8")
     Path("b.vtk").hardlink_to("a.vtk")
     line = refused(["solve", "net.json", "--save", "a.vtk", "--save", "b.vtk"], capsys)
     assert line == "jaxcable: b.vtk: two outputs of this command have this name"
@@ -91,7 +91,7 @@ def test_a_path_without_a_name_has_no_picture_beside_it(folder, capsys):
 def test_pictures_pages_and_schemas_that_nobody_has_named_are_known_by_their_marks(folder, capsys):
     """Files of others may well speak of this program."""
     page, notes = "<html><h1>What I know of jaxcable</h1>", b"\x89PNG made of a result of jaxcable"
-    Path("net.html").write_text(page)
+    Path("net.html").write_text(page, encoding="utf-8")
     Path("net.png").write_bytes(notes)
     Path("hypar_net.png").write_bytes(notes)
     for words, name, option in (
@@ -103,7 +103,10 @@ def test_pictures_pages_and_schemas_that_nobody_has_named_are_known_by_their_mar
         assert line == (
             f"jaxcable: {name}: exists and was not written by jaxcable; {option} names another file"
         )
-    assert Path("net.html").read_text() == page and Path("net.png").read_bytes() == notes
+    assert (
+        Path("net.html").read_text(encoding="utf-8") == page
+        and Path("net.png").read_bytes() == notes
+    )
     assert Path("hypar_net.png").read_bytes() == notes
     scene = Path("net.json").read_bytes()
     Path("scene.schema.json").write_bytes(scene)  # no schema, whatever it is called

@@ -101,25 +101,31 @@ def test_new_says_what_to_type_next(tmp_path, monkeypatch, capsys):
         "  jaxcable solve 'my roof.json' --plot 'my roof.png'",
         "  jaxcable view 'my roof.json'",
     ]
-    assert Path("my roof.py").read_text().startswith('"""A saddle of prestressed cables')
+    assert (
+        Path("my roof.py")
+        .read_text(encoding="utf-8")
+        .startswith('"""A saddle of prestressed cables')
+    )
 
 
 def test_new_replaces_nothing_unasked(tmp_path, monkeypatch, capsys):
     """Files of people are edited: neither scene nor script, nor a schema that is there."""
     monkeypatch.chdir(tmp_path)
-    Path("dome.py").write_text("mine")
-    Path("scene.schema.json").write_text("mine, too")
+    Path("dome.py").write_text("mine", encoding="utf-8")
+    Path("scene.schema.json").write_text("mine, too", encoding="utf-8")
     assert main(["new", "dome"]) == 2
     assert one_line(capsys.readouterr().err) == (
         "jaxcable: dome.py: exists already; --save names another file, --force replaces it"
     )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["dome.py", "scene.schema.json"]
     assert main(["new", "dome", "--save", "other.json"]) == 0
-    assert Path("scene.schema.json").read_text() == "mine, too"
+    assert Path("scene.schema.json").read_text(encoding="utf-8") == "mine, too"
     assert "scene.schema.json" not in capsys.readouterr().out
     assert main(["new", "dome", "--force"]) == 0
-    assert "mine" not in Path("dome.py").read_text()
-    assert Path("scene.schema.json").read_text() == "mine, too"  # no schema of jaxcable
+    assert "mine" not in Path("dome.py").read_text(encoding="utf-8")
+    assert (
+        Path("scene.schema.json").read_text(encoding="utf-8") == "mine, too"
+    )  # no schema of jaxcable
     for name, message in (
         ("random.json", "random.py would hide Python's module of that name"),
         ("jaxcable.json", "jaxcable.py would hide Python's module"),
@@ -265,7 +271,7 @@ def scenes(folder, monkeypatch, tmp_path):
     """An empty working folder with two of the scenes."""
     monkeypatch.chdir(tmp_path)
     for name in ("net.json", "mast.json"):
-        Path(name).write_text((folder / name).read_text())
+        Path(name).write_text((folder / name).read_text(), encoding="utf-8")
     return tmp_path
 
 
@@ -322,7 +328,7 @@ def test_plot_writes_pictures_of_every_kind(scenes, capsys):
     assert main(["plot", *"mast.json --of My --view elevation --save m.pdf".split()]) == 0
     assert main(["plot", *"net.json --sequence --magnify 20 --save s.svg".split()]) == 0
     assert Path("m.pdf").read_bytes().startswith(b"%PDF")
-    text = Path("s.svg").read_text()
+    text = Path("s.svg").read_text(encoding="utf-8")
     assert "</svg>" in text and "displacements x 20" in text
     assert capsys.readouterr() == ("wrote m.pdf\nwrote s.svg\n", "")
 
@@ -347,8 +353,8 @@ def test_plot_names_what_it_cannot_draw(scenes, capsys):
     ):
         assert main(["plot", *words.split()]) == 2, words
         assert message in one_line(capsys.readouterr().err)
-    text = Path("net.json").read_text().replace("-3e3]", "-1e30]")
-    Path("net.json").write_text(text)
+    text = Path("net.json").read_text(encoding="utf-8").replace("-3e3]", "-1e30]")
+    Path("net.json").write_text(text, encoding="utf-8")
     assert main(["plot", "net.json"]) == 1
     assert "jaxcable: net.png: not drawn: the analysis failed" in capsys.readouterr().err
     assert not Path("net.png").exists()

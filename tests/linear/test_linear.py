@@ -317,7 +317,7 @@ def test_factors_that_are_made_and_freed_in_other_threads_give_their_memory_back
     analysis = linear.solver_named("superlu").analyze(3600, grid.indptr, grid.indices)
 
     def resident():
-        return 4096 * int(Path("/proc/self/statm").read_text().split()[1])
+        return 4096 * int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1])
 
     sizes = []
     for _ in range(20):
