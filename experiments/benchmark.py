@@ -36,6 +36,7 @@ NAMES = {  # name: module of `benchmarks`, function, parts, and what it measures
     "many_cases": ("many_cases", "run", "a study of many cases in files, by several processes"),
     "first_screen": ("commands", "first_screen", "commands of the README's first screen"),
     "waiting": ("commands", "waiting", "programs that might wait for ever [PYTHON ...]"),
+    "installs": ("installs", "run", "the wheel in empty environments"),
     "gpu": ("gpu", "run", "a GPU beside the CPU of its machine"),
 }
 

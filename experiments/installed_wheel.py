@@ -25,7 +25,7 @@ COMMANDS = "demo", "new net", "solve net.json --report report.txt", "view net.js
 TESTS = (
     "tests/equilibrium/test_closed_forms.py",
     "tests/equilibrium/test_reference.py",
-    "tests/files/test_tables.py",
+    "tests/elements/test_sliding.py",
 )
 SITE_PACKAGES = "import sysconfig; print(sysconfig.get_path('purelib'))"
 VERSIONS = "import jax, platform; print(platform.python_version(), jax.__version__)"

@@ -28,6 +28,7 @@ class Cases(NamedTuple):
         waiting: calls of each program, and of the control.
         frames: load cases of a frame, and calls of each way to solve them.
         similar: nodes on a side of saddles, most increments, size that is compiled in advance.
+        installs: interpreters of Python into which the wheel is installed.
         gpu: sizes of batches, of dense and of sparse nets.
     """
 
@@ -53,6 +54,7 @@ class Cases(NamedTuple):
     waiting: tuple
     frames: tuple
     similar: tuple
+    installs: int
     gpu: tuple
 
 
@@ -104,6 +106,7 @@ FULL = Cases(
     waiting=(50, 500),
     frames=(1000, 3),
     similar=((4, 6, 8, 11, 16, 22), 40, "medium"),
+    installs=9,
     gpu=((1000, 10_000, 100_000), (4, 10, 20), (100, 200)),
 )
 QUICK = Cases(
@@ -129,6 +132,7 @@ QUICK = Cases(
     waiting=(1, 2),
     frames=(10, 2),
     similar=((2, 3), 2, "small"),
+    installs=0,
     gpu=((10,), (4,), ()),
 )
 
