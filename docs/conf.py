@@ -24,6 +24,7 @@ exclude_patterns = ["parts", "extra"]  # included in pages, or copied as they ar
 html_theme = "furo"
 html_math_renderer = "mathml"
 html_title = f"jaxcable {release}"
+html_favicon = "_static/favicon.svg"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_extra_path = ["extra"]

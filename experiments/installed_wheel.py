@@ -23,7 +23,6 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parent.parent
 COMMANDS = "demo", "new net", "solve net.json --report report.txt", "view net.json --no-open"
 TESTS = (
-    "tests/equilibrium/test_closed_forms.py",
     "tests/equilibrium/test_reference.py",
     "tests/elements/test_sliding.py",
 )

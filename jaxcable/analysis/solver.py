@@ -53,8 +53,8 @@ def solve(
 
     Options:
         start: `Solution` (or its `.last`) of the same structure to continue from; default: the
-            initial structure. A failed `Solution` keeps its status and goes nowhere; its `.last`
-            can be continued from.
+            initial structure. Starting from a failed `Solution` returns its failure status; start
+            from its `.last` instead, the last converged state.
         differentiate_path: with `Newton`, also give derivatives of `phases[k].path.displacement`
             and of the forces on the path (one adjoint system per increment). By default these
             derivatives are NaN; all other results are differentiable in any case.
