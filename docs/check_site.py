@@ -5,7 +5,8 @@
 Errors are: a message of a page's console, something that does not load or that a page asks of
 another host, a picture without size or without text for those who do not see it, a page wider than
 the window of a phone, two main headings or none, a skipped level of headings, a link within the
-site that leads nowhere, and a search that does not find. Prints them and exits with 1.
+site that leads nowhere, a search that does not find, and serious violations that axe-core finds
+(contrast, names, order of headings). Prints them and exits with 1.
 """
 
 import argparse
@@ -20,6 +21,7 @@ from urllib.parse import urldefrag, urljoin
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 import browser
+from axe_playwright_python.sync_playwright import Axe
 
 WIDE, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
 LOOK = """() => ({
@@ -101,6 +103,10 @@ class Check:
                 self.say(f"a heading of level {below} below one of level {above}")
         if not seen["language"]:
             self.say("no language")
+        for found in Axe().run(self.window).response["violations"]:
+            if found["impact"] in ("serious", "critical"):
+                place = found["nodes"][0]["html"][:80]
+                self.say(f"{found['id']} ({len(found['nodes'])} times): {place}")
         self.window.set_viewport_size(PHONE)
         wider = self.window.evaluate(WIDER)
         if wider > 0:

@@ -27,6 +27,7 @@ html_title = f"jaxcable {release}"
 html_favicon = "_static/favicon.svg"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 html_extra_path = ["extra"]
 html_theme_options = {"top_of_page_buttons": []}
 
