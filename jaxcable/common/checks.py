@@ -152,7 +152,7 @@ def floats_of_shape(
 
 def require_one_of(value: str, name: str, known: Sequence[str]) -> None:
     """Raise ValueError, which names the argument, unless `value` is one of the words `known`."""
-    if value not in known:
+    if not isinstance(value, str) or value not in known:
         raise ValueError(f"{name} = {value!r}: expected one of {', '.join(known)}")
 
 

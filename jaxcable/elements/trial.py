@@ -205,7 +205,7 @@ class _MethodTrial:
             except Exception as error:  # of the author's code
                 yield describe_error(f"results: {name}", words, error)
                 continue
-            if not isinstance(values, jax.Array):
+            if not isinstance(values, jax.Array | np.ndarray):  # a field as it is
                 got = describe_type(values)
                 yield f"results: {name}: expected {words} for an element, got {got}"
             elif count and values.shape[-1:] != (count,):

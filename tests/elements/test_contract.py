@@ -208,6 +208,7 @@ def said(group):
 
 def test_one_that_is_right_is_not_told():
     check(springs(), NODES[:3])
+    check(springs(results=PULL, pull=lambda self, *_: self.stiffness), NODES[:3])  # a field
 
 
 def returns(value):
