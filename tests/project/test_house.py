@@ -241,6 +241,9 @@ FOREIGN |= {
     "txt",
     "CHANGELOG",
     "opensees_script",
+    "dist",
+    "pypi",
+    "toml",
     "py",
 }
 
