@@ -196,6 +196,25 @@ def first_calls_by_version():
     return tuple(texts)
 
 
+def first_calls_of_page():
+    """Least and most seconds of plain calls, and of gradients after them."""
+    spans = [
+        span([own[kind]["first"] for own in first_call_scenes()], "{:.1f}")
+        for kind in ("plain", "after")
+    ]
+    return (*spans[0], *spans[1])
+
+
+def first_calls_of(scene):
+    """A function to the seconds of a scene: plain, gradient after it, gradient inside of jit."""
+
+    def seconds():
+        own = json.loads((RESULTS / "first_call.json").read_text())[scene]
+        return tuple(f"{own[kind]['first']:.1f}" for kind in ("plain", "after", "gradient"))
+
+    return seconds
+
+
 # --- the studies: figures that stand in one line of their file
 
 
@@ -413,6 +432,7 @@ def dome():
 
 
 STUDIES = "experiments/README.md"
+SPEED = "docs/how-to/speed.md"
 CLAIMS = [
     Claim(
         "README.md",
@@ -443,6 +463,21 @@ CLAIMS = [
         r"The first call takes (.+),\s+a gradient after it (.+),\s+mostly for compilation",
         first_calls_by_version,
     ),
+    Claim(
+        SPEED,
+        r"takes ([\d.]+) to ([\d.]+) s, a gradient after it ([\d.]+) to ([\d.]+) s",
+        first_calls_of_page,
+    ),
+    *(
+        Claim(SPEED, rf"\| {scene} \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|", first_calls_of(scene))
+        for scene in ("flat net", "guyed mast", "bridge in stages")
+    ),
+    Claim(
+        SPEED,
+        r"next process the first call takes ([\d.]+) to ([\d.]+) s",
+        lambda: span([row[1] for row in kept_programs().values()], "{:.1f}"),
+    ),
+    Claim(SPEED, r"`jax.jit` cost (\d+) to (\d+) % of an analysis more", gradient_share),
     Claim(
         STUDIES,
         r"69 cables the first call takes (\d+) ms, calls that compile\s+nothing ([\d.]+) ms "

@@ -92,7 +92,7 @@ print(f"{residual:.1e} N at the worst free node; cables carry up to {tension.max
 # ## What does a gradient cost?
 #
 # The gradient of the mean deflection with respect to the pretension of each cable (adjoint method)
-# is one more solve with a matrix that is factorised already, however many parameters there are.
+# is one more solve with the tangent at the end, however many parameters there are.
 # Times are medians of seven calls, waiting for the result.
 
 
