@@ -74,6 +74,18 @@ def write_commands(made):
     (made / "parts" / "commands.md").write_text(out.getvalue(), encoding="utf-8")
 
 
+def write_statuses(made):
+    """Write the numbers, names and texts of all statuses as a table."""
+    from jaxcable.common import status
+
+    names = {name: code for name, code in vars(status).items() if name.isupper()}
+    lines = ["| code | name | text |", "|---|---|---|"]
+    for name, code in sorted(names.items(), key=lambda pair: pair[1]):
+        if not name.startswith("_") and name != "NEEDS_FALLBACKS":  # internal
+            lines.append(f"| {code} | `{name}` | {status.describe(code)} |")
+    (made / "parts" / "statuses.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
 def write_live_pages(made):
     """Analyse some scenes, and write their interactive pages, to `extra/live`."""
     import jax
@@ -105,6 +117,7 @@ def main(folder):
         raise SystemExit(f"{folder}: is there, and no earlier one of these folders")
     copy_pages(made)
     write_commands(made)
+    write_statuses(made)
     write_live_pages(made)
 
 

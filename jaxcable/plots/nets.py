@@ -56,8 +56,8 @@ def net(
     Titles say "Before loading" and "After loading" of two phases, "After phase 3 of 7" of more.
 
     Args:
-        solution: `Solution` with status OK; "before" is the end of its first phase (with a single
-            phase both pictures are of its end).
+        solution: `Solution`; of a failed one give `state`, such as its `last`. "Before" is the end
+            of its first phase (with a single phase both pictures are of its end).
         path: where to save the picture, in the format of the suffix, or None.
         magnify: factor on the displacement after the first phase, in the second picture; None for a
             round factor that makes the largest displacement a tenth of the structure. Deflections
