@@ -78,10 +78,10 @@ def write_statuses(made):
     """Write the numbers, names and texts of all statuses as a table."""
     from jaxcable.common import status
 
-    names = {name: code for name, code in vars(status).items() if name.isupper()}
+    names = {name: code for name, code in vars(status).items() if isinstance(code, int)}
     lines = ["| code | name | text |", "|---|---|---|"]
     for name, code in sorted(names.items(), key=lambda pair: pair[1]):
-        if not name.startswith("_") and name != "NEEDS_FALLBACKS":  # internal
+        if name != "NEEDS_FALLBACKS":  # internal
             lines.append(f"| {code} | `{name}` | {status.describe(code)} |")
     (made / "parts" / "statuses.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 

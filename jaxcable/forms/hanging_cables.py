@@ -61,7 +61,8 @@ def end_tensions(
 ) -> PyTree[Float[Array, "n_elem 2"] | None]:
     """Return the tensions at both ends of the catenaries of a solution.
 
-    The `tension` of a solution is their mean.
+    The ends come in the order of `links`. The `tension` of a solution is their mean, its
+    `peak_tension` the larger one, at the end of each phase.
 
     Args:
         structure: the `Structure` that was analysed.
