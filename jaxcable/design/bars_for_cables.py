@@ -13,6 +13,7 @@ from ..analysis.preparation import prepare
 from ..analysis.solution import Solution
 from ..analysis.solver import solve
 from ..common import checks, status
+from ..common.compilation import is_top_level_call
 from ..common.tree import copy_with, replace
 from ..elements import Bars, Cables
 from ..equilibrium.incremental import Incremental
@@ -59,6 +60,8 @@ def solve_as_bars(
     Raises:
         ValueError: as `solve`, also where bars would take it, such as a force below zero.
     """
+    if not is_top_level_call(jax.tree.leaves((structure, phases))):
+        return solve(structure, phases, method)
     with checks.without_warnings():  # about bars; the search has warned about the input
         task = prepare(structure, phases, method, None, to_end=True)  # refuse what cables refuse
         solution = solve(pressing, phases, method)
@@ -70,11 +73,11 @@ def solve_as_bars(
 
 
 def _is_taut(structure, solution):
-    """Return whether an analysis has converged with all cables taut; False while traced.
+    """Return whether an analysis has converged with all cables taut, as far as they are there.
 
-    They are at the end of every increment, as far as they are there.
+    They are at the end of every increment.
     """
-    if isinstance(solution.status, jax.core.Tracer) or solution.status != status.OK:
+    if solution.status != status.OK:
         return False
     for phase in solution.phases:
         forces = values_per_group(structure, phase.path.tension)
