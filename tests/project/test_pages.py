@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import jax
 import matplotlib
 import pytest
 from test_readme import BLOCK, run
@@ -15,7 +16,19 @@ TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```$", re.M | re.S)
 NAMES = [path.relative_to(DOCS).as_posix() for path in PAGES]
 
 
+@pytest.fixture
+def _settings_of_users():
+    """The suite is stricter on shapes than jax is by itself."""
+    before = jax.config.jax_numpy_rank_promotion
+    jax.config.update("jax_numpy_rank_promotion", "allow")
+    yield
+    jax.config.update("jax_numpy_rank_promotion", before)
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("_settings_of_users")
+@pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")  # some pages show one
+@pytest.mark.filterwarnings("ignore::jaxcable.UnstableWarning")
 @pytest.mark.parametrize("name", NAMES)
 def test_a_page_runs_and_prints_what_it_says(name, tmp_path, monkeypatch):
     matplotlib.use("Agg")
