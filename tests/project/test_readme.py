@@ -56,7 +56,7 @@ def test_blocks_run_and_print_what_the_readme_says(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {}
     blocks = BLOCK.findall(README)
-    assert [kind for kind, _ in blocks] == ["", "python", "text", "python", "sh"]
+    assert [kind for kind, _ in blocks] == ["", "", "python", "text", "python", "sh"]
     ((printed, said),) = run(blocks, names)
     assert printed == said
     assert int(names["solution"].status) == 0
