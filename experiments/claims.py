@@ -506,6 +506,15 @@ CLAIMS = [
         bars,
     ),
     Claim(STUDIES, r"float32 among them \| (\d+) \| (\d+) \|", valid_scenes),
+    Claim(
+        STUDIES,
+        r"OpenSees\s+takes (\d+) us a case, (\d+) us with fibres",
+        read(
+            "frames_batch",
+            r"linear: OpenSees [\d.]+, (\d+) us",
+            r"fibres: OpenSees [\d.]+, (\d+) us",
+        ),
+    ),
     Claim(STUDIES, r"First calls take ([\d.]+) to ([\d.]+) s", first_calls),
     Claim(
         STUDIES,
