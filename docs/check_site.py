@@ -22,6 +22,7 @@ from urllib.parse import urldefrag, urljoin
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 import browser
 from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import TimeoutError
 
 WIDE, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
 LOOK = """() => ({
@@ -136,7 +137,7 @@ class Check:
             text = self.window.inner_text("#search-results")
             if wanted not in text:
                 self.say(f"{wanted} is not found")
-        except Exception as error:  # a page without results
+        except TimeoutError as error:  # a page without results is an error of the site
             self.say(str(error).splitlines()[0])
 
 

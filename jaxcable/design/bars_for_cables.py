@@ -26,7 +26,7 @@ from ..model.topology import topology_of
 _TAUT = 1e-4  # part of the largest force of a group above which a cable is taut: far above rounding
 
 
-def with_bars_for_cables(structure: Structure) -> Structure | None:
+def replace_cables_by_bars(structure: Structure) -> Structure | None:
     """Return the structure with its cables replaced by bars, which also bear compression.
 
     None if it has no `Cables`, or nothing but groups that bear tension only.
@@ -42,7 +42,7 @@ def with_bars_for_cables(structure: Structure) -> Structure | None:
     return replace(structure, elements=structure.arrange(groups))
 
 
-def solve_as_bars(
+def solve_with_bars_if_taut(
     structure: Structure,
     pressing: Structure,
     phases: Sequence[Phase],
@@ -65,14 +65,14 @@ def solve_as_bars(
     with checks.without_warnings():  # about bars; the search has warned about the input
         task = prepare(structure, phases, method, None, to_end=True)  # refuse what cables refuse
         solution = solve(pressing, phases, method)
-    if not _is_taut(structure, solution):
+    if not _all_cables_are_taut(structure, solution):
         return solve(structure, phases, method)
     if task.warns_if_unstable:
         plausibility.warn_if_unstable(solution)
     return copy_with(solution, last=copy_with(solution.last, topology=topology_of(structure)))
 
 
-def _is_taut(structure, solution):
+def _all_cables_are_taut(structure, solution):
     """Return whether an analysis has converged with all cables taut, as far as they are there.
 
     They are at the end of every increment.

@@ -26,7 +26,7 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.result_parts import named_groups_of, values_per_group
 from ..model.structure import Structure
-from .bars_for_cables import solve_as_bars, with_bars_for_cables
+from .bars_for_cables import replace_cables_by_bars, solve_with_bars_if_taut
 from .fit import fit, fit_on_host
 from .sensitivity import measured_results_and_jacobian
 from .targets import Target, deviations, require_targets, result_names_for_targets
@@ -197,14 +197,16 @@ def tune(
 
     listen, solution, spent = as_listener(progress), None, jnp.int32(0)
     seeks = _make_search(phases_with, targets, bounds, method, start, (steps, tol, listen))
-    pressing = with_bars_for_cables(structure) if smooth and start is None else None
+    pressing = replace_cables_by_bars(structure) if smooth and start is None else None
     with show_compilation(progress):
         if pressing is not None:
             found = seeks(pressing, values)
             spent = found.steps
             reached = select_tree(found.status == status.OK, found.params, values)
             with contextlib.suppress(ValueError):  # forces below zero, which bars take
-                solution = solve_as_bars(structure, pressing, phases_with(reached), method)
+                solution = solve_with_bars_if_taut(
+                    structure, pressing, phases_with(reached), method
+                )
                 values = reached
         if solution is None or not _cables_act_like_bars(targets, solution, found):
             found = seeks(structure, values)

@@ -21,7 +21,7 @@ from pathlib import Path
 import jax
 import matplotlib.pyplot
 import numpy as np
-import optax  # noqa: F401
+import optax  # noqa: F401 - as the next two: before names are hidden, which they may need
 import scipy.optimize  # noqa: F401
 import scipy.sparse.linalg  # noqa: F401
 

@@ -192,11 +192,15 @@ def test_without_a_setting_for_one_thread(without):
         assert jax.config.jax_persistent_cache_min_compile_time_secs == least
 
 
-def test_without_names_of_lapack(without):
+def test_without_names_of_lapack(without, monkeypatch):
+    """A small program is lowered instead, for which jax loads LAPACK."""
     without("jaxlib.lapack")
+    compiled, jit = [], jax.jit
+    monkeypatch.setattr(jax, "jit", lambda function: compiled.append(function) or jit(function))
     jax_internals.preload_lapack.cache_clear()
     jax_internals.preload_lapack()
     jax_internals.preload_lapack.cache_clear()
+    assert compiled == [jnp.linalg.cholesky]
 
 
 def test_without_a_serializer(without, tmp_path):

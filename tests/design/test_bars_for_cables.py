@@ -7,7 +7,7 @@ import pytest
 import jaxcable as jc
 from jaxcable.analysis import phase_loop
 from jaxcable.design import Target, tune
-from jaxcable.design.bars_for_cables import solve_as_bars, with_bars_for_cables
+from jaxcable.design.bars_for_cables import replace_cables_by_bars, solve_with_bars_if_taut
 
 MAST = jc.Structure(
     [[0.0, 0.0, 0.0], [0.0, 0.0, 20.0], [-15.0, 0.0, 0.0], [15.0, 0.0, 0.0]],
@@ -47,7 +47,7 @@ def require_same(found, wanted):
 
 def test_a_solution_with_bars_is_that_of_taut_cables():
     phases = pulled(40e3)
-    found = solve_as_bars(MAST, with_bars_for_cables(MAST), phases, None)
+    found = solve_with_bars_if_taut(MAST, replace_cables_by_bars(MAST), phases, None)
     assert found.status == 0
     require_same(found, jc.solve(MAST, phases))
     more = jc.Phase(loads=PULL)  # which relieves a stay until it is slack: a cable, no bar
@@ -61,13 +61,13 @@ def test_a_solution_with_bars_is_that_of_taut_cables():
 def test_a_cable_that_goes_slack_on_the_way_is_a_cable():
     """Of four increments the last one slackens a stay; a bar would press."""
     phases = pulled(8e3)
-    pressing = with_bars_for_cables(MAST)
+    pressing = replace_cables_by_bars(MAST)
     assert jc.solve(pressing, phases).tension["stays"].min() < -100.0
-    found = solve_as_bars(MAST, pressing, phases, None)
+    found = solve_with_bars_if_taut(MAST, pressing, phases, None)
     assert found.status == 0 and found.tension["stays"].min() == 0.0
     require_same(found, jc.solve(MAST, phases))
     back = jc.Phase(loads=jc.NodalLoads([1], (-10e3, 0.0, 0.0)))  # taut again in the end
-    found = solve_as_bars(MAST, pressing, [*phases, back], None)
+    found = solve_with_bars_if_taut(MAST, pressing, [*phases, back], None)
     slack = [np.asarray(phase.path.n_slack) for phase in found.phases]
     assert found.status == 0 and slack[1].max() == 1 and slack[2][-1] == 0
 
@@ -80,7 +80,7 @@ def test_absent_cables_do_not_count():
     later = {"mast": None, "stays": None, "added": jc.only([0, 1])}
     pair = {**later, "added": np.array([5e3, 5e3])}
     phases = [jc.Phase(pretension=forces, loads=PULL), jc.Phase(adds=later, pretension=pair)]
-    found = solve_as_bars(structure, with_bars_for_cables(structure), phases, None)
+    found = solve_with_bars_if_taut(structure, replace_cables_by_bars(structure), phases, None)
     assert found.status == 0 and not np.any(found.phases[0].tension["added"])
     jc.forget_programs()
     require_same(found, jc.solve(structure, phases))
@@ -89,7 +89,7 @@ def test_absent_cables_do_not_count():
 def test_what_cables_refuse_is_refused():
     """Bars would take a force below zero."""
     with pytest.raises(ValueError, match="pretension"):
-        solve_as_bars(MAST, with_bars_for_cables(MAST), pulled(-1e3), None)
+        solve_with_bars_if_taut(MAST, replace_cables_by_bars(MAST), pulled(-1e3), None)
 
 
 def test_the_program_of_cables_is_not_compiled():

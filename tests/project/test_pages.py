@@ -27,8 +27,8 @@ def _settings_of_users():
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("_settings_of_users")
-@pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")  # some pages show one
-@pytest.mark.filterwarnings("ignore::jaxcable.UnstableWarning")
+# pages show what a doubtful drawing or an unstable state says; for users that is no error either
+@pytest.mark.filterwarnings("ignore::jaxcable.InputWarning", "ignore::jaxcable.UnstableWarning")
 @pytest.mark.parametrize("name", NAMES)
 def test_a_page_runs_and_prints_what_it_says(name, tmp_path, monkeypatch):
     matplotlib.use("Agg")
