@@ -25,6 +25,7 @@ COMMANDS = "demo", "new net", "solve net.json --report report.txt", "view net.js
 TESTS = (
     "tests/equilibrium/test_reference.py",
     "tests/elements/test_sliding.py",
+    "tests/project/test_notebooks.py",
 )
 SITE_PACKAGES = "import sysconfig; print(sysconfig.get_path('purelib'))"
 VERSIONS = "import jax, platform; print(platform.python_version(), jax.__version__)"
@@ -92,7 +93,7 @@ def try_wheel(wheel, python, jax, extras, folder):
     for made in ("net.json", "report.txt", "net.html"):
         if not (folder / made).stat().st_size:
             raise StepError(f"{made} is empty")
-    for name in ("tests", "experiments"):
+    for name in ("tests", "experiments", "notebooks"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("results"))
     shutil.copy(ROOT / "pyproject.toml", folder)
     run([own, "-m", "pip", "install", "--quiet", "pytest"], folder)

@@ -15,6 +15,17 @@
 # both by hand.
 #
 # All units are SI: m, N, Pa.
+#
+# [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/github/jaxcable/jaxcable/blob/main/notebooks/01_first_net.ipynb)
+
+# %%
+# where jaxcable is missing, in Colab for one, install it
+import importlib.util
+import subprocess
+import sys
+
+if importlib.util.find_spec("jaxcable") is None:
+    subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", "jaxcable"], check=True)
 
 # %%
 import jax
@@ -30,8 +41,8 @@ from scipy.optimize import root
 
 import jaxcable as jc
 
-jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 jc.keep_programs()  # on disk: the next run of this notebook compiles little
+jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 # %% [markdown]
 # ## The net

@@ -13,6 +13,17 @@
 # forces. So one prescribes forces (or force densities) and finds the shape; the unstressed lengths
 # to which cables are cut follow from shape, forces and stiffness. This notebook does so for a roof
 # of 14 x 14 m, and then computes its deflection under snow.
+#
+# [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/github/jaxcable/jaxcable/blob/main/notebooks/02_form_finding.ipynb)
+
+# %%
+# where jaxcable is missing, in Colab for one, install it
+import importlib.util
+import subprocess
+import sys
+
+if importlib.util.find_spec("jaxcable") is None:
+    subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", "jaxcable"], check=True)
 
 # %%
 import jax
@@ -24,8 +35,8 @@ from scipy.optimize import root
 
 import jaxcable as jc
 
-jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 jc.keep_programs()  # on disk: the next run of this notebook compiles little
+jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 # %% [markdown]
 # ## The frame and the topology

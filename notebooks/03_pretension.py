@@ -13,6 +13,17 @@
 # cables are chosen with exact gradients: first as a trade-off between deflection and prestress (by
 # the default optimizer, and by Adam from optax), then for a specification: the least prestress with
 # which deflections stay within a limit, no cable is nearly slack and none is overstressed.
+#
+# [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/github/jaxcable/jaxcable/blob/main/notebooks/03_pretension.ipynb)
+
+# %%
+# where jaxcable is missing, in Colab for one, install it
+import importlib.util
+import subprocess
+import sys
+
+if importlib.util.find_spec("jaxcable") is None:
+    subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", "jaxcable"], check=True)
 
 # %%
 import jax
@@ -25,8 +36,8 @@ from scipy import optimize
 
 import jaxcable as jc
 
-jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 jc.keep_programs()  # on disk: the next run of this notebook compiles little
+jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 # %% [markdown]
 # ## Net and prestress

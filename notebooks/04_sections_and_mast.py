@@ -13,6 +13,17 @@
 # its material. Section forces are sums over fibres, so that yielding needs no formulas, only the
 # stress-strain curve of the steel. Here a section is loaded beyond yielding and checked by closed
 # forms; then a mast of such a section stands in the wind.
+#
+# [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/github/jaxcable/jaxcable/blob/main/notebooks/04_sections_and_mast.ipynb)
+
+# %%
+# where jaxcable is missing, in Colab for one, install it
+import importlib.util
+import subprocess
+import sys
+
+if importlib.util.find_spec("jaxcable") is None:
+    subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", "jaxcable"], check=True)
 
 # %%
 import jax
@@ -24,8 +35,8 @@ import numpy as np
 
 import jaxcable as jc
 
-jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 jc.keep_programs()  # on disk: the next run of this notebook compiles little
+jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 # %% [markdown]
 # ## Laws

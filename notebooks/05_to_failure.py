@@ -18,6 +18,17 @@
 #
 # Cables that go slack on the way are no failure, but good to know. `jc.trace_path` follows the
 # equilibrium path by arc length, past maxima, and locates all of these.
+#
+# [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/github/jaxcable/jaxcable/blob/main/notebooks/05_to_failure.ipynb)
+
+# %%
+# where jaxcable is missing, in Colab for one, install it
+import importlib.util
+import subprocess
+import sys
+
+if importlib.util.find_spec("jaxcable") is None:
+    subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", "jaxcable"], check=True)
 
 # %%
 import jax
@@ -29,8 +40,8 @@ import numpy as np
 
 import jaxcable as jc
 
-jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 jc.keep_programs()  # on disk: the next run of this notebook compiles little
+jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 # %% [markdown]
 # ## A truss that snaps through

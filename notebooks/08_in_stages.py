@@ -14,6 +14,17 @@
 # birth and death). An added element is unstressed between the positions that its ends have then;
 # the forces of a removed element are ramped down to zero. Everything else in an analysis, gradients
 # included, is as before.
+#
+# [![Open in Colab](https://colab.research.google.com/assets/colab-badge.svg)](https://colab.research.google.com/github/jaxcable/jaxcable/blob/main/notebooks/08_in_stages.ipynb)
+
+# %%
+# where jaxcable is missing, in Colab for one, install it
+import importlib.util
+import subprocess
+import sys
+
+if importlib.util.find_spec("jaxcable") is None:
+    subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", "jaxcable"], check=True)
 
 # %%
 import jax
@@ -25,7 +36,7 @@ import numpy as np
 
 import jaxcable as jc
 
-jc.keep_programs()  # on disk: the next run of this notebook compiles little
+_ = jc.keep_programs()  # on disk: the next run of this notebook compiles little
 
 # %% [markdown]
 # ## Two spans, one after the other

@@ -3,9 +3,13 @@
 The first runs in `make test`, the others in `make test-all`.
 """
 
+import importlib.util
 import json
 import re
+import subprocess
+import sys
 import time
+import tomllib
 from pathlib import Path
 
 import jax
@@ -14,6 +18,9 @@ import pytest
 
 FOLDER = Path(__file__).parents[2] / "notebooks"
 SOURCES = sorted(FOLDER.glob("*.py"))
+PROJECT = tomllib.loads((FOLDER.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+REPOSITORY = PROJECT["urls"]["Source"]
+COLAB = "colab.research.google.com/github"
 LIMIT = 60.0  # seconds that a notebook may take on two cores, compilation included
 
 
@@ -57,8 +64,23 @@ def test_a_notebook_has_the_cells_of_its_source_and_their_outputs(path):
     assert notebook.stat().st_size < 1_500_000
     kind, text = cells(path)[0]
     assert kind == "markdown" and text.startswith("# ") and "?" in text  # it opens with a question
+    address = f"{REPOSITORY}/blob/main/notebooks/{notebook.name}"
+    assert text.endswith(f"]({address.replace('github.com', COLAB)})")  # the badge opens this one
     last = [text for kind, text in cells(path) if kind == "code"][-1]
     assert "assert " in last  # and ends with a checked number
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: p.stem)
+def test_a_notebook_installs_the_package_where_it_is_missing(path, monkeypatch):
+    """Its first cell runs pip then, and nothing where the package is there."""
+    [text, *_] = [text for kind, text in cells(path) if kind == "code"]
+    called = []
+    monkeypatch.setattr(subprocess, "run", lambda words, check: called.append((words, check)))
+    exec(compile(text, str(path), "exec"), {})
+    assert not called
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    exec(compile(text, str(path), "exec"), {})
+    assert called == [([sys.executable, "-m", "pip", "install", "--quiet", "jaxcable"], True)]
 
 
 @pytest.mark.parametrize(
