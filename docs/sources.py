@@ -15,6 +15,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 SOURCE = "https://github.com/jaxcable/jaxcable/blob/main"
 LINK = re.compile(r"(?<=\]\()(?!https?:|#)([^)\s#]+)(#[^)\s]*)?(?=\))")
+BADGE = re.compile(r"!\[([^\]]*)\]\([^)]*badge.svg\)")  # the site asks no other host for pictures
 PAGES = {  # links to these become links to pages of the site
     "experiments/README.md": "validation.md",
     "CHANGELOG.md": "changelog.md",
@@ -50,7 +51,8 @@ def copy_pages(made):
     (made / "notebooks").mkdir()
     (made / "parts").mkdir()
     for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
-        shutil.copy(path, made / "notebooks")
+        text = BADGE.sub(r"\1", path.read_text(encoding="utf-8"))
+        (made / "notebooks" / path.name).write_text(text, encoding="utf-8")
     results = ROOT / "experiments" / "results"
     shutil.copytree(results, made / "results", ignore=shutil.ignore_patterns("*.json"))
     for name, folder, page in (
@@ -78,11 +80,9 @@ def write_statuses(made):
     """Write the numbers, names and texts of all statuses as a table."""
     from jaxcable.common import status
 
-    names = {name: code for name, code in vars(status).items() if isinstance(code, int)}
     lines = ["| code | name | text |", "|---|---|---|"]
-    for name, code in sorted(names.items(), key=lambda pair: pair[1]):
-        if name != "NEEDS_FALLBACKS":  # internal
-            lines.append(f"| {code} | `{name}` | {status.describe(code)} |")
+    for code, name in status.NAMES.items():
+        lines.append(f"| {code} | `{name}` | {status.describe(code)} |")
     (made / "parts" / "statuses.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

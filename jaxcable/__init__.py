@@ -32,12 +32,12 @@ from . import (
     scenes,
     sections,
     stiffness,
+    studies,
 )
 from .analysis.batches import batched
 from .analysis.phases import Phase
 from .analysis.solution import Solution
 from .analysis.solver import solve
-from .analysis.streamed import streamed
 from .common import progress, status
 from .common.checks import InputWarning, UnstableWarning
 from .common.compilation import forget_programs
@@ -71,6 +71,7 @@ from .paths import trace_path
 from .reporting import report
 from .results import energy_balance, fibre_stress, section_forces
 from .sections import Section
+from .studies.study import study
 
 __version__ = "0.2.0.dev0"
 
@@ -140,6 +141,16 @@ __all__ = [
     "solve",
     "status",
     "stiffness",
-    "streamed",
+    "studies",
+    "study",
     "trace_path",
 ]
+
+
+def __getattr__(name: str) -> object:
+    if name == "streamed":
+        raise AttributeError(
+            "jaxcable.streamed is gone: call jaxcable.study, which writes a Zarr store; the page "
+            "'Studies' of the documentation says how to move"
+        )
+    raise AttributeError(f"module 'jaxcable' has no attribute {name!r}")

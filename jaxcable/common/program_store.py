@@ -134,6 +134,11 @@ def are_programs_kept() -> bool:
     return bool(_open_place)
 
 
+def kept_programs_folder() -> Path | None:
+    """Return the folder in which programs are kept, None if they are not."""
+    return _open_place[0].folder if _open_place else None
+
+
 def _parse_folder_argument(folder):
     """Return a user's argument as a path; None if it is empty or no path."""
     try:

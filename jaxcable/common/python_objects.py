@@ -27,7 +27,7 @@ import numpy as np
 
 PACKAGE = "jaxcable"
 # rooms above all programs: none of these is ever called by one
-_ROOMS_APART = {"__main__", "cli", "files", "plots", "reporting", "scenes"}
+_ROOMS_APART = {"__main__", "cli", "files", "plots", "reporting", "scenes", "studies"}
 _RELIED_ON = {"jax", "jaxlib", "jaxtyping", "numpy", "optax", "scipy"}
 _RELIED_ON |= (sys.stdlib_module_names | {"builtins"}) - {"unittest", "__main__"}
 _GENERATED = "_cython", "namedtuple_"  # modules that are none
@@ -48,7 +48,8 @@ class ForeignCodeError(Exception):
 def is_program_module(module: str) -> bool:
     """Tell whether a module, given by its name, has code that compiled programs can depend on.
 
-    These are the modules of this package, but not those of plots, files, reports, scenes and cli.
+    These are the modules of this package, but not those of plots, files, reports, scenes, studies
+    and cli.
     """
     package, *rooms = module.split(".")
     return package == PACKAGE and bool(rooms) and rooms[0] not in _ROOMS_APART

@@ -39,6 +39,13 @@ BEYOND_PEAK = 25
 STATIONARY = 26
 NEEDS_FALLBACKS = 27
 
+NAMES: dict[int, str] = {
+    code: name
+    for name, code in sorted(vars().items(), key=lambda item: str(item[1]).zfill(2))
+    if name.isupper() and isinstance(code, int) and name != "NEEDS_FALLBACKS"
+}
+"""Names of the codes that results have, by code."""
+
 _TEXTS = {
     OK: "converged",
     NOT_CONVERGED: (

@@ -8,6 +8,7 @@ values are not checked. Each function issues what it finds as an `InputWarning`.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeAlias
 
@@ -107,7 +108,7 @@ def warn_of_coincident_nodes(
         touched: True where an element touches a node, [n_node].
         fixed: True where a freedom is held, [n_row, 3 or 6].
     """
-    key = nodes[:, 0] + np.pi * nodes[:, 1] + np.e * nodes[:, 2]  # equal for equal positions
+    key = nodes[:, 0] + math.pi * nodes[:, 1] + math.e * nodes[:, 2]  # equal for equal positions
     order = np.argsort(key, kind="stable")
     first, second = order[:-1], order[1:]
     same = (nodes[first] == nodes[second]).all(axis=1)

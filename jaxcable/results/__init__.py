@@ -2,7 +2,6 @@
 
 from ..analysis.phase_results import Path, PhaseResult, PhaseResults
 from ..analysis.solution import Solution, State
-from ..analysis.streamed import Study
 from .energy import EnergyBalance, energy_balance
 from .internal_forces import section_forces
 from .stresses import fibre_stress
@@ -14,7 +13,6 @@ __all__ = [
     "PhaseResults",
     "Solution",
     "State",
-    "Study",
     "energy_balance",
     "fibre_stress",
     "section_forces",

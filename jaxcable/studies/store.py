@@ -1,0 +1,260 @@
+"""The store of a study: a Zarr group that xarray opens, and in which chunks appear as a whole.
+
+Every result is an array whose first axes are the dimensions of the cases, divided into the chunks
+of the study. A chunk is written array by array, and ``completed`` last: where that is true, all
+else is there. Cases that nobody has computed are NaN, and -1 in ``status``. The attribute
+``jaxcable_study`` of the group says what is computed, by digests.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import errno
+import os
+import secrets
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..common import checks, status
+from ..common.python_objects import digest_of_bytes
+from .cases import Cases, require_name
+from .grid import ChunkGrid
+
+COMPLETED, CAUSE, STATUS = "completed", "cause", "status"
+DESCRIPTION = "jaxcable_study"
+
+_UNITS = {  # of results of an analysis, where a study does not state others
+    **dict.fromkeys(("tension", "peak_tension", "reactions", "load", "residual"), "N"),
+    **dict.fromkeys(("displacement", "positions", "rest_length"), "m"),
+    "reaction_moments": "N m",
+    "relative_residual": "1",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Variable:
+    """A result of a study.
+
+    Attributes:
+        shape, dtype: of one case.
+        dims: names of the axes of one case.
+        units: unit, "" if none is known.
+    """
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    dims: tuple[str, ...]
+    units: str
+
+
+def describe_variables(
+    results: Mapping[str, Any],
+    cases: Cases,
+    dims: Mapping[str, tuple[str, ...]],
+    units: Mapping[str, str],
+    coords: Mapping[str, np.ndarray],
+) -> dict[str, Variable]:
+    """Return the variables of a store by name, and check their names, dimensions and coordinates.
+
+    Args:
+        results: shapes and dtypes of all results of one case, by name.
+        cases: the cases.
+        dims, units: what the user states of results, by name.
+        coords: what the user states of dimensions, by name.
+    """
+    known = cases.coordinates()
+    for argument, stated in (("dims", dims), ("units", units)):
+        for name in stated:
+            if name not in results and (argument == "dims" or name not in known):
+                raise ValueError(
+                    f"{argument}: {name!r} is no result{checks.suggest_names(name, results)}"
+                )
+    sizes: dict[str, int] = dict(zip(cases.dims, cases.shape, strict=True))
+    variables = {}
+    for name, one in results.items():
+        require_name(name, "function: the result")
+        if name in (COMPLETED, CAUSE, *cases.dims, *known, *coords):
+            raise ValueError(f"function: the result {name!r} has the name of something else")
+        own = dims.get(name, tuple(f"{name}_{axis}" for axis in range(len(one.shape))))
+        named_twice = set(own) & {*cases.dims, *results} or len(set(own)) < len(own)
+        if len(own) != len(one.shape) or isinstance(own, str) or named_twice:
+            raise ValueError(
+                f"dims[{name!r}] = {own!r}: expected {len(one.shape)} different names, other than "
+                f"those of dimensions of the cases, {cases.dims}, and of results"
+            )
+        for dim, size in zip(own, one.shape, strict=True):
+            require_name(dim, f"dims[{name!r}]")
+            if sizes.setdefault(dim, size) != size:
+                raise ValueError(
+                    f"dims[{name!r}]: {dim!r} has length {size} here and {sizes[dim]} elsewhere"
+                )
+        unit = units.get(name, _UNITS.get(name, ""))
+        variables[name] = Variable(one.shape, np.dtype(one.dtype), tuple(own), unit)
+    for dim, values in coords.items():
+        if dim not in sizes or dim in known:
+            raise ValueError(f"coords: {dim!r} is no dimension without values; {sorted(sizes)} are")
+        if values.shape != (sizes[dim],):
+            raise ValueError(
+                f"coords[{dim!r}] has shape {values.shape}, the dimension has length {sizes[dim]}"
+            )
+    return variables
+
+
+class ResultStore:
+    """A store on disk, opened for writing and reading.
+
+    Args:
+        path: its folder.
+    """
+
+    def __init__(self, path: Path):
+        import zarr
+
+        self.path = path
+        try:
+            self.group: Any = zarr.open_group(path, mode="r+", zarr_format=3)
+            about: Any = self.group.attrs[DESCRIPTION]
+            self.grid = ChunkGrid(tuple(about["shape"]), tuple(about["chunks"]))
+            self.names = tuple(about["results"])
+        except (OSError, KeyError, ValueError, TypeError) as error:
+            raise ValueError(
+                f"store: {path} holds no study of jaxcable, or is damaged ({error}); take another "
+                "folder"
+            ) from None
+        self.about: dict[str, Any] = about
+
+    @property
+    def digest(self) -> str:
+        """Digest of the description of the study and the place of its store, 16 characters."""
+        return digest_of_bytes(repr((sorted(self.about.items()), self.path)).encode())[:16]
+
+    def write(self, k: int, results: Mapping[str, np.ndarray], causes: np.ndarray) -> None:
+        """Write the results of chunk `k`, arrays [n, ...] by name, and causes of failure, [n]."""
+        where, lengths = self.grid.slices(k), [s.stop - s.start for s in self.grid.slices(k)]
+        for name, values in (*results.items(), (CAUSE, causes)):
+            self.group[name][where] = values.reshape(*lengths, *values.shape[1:])
+            _wait_for_disk(self._chunk_file(name, k))
+        self.group[COMPLETED][where] = True
+
+    def missing(self) -> list[int]:
+        """Return the numbers of the chunks that are not completed."""
+        return [k for k in range(self.grid.n_chunk) if not self._chunk_file(COMPLETED, k).exists()]
+
+    def read(self, name: str) -> np.ndarray:
+        """Return a result of all cases, with their dimensions first."""
+        return self.group[name][...]
+
+    def _chunk_file(self, name, k):
+        """Return the path of the file with chunk `k` of an array."""
+        inner = len(self.group[name].shape) - len(self.grid.shape) if name != COMPLETED else 0
+        return self.path.joinpath(name, "c", *map(str, self.grid.index(k)), *["0"] * inner)
+
+
+def create_store(
+    path: Path,
+    cases: Cases,
+    variables: Mapping[str, Variable],
+    about: Mapping[str, Any],
+    coords: Mapping[str, np.ndarray],
+    units: Mapping[str, str],
+) -> None:
+    """Create an empty store, which appears as a whole; another process may have been faster.
+
+    Args:
+        path: where it shall be; there is nothing.
+        cases: the cases.
+        variables: results, by name.
+        about: what is computed, the attribute `DESCRIPTION`.
+        coords, units: what the user states of dimensions, and of coordinates, by name.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}-{secrets.token_hex(8)}.part")
+    try:
+        _fill_store(part, cases, variables, about, coords, units)
+        os.rename(part, path)
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+            raise
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _fill_store(path, cases, variables, about, coords, units):
+    """Write the metadata of all arrays, and the coordinates."""
+    import zarr
+
+    grid = ChunkGrid(tuple(about["shape"]), tuple(about["chunks"]))
+    attributes = {"Conventions": "CF-1.11", DESCRIPTION: dict(about)}
+    group = zarr.create_group(path, zarr_format=3, attributes=attributes)
+    compressors = [zarr.codecs.ZstdCodec(level=1, checksum=True)]
+    for name, variable in variables.items():
+        group.create_array(
+            name,
+            shape=(*grid.shape, *variable.shape),
+            chunks=(*grid.chunks, *(max(n, 1) for n in variable.shape)),
+            dtype=variable.dtype,
+            fill_value=fill_value(variable.dtype),
+            dimension_names=(*cases.dims, *variable.dims),
+            attributes=_attributes(name, variable),
+            compressors=compressors,
+            config={"write_empty_chunks": True},
+        )
+    for name, dtype, fill, text in (
+        (CAUSE, str, "", "why a case has failed; empty if it has not"),
+        (COMPLETED, bool, False, "whether a case is computed"),
+    ):
+        group.create_array(
+            name,
+            shape=grid.shape,
+            chunks=grid.chunks,
+            dtype=dtype,
+            fill_value=fill,
+            dimension_names=cases.dims,
+            attributes={"long_name": text},
+            compressors=compressors,
+            config={"write_empty_chunks": True},
+        )
+    stated = {name: ((name,), values) for name, values in coords.items()}
+    for name, (dims, values) in (cases.coordinates() | stated).items():
+        texts = values.dtype.kind in "US"
+        array = group.create_array(
+            name,
+            shape=values.shape,
+            dtype=str if texts else values.dtype,
+            dimension_names=dims,
+            attributes={"units": units[name]} if name in units else {},
+        )
+        array[...] = values.astype(object) if texts else values
+
+
+def fill_value(dtype):
+    """Return what stands for a case that is not computed."""
+    if dtype.kind in "fc":
+        return np.nan
+    return {"b": False, "i": -1}.get(dtype.kind, 0)
+
+
+def _attributes(name, variable):
+    """Return the attributes of the array of a result, as the CF conventions name them."""
+    attributes: dict[str, Any] = {"units": variable.units} if variable.units else {}
+    if name == STATUS and variable.dtype.kind == "i":
+        attributes |= {
+            "flag_values": list(status.NAMES),
+            "flag_meanings": " ".join(name.lower() for name in status.NAMES.values()),
+        }
+    return attributes
+
+
+def _wait_for_disk(path):
+    """Wait until the content of a file is on the disk, so that it is there before its mark is."""
+    with contextlib.suppress(FileNotFoundError):
+        handle = os.open(path, os.O_RDWR)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

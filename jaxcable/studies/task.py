@@ -1,0 +1,183 @@
+"""One chunk of a study as a task: make its cases, compute them, write their results.
+
+A task does the same in a thread of this process and on a worker of a cluster. There it is sent as
+bytes, which are made to an object again once; the settings of jax are those of the process that has
+begun the study.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from ..analysis.batches import batched
+from ..common import status
+from ..common.fusion import are_loops_fused, request_fused_loops
+from ..common.program_store import keep_programs, kept_programs_folder
+from .cases import Block, Cases
+from .grid import ChunkGrid
+from .store import STATUS, ResultStore, fill_value
+
+_CHUNK_IN_CACHE = 256  # cases: their data stay in cache
+_MOST_ERRORS = 16  # cases of a chunk that may raise; more of them are an error of the function
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """Settings of jax that decide what a function computes, and how fast.
+
+    Attributes:
+        x64: whether numbers are in double precision.
+        fused: whether loops are fused (`fuse_loops`).
+        programs: folder in which compiled programs are kept, or None.
+    """
+
+    x64: bool
+    fused: bool
+    programs: str | None
+
+    @classmethod
+    def of_this_process(cls, programs: str | os.PathLike[str] | None) -> Settings:
+        """Return the settings of this process; `programs` is another folder, or None."""
+        folder = kept_programs_folder() if programs is None else Path(programs).absolute()
+        return cls(
+            bool(jax.config.read("jax_enable_x64")),
+            are_loops_fused(),
+            None if folder is None else str(folder),
+        )
+
+    def apply(self) -> None:
+        """Make these the settings of this process, a worker.
+
+        Raises:
+            RuntimeError: it is too late: jax has computed with loops fused or not, unlike here.
+        """
+        if jax.config.read("jax_enable_x64") != self.x64:
+            jax.config.update("jax_enable_x64", self.x64)
+        if self.fused and not are_loops_fused():
+            request_fused_loops()
+        if are_loops_fused() != self.fused:
+            raise RuntimeError(
+                "jax has already computed on this worker, with other settings of `fuse_loops` than "
+                "the study has; restart the workers (client.restart())"
+            )
+        if self.programs is not None and str(kept_programs_folder()) != self.programs:
+            keep_programs(self.programs)
+
+
+@dataclasses.dataclass(frozen=True)
+class Done:
+    """What the process that has begun the study is told of a chunk.
+
+    Attributes:
+        k: number of the chunk.
+        n_case, n_failed: number of its cases, and of those that have failed.
+        seconds: time of computing, and of writing.
+    """
+
+    k: int
+    n_case: int
+    n_failed: int
+    seconds: tuple[float, float]
+
+
+class ChunkTask:
+    """Function that computes a chunk of a study, and writes its results.
+
+    Args:
+        function: of one case, to a dict of arrays.
+        cases: makes the cases; None if they are given to every call.
+        grid: chunks.
+        path: folder of the store.
+    """
+
+    def __init__(
+        self,
+        function: Callable[[Any], dict[str, Any]],
+        cases: Cases | None,
+        grid: ChunkGrid,
+        path: Path,
+    ):
+        self.function, self.cases, self.grid, self.path = function, cases, grid, path
+
+    def __reduce__(self):
+        return ChunkTask, (self.function, self.cases, self.grid, self.path)
+
+    @functools.cached_property
+    def compute(self) -> Callable[[Block], dict[str, Any]]:
+        """The compiled function of a chunk of cases."""
+        return batched(self.function, min(_CHUNK_IN_CACHE, self.grid.chunk_size))
+
+    @functools.cached_property
+    def _store(self):
+        return ResultStore(self.path)
+
+    def __call__(self, k: int, block: Block | None = None) -> Done:
+        """Compute chunk `k`, whose cases are `block` if they are given, and write its results."""
+        begin = time.perf_counter()
+        if block is None:
+            block = self.cases.block(self.grid.numbers(k))
+        results, causes = self._compute_all(block)
+        middle = time.perf_counter()
+        self._store.write(k, results, causes)
+        spent = middle - begin, time.perf_counter() - middle
+        return Done(k, len(causes), int((causes != "").sum()), spent)
+
+    def _compute_all(self, block):
+        """Return results of all cases of a block, and causes of failure, [n] texts.
+
+        A case for which the function raises an exception has NaN, like one that fails.
+        """
+        count = len(jax.tree.leaves(block)[0])
+        causes = np.full(count, "", object)
+        parts, errors = [], {}
+        for numbers, results in self._compute_without_errors(block, np.arange(count), errors):
+            parts.append((numbers, results))
+        if not parts:
+            raise next(iter(errors.values()))
+        results = {
+            name: np.full((count, *value.shape[1:]), fill_value(value.dtype), value.dtype)
+            for name, value in parts[0][1].items()
+        }
+        for numbers, found in parts:
+            for name, value in found.items():
+                results[name][numbers] = value
+        if STATUS in results and results[STATUS].ndim == 1 and results[STATUS].dtype.kind == "i":
+            for code in np.unique(results[STATUS]):
+                if code != status.OK:
+                    causes[results[STATUS] == code] = status.describe(int(code))
+        for number, error in errors.items():
+            causes[number] = f"{type(error).__name__}: {error}"
+        return results, causes
+
+    def _compute_without_errors(self, block, numbers, errors):
+        """Yield (numbers, results) of those cases of a block that raise nothing.
+
+        A block for which the function raises is halved until the cases that do it are alone; they
+        go to `errors`, by their number. One program serves all: parts are filled up.
+        """
+        size = self.grid.chunk_size
+        filled = numbers[np.minimum(np.arange(size), len(numbers) - 1)]
+        try:
+            found = self.compute(jax.tree.map(lambda leaf: leaf[filled], block))
+            yield (
+                numbers,
+                {name: np.asarray(value)[: len(numbers)] for name, value in found.items()},
+            )
+            return
+        except Exception as error:
+            if len(numbers) == 1:
+                errors[int(numbers[0])] = error
+                if len(errors) > _MOST_ERRORS:
+                    raise
+                return
+        for half in np.array_split(numbers, 2):
+            yield from self._compute_without_errors(block, half, errors)
