@@ -13,7 +13,7 @@ from ..common.progress import as_listener
 from . import engines
 from .cases import Cases
 from .store import ResultStore
-from .task import ChunkTask, Done, Settings
+from .task import ChunkTask, Done, Settings, summarize_error
 
 _MOST_FAILURES = 20  # chunks that may fail before the study is given up
 
@@ -114,8 +114,8 @@ def _failure_text(store, failures, n_left):
     where = ", ".join(f"{s.start} to {s.stop - 1}" for s in store.grid.slices(k))
     more = f" ({len(failures)} chunks have failed so)" if len(failures) > 1 else ""
     return (
-        f"{store.path}: chunk {k} (cases {where}): {type(error).__name__}: {error}{more}; "
-        f"{n_left} chunks are missing: call jc.study again to compute them"
+        f"{store.path}: chunk {k} (cases {where}): {summarize_error(error)}{more}; missing "
+        f"chunks: {n_left}; call jc.study again to compute them"
     )
 
 

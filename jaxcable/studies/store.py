@@ -8,12 +8,12 @@ else is there. Cases that nobody has computed are NaN, and -1 in ``status``. The
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import errno
 import os
 import secrets
 import shutil
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -78,6 +78,8 @@ def describe_variables(
     variables = {}
     for name, one in results.items():
         require_name(name, "function: the result")
+        if 0 in one.shape:
+            raise ValueError(f"function: the result {name!r} has shape {one.shape}, no numbers")
         if name in (COMPLETED, CAUSE, *cases.dims, *known, *coords):
             raise ValueError(f"function: the result {name!r} has the name of something else")
         own = dims.get(name, tuple(f"{name}_{axis}" for axis in range(len(one.shape))))
@@ -117,10 +119,16 @@ class ResultStore:
 
         self.path = path
         try:
-            self.group: Any = zarr.open_group(path, mode="r+", zarr_format=3)
+            self.group: Any = zarr.open_group(
+                path, mode="r+", zarr_format=3, use_consolidated=False
+            )
             about: Any = self.group.attrs[DESCRIPTION]
             self.grid = ChunkGrid(tuple(about["shape"]), tuple(about["chunks"]))
             self.names = tuple(about["results"])
+            self._arrays = {
+                name: self.group[name].with_config({"write_empty_chunks": True})
+                for name in (*self.names, CAUSE, COMPLETED)
+            }
         except (OSError, KeyError, ValueError, TypeError) as error:
             raise ValueError(
                 f"store: {path} holds no study of jaxcable, or is damaged ({error}); take another "
@@ -137,21 +145,48 @@ class ResultStore:
         """Write the results of chunk `k`, arrays [n, ...] by name, and causes of failure, [n]."""
         where, lengths = self.grid.slices(k), [s.stop - s.start for s in self.grid.slices(k)]
         for name, values in (*results.items(), (CAUSE, causes)):
-            self.group[name][where] = values.reshape(*lengths, *values.shape[1:])
+            self._arrays[name][where] = values.reshape(*lengths, *values.shape[1:])
             _wait_for_disk(self._chunk_file(name, k))
-        self.group[COMPLETED][where] = True
+        self._arrays[COMPLETED][where] = True
+
+    def set_units(self, units: Mapping[str, str]) -> None:
+        """State units of results and coordinates, by name."""
+        if any(self.group[name].attrs.get("units") != unit for name, unit in units.items()):
+            for name, unit in units.items():
+                self.group[name].attrs["units"] = unit
+            _collect_metadata(self.path)
 
     def missing(self) -> list[int]:
-        """Return the numbers of the chunks that are not completed."""
-        return [k for k in range(self.grid.n_chunk) if not self._chunk_file(COMPLETED, k).exists()]
+        """Return the numbers of the chunks of which not all is there."""
+        names = (COMPLETED, CAUSE, *self.names)
+        return [
+            k
+            for k in range(self.grid.n_chunk)
+            if not all(self._chunk_file(name, k).exists() for name in names)
+        ]
 
     def read(self, name: str) -> np.ndarray:
-        """Return a result of all cases, with their dimensions first."""
-        return self.group[name][...]
+        """Return a result of all cases, with their dimensions first.
+
+        Raises:
+            ValueError: the file of a chunk is damaged.
+        """
+        array = self._arrays[name]
+        found = np.empty(array.shape, array.dtype)
+        for k in range(self.grid.n_chunk):
+            where = self.grid.slices(k)
+            try:
+                found[where] = array[where]
+            except Exception as error:  # of zarr, its codecs and NumPy there are many kinds
+                raise ValueError(
+                    f"{self._chunk_file(name, k)}: is damaged ({error}); delete this file and run "
+                    "the study again, which computes these cases anew"
+                ) from None
+        return found
 
     def _chunk_file(self, name, k):
         """Return the path of the file with chunk `k` of an array."""
-        inner = len(self.group[name].shape) - len(self.grid.shape) if name != COMPLETED else 0
+        inner = self._arrays[name].ndim - len(self.grid.shape)
         return self.path.joinpath(name, "c", *map(str, self.grid.index(k)), *["0"] * inner)
 
 
@@ -196,13 +231,12 @@ def _fill_store(path, cases, variables, about, coords, units):
         group.create_array(
             name,
             shape=(*grid.shape, *variable.shape),
-            chunks=(*grid.chunks, *(max(n, 1) for n in variable.shape)),
+            chunks=(*grid.chunks, *variable.shape),
             dtype=variable.dtype,
             fill_value=fill_value(variable.dtype),
             dimension_names=(*cases.dims, *variable.dims),
             attributes=_attributes(name, variable),
             compressors=compressors,
-            config={"write_empty_chunks": True},
         )
     for name, dtype, fill, text in (
         (CAUSE, str, "", "why a case has failed; empty if it has not"),
@@ -217,7 +251,6 @@ def _fill_store(path, cases, variables, about, coords, units):
             dimension_names=cases.dims,
             attributes={"long_name": text},
             compressors=compressors,
-            config={"write_empty_chunks": True},
         )
     stated = {name: ((name,), values) for name, values in coords.items()}
     for name, (dims, values) in (cases.coordinates() | stated).items():
@@ -230,6 +263,16 @@ def _fill_store(path, cases, variables, about, coords, units):
             attributes={"units": units[name]} if name in units else {},
         )
         array[...] = values.astype(object) if texts else values
+    _collect_metadata(path)
+
+
+def _collect_metadata(path):
+    """Write the metadata of all arrays into one file, from which xarray opens a store quickly."""
+    import zarr
+
+    with warnings.catch_warnings():  # it is an extension of the format, which all readers may skip
+        warnings.filterwarnings("ignore", message="Consolidated metadata")
+        zarr.consolidate_metadata(path)
 
 
 def fill_value(dtype):
@@ -252,9 +295,8 @@ def _attributes(name, variable):
 
 def _wait_for_disk(path):
     """Wait until the content of a file is on the disk, so that it is there before its mark is."""
-    with contextlib.suppress(FileNotFoundError):
-        handle = os.open(path, os.O_RDWR)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+    handle = os.open(path, os.O_RDWR)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

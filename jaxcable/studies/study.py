@@ -91,7 +91,7 @@ class Study:
         _require_package("xarray", "studies", "opening a study as a dataset")
         import xarray
 
-        return xarray.open_zarr(self.store, consolidated=False, chunks=None)
+        return xarray.open_zarr(self.store, chunks=None)
 
 
 def study(
@@ -205,8 +205,8 @@ def _require_client(client):
         return
     if not all(hasattr(client, name) for name in ("submit", "cancel", "nthreads", "asynchronous")):
         raise ValueError(
-            f'client: expected a distributed.Client (pip install "jaxcable[cluster]") or None, got '
-            f"{type(client).__name__}"
+            "client: expected None, or a distributed.Client "
+            f'(pip install "jaxcable[cluster]"), got {type(client).__name__}'
         )
     if client.asynchronous:
         raise ValueError("client: is asynchronous; expected Client(..., asynchronous=False)")
@@ -279,8 +279,7 @@ def _open_or_create(path, cases, variables, about, coords, units):
             f"store: {path} holds a study with {'; '.join(other)}; take another folder, or delete "
             "this one"
         )
-    for name, unit in units.items():
-        opened.group[name].attrs["units"] = unit
+    opened.set_units(units)
     return opened
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -89,6 +90,16 @@ class Done:
     seconds: tuple[float, float]
 
 
+def summarize_error(error: Exception) -> str:
+    """Return the kind and the text of an exception in one line.
+
+    What a function on the host raises is at the end of a traceback in the text of jax's exception.
+    """
+    *_, last = [line.strip() for line in str(error).splitlines() if line.strip()] or [""]
+    inner = re.fullmatch(r"[\w.]*(Error|Exception|Warning): .*", last)
+    return last if inner else f"{type(error).__name__}: {last}"
+
+
 class ChunkTask:
     """Function that computes a chunk of a study, and writes its results.
 
@@ -155,7 +166,7 @@ class ChunkTask:
                 if code != status.OK:
                     causes[results[STATUS] == code] = status.describe(int(code))
         for number, error in errors.items():
-            causes[number] = f"{type(error).__name__}: {error}"
+            causes[number] = summarize_error(error)
         return results, causes
 
     def _compute_without_errors(self, block, numbers, errors):

@@ -1,0 +1,457 @@
+"""Studies in this process: cases, results in the store, what is computed again and what is not."""
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.common import status
+from jaxcable.studies.grid import divide
+
+STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net()
+FORCES = np.random.default_rng(0).uniform(-9.0, 9.0, (23, 4, 3))
+LIMIT = 120  # seconds that a process may take on a machine that does other work
+
+
+def analyse(forces):
+    load = jc.NodalLoads(LOADING.loads.nodes, forces)
+    solution = jc.solve(STRUCTURE, [PRESTRESS, jc.Phase(loads=load)])
+    return {"tension": solution.tension, "status": solution.status}
+
+
+def square(x):
+    return {"square": x**2}
+
+
+def contents(folder):
+    """The contents of all files below a folder, by path."""
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def refused(message, function, *arguments, **options):
+    with pytest.raises(ValueError, match=message):
+        function(*arguments, **options)
+
+
+# --- cases and results
+
+
+def test_results_are_those_of_a_batch(tmp_path):
+    study = jc.study(analyse, FORCES, tmp_path / "a", chunk=5)
+    found = study.load()
+    batch = jc.batched(analyse)(jnp.asarray(FORCES))
+    assert set(found) == {"tension", "status"} and study.failures == {}
+    assert found["status"].shape == (23,) and not found["status"].any()
+    # other orders of sums
+    np.testing.assert_allclose(found["tension"], batch["tension"], rtol=1e-9)
+    assert list(study.load("status")) == ["status"]
+
+
+@pytest.mark.parametrize("chunk", [1, 4, 7, 1000])
+def test_every_combination_is_where_its_coordinates_say(tmp_path, chunk):
+    values = {"a": [1.0, 2.0, 5.0], "b": [[0.0, 1.0], [2.0, 3.0]], "c": np.arange(5)}
+    cases = jc.studies.product(values)
+
+    def function(case):
+        return {"y": case["a"] + 10 * case["b"].sum() + 100 * case["c"], "b": case["b"]}
+
+    function.__name__ = "any"
+    study = jc.study(lambda case: {"y": function(case)["y"]}, cases, tmp_path / "a", chunk=chunk)
+    y = study.load("y")["y"]
+    assert y.shape == (3, 2, 5) and study.n_case == 30
+    for i, j, k in itertools.product(range(3), range(2), range(5)):
+        assert y[i, j, k] == values["a"][i] + 10 * sum(values["b"][j]) + 100 * k
+    sizes = [len(divide(cases.shape, chunk).numbers(k)) for k in range(10**9) if k < 1]
+    assert max(sizes) <= chunk
+
+
+@pytest.mark.parametrize(("shape", "chunk"), [((7,), 3), ((4, 5), 7), ((3, 2, 5), 10), ((2, 9), 1)])
+def test_chunks_are_all_cases_once(shape, chunk):
+    grid = divide(shape, chunk)
+    numbers = [grid.numbers(k) for k in range(grid.n_chunk)]
+    assert sorted(np.concatenate(numbers).tolist()) == list(range(int(np.prod(shape))))
+    assert max(map(len, numbers)) == grid.chunk_size <= chunk
+
+
+def test_a_store_says_what_it_holds(tmp_path):
+    cases = jc.studies.table(
+        {"T": [100.0, 200.0, 300.0], "F": FORCES[:3]}, dim="action", labels=["snow", "wind", "ice"]
+    )
+
+    def function(case):
+        load = jc.NodalLoads(LOADING.loads.nodes, case["F"])
+        prestress = jc.replace(PRESTRESS, pretension=case["T"])
+        solution = jc.solve(STRUCTURE, [prestress, jc.Phase(loads=load)])
+        sag = solution.displacement[3, 2]
+        return {"tension": solution.tension, "sag": sag, "status": solution.status}
+
+    study = jc.study(
+        function,
+        cases,
+        tmp_path / "a.zarr",
+        dims={"tension": ["element"]},
+        units={"sag": "m", "T": "N"},
+        coords={"element": [f"cable {k}" for k in range(12)]},
+    )
+    data = study.open()
+    assert data.sag.dims == ("action",) and data.tension.dims == ("action", "element")
+    assert (data.sag.units, data.tension.units, data["T"].units) == ("m", "N", "N")
+    assert data["T"].sel(action="wind") == 200.0 and bool(data.completed.all())
+    alone = jc.solve(
+        STRUCTURE,
+        [
+            jc.replace(PRESTRESS, pretension=200.0),
+            jc.Phase(loads=jc.NodalLoads(LOADING.loads.nodes, FORCES[1])),
+        ],
+    )
+    jc.raise_if_failed(alone)
+    one = data.tension.sel(action="wind", element="cable 7")
+    np.testing.assert_allclose(one, alone.tension[7], rtol=1e-9)  # other orders of sums
+    meanings = dict(zip(data.status.flag_values, data.status.flag_meanings.split(), strict=True))
+    assert meanings[status.MECHANISM] == "mechanism" and len(meanings) == len(status.NAMES)
+    assert data.attrs["Conventions"].startswith("CF-")
+
+
+def test_samples_are_drawn_by_their_numbers(tmp_path):
+    drawn = []
+
+    def draw(numbers):
+        drawn.append(numbers)
+        return {"x": np.stack([np.random.default_rng(k).normal(size=2) for k in numbers])}
+
+    cases = jc.studies.samples(draw, 50, dim="wall")
+    study = jc.study(lambda case: {"s": case["x"].sum()}, cases, tmp_path / "a", chunk=20)
+    expected = [np.random.default_rng(k).normal(size=2).sum() for k in range(50)]
+    np.testing.assert_allclose(study.load()["s"], expected, rtol=1e-14)  # rounding of one sum
+    assert study.open().s.dims == ("wall",)
+    assert max(map(len, drawn)) == 20  # never all at once
+
+
+def test_gradients_and_jacobians(tmp_path):
+    def deflection(pretension, force):
+        load = jc.Phase(loads=jc.NodalLoads([3], jnp.array([0.0, 0.0, -1.0]) * force))
+        phases = [jc.replace(PRESTRESS, pretension=pretension), load]
+        return jc.solve(STRUCTURE, phases).displacement[3]
+
+    def function(case):
+        point = case["T"], case["F"]
+        return {
+            "slope": jax.grad(lambda *x: deflection(*x)[2])(*point),
+            "jacobian": jnp.stack(jax.jacobian(deflection, argnums=(0, 1))(*point)),
+        }
+
+    cases = jc.studies.product(T=[150.0, 250.0], F=[5.0, 10.0, 15.0])
+    found = jc.study(function, cases, tmp_path / "a", chunk=4).load()
+    step = 1e-3
+    for (i, T), (j, F) in itertools.product(enumerate([150.0, 250.0]), enumerate([5.0, 10.0, 15])):
+        by_differences = (deflection(T + step, F) - deflection(T - step, F)) / (2 * step)
+        # differences of displacements of 1e-2 m, known to 1e-15 m: 1e-12 of slopes of 1e-5
+        np.testing.assert_allclose(found["jacobian"][i, j, 0], by_differences, atol=1e-11)
+        np.testing.assert_allclose(found["slope"][i, j], by_differences[2], atol=1e-11)
+        assert abs(found["slope"][i, j]) > 1e-7
+
+
+# --- failed cases
+
+
+def test_failed_cases_keep_status_and_cause(tmp_path):
+    law = jc.Polygonal([0.0, 0.01], [0.0, 1600e6])  # breaks at its end
+    cables = jc.Cables(STRUCTURE.elements.links, law=law, area=0.6e-6)
+    structure = jc.replace(STRUCTURE, elements=cables)
+
+    def function(case):
+        loads = jc.NodalLoads([3, 4, 7, 8], case["F"] * jnp.array([0.0, 0.0, -1.0]))
+        solution = jc.solve(structure, [PRESTRESS, jc.Phase(loads=loads)])
+        return {"status": solution.status, "tension": solution.tension}
+
+    study = jc.study(function, jc.studies.product(F=[50.0, 400.0, 150.0]), tmp_path / "a")
+    assert study.failures == {1: jc.describe(status.MATERIAL_FAILURE)}
+    data = study.open()
+    assert data.status.values.tolist() == [0, status.MATERIAL_FAILURE, 0]
+    assert np.isnan(data.tension[1]).all() and np.isfinite(data.tension[[0, 2]]).all()
+
+
+def root(x):
+    """A square root on the host that does not take negative numbers."""
+
+    def on_host(value):
+        if (value < 0).any():
+            raise ValueError(f"no root of {value.min()}")
+        return np.sqrt(value)
+
+    shape = jax.ShapeDtypeStruct((), x.dtype)
+    return {"root": jax.pure_callback(on_host, shape, x, vmap_method="expand_dims"), "n": 1}
+
+
+def rooted(x):
+    found = root(x)
+    return {"root": found["root"], "n": jnp.int32(x > 0)}
+
+
+def test_cases_that_raise_are_alone(tmp_path):
+    x = np.arange(100.0)
+    x[[7, 8, 63]] *= -1
+    study = jc.study(rooted, x, tmp_path / "a", chunk=40)
+    found, good = study.load(), x >= 0
+    np.testing.assert_array_equal(found["root"][good], np.sqrt(x[good]))
+    assert np.isnan(found["root"][~good]).all() and (found["n"][~good] == -1).all()
+    assert sorted(study.failures) == [7, 8, 63]
+    assert study.failures[63] == "ValueError: no root of -63.0"
+
+
+def test_a_function_that_raises_for_all_cases_is_an_error(tmp_path):
+    with pytest.raises(
+        jc.studies.StudyError, match=r"chunk 0 \(cases 0 to 29\): ValueError: no root"
+    ):
+        jc.study(rooted, -1.0 - np.arange(50.0), tmp_path / "a", chunk=30)
+    study = jc.studies.Study(tmp_path / "a")
+    assert study.missing == [0, 1]
+    refused("2 of 2 chunks are missing, the first is 0", study.load)
+
+
+# --- interruptions
+
+
+def test_what_is_there_is_not_computed_again(tmp_path):
+    study = jc.study(square, np.arange(6.0), tmp_path / "a", chunk=2)
+    before = contents(tmp_path)
+    times = {path: path.stat().st_mtime_ns for path in before}
+    for name in ("completed", "square"):  # the mark is not enough
+        path = study.store / name / "c" / "2"
+        path.unlink()
+        assert study.missing == [2]
+        refused("1 of 3 chunks are missing, the first is 2", study.load)
+        jc.study(square, np.arange(6.0), tmp_path / "a", chunk=2)
+        assert contents(tmp_path) == before
+    changed = {path for path in times if path.stat().st_mtime_ns != times[path]}
+    assert {path.name for path in changed} == {"2"} and len(changed) == 3
+
+
+SCRIPT = """
+    import os, resource, signal, sys
+    import jax
+    jax.config.update("jax_enable_x64", True)
+    import numpy as np
+    import jaxcable as jc
+
+    def draw(numbers):
+        {action}
+        return numbers.astype(float)
+
+    cases = jc.studies.samples(draw, 10_000)
+    jc.study(lambda x: {{"square": x**2}}, cases, sys.argv[1], chunk=500)
+"""
+FULL = """if numbers[0] == 3000: resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))"""
+
+
+def begun_by_script(store, action):
+    """Run a script that does something when it draws case 3 000; return its process."""
+    code = textwrap.dedent(SCRIPT.format(action=action))
+    return subprocess.run(
+        [sys.executable, "-c", code, str(store)],
+        env=os.environ,
+        timeout=LIMIT,
+        capture_output=True,
+        text=True,
+    )
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="signals of POSIX")
+@pytest.mark.parametrize(
+    ("action", "returned", "said", "n_missing"),
+    [
+        ("if numbers[0] == 3000: os.kill(os.getpid(), signal.SIGKILL)", -9, "", 14),
+        ("if numbers[0] == 3000: os.kill(os.getpid(), signal.SIGTERM)", 143, "", 13),
+        ("if numbers[0] == 3000: os.kill(os.getpid(), signal.SIGINT)", -2, "KeyboardInterrupt", 13),
+        (FULL, 1, "File too large", 14),
+    ],
+    ids=["killed", "terminated", "interrupted", "full"],
+)
+def test_an_interrupted_study_goes_on(tmp_path, action, returned, said, n_missing):
+    """What was computed before is there, and only the rest is computed by the next call."""
+    done = begun_by_script(tmp_path / "a", action)
+    assert done.returncode == returned and said in done.stderr, done.stderr
+    assert len(jc.studies.Study(tmp_path / "a").missing) == n_missing
+    kept = contents(tmp_path)
+    time.sleep(0.01)
+    again = begun_by_script(tmp_path / "a", "pass")
+    # another function draws the cases: the same code is needed
+    assert again.returncode == 1 and "cases_function = " in again.stderr
+    assert contents(tmp_path) == kept
+
+
+def test_signals_are_obeyed_again_after_a_study(tmp_path):
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+
+    def draw(numbers):
+        if numbers[0] == 40 and not called:
+            called.append(True)
+            os.kill(os.getpid(), signal.SIGINT)
+        return numbers.astype(float)
+
+    called = []
+    cases = jc.studies.samples(draw, 100)
+    with pytest.raises(KeyboardInterrupt):
+        jc.study(square, cases, tmp_path / "a", chunk=20)
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+    assert jc.studies.Study(tmp_path / "a").missing == [3, 4]  # chunk 2 was finished
+
+
+def test_progress_tells_chunks_and_failures(tmp_path):
+    x, reports = np.arange(100.0), []
+    x[7] = -1.0
+    jc.study(rooted, x, tmp_path / "a", chunk=30, progress=reports.append)
+    assert [(news.chunk, news.chunks) for news in reports] == [(k, 4) for k in (1, 2, 3, 4)]
+    assert reports[-1].n_failed == 1 and reports[-1].left == 0.0 and reports[0].first
+    assert all(news.rate > 0 for news in reports)
+    (tmp_path / "a" / "completed" / "c" / "1").unlink()
+    reports.clear()
+    jc.study(rooted, x, tmp_path / "a", chunk=30, progress=reports.append)
+    assert [(news.chunk, news.chunks) for news in reports] == [(4, 4)]
+
+
+# --- stores of others, and damaged ones
+
+
+def test_folders_of_others_are_left_alone(tmp_path):
+    import zarr
+
+    (tmp_path / "texts").mkdir()
+    (tmp_path / "texts" / "letter.txt").write_text("dear")
+    zarr.create_group(tmp_path / "zarr")
+    (tmp_path / "file").write_text("one")
+    before = contents(tmp_path)
+    for name in ("texts", "zarr", "file"):
+        refused(f"{name}.* holds no study", jc.study, square, np.arange(3.0), tmp_path / name)
+    assert contents(tmp_path) == before
+    (tmp_path / "empty").mkdir()
+    jc.study(square, np.arange(3.0), tmp_path / "empty")
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+@pytest.mark.parametrize("kind", ["cut", "changed", "of another chunk"])
+def test_damaged_chunks_are_named(tmp_path, kind):
+    study = jc.study(square, np.arange(600.0), tmp_path / "a", chunk=200)
+    path = study.store / "square" / "c" / "1"
+    whole = path.read_bytes()
+    middle = len(whole) // 2
+    path.write_bytes(
+        {
+            "cut": whole[:middle],
+            "changed": whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :],
+            "of another chunk": b"",
+        }[kind]
+    )
+    refused(r"square.c.1: is damaged .*; delete this file", study.load)
+    path.unlink()
+    jc.study(square, np.arange(600.0), tmp_path / "a", chunk=200)
+    assert path.read_bytes() == whole
+
+
+def test_a_damaged_description_is_named(tmp_path):
+    study = jc.study(square, np.arange(3.0), tmp_path / "a")
+    path = study.store / "zarr.json"
+    for text in ("", "{", path.read_text().replace("jaxcable_study", "other")):
+        path.write_text(text)
+        refused(
+            "holds no study of jaxcable, or is damaged",
+            jc.study,
+            square,
+            np.arange(3.0),
+            path.parent,
+        )
+        refused("holds no study of jaxcable, or is damaged", study.load)
+
+
+def test_a_store_is_read_without_this_package(tmp_path):
+    cases = jc.studies.product(F=[1.0, 2.0])
+    jc.study(lambda case: {"y": 3 * case["F"]}, cases, tmp_path / "a.zarr", units={"y": "m"})
+    code = """
+        import sys
+        sys.modules["jaxcable"] = sys.modules["jax"] = None
+        import xarray
+        data = xarray.open_zarr(sys.argv[1])
+        print(float(data.y.sel(F=2.0)), data.y.units, data.sizes["F"])
+    """
+    words = [sys.executable, "-W", "error", "-c", textwrap.dedent(code), str(tmp_path / "a.zarr")]
+    done = subprocess.run(words, timeout=LIMIT, capture_output=True, text=True)
+    assert done.stdout.split() == ["6.0", "m", "2"], done.stderr
+
+
+# --- input
+
+
+def test_wrong_input_is_refused(tmp_path):
+    y = lambda case: {"y": 2 * case["F"], "v": jnp.ones(3) * case["F"]}  # noqa: E731
+    cases = jc.studies.product(F=[1.0, 2.0])
+    for said, options in (
+        ("chunk", {"chunk": 0}),
+        (r"dims\['v'\] = \('a', 'b'\): expected 1 different names", {"dims": {"v": ["a", "b"]}}),
+        (r"dims\['v'\] = 'a'", {"dims": {"v": "a"}}),
+        (r"dims\['v'\] = \('F',\).*other than those of dimensions", {"dims": {"v": ["F"]}}),
+        (r"dims\['v'\] = \('y',\)", {"dims": {"v": ["y"]}}),
+        ("dims: 'w' is no result; there are 'v', 'y'", {"dims": {"w": ["a"]}}),
+        ("units: 'w' is no result", {"units": {"w": "m"}}),
+        ("coords: 'w' is no dimension", {"coords": {"w": [1.0]}}),
+        (
+            r"coords\['v_0'\] has shape \(2,\), the dimension has length 3",
+            {"coords": {"v_0": "ab"}},
+        ),
+        ("client: expected None, or a distributed.Client", {"client": "tcp://here:8786"}),
+    ):
+        options = {k: list(v) if v == "ab" else v for k, v in options.items()}
+        if "coords" in options and "v_0" in options["coords"]:
+            options = {"coords": {"v_0": ["a", "b"]}}
+        refused(said, jc.study, y, cases, tmp_path / "a", **options)
+    for said, function in (
+        ("expected a dict of arrays by name, got tuple", lambda case: (case["F"],)),
+        ("got an empty one", lambda case: {}),
+        ("'y' is a dict, no array", lambda case: {"y": {"z": case["F"]}}),
+        ("cannot be the name of an array", lambda case: {"a/b": case["F"]}),
+        ("'F' has the name of something else", lambda case: {"F": case["F"]}),
+        ("'cause' has the name of something else", lambda case: {"cause": case["F"]}),
+        ("no numbers", lambda case: {"y": jnp.zeros(0)}),
+    ):
+        refused(said, jc.study, function, cases, tmp_path / "a")
+    assert not (tmp_path / "a").exists()
+
+
+def test_wrong_cases_are_refused():
+    product, table, samples = jc.studies.product, jc.studies.table, jc.studies.samples
+    refused("expected values by name, got none", product)
+    refused(r"F has shape \(\), expected values", product, F=1.0)
+    refused("F has shape", product, F=[])
+    refused("is of <U1, expected numbers; names of cases are `labels`", product, F=["a"])
+    refused("one common leading axis", table, {"a": [1.0, 2.0], "b": [1.0]})
+    refused("one common leading axis", table, np.zeros((0, 3)))
+    refused("labels: 1 labels for 2 cases", table, [1.0, 2.0], labels=["a"])
+    refused("is the name of an array", table, {"case": [1.0]}, labels=["a"])
+    refused("n_case", samples, lambda numbers: numbers, 0)
+    refused("draw: expected a function", samples, np.zeros(3), 3)
+    refused("dim: 'a/b' cannot be the name", table, [1.0], dim="a/b")
+    cases = samples(lambda numbers: np.zeros(2), 5)
+    refused(r"draw: expected arrays \[5, ...\]", cases.digests)
+
+
+@pytest.mark.parametrize("package", ["zarr", "xarray"])
+def test_missing_packages_are_named(tmp_path, monkeypatch, package):
+    real = jc.studies.study.importlib.util.find_spec
+    monkeypatch.setattr("importlib.util.find_spec", lambda n: None if n == package else real(n))
+    with pytest.raises(ModuleNotFoundError, match=r'pip install "jaxcable\[studies\]"'):
+        jc.study(square, np.arange(3.0), tmp_path / "a").open()
+
+
+def test_the_former_call_says_what_replaces_it():
+    with pytest.raises(AttributeError, match=r"jaxcable.streamed is gone: call jaxcable.study"):
+        jc.streamed  # noqa: B018
+    with pytest.raises(AttributeError, match="has no attribute 'strimed'"):
+        jc.strimed  # noqa: B018
