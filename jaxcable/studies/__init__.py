@@ -1,8 +1,8 @@
 """Studies: a function of many named cases, in threads or on a cluster, results in a Zarr store."""
 
 from .cases import Cases, product, samples, table
-from .engines import ClusterLostError
-from .running import ChunkReport, StudyError
+from .errors import ClusterLostError, StudyError
+from .running import ChunkReport
 from .study import Study
 
 __all__ = [

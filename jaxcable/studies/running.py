@@ -10,16 +10,13 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 from ..common.progress import as_listener
-from . import engines
 from .cases import Cases
+from .errors import StudyError
 from .store import ResultStore
 from .task import ChunkTask, Done, Settings, summarize_error
+from .threads import compute_in_threads
 
 _MOST_FAILURES = 20  # chunks that may fail before the study is given up
-
-
-class StudyError(RuntimeError):
-    """Chunks of a study could not be computed or written; the others are in the store."""
 
 
 class ChunkReport(NamedTuple):
@@ -84,10 +81,12 @@ def compute_missing(
             return bool(signals) or len(failures) >= _MOST_FAILURES
 
         if client is None:
-            outcomes = engines.in_threads(task, missing, stop)
+            outcomes = compute_in_threads(task, missing, stop)
         else:
+            from .dask_cluster import compute_on_cluster
+
             name = f"jaxcable-{store.digest}"
-            outcomes = engines.on_cluster(client, task, cases, missing, stop, settings, name)
+            outcomes = compute_on_cluster(client, task, cases, missing, stop, settings, name)
         with contextlib.closing(outcomes):
             for outcome in outcomes:
                 if not isinstance(outcome, Done):

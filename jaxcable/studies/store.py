@@ -158,12 +158,11 @@ class ResultStore:
 
     def missing(self) -> list[int]:
         """Return the numbers of the chunks of which not all is there."""
-        names = (COMPLETED, CAUSE, *self.names)
-        return [
-            k
-            for k in range(self.grid.n_chunk)
-            if not all(self._chunk_file(name, k).exists() for name in names)
-        ]
+        return [k for k in range(self.grid.n_chunk) if not self.is_complete(k)]
+
+    def is_complete(self, k: int) -> bool:
+        """Tell whether all of chunk `k` is there."""
+        return all(self._chunk_file(name, k).exists() for name in self._arrays)
 
     def read(self, name: str) -> np.ndarray:
         """Return a result of all cases, with their dimensions first.
@@ -174,15 +173,18 @@ class ResultStore:
         array = self._arrays[name]
         found = np.empty(array.shape, array.dtype)
         for k in range(self.grid.n_chunk):
-            where = self.grid.slices(k)
-            try:
-                found[where] = array[where]
-            except Exception as error:  # of zarr, its codecs and NumPy there are many kinds
-                raise ValueError(
-                    f"{self._chunk_file(name, k)}: is damaged ({error}); delete this file and run "
-                    "the study again, which computes these cases anew"
-                ) from None
+            found[self.grid.slices(k)] = self.read_chunk(name, k)
         return found
+
+    def read_chunk(self, name: str, k: int) -> np.ndarray:
+        """Return a result of the cases of chunk `k`; errors are those of `read`."""
+        try:
+            return np.asarray(self._arrays[name][self.grid.slices(k)])
+        except Exception as error:  # of zarr, its codecs and NumPy there are many kinds
+            raise ValueError(
+                f"{self._chunk_file(name, k)}: is damaged ({error}); delete this file and run the "
+                "study again, which computes these cases anew"
+            ) from None
 
     def _chunk_file(self, name, k):
         """Return the path of the file with chunk `k` of an array."""

@@ -25,7 +25,7 @@ from ..common.fusion import are_loops_fused, request_fused_loops
 from ..common.program_store import keep_programs, kept_programs_folder
 from .cases import Block, Cases
 from .grid import ChunkGrid
-from .store import STATUS, ResultStore, fill_value
+from .store import CAUSE, STATUS, ResultStore, fill_value
 
 _CHUNK_IN_CACHE = 256  # cases: their data stay in cache
 _MOST_ERRORS = 16  # cases of a chunk that may raise; more of them are an error of the function
@@ -134,6 +134,9 @@ class ChunkTask:
     def __call__(self, k: int, block: Block | None = None) -> Done:
         """Compute chunk `k`, whose cases are `block` if they are given, and write its results."""
         begin = time.perf_counter()
+        if self._store.is_complete(k):  # by a worker that has died before it could say so
+            causes = self._store.read_chunk(CAUSE, k).ravel()
+            return Done(k, len(causes), int((causes != "").sum()), (0.0, 0.0))
         if block is None:
             block = self.cases.block(self.grid.numbers(k))
         results, causes = self._compute_all(block)

@@ -102,7 +102,7 @@ def calls(folder):
 
     found = jc.batched(lowest)(forces)["z"]
     assert found.shape == (4,) and np.isfinite(one)
-    study = jc.streamed(lowest, forces, folder / "study", 2)
+    study = jc.study(lowest, forces, folder / "study", chunk=2)
     np.testing.assert_allclose(study.load()["z"], found, rtol=1e-9)
     jc.forget_programs()
     print("ran calls")

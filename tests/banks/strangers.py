@@ -103,7 +103,7 @@ def calls(solution, every):
         return run, files, suffixes
 
     def study(path):
-        jc.streamed(lambda x: {"file": 2 * x}, np.arange(3.0), path, 2).load()
+        jc.study(lambda x: {"file": 2 * x}, np.arange(3.0), path, chunk=2).load()
 
     compiles = [
         command("solve", "scene.json", "--report", "PATH", suffixes=".csv .txt", files=report),

@@ -316,15 +316,15 @@ def test_a_study_sees_globals_of_its_cases(tmp_path, monkeypatch):
     def cases(numbers):
         return numbers + shift(numbers)
 
-    first = jc.streamed(square, cases, tmp_path, 40, n_case=100).load()["square"]
-    again = jc.streamed(square, cases, tmp_path, 40, n_case=100).load()["square"]
+    first = jc.study(square, jc.studies.samples(cases, 100), tmp_path, chunk=40).load()["square"]
+    again = jc.study(square, jc.studies.samples(cases, 100), tmp_path, chunk=40).load()["square"]
     np.testing.assert_array_equal(first, again)
     assert first[50] == 51.0**2
     monkeypatch.setitem(globals(), "LEVEL", 2.0)
     with pytest.raises(ValueError, match=r"holds a study with cases_function = .* globals"):
-        jc.streamed(square, cases, tmp_path, 40, n_case=100)
+        jc.study(square, jc.studies.samples(cases, 100), tmp_path, chunk=40)
     monkeypatch.setitem(globals(), "LEVEL", 1.0)
-    jc.streamed(square, cases, tmp_path, 40, n_case=100)
+    jc.study(square, jc.studies.samples(cases, 100), tmp_path, chunk=40)
 
 
 def test_a_study_sees_globals_of_functions_on_the_host(tmp_path, monkeypatch):
@@ -335,12 +335,12 @@ def test_a_study_sees_globals_of_functions_on_the_host(tmp_path, monkeypatch):
         shape = jax.ShapeDtypeStruct((), x.dtype)
         return {"y": jax.pure_callback(on_host, shape, x, vmap_method="sequential")}
 
-    first = jc.streamed(function, np.arange(3.0), tmp_path, 2).load()["y"]
+    first = jc.study(function, np.arange(3.0), tmp_path, chunk=2).load()["y"]
     assert first.tolist() == [0.0, 1.0, 2.0]
-    jc.streamed(function, np.arange(3.0), tmp_path, 2)
+    jc.study(function, np.arange(3.0), tmp_path, chunk=2)
     monkeypatch.setitem(globals(), "LEVEL", 2.0)
     with pytest.raises(ValueError, match=re.escape("holds a study with function = ")):
-        jc.streamed(function, np.arange(3.0), tmp_path, 2)
+        jc.study(function, np.arange(3.0), tmp_path, chunk=2)
 
 
 # --- the code of the package

@@ -1,0 +1,173 @@
+"""Compute chunks of a study on the workers of a Dask cluster.
+
+A plugin brings the function of the study to every worker, also to those that join later or are
+started again: a task is then no more than the number of its chunk. Chunks whose workers have died
+several times are tried once more when all others are done.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import pickle
+import queue
+import threading
+from collections.abc import Generator, Sequence
+from typing import Any
+
+import cloudpickle
+import jax
+from distributed import KilledWorker, WorkerPlugin
+
+from .cases import Block, Cases
+from .errors import ClusterLostError
+from .task import ChunkTask, Done, Settings
+from .threads import SECONDS_TO_STOP, Outcome, Stop, outcome_of
+
+_MOST_SUBMITTED = 20_000  # chunks that the scheduler knows of at a time, some kilobytes each
+_MOST_BYTES = 1 << 28  # of cases that are sent with the chunks submitted at a time
+_SECONDS_TO_FETCH = 10.0  # some bytes from a worker, which may have died
+_AGAIN = "-again"  # end of the key of a chunk whose workers have died
+
+_LOST = (
+    "the scheduler of the cluster is gone; chunks that were computed are in the store: call "
+    "jc.study again, with a new client, to compute the others"
+)
+
+
+def compute_on_cluster(
+    client: Any,
+    task: ChunkTask,
+    cases: Cases,
+    numbers: Sequence[int],
+    stop: Stop,
+    settings: Settings,
+    name: str,
+) -> Generator[Outcome]:
+    """Compute chunks on the workers of a cluster, and yield what has become of each.
+
+    Args:
+        client: `distributed.Client`.
+        task: what computes a chunk; its store has to be visible from all workers.
+        cases: all cases; those of a chunk are sent with it if workers cannot make them.
+        numbers: numbers of chunks.
+        stop: tells whether to begin no further chunk.
+        settings: of jax, for workers.
+        name: prefix of the names of tasks; another study has another one.
+
+    Raises:
+        ClusterLostError: the scheduler is gone.
+    """
+    waiting, known = iter(numbers), {}
+    ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    killed: list[int] = []  # chunks whose workers have died, several times
+    lost: list[Any] = []  # futures whose results died with their workers; Dask computes them again
+
+    def submit(k, again=""):
+        block = cases.block(task.grid.numbers(k)) if task.cases is None else None
+        key = f"{name}-chunk-{k}{again}"
+        future = client.submit(compute_chunk, name, k, block, key=key, pure=False)
+        known[key] = k, future
+        future.add_done_callback(ended.put)
+
+    client.register_plugin(StudyPlugin(name, cloudpickle.dumps(task), settings))
+    try:
+        for k in itertools.islice(waiting, _n_submitted(client, task, cases)):
+            submit(k)
+        while (known or killed) and not stop():
+            if not known:  # all others are done: was it these chunks, or their workers?
+                for k in killed:
+                    submit(k, again=_AGAIN)
+                killed = []
+            try:
+                future = ended.get(timeout=SECONDS_TO_STOP)
+            except queue.Empty:
+                if client.status in ("closing", "closed"):
+                    raise ClusterLostError(_LOST) from None
+                while lost:
+                    ended.put(lost.pop())
+                continue
+            if future.status == "cancelled":
+                raise ClusterLostError(_LOST)
+            k, _ = known[future.key]
+            outcome = _outcome_unless_lost(k, future)
+            if outcome is None:
+                lost.append(future)
+                continue
+            del known[future.key]
+            if _has_killed(outcome) and not future.key.endswith(_AGAIN):
+                killed.append(k)
+            else:
+                yield outcome
+            future.release()
+            for k in itertools.islice(waiting, 1):
+                submit(k)
+    finally:
+        with contextlib.suppress(Exception):  # of a cluster that is gone
+            client.cancel([future for _, future in known.values()], force=True)
+            client.unregister_worker_plugin(name)
+
+
+def _outcome_unless_lost(k, future):
+    """Return the outcome of chunk `k`; None if it has to be computed again, or is not known yet."""
+    if future.status in ("lost", "pending"):
+        return None
+    try:
+        return outcome_of(k, future, timeout=_SECONDS_TO_FETCH)
+    except TimeoutError:
+        return None
+
+
+def _has_killed(outcome):
+    """Tell whether the workers that have computed a chunk have died."""
+    return not isinstance(outcome, Done) and isinstance(outcome[1], KilledWorker)
+
+
+def _n_submitted(client, task, cases):
+    """Return how many chunks to submit at a time, so that no worker waits for the next one."""
+    if task.cases is not None:
+        return _MOST_SUBMITTED
+    n_bytes = sum(leaf.nbytes for leaf in jax.tree.leaves(cases.block(task.grid.numbers(0))))
+    fitting = max(1, _MOST_BYTES // max(1, n_bytes))
+    return min(_MOST_SUBMITTED, max(fitting, 2 * sum(client.nthreads().values())))
+
+
+class StudyPlugin(WorkerPlugin):
+    """What every worker gets of a study, when it starts or when the study begins.
+
+    Args:
+        name: of the study.
+        content: its `ChunkTask`, as bytes.
+        settings: of jax.
+    """
+
+    def __init__(self, name: str, content: bytes, settings: Settings):
+        self.name, self.content, self.settings = name, content, settings
+
+    def setup(self, worker: Any) -> None:
+        """Keep the study for the tasks that follow."""
+        _studies[self.name] = self
+
+    def teardown(self, worker: Any) -> None:
+        """Release all that the worker holds of the study."""
+        _studies.pop(self.name, None)
+        _tasks.pop(self.name, None)
+
+
+# what this process has as a worker, by name of the study
+_studies: dict[str, StudyPlugin] = {}
+_tasks: dict[str, ChunkTask] = {}
+_task_lock = threading.Lock()
+_one_at_a_time = threading.Lock()
+
+
+def compute_chunk(name: str, k: int, block: Block | None) -> Done:
+    """Compute chunk `k` of a study on a worker; its cases are `block` if they are given."""
+    with _task_lock:
+        study = _studies[name]
+        if name not in _tasks:
+            study.settings.apply()  # before the task is made: its arrays start jax
+            _tasks[name] = pickle.loads(study.content)
+        task = _tasks[name]
+    with contextlib.nullcontext() if study.settings.fused else _one_at_a_time:
+        return task(k, block)

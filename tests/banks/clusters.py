@@ -1,0 +1,191 @@
+"""Studies on clusters of processes of this machine, some of which are killed.
+
+    python tests/banks/clusters.py NAME FOLDER
+
+runs one scene of `SCENES` in an empty folder, and prints what it has found as JSON.
+"""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+from distributed import Client, LocalCluster
+
+import jaxcable as jc
+
+jax.config.update("jax_enable_x64", True)
+N_CASE, CHUNK = 400, 10
+STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net()
+PAUSE = 0.05  # seconds that a chunk takes at least, so that there is time to kill
+
+
+def draw(numbers):
+    if "SLOW" in os.environ:
+        time.sleep(PAUSE)
+    draws = [np.random.default_rng(k).uniform(-9.0, 9.0, (4, 3)) for k in numbers]
+    forces = np.stack(draws)
+    forces[numbers == 123] = np.nan  # a bad case
+    return forces
+
+
+def draw_deadly(numbers):
+    """Draw cases; the worker that draws case 200 dies."""
+    if 200 in numbers and len(numbers) == CHUNK:
+        os._exit(1)
+    return draw(numbers)
+
+
+def analyse(forces):
+    load = jc.NodalLoads(LOADING.loads.nodes, forces)
+    solution = jc.solve(STRUCTURE, [PRESTRESS, jc.Phase(loads=load)])
+    return {"tension": solution.tension, "status": solution.status}
+
+
+CASES = jc.studies.samples(draw, N_CASE)
+
+
+def run(store, client=None, cases=CASES, **options):
+    return jc.study(analyse, cases, store, client, chunk=CHUNK, **options)
+
+
+@contextlib.contextmanager
+def cluster(**options):
+    """Two workers of one thread each, and the client of their scheduler."""
+    workers = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None} | options
+    with LocalCluster(**workers) as found, Client(found) as client:
+        yield client
+
+
+def comparison(store, reference):
+    """Whether every case is there once, and equal to the undisturbed study."""
+    one, other = jc.studies.Study(store), jc.studies.Study(reference)
+    a, b = one.load(), other.load()
+    return {
+        "equal": all(np.array_equal(a[name], b[name], equal_nan=True) for name in b),
+        "failures": list(one.failures.items()) == list(other.failures.items()),
+        "failed": [*one.failures],
+        "missing": one.missing,
+    }
+
+
+def undisturbed(folder):
+    run(folder / "local")
+    with cluster() as client:
+        run(folder / "samples", client)
+        table = jc.studies.table(draw(np.arange(N_CASE)))  # cases are sent to the workers
+        run(folder / "table", client, table)
+        double = client.run(lambda: __import__("jax").config.jax_enable_x64)
+    found = {name: comparison(folder / name, folder / "local") for name in ("samples", "table")}
+    return found | {"double": list(double.values())}
+
+
+def after(n_chunk, action, reports, store):
+    """Call `action` in a thread when a store has so many chunks."""
+
+    def wait():
+        while len(list((store / "completed").rglob("[0-9]*"))) < n_chunk:
+            time.sleep(0.01)
+        reports.append(action())
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    return thread
+
+
+def workers_killed(folder):
+    os.environ["SLOW"] = "1"
+    run(folder / "local")
+    killed = []
+    with cluster() as client:
+
+        def kill():
+            count = 0
+            while count < 3:
+                for pid in [*client.run(os.getpid).values()][:1]:  # of no worker just now, perhaps
+                    os.kill(pid, signal.SIGKILL)
+                    count += 1
+                time.sleep(1.0)
+            return count
+
+        thread = after(3, kill, killed, folder / "a")
+        run(folder / "a", client)
+        thread.join()
+    return comparison(folder / "a", folder / "local") | {"killed": killed}
+
+
+def scheduler_killed(folder):
+    os.environ["SLOW"] = "1"
+    run(folder / "local")
+    python = [sys.executable, "-m"]
+    scheduler_file = folder / "scheduler.json"
+    words = [*python, "distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard"]
+    words += ["--scheduler-file", str(scheduler_file), "--host", "127.0.0.1"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
+    scheduler = subprocess.Popen(words, **quiet)
+    words = [*python, "distributed.cli.dask_worker", "--nthreads", "1", "--no-dashboard"]
+    words += ["--scheduler-file", str(scheduler_file), "--death-timeout", "20"]
+    worker = subprocess.Popen(words, **quiet)
+    client = Client(scheduler_file=str(scheduler_file), timeout=60)
+    thread = after(3, scheduler.kill, [], folder / "a")
+    begin, said = time.monotonic(), None
+    try:
+        run(folder / "a", client)
+    except jc.studies.ClusterLostError as error:
+        said = str(error)
+    seconds = time.monotonic() - begin
+    thread.join()
+    n_missing = len(jc.studies.Study(folder / "a").missing)
+    worker.kill()
+    for process in (worker, scheduler):
+        process.wait()
+    with contextlib.suppress(Exception):
+        client.close(timeout=1)
+    with cluster() as client:
+        run(folder / "a", client)
+    found = comparison(folder / "a", folder / "local")
+    return found | {"said": said, "seconds": seconds, "n_missing": n_missing}
+
+
+def deadly_case(folder):
+    cases = jc.studies.samples(draw_deadly, N_CASE)
+    said = None
+    with cluster() as client:
+        try:
+            run(folder / "a", client, cases)
+        except jc.studies.StudyError as error:
+            said = str(error)
+    return {"said": said, "missing": jc.studies.Study(folder / "a").missing}
+
+
+def interrupted(folder):
+    os.environ["SLOW"] = "1"
+    run(folder / "local")
+    with cluster() as client:
+        thread = after(3, lambda: os.kill(os.getpid(), signal.SIGINT), [], folder / "a")
+        try:
+            run(folder / "a", client)
+            stopped = False
+        except KeyboardInterrupt:
+            stopped = True
+        thread.join()
+        n_missing = len(jc.studies.Study(folder / "a").missing)
+        run(folder / "a", client)
+    found = comparison(folder / "a", folder / "local")
+    return found | {"stopped": stopped, "n_missing": n_missing}
+
+
+SCENES = {
+    scene.__name__: scene
+    for scene in (undisturbed, workers_killed, scheduler_killed, deadly_case, interrupted)
+}
+
+if __name__ == "__main__":
+    print(json.dumps(SCENES[sys.argv[1]](Path(sys.argv[2]).resolve())))
