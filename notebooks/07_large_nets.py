@@ -178,8 +178,8 @@ axes.grid(color="0.9")
 # ## Several devices
 #
 # With `devices` the cases are distributed over cores of one processor, over graphics processors, or
-# with `jax.distributed` over several machines (`experiments/distributed.py` shows it). Devices that
-# are parts of one processor share its cores; whether they save time must be measured.
+# with `jax.distributed` over several machines (`experiments/several_devices.py` shows it). Devices
+# that are parts of one processor share its cores; whether they save time must be measured.
 
 # %%
 spread = jc.batched(case, chunk=128, devices=jax.devices())

@@ -45,7 +45,7 @@ DEFAULTS |= {"platform": None, "dtype": "float64"}
 
 def started(case):
     """Import jax with the platform, devices and precision of the case."""
-    if case["devices"] > 1:  # see distributed.py
+    if case["devices"] > 1:  # see several_devices.py
         flag = f"--xla_force_host_platform_device_count={case['devices']}"
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}"
         os.environ.setdefault("NPROC", str(max(os.cpu_count(), 4 * case["devices"])))

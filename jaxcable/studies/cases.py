@@ -150,6 +150,8 @@ def product(values: Mapping[str, ArrayLike] | None = None, /, **more: ArrayLike)
         >>> cases.dims, cases.shape, cases.n_case
         (('force', 'wind'), (2, 3), 6)
     """
+    if values is not None and not isinstance(values, Mapping):
+        raise ValueError(f"product: expected values by name, got {type(values).__name__}")
     given = {name: np.asarray(value) for name, value in (dict(values or {}) | dict(more)).items()}
     if not given:
         raise ValueError("product: expected values by name, got none")
@@ -186,6 +188,8 @@ def table(
         (2,)
     """
     require_name(dim, "dim")
+    if callable(rows):
+        raise ValueError("cases: got a function; give studies.samples(function, n_case)")
     rows = _as_arrays(rows)
     counts = axis_lengths(rows)
     count = counts.pop() if len(counts) == 1 else None
@@ -195,6 +199,8 @@ def table(
         _require_numbers(leaf, f"cases{jax.tree_util.keystr(path)}")
     if labels is not None and len(labels) != count:
         raise ValueError(f"labels: {len(labels)} labels for {count} cases")
+    if labels is not None and len({*map(str, labels)}) < count:
+        raise ValueError("labels: expected different names, since they select cases")
     if isinstance(rows, dict) and labels is not None and dim in rows:
         raise ValueError(f"dim = {dim!r}: is the name of an array in the cases, too")
     texts = None if labels is None else np.asarray([str(label) for label in labels])

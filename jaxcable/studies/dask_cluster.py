@@ -12,6 +12,7 @@ import itertools
 import pickle
 import queue
 import threading
+import time
 from collections.abc import Generator, Sequence
 from typing import Any
 
@@ -21,12 +22,14 @@ from distributed import KilledWorker, WorkerPlugin
 
 from .cases import Block, Cases
 from .errors import ClusterLostError
-from .task import ChunkTask, Done, Settings
+from .task import ChunkTask, Done, Settings, summarize_error
 from .threads import SECONDS_TO_STOP, Outcome, Stop, outcome_of
 
 _MOST_SUBMITTED = 20_000  # chunks that the scheduler knows of at a time, some kilobytes each
 _MOST_BYTES = 1 << 28  # of cases that are sent with the chunks submitted at a time
 _SECONDS_TO_FETCH = 10.0  # some bytes from a worker, which may have died
+_SECONDS_WITHOUT_NEWS = 30.0  # after which the scheduler is asked whether it is there
+_SECONDS_TO_ANSWER = 30.0
 _AGAIN = "-again"  # end of the key of a chunk whose workers have died
 
 _LOST = (
@@ -70,20 +73,18 @@ def compute_on_cluster(
         known[key] = k, future
         future.add_done_callback(ended.put)
 
-    client.register_plugin(StudyPlugin(name, cloudpickle.dumps(task), settings))
+    client.register_plugin(StudyPlugin(name, _as_bytes(task), settings))
+    last_answer = time.monotonic()
     try:
         for k in itertools.islice(waiting, _n_submitted(client, task, cases)):
             submit(k)
         while (known or killed) and not stop():
-            if not known:  # all others are done: was it these chunks, or their workers?
-                for k in killed:
-                    submit(k, again=_AGAIN)
-                killed = []
+            if not known:  # one alone: which of them has killed the workers?
+                submit(killed.pop(0), again=_AGAIN)
             try:
                 future = ended.get(timeout=SECONDS_TO_STOP)
             except queue.Empty:
-                if client.status in ("closing", "closed"):
-                    raise ClusterLostError(_LOST) from None
+                last_answer = _require_scheduler(client, last_answer)
                 while lost:
                     ended.put(lost.pop())
                 continue
@@ -103,18 +104,65 @@ def compute_on_cluster(
             for k in itertools.islice(waiting, 1):
                 submit(k)
     finally:
+        _call_within(_SECONDS_TO_ANSWER, _forget, client, known, name)
+
+
+def _as_bytes(task):
+    """Return a task as bytes; ValueError if its function cannot be sent."""
+    try:
+        return cloudpickle.dumps(task)
+    except Exception as error:  # of objects that cannot be pickled there are many kinds
+        raise ValueError(
+            "function: it, or what it uses, cannot be sent to the workers of a cluster "
+            f"({summarize_error(error)}); keep files, locks and connections out of it"
+        ) from None
+
+
+def _require_scheduler(client, last_answer):
+    """Return the time of the scheduler's last answer, after asking it if that is long ago.
+
+    Raises:
+        ClusterLostError: it does not answer.
+    """
+    if client.status in ("closing", "closed"):
+        raise ClusterLostError(_LOST)
+    if time.monotonic() - last_answer < _SECONDS_WITHOUT_NEWS:
+        return last_answer
+    if not _call_within(_SECONDS_TO_ANSWER, client.nthreads):
+        raise ClusterLostError(_LOST)
+    return time.monotonic()
+
+
+def _call_within(seconds, function, *arguments):
+    """Call a function that may wait for ever for a cluster; return whether it has ended in time."""
+    ended = threading.Event()
+
+    def call():
         with contextlib.suppress(Exception):  # of a cluster that is gone
-            client.cancel([future for _, future in known.values()], force=True)
-            client.unregister_worker_plugin(name)
+            function(*arguments)
+            ended.set()
+
+    thread = threading.Thread(target=call, daemon=True)
+    thread.start()
+    thread.join(seconds)
+    return ended.is_set()
+
+
+def _forget(client, known, name):
+    """Remove all that a cluster still has of a study."""
+    client.cancel([future for _, future in known.values()], force=True)
+    client.unregister_worker_plugin(name)
 
 
 def _outcome_unless_lost(k, future):
     """Return the outcome of chunk `k`; None if it has to be computed again, or is not known yet."""
-    if future.status in ("lost", "pending"):
+    if future.status == "error":
+        return outcome_of(k, future)
+    if future.status != "finished":
         return None
     try:
-        return outcome_of(k, future, timeout=_SECONDS_TO_FETCH)
-    except TimeoutError:
+        return future.result(_SECONDS_TO_FETCH)
+    except Exception:  # its worker, or the scheduler, has died
         return None
 
 

@@ -131,7 +131,7 @@ def _note_signals() -> Iterator[list[int]]:
 
     if threading.current_thread() is threading.main_thread():
         for own in (signal.SIGINT, signal.SIGTERM):
-            if signal.getsignal(own) is not None:  # None: not set by Python
+            if signal.getsignal(own) not in (None, signal.SIG_IGN):  # None: not set by Python
                 before[own] = signal.signal(own, note)
     try:
         yield noted

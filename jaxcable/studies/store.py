@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import dataclasses
 import errno
+import json
 import os
 import secrets
 import shutil
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,7 @@ class Variable:
 def describe_variables(
     results: Mapping[str, Any],
     cases: Cases,
-    dims: Mapping[str, tuple[str, ...]],
+    dims: Mapping[str, Sequence[str]],
     units: Mapping[str, str],
     coords: Mapping[str, np.ndarray],
 ) -> dict[str, Variable]:
@@ -70,7 +71,8 @@ def describe_variables(
     known = cases.coordinates()
     for argument, stated in (("dims", dims), ("units", units)):
         for name in stated:
-            if name not in results and (argument == "dims" or name not in known):
+            has_units = argument == "units" and (name in known or name in coords)
+            if name not in results and not has_units:
                 raise ValueError(
                     f"{argument}: {name!r} is no result{checks.suggest_names(name, results)}"
                 )
@@ -82,9 +84,13 @@ def describe_variables(
             raise ValueError(f"function: the result {name!r} has shape {one.shape}, no numbers")
         if name in (COMPLETED, CAUSE, *cases.dims, *known, *coords):
             raise ValueError(f"function: the result {name!r} has the name of something else")
-        own = dims.get(name, tuple(f"{name}_{axis}" for axis in range(len(one.shape))))
+        own = dims.get(name, [f"{name}_{axis}" for axis in range(len(one.shape))])
+        if isinstance(own, str) or not isinstance(own, Sequence):
+            raise ValueError(
+                f"dims[{name!r}] = {own!r}: expected a list of names, one for each axis"
+            )
         named_twice = set(own) & {*cases.dims, *results} or len(set(own)) < len(own)
-        if len(own) != len(one.shape) or isinstance(own, str) or named_twice:
+        if len(own) != len(one.shape) or named_twice:
             raise ValueError(
                 f"dims[{name!r}] = {own!r}: expected {len(one.shape)} different names, other than "
                 f"those of dimensions of the cases, {cases.dims}, and of results"
@@ -122,7 +128,7 @@ class ResultStore:
             self.group: Any = zarr.open_group(
                 path, mode="r+", zarr_format=3, use_consolidated=False
             )
-            about: Any = self.group.attrs[DESCRIPTION]
+            about = json.loads(str(self.group.attrs[DESCRIPTION]))
             self.grid = ChunkGrid(tuple(about["shape"]), tuple(about["chunks"]))
             self.names = tuple(about["results"])
             self._arrays = {
@@ -226,7 +232,11 @@ def _fill_store(path, cases, variables, about, coords, units):
     import zarr
 
     grid = ChunkGrid(tuple(about["shape"]), tuple(about["chunks"]))
-    attributes = {"Conventions": "CF-1.11", DESCRIPTION: dict(about)}
+    attributes = {
+        "Conventions": "CF-1.11",
+        "coordinates": f"{CAUSE} {COMPLETED}",  # masks and sums over all results leave these out
+        DESCRIPTION: json.dumps(about),  # as a text, which other formats can hold, too
+    }
     group = zarr.create_group(path, zarr_format=3, attributes=attributes)
     compressors = [zarr.codecs.ZstdCodec(level=1, checksum=True)]
     for name, variable in variables.items():

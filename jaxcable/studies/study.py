@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 from collections.abc import Callable, Mapping, Sequence
-from importlib import metadata
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from .cases import Cases, table
 from .grid import divide
 from .running import compute_missing
 from .store import CAUSE, ResultStore, create_store, describe_variables
-from .task import ChunkTask, Settings
+from .task import ChunkTask, Settings, versions_in_use
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,13 +176,14 @@ def study(
         ),
         cases.block(np.array([0])),
     )
-    named = {name: np.asarray(values) for name, values in (coords or {}).items()}
+    named = {name: np.asarray(values) for name, values in _as_dict(coords, "coords").items()}
+    units = _as_dict(units, "units")
     variables = describe_variables(
-        _results_of_one_case(compute, shapes), cases, _as_tuples(dims), dict(units or {}), named
+        _results_of_one_case(compute, shapes), cases, _as_dict(dims, "dims"), units, named
     )
-    about = _describe_study(compute, shapes, cases, grid, variables)
+    about = _describe_study(compute, shapes, cases, grid, variables, named)
     path = Path(store).absolute()
-    opened = _open_or_create(path, cases, variables, about, named, dict(units or {}))
+    opened = _open_or_create(path, cases, variables, about, named, units)
     task = ChunkTask(function, cases if client is None else cases.remote(), grid, path)
     compute_missing(opened, task, cases, client, Settings.of_this_process(programs), progress)
     return Study(path)
@@ -214,14 +214,19 @@ def _require_client(client):
         raise ValueError(f"client: is {client.status}, expected one that is connected to a cluster")
 
 
-def _as_tuples(dims):
-    """Return names of axes, by name of the result, as tuples."""
-    return {name: own if isinstance(own, str) else tuple(own) for name, own in (dims or {}).items()}
+def _as_dict(stated, argument):
+    """Return what is stated by name, {} for None; ValueError if it is no mapping."""
+    if stated is not None and not isinstance(stated, Mapping):
+        raise ValueError(f"{argument} = {stated!r:.60}: expected a dict, by name of the result")
+    return dict(stated or {})
 
 
 def _results_of_one_case(compute, shapes):
     """Return shape and dtype of the results of one case by name, without computing."""
-    results = jax.eval_shape(compute, shapes)
+    try:
+        results = jax.eval_shape(compute, shapes)
+    except TypeError as error:
+        raise ValueError(f"function: {error}") from error
     if not isinstance(results, dict):
         raise ValueError(
             f"function: expected a dict of arrays by name, got {type(results).__name__}"
@@ -238,18 +243,17 @@ def _results_of_one_case(compute, shapes):
     }
 
 
-def _describe_study(compute, shapes, cases, grid, variables):
+def _describe_study(compute, shapes, cases, grid, variables, coords):
     """Return what a study computes, as a dict of texts, numbers and lists."""
     return {
         "shape": list(grid.shape),
         "chunks": list(grid.chunks),
         "dims": {"cases": list(cases.dims)}
         | {name: list(variable.dims) for name, variable in variables.items()},
+        "coords": {name: values.tolist() for name, values in coords.items()},
         "results": list(variables),
         **cases.digests(),
-        "jaxcable": _package_version("jaxcable"),
-        "jax": jax.__version__,
-        "backend": jax.default_backend(),
+        **dict(zip(("jaxcable", "jax", "backend"), versions_in_use(), strict=True)),
         "fuse_loops": are_loops_fused(),
         "function": digest.of_function(compute, shapes),
     }
@@ -265,6 +269,9 @@ _HINTS = {
 
 def _open_or_create(path, cases, variables, about, coords, units):
     """Open a store, or create it; ValueError if it is of another study."""
+    for above in path.parents:
+        if above.exists() and not above.is_dir():
+            raise ValueError(f"store: {path}: {above} is a file, not a folder")
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         create_store(path, cases, variables, about, coords, units)
     opened = ResultStore(path)
@@ -281,11 +288,3 @@ def _open_or_create(path, cases, variables, about, coords, units):
         )
     opened.set_units(units)
     return opened
-
-
-def _package_version(name):
-    """Return the version of an installed package, "unknown" if it is not installed."""
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return "unknown"

@@ -13,6 +13,7 @@ import os
 import re
 import time
 from collections.abc import Callable
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -39,11 +40,13 @@ class Settings:
         x64: whether numbers are in double precision.
         fused: whether loops are fused (`fuse_loops`).
         programs: folder in which compiled programs are kept, or None.
+        versions: of jaxcable and jax, and the backend of jax.
     """
 
     x64: bool
     fused: bool
     programs: str | None
+    versions: tuple[str, str, str]
 
     @classmethod
     def of_this_process(cls, programs: str | os.PathLike[str] | None) -> Settings:
@@ -53,13 +56,15 @@ class Settings:
             bool(jax.config.read("jax_enable_x64")),
             are_loops_fused(),
             None if folder is None else str(folder),
+            versions_in_use(),
         )
 
     def apply(self) -> None:
         """Make these the settings of this process, a worker.
 
         Raises:
-            RuntimeError: it is too late: jax has computed with loops fused or not, unlike here.
+            RuntimeError: jax has already computed with loops fused or not, unlike here; other
+                versions, or another backend.
         """
         if jax.config.read("jax_enable_x64") != self.x64:
             jax.config.update("jax_enable_x64", self.x64)
@@ -72,6 +77,24 @@ class Settings:
             )
         if self.programs is not None and str(kept_programs_folder()) != self.programs:
             keep_programs(self.programs)
+        if versions_in_use() != self.versions:
+            raise RuntimeError(
+                f"this worker has {versions_in_use()}, and the study {self.versions} (versions of "
+                "jaxcable and jax, backend)"
+            )
+
+
+def versions_in_use() -> tuple[str, str, str]:
+    """Return the versions of jaxcable and jax, and the backend of jax."""
+    return package_version("jaxcable"), jax.__version__, jax.default_backend()
+
+
+def package_version(name: str) -> str:
+    """Return the version of an installed package, "unknown" if it is not installed."""
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return "unknown"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -46,15 +46,11 @@ def compute_in_threads(task: ChunkTask, numbers: Sequence[int], stop: Stop) -> G
                 yield outcome_of(running.pop(future), future)
 
 
-def outcome_of(k: int, future: Any, timeout: float | None = None) -> Outcome:
-    """Return the outcome of chunk `k` from its finished future, of threads or of Dask.
-
-    Raises:
-        TimeoutError: it takes longer than `timeout` seconds to get it from a worker.
-    """
-    error = future.exception(timeout)
+def outcome_of(k: int, future: Any) -> Outcome:
+    """Return the outcome of chunk `k` from its finished future, of threads or of Dask."""
+    error = future.exception()
     if error is None:
-        return future.result(timeout)
+        return future.result()
     if not isinstance(error, Exception):
         raise error
     return k, error

@@ -16,7 +16,7 @@ import pytest
 
 import jaxcable as jc
 
-SCRIPT = Path(__file__).parents[2] / "experiments" / "distributed.py"
+SCRIPT = Path(__file__).parents[2] / "experiments" / "several_devices.py"
 STRUCTURE, _ = jc.scenes.flat_net()
 FREE = np.array([3, 4, 7, 8])
 FORCES = np.random.default_rng(0).normal(size=(7, 4, 3)) * 20

@@ -117,6 +117,18 @@ def test_a_store_says_what_it_holds(tmp_path):
     assert data.attrs["Conventions"].startswith("CF-")
 
 
+def test_results_are_masked_and_written_by_xarray(tmp_path):
+    """Texts and marks are coordinates: masks and extremes of all results leave them out."""
+    x = np.arange(6.0)
+    x[3] = -1.0
+    data = jc.study(rooted, x, tmp_path / "a", chunk=4).open()
+    assert set(data.data_vars) == {"root", "n"} and "completed" in data.coords
+    good = data.where(data.cause == "", drop=True)
+    assert good.sizes["case"] == 5 and float(data.max().root) == 5.0**0.5
+    good.drop_vars("cause").to_zarr(tmp_path / "b")
+    assert all(isinstance(value, str) for value in data.attrs.values())
+
+
 def test_samples_are_drawn_by_their_numbers(tmp_path):
     drawn = []
 
@@ -386,22 +398,20 @@ def test_wrong_input_is_refused(tmp_path):
     cases = jc.studies.product(F=[1.0, 2.0])
     for said, options in (
         ("chunk", {"chunk": 0}),
-        (r"dims\['v'\] = \('a', 'b'\): expected 1 different names", {"dims": {"v": ["a", "b"]}}),
-        (r"dims\['v'\] = 'a'", {"dims": {"v": "a"}}),
-        (r"dims\['v'\] = \('F',\).*other than those of dimensions", {"dims": {"v": ["F"]}}),
-        (r"dims\['v'\] = \('y',\)", {"dims": {"v": ["y"]}}),
+        (r"dims\['v'\] = \['a', 'b'\]: expected 1 different names", {"dims": {"v": ["a", "b"]}}),
+        (r"dims\['v'\] = 'a': expected a list", {"dims": {"v": "a"}}),
+        ("dims = .*: expected a dict", {"dims": ["a"]}),
+        (r"dims\['v'\] = \['F'\].*other than those of dimensions", {"dims": {"v": ["F"]}}),
+        (r"dims\['v'\] = \['y'\]", {"dims": {"v": ["y"]}}),
         ("dims: 'w' is no result; there are 'v', 'y'", {"dims": {"w": ["a"]}}),
         ("units: 'w' is no result", {"units": {"w": "m"}}),
         ("coords: 'w' is no dimension", {"coords": {"w": [1.0]}}),
         (
             r"coords\['v_0'\] has shape \(2,\), the dimension has length 3",
-            {"coords": {"v_0": "ab"}},
+            {"coords": {"v_0": [1, 2]}},
         ),
         ("client: expected None, or a distributed.Client", {"client": "tcp://here:8786"}),
     ):
-        options = {k: list(v) if v == "ab" else v for k, v in options.items()}
-        if "coords" in options and "v_0" in options["coords"]:
-            options = {"coords": {"v_0": ["a", "b"]}}
         refused(said, jc.study, y, cases, tmp_path / "a", **options)
     for said, function in (
         ("expected a dict of arrays by name, got tuple", lambda case: (case["F"],)),
@@ -411,6 +421,7 @@ def test_wrong_input_is_refused(tmp_path):
         ("'F' has the name of something else", lambda case: {"F": case["F"]}),
         ("'cause' has the name of something else", lambda case: {"cause": case["F"]}),
         ("no numbers", lambda case: {"y": jnp.zeros(0)}),
+        ("not a valid JAX type", lambda case: {"y": "high"}),
     ):
         refused(said, jc.study, function, cases, tmp_path / "a")
     assert not (tmp_path / "a").exists()
@@ -424,6 +435,9 @@ def test_wrong_cases_are_refused():
     refused("is of <U1, expected numbers; names of cases are `labels`", product, F=["a"])
     refused("one common leading axis", table, {"a": [1.0, 2.0], "b": [1.0]})
     refused("one common leading axis", table, np.zeros((0, 3)))
+    refused("labels: expected different names", table, [1.0, 2.0], labels=["a", "a"])
+    refused(r"give studies.samples\(function, n_case\)", table, lambda numbers: numbers)
+    refused("expected values by name, got list", product, [1.0])
     refused("labels: 1 labels for 2 cases", table, [1.0, 2.0], labels=["a"])
     refused("is the name of an array", table, {"case": [1.0]}, labels=["a"])
     refused("n_case", samples, lambda numbers: numbers, 0)

@@ -7,12 +7,12 @@ difference, m and m/N. Time: of the second call, results on the devices.
 
 One process, with one processor as four devices:
 
-    python experiments/distributed.py --devices 4
+    python experiments/several_devices.py --devices 4
 
 Two processes on one machine, two devices each (both commands at once, in two terminals):
 
-    python experiments/distributed.py --devices 2 --processes 2 --rank 0
-    python experiments/distributed.py --devices 2 --processes 2 --rank 1
+    python experiments/several_devices.py --devices 2 --processes 2 --rank 0
+    python experiments/several_devices.py --devices 2 --processes 2 --rank 1
 
 On several machines give ``--address HOST:PORT`` of the first process. A net too large for dense
 matrices runs in the same way (``--side 12``); its matrices are factorised on the host, one after

@@ -1,0 +1,56 @@
+"""Studies on clusters: equal to the undisturbed study, whatever is killed.
+
+Each scene of `banks/clusters.py` runs in a process of its own, under a time limit.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPT = Path(__file__).parents[1] / "banks" / "clusters.py"
+LIMIT = 300  # seconds: workers start and die many times, on a machine that does other work
+GOOD = {"equal": True, "failures": True, "failed": [123], "missing": []}
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(os.name == "nt", reason="signals of POSIX"),
+]
+
+
+def found(scene, folder):
+    words = [sys.executable, str(SCRIPT), scene, str(folder)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=LIMIT)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def test_workers_compute_what_this_process_does(tmp_path):
+    result = found("undisturbed", tmp_path)
+    assert result == {"samples": GOOD, "table": GOOD, "double": [True, True]}
+
+
+def test_workers_that_are_killed_lose_nothing(tmp_path):
+    assert found("workers_killed", tmp_path) == GOOD | {"killed": [3]}
+
+
+def test_a_killed_scheduler_is_told_and_another_one_goes_on(tmp_path):
+    result = found("scheduler_killed", tmp_path)
+    assert "call jc.study again, with a new client" in result.pop("said")
+    assert result.pop("seconds") < 120 and 0 < result.pop("n_missing") < 38
+    assert result == GOOD
+
+
+def test_a_case_that_kills_its_workers_is_named_and_all_others_are_there(tmp_path):
+    result = found("deadly_case", tmp_path)
+    assert result["missing"] == [20]
+    assert "chunk 20 (cases 200 to 209): KilledWorker" in result["said"]
+
+
+def test_an_interrupted_study_goes_on(tmp_path):
+    result = found("interrupted", tmp_path)
+    assert result.pop("stopped") and 0 < result.pop("n_missing") < 38
+    assert result == GOOD
