@@ -23,7 +23,7 @@ class Cases(NamedTuple):
         fibres: on a side of a round section.
         repeats: calls by turns.
         forms: free nodes on a side of nets whose force densities are given.
-        study: load cases of the study in files, and those of a file.
+        study: load cases of the study, those of a chunk, chunks of nothing, threads that sleep.
         whole: whether all commands and programs of `commands` run.
         waiting: calls of each program, and of the control.
         frames: load cases of a frame, and calls of each way to solve them.
@@ -101,7 +101,7 @@ FULL = Cases(
     fibres=(8, 32, 64),
     repeats=9,
     forms=(30, 100, 200),
-    study=(100_000, 500),
+    study=(100_000, 500, 1_000, 50),
     whole=True,
     waiting=(50, 500),
     frames=(1000, 3),
@@ -127,7 +127,7 @@ QUICK = Cases(
     fibres=(4,),
     repeats=2,
     forms=(4,),
-    study=(40, 10),
+    study=(40, 10, 20, 2),
     whole=False,
     waiting=(1, 2),
     frames=(10, 2),

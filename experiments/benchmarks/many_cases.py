@@ -1,48 +1,41 @@
-"""Does a study of many cases survive the loss of a process, and how long does a case take?
+"""How fast is a study of many cases on a cluster, what is its overhead, and what survives?
 
-Question   100 000 load cases of a net of 300 unknowns, results in files (`jc.streamed`), by two
-           processes of one machine: cases per second beside one process. If one of the two is
-           killed and started again: is every case there once, and how many were computed twice?
-Reference  The same study by one process without disturbance.
+Question   100 000 load cases of a net of 300 unknowns, results in a Zarr store (`jc.study`): cases
+           per second by two workers of Dask beside one, and by threads of one process. Overhead of
+           a chunk, in this process and through the scheduler. Memory of a worker over 1 000 chunks.
+           Size of a store and speed of writing beside NPZ. If workers are killed three times: is
+           every case there once?
+Reference  The same study by one worker without disturbance.
 Error      Number of cases that are missing or whose displacements differ in any bit.
-Results    many_cases.txt; three minutes
+Results    many_cases.txt; seven minutes
 
-By hand, on any machines with a common folder, with any tool that starts processes there (an array
-job of a queue, GNU parallel, Dask, Ray): `python experiments/benchmarks/many_cases.py FOLDER CASES
-CHUNK RANK PROCESSES`, and the same command again for a process that was killed.
-
-Each process uses one core. The displacements of the loaded nodes are saved, 2.4 kB a case.
+Each worker has one thread. The displacements of the loaded nodes are saved, 2.4 kB a case. Many
+cores are simulated by threads that sleep: they show what the scheduler can serve, not what cores
+compute.
 """
 
+import contextlib
 import os
 import signal
-import subprocess
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
+
+import numpy as np
 
 SIDE = 10
 
 
-def share(folder, count, chunk, rank, processes):
-    """The share of this process."""
-    if hasattr(os, "sched_setaffinity"):
-        cores = sorted(os.sched_getaffinity(0))
-        os.sched_setaffinity(0, {cores[rank % len(cores)]})
-    import jax
-
+def net_study():
+    """The function of a case, and one that draws cases by their numbers."""
     import jaxcable as jc
-
-    jc.fuse_loops()
-    jc.keep_programs()
-    jax.config.update("jax_enable_x64", True)
-    import numpy as np
 
     structure, phases = jc.scenes.saddle(SIDE, SIDE)
     loaded = phases[1].loads.nodes.array
 
-    def cases(numbers):
+    def draw(numbers):
         """Forces on the nodes, from the number of a case alone."""
         return np.stack(
             [np.random.default_rng(k).uniform(-500.0, 500.0, (len(loaded), 3)) for k in numbers]
@@ -53,75 +46,183 @@ def share(folder, count, chunk, rank, processes):
         solution = jc.solve(structure, [phases[0], load])
         return {"displacement": solution.displacement[loaded], "status": solution.status}
 
+    return analyse, draw
+
+
+@contextlib.contextmanager
+def cluster(workers, threads=1):
+    """The client of a cluster of this machine."""
+    from distributed import Client, LocalCluster
+
+    options = {"dashboard_address": None, "silence_logs": 50}
+    with (
+        LocalCluster(n_workers=workers, threads_per_worker=threads, **options) as found,
+        Client(found) as client,
+    ):
+        yield client
+
+
+def seconds_of(function, *arguments, **options):
+    """Seconds of a call, and its result."""
     begin = time.perf_counter()
-    study = jc.streamed(analyse, cases, folder, chunk, n_case=count, share=(rank, processes))
-    print(time.perf_counter() - begin, len(study.missing), flush=True)
+    result = function(*arguments, **options)
+    return time.perf_counter() - begin, result
 
 
-def started(*words):
-    """The process of a share."""
-    command = [sys.executable, __file__, *map(str, words)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+def speeds(record, folder, count, chunk):
+    """Time the study by threads, by one worker and by two; return the store of one."""
+    import jaxcable as jc
+
+    analyse, draw = net_study()
+    cases = jc.studies.samples(draw, count)
+    first = jc.studies.samples(draw, 4 * chunk)  # compiles
+    jc.study(analyse, first, folder / "threads-first", chunk=chunk)
+    took = {}
+    took["threads of one process"], _ = seconds_of(
+        jc.study, analyse, cases, folder / "threads", chunk=chunk
+    )
+    for workers, name in ((1, "one worker"), (2, "two workers")):
+        with cluster(workers) as client:
+            jc.study(analyse, first, folder / f"{workers}-first", client, chunk=chunk)
+            took[name], _ = seconds_of(
+                jc.study, analyse, cases, folder / str(workers), client, chunk=chunk
+            )
+    for name, seconds in took.items():
+        record(f"{name:24}{seconds:8.1f} s  {count / seconds:9.0f} cases a second")
+    record(f"rate of two workers over one: {took['one worker'] / took['two workers']:.2f}")
+    us = 1e6 * took["one worker"] / count
+    record(f"a case: {us:.0f} us of a core; 1 000 000 cases: {us / 3600:.2f} hours of a core")
+    return folder / "1"
 
 
-def seconds(process):
-    out, _ = process.communicate()
-    assert process.returncode == 0
-    return float(out.split()[0])
+def compare(record, store, reference, text):
+    """Compare two stores case by case."""
+    import jaxcable as jc
+
+    one, other = jc.studies.Study(store), jc.studies.Study(reference)
+    a, b = one.load(), other.load()
+    differ = int((a["displacement"] != b["displacement"]).any(axis=(1, 2)).sum())
+    bad = int((a["status"] != 0).sum())
+    record(f"{text}: {one.n_case} cases, {len(one.missing)} chunks missing, {bad} failed,")
+    record(f"  {differ} cases that differ from those of one worker without disturbance")
 
 
-def chunks(folder):
-    return {f.name: f.stat().st_mtime_ns for f in Path(folder).glob("chunk-*.npz")}
+def killed(record, folder, count, chunk, reference):
+    """Kill a worker three times while the study runs."""
+    import jaxcable as jc
+
+    analyse, draw = net_study()
+    store, n_killed = folder / "killed", 0
+    done = threading.Event()
+
+    def kill(client):
+        nonlocal n_killed
+        while n_killed < 3 and not done.wait(2.0):
+            for pid in [*client.run(os.getpid).values()][:1]:
+                if len(list((store / "completed").rglob("[0-9]*"))):
+                    os.kill(pid, signal.SIGKILL)
+                    n_killed += 1
+
+    with cluster(2) as client:
+        thread = threading.Thread(target=kill, args=(client,), daemon=True)
+        thread.start()
+        jc.study(analyse, jc.studies.samples(draw, count), store, client, chunk=chunk)
+        done.set()
+        thread.join(10)
+    compare(record, store, reference, f"\na worker killed {n_killed} times")
+
+
+def overhead(record, folder, n_chunk):
+    """Time chunks of one case that cost nothing, and the memory of a worker before and after."""
+    import jaxcable as jc
+
+    def double(x):
+        return {"double": 2.0 * x}
+
+    def memory(client):
+        import psutil
+
+        return max(client.run(lambda: psutil.Process().memory_info().rss / 1e6).values())
+
+    cases, tenth = np.arange(float(n_chunk)), np.arange(float(n_chunk // 10))
+    jc.study(double, tenth, folder / "one-first", chunk=1)
+    alone, _ = seconds_of(jc.study, double, cases, folder / "one", chunk=1)
+    with cluster(2) as client:
+        jc.study(double, tenth, folder / "two-first", client, chunk=1)
+        before = memory(client)
+        through, _ = seconds_of(jc.study, double, cases, folder / "two", client, chunk=1)
+        after = memory(client)
+        begin = time.perf_counter()
+        client.gather(client.map(lambda k: k, range(n_chunk), pure=False))
+        bare = time.perf_counter() - begin
+    ms = [1e3 * seconds / n_chunk for seconds in (alone, through, bare)]
+    record(f"\n{n_chunk} chunks of one case that cost nothing, ms a chunk:")
+    record(f"  threads {ms[0]:.1f}, two workers {ms[1]:.1f}, bare tasks of Dask {ms[2]:.1f}")
+    record(f"memory of a worker: {before:.0f} MB, and after {n_chunk} more chunks {after:.0f} MB")
+
+
+def many_cores(record, folder, n_thread, seconds):
+    """Chunks that sleep, on two workers of many threads: the part of the time that is waiting."""
+    import jaxcable as jc
+
+    def draw(numbers):
+        time.sleep(seconds)
+        return numbers.astype(float)
+
+    def double(x):
+        return {"double": 2.0 * x}
+
+    rounds = 5
+    count = 2 * n_thread * rounds
+    with cluster(2, n_thread) as client:
+        jc.study(double, np.arange(4.0), folder / "wake", client, chunk=1)
+        cases = jc.studies.samples(draw, count)
+        took, _ = seconds_of(jc.study, double, cases, folder / "sleep", client, chunk=1)
+    record(
+        f"\n{2 * n_thread} simulated cores, {count} chunks of {seconds:.0f} s: {took:.1f} s, of "
+        f"{rounds * seconds:.0f} s at best ({100 * rounds * seconds / took:.0f} %), "
+        f"{count / took:.0f} chunks a second"
+    )
+
+
+def sizes(record, folder, chunk):
+    """Bytes and seconds of one chunk of results, as a part of a store and as NPZ."""
+    import jaxcable as jc
+
+    analyse, draw = net_study()
+    whole = jc.study(analyse, draw(np.arange(chunk)), folder / "size", chunk=chunk)
+    found = whole.load()
+    again = jc.studies.store.ResultStore(whole.store)
+    causes = np.full(chunk, "", object)
+    rounds = range(10)
+    zarr = min(seconds_of(again.write, 0, found, causes)[0] for _ in rounds)
+    path = folder / "chunk.npz"
+    npz = min(seconds_of(np.savez, path, **found)[0] for _ in rounds)
+    in_store = sum(part.stat().st_size for part in whole.store.rglob("*") if part.is_file())
+    record(
+        f"\na chunk of {chunk} cases: store {in_store / 1e6:.2f} MB, {1e3 * zarr:.0f} ms to write; "
+        f"NPZ {path.stat().st_size / 1e6:.2f} MB, {1e3 * npz:.0f} ms"
+    )
 
 
 def run(cases, _):
-    import numpy as np
-    from record import Record
-
     import jaxcable as jc
 
-    record, (count, chunk) = Record("many_cases"), cases.study
+    jc.fuse_loops()
+    from record import Record
+
+    record, (count, chunk, n_chunk, n_thread) = Record("many_cases"), cases.study
     record(f"\n{count} load cases of {3 * SIDE**2} unknowns, in chunks of {chunk}\n")
-    with tempfile.TemporaryDirectory() as alone, tempfile.TemporaryDirectory() as pair:
-        seconds(
-            started(tempfile.mkdtemp(dir=alone), chunk, chunk, 0, 1)
-        )  # the program is on disk now
-        one = seconds(started(f"{alone}/study", count, chunk, 0, 1))
-        both = [started(f"{pair}/study", count, chunk, rank, 2) for rank in range(2)]
-        two = max(seconds(process) for process in both)
-        record(f"one process   {one:8.1f} s  {count / one:9.0f} cases a second")
-        record(f"two processes {two:8.1f} s  {count / two:9.0f} cases a second")
-        record(f"rate of two over one: {one / two:.2f}")
-        us = 1e6 * one / count
-        record(
-            f"a case: {us:.0f} us of a core; 1 000 000 cases: {us / 3600:.2f} hours of a core, on "
-            f"1 000 cores {us / 1000:.1f} s and their start"
-        )
-        killed = f"{pair}/killed"
-        both = [started(killed, count, chunk, rank, 2) for rank in range(2)]
-        while len(chunks(killed)) < count // chunk // 2:
-            time.sleep(0.05)
-        both[1].send_signal(signal.SIGKILL)
-        both[1].wait()
-        seconds(both[0])
-        before = chunks(killed)
-        seconds(started(killed, count, chunk, 1, 2))
-        after = chunks(killed)
-        again = sum(after[name] != stamp for name, stamp in before.items())
-        whole, study = (jc.results.Study(Path(f), count, chunk) for f in (f"{alone}/study", killed))
-        differ = numbers = 0
-        for (own, a), (_, b) in zip(whole.chunks(), study.chunks(), strict=True):
-            numbers += len(own)
-            differ += int((a["displacement"] != b["displacement"]).any(axis=(1, 2)).sum())
-            assert not a["status"].any() and np.isfinite(a["displacement"]).all()
-        record(
-            f"\none of two killed at half of the study; {len(before)} of {len(after)} chunks were "
-            f"there when the\nother was done. Started again: {numbers} cases, {again} chunks "
-            f"written twice, {len(study.missing)} missing,\n{differ} cases that differ from the "
-            "undisturbed study"
-        )
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        jc.keep_programs(folder / "programs")
+        reference = speeds(record, folder, count, chunk)
+        killed(record, folder, count, chunk, reference)
+        overhead(record, folder, n_chunk)
+        many_cores(record, folder, n_thread, 1.0)
+        sizes(record, folder, chunk)
     record.close()
 
 
 if __name__ == "__main__":
-    share(sys.argv[1], *(int(word) for word in sys.argv[2:]))
+    sys.exit("run it by: python experiments/benchmark.py many_cases")
