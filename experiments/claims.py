@@ -336,12 +336,27 @@ def kept_row(k):
 
 MANY_CASES = read(
     "many_cases",
-    r"rate of two over one: ([\d.]+)",
-    r"^(\d+) cases that differ",
+    r"rate of two workers over one: ([\d.]+)",
+    r"^ +(\d+) cases that differ",
     r"1 000 000 cases: ([\d.]+) hours",
-    forms=(rounded(1), str, rounded(1)),
+    r"threads ([\d.]+), two workers",
+    r"two workers ([\d.]+), bare",
+    r"at best \((\d+) %\)",
+    forms=(rounded(1), str, rounded(1), str, str, str),
 )
-"""Rate of two processes over one; cases that differ; hours of a core for a million."""
+"""Rate of two workers over one; cases that differ; hours of a core for a million; ms a chunk in one
+process and by two workers; part of the time that simulated cores are busy, %."""
+
+CLUSTER = read(
+    "many_cases",
+    r"rate of two workers over one: ([\d.]+)",
+    r"threads ([\d.]+), two workers",
+    r"two workers ([\d.]+), bare",
+    r"bare tasks of Dask ([\d.]+)",
+    r"at best \((\d+) %\)",
+    forms=(rounded(1), str, str, str, str),
+)
+"""Rate of two workers over one; ms a chunk in one process, by two workers, of Dask; % busy."""
 
 FRAMES = read(
     "frames_batch",
@@ -618,8 +633,15 @@ CLAIMS = [
     ),
     Claim(
         STUDIES,
-        r"compute ([\d.]+) times as many cases[^|]+?and (\d+) differ[^|]+?take ([\d.]+) hours",
+        r"compute ([\d.]+) times as many cases[^|]+?and (\d+) differ[^|]+?take ([\d.]+) hours[^|]+?"
+        r"costs ([\d.]+) ms[^|]+?([\d.]+) ms through[^|]+?busy (\d+) %",
         MANY_CASES,
+    ),
+    Claim(
+        "docs/how-to/clusters.md",
+        r"workers compute ([\d.]+) times[^|]+?costs ([\d.]+) ms[^|]+?and ([\d.]+) ms through"
+        r"[^|]+?costs ([\d.]+) ms[^|]+?busy (\d+) %",
+        CLUSTER,
     ),
     Claim(
         STUDIES,
