@@ -33,6 +33,14 @@ class Cases(abc.ABC):
     Attributes:
         dims: names of the dimensions.
         shape: number of cases along each of them.
+
+    Example:
+        The cases with numbers 1 and 5, as the function of a study gets them:
+
+        >>> cases = jc.studies.product(force=[100.0, 200.0], wind=[0.0, 5.0, 10.0])
+        >>> block = cases.block(np.array([1, 5]))
+        >>> block["force"].tolist(), block["wind"].tolist()
+        ([100.0, 200.0], [5.0, 10.0])
     """
 
     dims: tuple[str, ...]

@@ -57,6 +57,7 @@ class ChunkGrid:
 def divide(shape: tuple[int, ...], chunk: int) -> ChunkGrid:
     """Return the grid whose chunks have at most `chunk` cases: whole last dimensions, then parts.
 
+    >>> from jaxcable.studies.grid import divide
     >>> divide((40, 25, 7), 1000).chunks
     (5, 25, 7)
     """

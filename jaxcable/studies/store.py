@@ -125,14 +125,12 @@ class ResultStore:
 
         self.path = path
         try:
-            self.group: Any = zarr.open_group(
-                path, mode="r+", zarr_format=3, use_consolidated=False
-            )
-            about = json.loads(str(self.group.attrs[DESCRIPTION]))
+            self.root: Any = zarr.open_group(path, mode="r+", zarr_format=3, use_consolidated=False)
+            about = json.loads(str(self.root.attrs[DESCRIPTION]))
             self.grid = ChunkGrid(tuple(about["shape"]), tuple(about["chunks"]))
             self.names = tuple(about["results"])
             self._arrays = {
-                name: self.group[name].with_config({"write_empty_chunks": True})
+                name: self.root[name].with_config({"write_empty_chunks": True})
                 for name in (*self.names, CAUSE, COMPLETED)
             }
         except (OSError, KeyError, ValueError, TypeError) as error:
@@ -157,9 +155,9 @@ class ResultStore:
 
     def set_units(self, units: Mapping[str, str]) -> None:
         """State units of results and coordinates, by name."""
-        if any(self.group[name].attrs.get("units") != unit for name, unit in units.items()):
+        if any(self.root[name].attrs.get("units") != unit for name, unit in units.items()):
             for name, unit in units.items():
-                self.group[name].attrs["units"] = unit
+                self.root[name].attrs["units"] = unit
             _collect_metadata(self.path)
 
     def missing(self) -> list[int]:
@@ -237,10 +235,10 @@ def _fill_store(path, cases, variables, about, coords, units):
         "coordinates": f"{CAUSE} {COMPLETED}",  # masks and sums over all results leave these out
         DESCRIPTION: json.dumps(about),  # as a text, which other formats can hold, too
     }
-    group = zarr.create_group(path, zarr_format=3, attributes=attributes)
+    root = zarr.create_group(path, zarr_format=3, attributes=attributes)
     compressors = [zarr.codecs.ZstdCodec(level=1, checksum=True)]
     for name, variable in variables.items():
-        group.create_array(
+        root.create_array(
             name,
             shape=(*grid.shape, *variable.shape),
             chunks=(*grid.chunks, *variable.shape),
@@ -254,7 +252,7 @@ def _fill_store(path, cases, variables, about, coords, units):
         (CAUSE, str, "", "why a case has failed; empty if it has not"),
         (COMPLETED, bool, False, "whether a case is computed"),
     ):
-        group.create_array(
+        root.create_array(
             name,
             shape=grid.shape,
             chunks=grid.chunks,
@@ -267,7 +265,7 @@ def _fill_store(path, cases, variables, about, coords, units):
     stated = {name: ((name,), values) for name, values in coords.items()}
     for name, (dims, values) in (cases.coordinates() | stated).items():
         texts = values.dtype.kind in "US"
-        array = group.create_array(
+        array = root.create_array(
             name,
             shape=values.shape,
             dtype=str if texts else values.dtype,

@@ -245,6 +245,10 @@ FOREIGN |= {
     "pypi",
     "toml",
     "py",
+    "distributed",
+    "Client",
+    "xarray",
+    "Dataset",
 }
 
 
