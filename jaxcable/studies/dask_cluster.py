@@ -46,6 +46,7 @@ def compute_on_cluster(
     stop: Stop,
     settings: Settings,
     name: str,
+    patience: float,
 ) -> Generator[Outcome]:
     """Compute chunks on the workers of a cluster, and yield what has become of each.
 
@@ -57,9 +58,10 @@ def compute_on_cluster(
         stop: tells whether to begin no further chunk.
         settings: of jax, for workers.
         name: prefix of the names of tasks; another study has another one.
+        patience: seconds to wait while there is no worker.
 
     Raises:
-        ClusterLostError: the scheduler is gone.
+        ClusterLostError: the scheduler is gone, or no worker comes.
     """
     waiting, known = iter(numbers), {}
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -74,7 +76,7 @@ def compute_on_cluster(
         future.add_done_callback(ended.put)
 
     client.register_plugin(StudyPlugin(name, _as_bytes(task), settings))
-    last_answer = time.monotonic()
+    watch = _Watch(client, patience)
     try:
         for k in itertools.islice(waiting, _n_submitted(client, task, cases)):
             submit(k)
@@ -84,7 +86,7 @@ def compute_on_cluster(
             try:
                 future = ended.get(timeout=SECONDS_TO_STOP)
             except queue.Empty:
-                last_answer = _require_scheduler(client, last_answer)
+                watch.require_cluster()
                 while lost:
                     ended.put(lost.pop())
                 continue
@@ -118,19 +120,36 @@ def _as_bytes(task):
         ) from None
 
 
-def _require_scheduler(client, last_answer):
-    """Return the time of the scheduler's last answer, after asking it if that is long ago.
+class _Watch:
+    """Whether a cluster is still there: asked now and then while there is no news of chunks.
 
-    Raises:
-        ClusterLostError: it does not answer.
+    Args:
+        client: `distributed.Client`.
+        patience: seconds that a study waits while the cluster has no workers.
     """
-    if client.status in ("closing", "closed"):
-        raise ClusterLostError(_LOST)
-    if time.monotonic() - last_answer < _SECONDS_WITHOUT_NEWS:
-        return last_answer
-    if not _call_within(_SECONDS_TO_ANSWER, client.nthreads):
-        raise ClusterLostError(_LOST)
-    return time.monotonic()
+
+    def __init__(self, client: Any, patience: float):
+        self.client, self.patience = client, patience
+        self.last_answer = self.last_worker = time.monotonic()
+
+    def require_cluster(self) -> None:
+        """Raise ClusterLostError if the scheduler is gone, or there was no worker for too long."""
+        if self.client.status in ("closing", "closed"):
+            raise ClusterLostError(_LOST)
+        if time.monotonic() - self.last_answer < min(_SECONDS_WITHOUT_NEWS, self.patience):
+            return
+        workers: list[Any] = []
+        if not _call_within(_SECONDS_TO_ANSWER, lambda: workers.append(self.client.nthreads())):
+            raise ClusterLostError(_LOST)
+        self.last_answer = time.monotonic()
+        if workers[0]:
+            self.last_worker = self.last_answer
+        elif self.last_answer - self.last_worker > self.patience:
+            raise ClusterLostError(
+                f"the cluster has had no worker for {self.patience:.0f} s; chunks that were "
+                "computed are in the store: start workers and call jc.study again, or give a "
+                "longer patience where they wait in a queue"
+            )
 
 
 def _call_within(seconds, function, *arguments):

@@ -62,6 +62,7 @@ def compute_missing(
     client: Any,
     settings: Settings,
     progress: bool | Callable[[Any], object] | None,
+    patience: float,
 ) -> None:
     """Compute all chunks that the store lacks, in this process or on the cluster of a client.
 
@@ -86,7 +87,9 @@ def compute_missing(
             from .dask_cluster import compute_on_cluster
 
             name = f"jaxcable-{store.digest}"
-            outcomes = compute_on_cluster(client, task, cases, missing, stop, settings, name)
+            outcomes = compute_on_cluster(
+                client, task, cases, missing, stop, settings, name, patience
+            )
         with contextlib.closing(outcomes):
             for outcome in outcomes:
                 if not isinstance(outcome, Done):

@@ -105,6 +105,7 @@ def study(
     coords: Mapping[str, ArrayLike] | None = None,
     programs: str | PathLike[str] | None = None,
     progress: bool | Callable[[Any], object] | None = None,
+    patience: float = 600.0,
 ) -> Study:
     """Map a function of one case over many named cases, with results in a Zarr store.
 
@@ -142,6 +143,8 @@ def study(
             default is that of `keep_programs`, if this process has called it.
         progress: True prints a line every half second: chunks, failed cases, speed, time left; a
             function gets the reports.
+        patience: seconds that a study waits while a cluster has no workers; ``math.inf`` where they
+            may stand in a queue for any time.
 
     Returns:
         `jaxcable.studies.Study`.
@@ -151,7 +154,7 @@ def study(
             coords or cases.
         StudyError: chunks could not be computed (the function raises for nearly all of their cases,
             a worker died several times) or written (the disk is full). All others are there.
-        ClusterLostError: the scheduler is gone.
+        ClusterLostError: the scheduler is gone, or there were no workers for too long.
         ModuleNotFoundError: zarr is missing: ``pip install "jaxcable[studies]"``.
 
     Example:
@@ -165,6 +168,8 @@ def study(
         (2.0, 'm')
     """
     checks.require_whole_number(chunk, "chunk")
+    if not patience > 0:
+        raise ValueError(f"patience = {patience!r}: expected a positive number of seconds")
     _require_package("zarr", "studies", "a study")
     _require_client(client)
     cases = cases if isinstance(cases, Cases) else table(cases)
@@ -185,7 +190,8 @@ def study(
     path = Path(store).absolute()
     opened = _open_or_create(path, cases, variables, about, named, units)
     task = ChunkTask(function, cases if client is None else cases.remote(), grid, path)
-    compute_missing(opened, task, cases, client, Settings.of_this_process(programs), progress)
+    settings = Settings.of_this_process(programs)
+    compute_missing(opened, task, cases, client, settings, progress, patience)
     return Study(path)
 
 

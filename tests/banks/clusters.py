@@ -39,6 +39,7 @@ def draw(numbers):
 def draw_deadly(numbers):
     """Draw cases; the worker that draws case 200 dies."""
     if 200 in numbers and len(numbers) == CHUNK:
+        time.sleep(2.0)  # until what has started the worker knows that it runs
         os._exit(1)
     return draw(numbers)
 
@@ -182,9 +183,22 @@ def interrupted(folder):
     return found | {"stopped": stopped, "n_missing": n_missing}
 
 
+def without_workers(folder):
+    begin, said = time.monotonic(), None
+    with cluster(n_workers=0) as client:
+        try:
+            run(folder / "a", client, patience=2.0)
+        except jc.studies.ClusterLostError as error:
+            said = str(error)
+    return {"said": said, "seconds": time.monotonic() - begin}
+
+
 SCENES = {
     scene.__name__: scene
-    for scene in (undisturbed, workers_killed, scheduler_killed, deadly_case, interrupted)
+    for scene in (
+        *(undisturbed, workers_killed, scheduler_killed),
+        *(deadly_case, interrupted, without_workers),
+    )
 }
 
 if __name__ == "__main__":

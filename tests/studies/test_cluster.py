@@ -50,6 +50,11 @@ def test_a_case_that_kills_its_workers_is_named_and_all_others_are_there(tmp_pat
     assert "chunk 20 (cases 200 to 209): KilledWorker" in result["said"]
 
 
+def test_a_cluster_without_workers_is_told(tmp_path):
+    result = found("without_workers", tmp_path)
+    assert "no worker for 2 s" in result["said"] and result["seconds"] < 60
+
+
 def test_an_interrupted_study_goes_on(tmp_path):
     result = found("interrupted", tmp_path)
     assert result.pop("stopped") and 0 < result.pop("n_missing") < 38
