@@ -97,6 +97,7 @@ def compute_on_cluster(
             if outcome is None:
                 lost.append(future)
                 continue
+            watch.note_news()
             del known[future.key]
             if _has_killed(outcome) and not future.key.endswith(_AGAIN):
                 killed.append(k)
@@ -130,6 +131,10 @@ class _Watch:
 
     def __init__(self, client: Any, patience: float):
         self.client, self.patience = client, patience
+        self.note_news()
+
+    def note_news(self) -> None:
+        """Note that a worker has just been there."""
         self.last_answer = self.last_worker = time.monotonic()
 
     def require_cluster(self) -> None:

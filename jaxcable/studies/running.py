@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import secrets
 import signal
 import threading
 import time
@@ -86,7 +87,7 @@ def compute_missing(
         else:
             from .dask_cluster import compute_on_cluster
 
-            name = f"jaxcable-{store.digest}"
+            name = f"jaxcable-{store.digest}-{secrets.token_hex(4)}"
             outcomes = compute_on_cluster(
                 client, task, cases, missing, stop, settings, name, patience
             )

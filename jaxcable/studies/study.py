@@ -139,8 +139,9 @@ def study(
         dims: names of the axes of results, by name of the result: ``{"tension": ["element"]}``.
         units: units, by name of a result or coordinate: ``{"sag": "m"}``.
         coords: values or names along dimensions of results: ``{"element": names}``.
-        programs: folder in which workers keep compiled programs, so that one compiles for all; the
-            default is that of `keep_programs`, if this process has called it.
+        programs: folder in which the workers of a cluster keep compiled programs, so that those
+            that start later compile little; the default is that of `keep_programs`, if this
+            process has called it.
         progress: True prints a line every half second: chunks, failed cases, speed, time left; a
             function gets the reports.
         patience: seconds that a study waits while a cluster has no workers; ``math.inf`` where they
