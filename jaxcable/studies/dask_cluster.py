@@ -215,9 +215,11 @@ class StudyPlugin(WorkerPlugin):
 
     def __init__(self, name: str, content: bytes, settings: Settings):
         self.name, self.content, self.settings = name, content, settings
+        self.n_thread = 1
 
     def setup(self, worker: Any) -> None:
         """Keep the study for the tasks that follow."""
+        self.n_thread = worker.state.nthreads
         _studies[self.name] = self
 
     def teardown(self, worker: Any) -> None:
@@ -238,7 +240,7 @@ def compute_chunk(name: str, k: int, block: Block | None) -> Done:
     with _task_lock:
         study = _studies[name]
         if name not in _tasks:
-            study.settings.apply()  # before the task is made: its arrays start jax
+            study.settings.apply(study.n_thread)  # before the task is made: its arrays start jax
             _tasks[name] = pickle.loads(study.content)
         task = _tasks[name]
     with contextlib.nullcontext() if study.settings.fused else _one_at_a_time:

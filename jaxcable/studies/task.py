@@ -23,6 +23,7 @@ import numpy as np
 from ..analysis.batches import batched
 from ..common import status
 from ..common.fusion import are_loops_fused, request_fused_loops
+from ..common.jax_internals import has_xla_started
 from ..common.program_store import keep_programs, kept_programs_folder
 from .cases import Block, Cases
 from .grid import ChunkGrid
@@ -59,8 +60,13 @@ class Settings:
             versions_in_use(),
         )
 
-    def apply(self) -> None:
+    def apply(self, n_thread: int) -> None:
         """Make these the settings of this process, a worker.
+
+        Args:
+            n_thread: number of chunks that the worker computes at once, each by one core where
+                loops are fused: XLA gets as many threads, since those of several workers would
+                disturb each other.
 
         Raises:
             RuntimeError: jax has already computed with loops fused or not, unlike here; other
@@ -70,6 +76,8 @@ class Settings:
             jax.config.update("jax_enable_x64", self.x64)
         if self.fused and not are_loops_fused():
             request_fused_loops()
+        if self.fused and not has_xla_started():
+            os.environ["NPROC"] = str(n_thread)  # what XLA asks for the size of its pool
         if are_loops_fused() != self.fused:
             raise RuntimeError(
                 "jax has already computed on this worker, with other settings of `fuse_loops` than "

@@ -390,6 +390,21 @@ def test_a_store_is_read_without_this_package(tmp_path):
     assert done.stdout.split() == ["6.0", "m", "2"], done.stderr
 
 
+def test_a_study_needs_no_dask(tmp_path):
+    code = """
+        import sys
+        sys.modules["dask"] = sys.modules["distributed"] = sys.modules["cloudpickle"] = None
+        import jaxcable as jc
+        import numpy as np
+        cases = jc.studies.product(F=np.arange(5.0))
+        study = jc.study(lambda case: {"y": 3 * case["F"]}, cases, sys.argv[1], chunk=2)
+        print(study.load()["y"].sum(), study.open().y.sum().item())
+    """
+    words = [sys.executable, "-c", textwrap.dedent(code), str(tmp_path / "a")]
+    done = subprocess.run(words, timeout=LIMIT, capture_output=True, text=True)
+    assert done.stdout.split() == ["30.0", "30.0"], done.stderr
+
+
 # --- input
 
 
