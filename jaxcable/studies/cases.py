@@ -23,6 +23,8 @@ Numbers: TypeAlias = 'Int[np.ndarray, " n"]'
 Block: TypeAlias = "PyTree[ArrayLike]"
 """Cases with their numbers on the first axis: arrays [n, ...]."""
 
+RESERVED = {"cause", "completed", "zarr.json"}
+"""Names that a store needs itself."""
 _N_PROBED = 16  # cases that are computed to tell one drawing function from another
 
 
@@ -107,7 +109,7 @@ class _Table(Cases):
         return {name: ((dim,), value) for name, value in known.items()}
 
     def digests(self):
-        labels = () if self.labels is None else (digest.of_arrays(self.labels.astype("S")),)
+        labels = () if self.labels is None else (digest_of_values(self.labels),)
         return {"cases": "-".join((digest.of_arrays(self.rows), *labels)), "cases_function": None}
 
     def remote(self):
@@ -205,6 +207,8 @@ def table(
         raise ValueError("cases: expected arrays with one common leading axis, [n_case, ...]")
     for path, leaf in jax.tree_util.tree_leaves_with_path(rows):
         _require_numbers(leaf, f"cases{jax.tree_util.keystr(path)}")
+    for name in rows if isinstance(rows, dict) else ():
+        require_name(name, "cases")
     if labels is not None and len(labels) != count:
         raise ValueError(f"labels: {len(labels)} labels for {count} cases")
     if labels is not None and len({*map(str, labels)}) < count:
@@ -255,11 +259,21 @@ def require_name(name: object, argument: str) -> None:
         or "/" in name
         or "\\" in name
         or name.startswith("__")
+        or name in RESERVED
     ):
         raise ValueError(
             f"{argument}: {name!r} cannot be the name of an array; expected a text of printable "
-            "characters without slashes that does not begin with two underscores"
+            "characters without slashes that does not begin with two underscores, other than "
+            f"{', '.join(sorted(RESERVED))}"
         )
+
+
+def digest_of_values(values: np.ndarray) -> str:
+    """Return a digest of an array of numbers, truth values or texts; ValueError for others."""
+    if values.dtype.kind == "U":
+        return digest.of_arrays(np.frombuffer("\0".join(values.tolist()).encode(), np.uint8))
+    _require_numbers(values, "coords")
+    return digest.of_arrays(values)
 
 
 def axis_lengths(tree: PyTree[np.ndarray]) -> set[int | None]:

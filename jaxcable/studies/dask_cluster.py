@@ -7,6 +7,7 @@ several times are tried once more when all others are done.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import itertools
 import pickle
@@ -18,7 +19,7 @@ from typing import Any
 
 import cloudpickle
 import jax
-from distributed import KilledWorker, WorkerPlugin
+from distributed import KilledWorker, WorkerPlugin, get_worker
 
 from .cases import Block, Cases
 from .errors import ClusterLostError
@@ -30,11 +31,12 @@ _MOST_BYTES = 1 << 28  # of cases that are sent with the chunks submitted at a t
 _SECONDS_TO_FETCH = 10.0  # some bytes from a worker, which may have died
 _SECONDS_WITHOUT_NEWS = 30.0  # after which the scheduler is asked whether it is there
 _SECONDS_TO_ANSWER = 30.0
+_MOST_KILLED = 20  # chunks whose workers have died: then it is an error of all of them
 _AGAIN = "-again"  # end of the key of a chunk whose workers have died
 
 _LOST = (
-    "the scheduler of the cluster is gone; chunks that were computed are in the store: call "
-    "jc.study again, with a new client, to compute the others"
+    "the scheduler of the cluster is gone, or has been told to cancel tasks; chunks that were "
+    "computed are in the store: call jc.study again, with a new client, to compute the others"
 )
 
 
@@ -65,8 +67,9 @@ def compute_on_cluster(
     """
     waiting, known = iter(numbers), {}
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    killed: list[int] = []  # chunks whose workers have died, several times
+    killed: list[tuple[int, Exception]] = []  # chunks whose workers have died, several times
     lost: list[Any] = []  # futures whose results died with their workers; Dask computes them again
+    n_bytes = 0 if task.cases is not None else _bytes_of_chunk(cases, task)
 
     def submit(k, again=""):
         block = cases.block(task.grid.numbers(k)) if task.cases is None else None
@@ -75,14 +78,22 @@ def compute_on_cluster(
         known[key] = k, future
         future.add_done_callback(ended.put)
 
-    client.register_plugin(StudyPlugin(name, _as_bytes(task), settings))
+    def submit_more():
+        for k in itertools.islice(waiting, max(0, _n_submitted(client, n_bytes) - len(known))):
+            submit(k)
+            if stop():
+                return
+
     watch = _Watch(client, patience)
     try:
-        for k in itertools.islice(waiting, _n_submitted(client, task, cases)):
-            submit(k)
+        client.register_plugin(StudyPlugin(name, _as_bytes(task), settings))
+        submit_more()
         while (known or killed) and not stop():
+            if len(killed) >= _MOST_KILLED:
+                yield from killed
+                killed.clear()
             if not known:  # one alone: which of them has killed the workers?
-                submit(killed.pop(0), again=_AGAIN)
+                submit(killed.pop(0)[0], again=_AGAIN)
             try:
                 future = ended.get(timeout=SECONDS_TO_STOP)
             except queue.Empty:
@@ -100,12 +111,11 @@ def compute_on_cluster(
             watch.note_news()
             del known[future.key]
             if _has_killed(outcome) and not future.key.endswith(_AGAIN):
-                killed.append(k)
+                killed.append(outcome)
             else:
                 yield outcome
             future.release()
-            for k in itertools.islice(waiting, 1):
-                submit(k)
+            submit_more()
     finally:
         _call_within(_SECONDS_TO_ANSWER, _forget, client, known, name)
 
@@ -186,8 +196,12 @@ def _outcome_unless_lost(k, future):
         return None
     try:
         return future.result(_SECONDS_TO_FETCH)
-    except Exception:  # its worker, or the scheduler, has died
+    except (TimeoutError, OSError):  # its worker, or the scheduler, has died
         return None
+    except asyncio.CancelledError:
+        raise ClusterLostError(_LOST) from None
+    except Exception as error:
+        return k, error
 
 
 def _has_killed(outcome):
@@ -195,12 +209,19 @@ def _has_killed(outcome):
     return not isinstance(outcome, Done) and isinstance(outcome[1], KilledWorker)
 
 
-def _n_submitted(client, task, cases):
-    """Return how many chunks to submit at a time, so that no worker waits for the next one."""
-    if task.cases is not None:
+def _bytes_of_chunk(cases, task):
+    """Return the bytes of the cases of a chunk, which are sent with it."""
+    return sum(leaf.nbytes for leaf in jax.tree.leaves(cases.block(task.grid.numbers(0))))
+
+
+def _n_submitted(client, n_bytes):
+    """Return how many chunks to submit at a time, so that no worker waits for the next one.
+
+    `n_bytes` are sent with each.
+    """
+    if n_bytes == 0:
         return _MOST_SUBMITTED
-    n_bytes = sum(leaf.nbytes for leaf in jax.tree.leaves(cases.block(task.grid.numbers(0))))
-    fitting = max(1, _MOST_BYTES // max(1, n_bytes))
+    fitting = max(1, _MOST_BYTES // n_bytes)
     return min(_MOST_SUBMITTED, max(fitting, 2 * sum(client.nthreads().values())))
 
 
@@ -215,33 +236,31 @@ class StudyPlugin(WorkerPlugin):
 
     def __init__(self, name: str, content: bytes, settings: Settings):
         self.name, self.content, self.settings = name, content, settings
-        self.n_thread = 1
+        self.task: ChunkTask | None = None
 
     def setup(self, worker: Any) -> None:
-        """Keep the study for the tasks that follow."""
+        """Prepare for the tasks that follow."""
         self.n_thread = worker.state.nthreads
-        _studies[self.name] = self
+        self.lock = threading.Lock()
 
-    def teardown(self, worker: Any) -> None:
-        """Release all that the worker holds of the study."""
-        _studies.pop(self.name, None)
-        _tasks.pop(self.name, None)
+    def compute(self, k: int, block: Block | None) -> Done:
+        """Compute a chunk; the first call makes the function, and checks that it is the same."""
+        with self.lock:
+            if self.task is None:
+                self.settings.apply(self.n_thread)  # before the task is made: its arrays start jax
+                with jax.enable_x64(self.settings.x64):
+                    task = pickle.loads(self.content)
+                    task.require_same_study(block)
+                self.task = task
+            task = self.task
+        with contextlib.nullcontext() if self.settings.fused else _one_at_a_time:
+            return task(k, block)
 
 
-# what this process has as a worker, by name of the study
-_studies: dict[str, StudyPlugin] = {}
-_tasks: dict[str, ChunkTask] = {}
-_task_lock = threading.Lock()
 _one_at_a_time = threading.Lock()
 
 
 def compute_chunk(name: str, k: int, block: Block | None) -> Done:
     """Compute chunk `k` of a study on a worker; its cases are `block` if they are given."""
-    with _task_lock:
-        study = _studies[name]
-        if name not in _tasks:
-            study.settings.apply(study.n_thread)  # before the task is made: its arrays start jax
-            _tasks[name] = pickle.loads(study.content)
-        task = _tasks[name]
-    with contextlib.nullcontext() if study.settings.fused else _one_at_a_time:
-        return task(k, block)
+    plugin: Any = get_worker().plugins[name]
+    return plugin.compute(k, block)

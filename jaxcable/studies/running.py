@@ -108,7 +108,8 @@ def compute_missing(
     if signals:
         raise SystemExit(128 + signals[0])
     if failures:
-        raise StudyError(_failure_text(store, failures, len(missing) - n_done))
+        first = next(iter(failures.values()))
+        raise StudyError(_failure_text(store, failures, len(missing) - n_done)) from first
 
 
 def _failure_text(store, failures, n_left):

@@ -8,6 +8,7 @@ else is there. Cases that nobody has computed are NaN, and -1 in ``status``. The
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import errno
 import json
@@ -30,10 +31,9 @@ COMPLETED, CAUSE, STATUS = "completed", "cause", "status"
 DESCRIPTION = "jaxcable_study"
 
 _UNITS = {  # of results of an analysis, where a study does not state others
-    **dict.fromkeys(("tension", "peak_tension", "reactions", "load", "residual"), "N"),
+    **dict.fromkeys(("tension", "peak_tension", "reactions"), "N"),
     **dict.fromkeys(("displacement", "positions", "rest_length"), "m"),
     "reaction_moments": "N m",
-    "relative_residual": "1",
 }
 
 
@@ -82,14 +82,18 @@ def describe_variables(
         require_name(name, "function: the result")
         if 0 in one.shape:
             raise ValueError(f"function: the result {name!r} has shape {one.shape}, no numbers")
-        if name in (COMPLETED, CAUSE, *cases.dims, *known, *coords):
+        if name == STATUS and (one.shape or np.dtype(one.dtype).kind != "i"):
+            raise ValueError(
+                f"function: the result 'status' is {one.dtype}{list(one.shape)}, expected one code"
+            )
+        if name in (*cases.dims, *known, *coords):
             raise ValueError(f"function: the result {name!r} has the name of something else")
         own = dims.get(name, [f"{name}_{axis}" for axis in range(len(one.shape))])
         if isinstance(own, str) or not isinstance(own, Sequence):
             raise ValueError(
                 f"dims[{name!r}] = {own!r}: expected a list of names, one for each axis"
             )
-        named_twice = set(own) & {*cases.dims, *results} or len(set(own)) < len(own)
+        named_twice = set(own) & {*cases.dims, *known, *results} or len(set(own)) < len(own)
         if len(own) != len(one.shape) or named_twice:
             raise ValueError(
                 f"dims[{name!r}] = {own!r}: expected {len(one.shape)} different names, other than "
@@ -148,6 +152,14 @@ class ResultStore:
     def write(self, k: int, results: Mapping[str, np.ndarray], causes: np.ndarray) -> None:
         """Write the results of chunk `k`, arrays [n, ...] by name, and causes of failure, [n]."""
         where, lengths = self.grid.slices(k), [s.stop - s.start for s in self.grid.slices(k)]
+        for name, values in results.items():
+            expected = self._arrays[name]
+            if values.dtype != expected.dtype or values.shape[1:] != expected.shape[len(where) :]:
+                here, there = values.shape[1:], expected.shape[len(where) :]
+                raise ValueError(
+                    f"function: the result {name!r} is {values.dtype}{list(here)} for these cases, "
+                    f"and {expected.dtype}{list(there)} for others"
+                )
         for name, values in (*results.items(), (CAUSE, causes)):
             self._arrays[name][where] = values.reshape(*lengths, *values.shape[1:])
             _wait_for_disk(self._chunk_file(name, k))
@@ -217,6 +229,8 @@ def create_store(
     part = path.with_name(f".{path.name}-{secrets.token_hex(8)}.part")
     try:
         _fill_store(part, cases, variables, about, coords, units)
+        with contextlib.suppress(OSError):  # an empty one is replaced, on Windows not by itself
+            path.rmdir()
         os.rename(part, path)
     except OSError as error:
         if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):

@@ -12,15 +12,15 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..analysis.batches import batched
 from ..common import checks, digest
 from ..common.fusion import are_loops_fused
+from ..common.progress import as_listener
 from ..common.types import Array, ArrayLike, PyTree
-from .cases import Cases, table
+from .cases import Cases, digest_of_values, table
 from .grid import divide
 from .running import compute_missing
 from .store import CAUSE, ResultStore, create_store, describe_variables
-from .task import ChunkTask, Settings, versions_in_use
+from .task import ChunkTask, Settings, chunk_shapes, map_over_chunk, versions_in_use
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,9 +109,9 @@ def study(
 ) -> Study:
     """Map a function of one case over many named cases, with results in a Zarr store.
 
-    Cases are computed in chunks. A chunk appears in the store as a whole or not at all, and what is
-    there is not computed again: the same call completes a study that was interrupted. With a client
-    of Dask (`distributed.Client`) the chunks are tasks of its cluster; without one, threads of this
+    Cases are computed in chunks. A chunk is marked as completed when all of it is written, and is
+    not computed again then: the same call completes a study that was interrupted. With a client of
+    Dask (`distributed.Client`) the chunks are tasks of its cluster; without one, threads of this
     process compute them. xarray opens the store, with names, units and coordinates.
 
     The store knows what is computed: the traced function with the values of all that it uses (the
@@ -123,8 +123,8 @@ def study(
     A case that fails does not disturb the others: ``cause`` has the text of its status. If the
     function raises an exception for a case, its results are NaN, and ``cause`` has the message.
 
-    Ctrl-C (and SIGTERM) ends the study when the chunks that are just computed are written; on a
-    cluster, at once.
+    Ctrl-C (and SIGTERM) ends the study when the chunks in progress are written; on a cluster it
+    leaves these to the workers.
 
     Args:
         function: of one case, to a dict of arrays; the result ``status`` should be among them.
@@ -169,19 +169,16 @@ def study(
         (2.0, 'm')
     """
     checks.require_whole_number(chunk, "chunk")
+    as_listener(progress)
+    settings = Settings.of_this_process(programs)
     if not patience > 0:
         raise ValueError(f"patience = {patience!r}: expected a positive number of seconds")
     _require_package("zarr", "studies", "a study")
     _require_client(client)
     cases = cases if isinstance(cases, Cases) else table(cases)
     grid = divide(cases.shape, chunk)
-    compute = batched(function, chunk)
-    shapes = jax.tree.map(
-        lambda leaf: jax.ShapeDtypeStruct(
-            (grid.chunk_size, *leaf.shape[1:]), jax.dtypes.canonicalize_dtype(leaf.dtype)
-        ),
-        cases.block(np.array([0])),
-    )
+    compute = map_over_chunk(function, grid)
+    shapes = chunk_shapes(cases.block(np.array([0])), grid)
     named = {name: np.asarray(values) for name, values in _as_dict(coords, "coords").items()}
     units = _as_dict(units, "units")
     variables = describe_variables(
@@ -190,8 +187,8 @@ def study(
     about = _describe_study(compute, shapes, cases, grid, variables, named)
     path = Path(store).absolute()
     opened = _open_or_create(path, cases, variables, about, named, units)
-    task = ChunkTask(function, cases if client is None else cases.remote(), grid, path)
-    settings = Settings.of_this_process(programs)
+    own_cases = cases if client is None else cases.remote()
+    task = ChunkTask(function, own_cases, grid, path, settings.x64)
     compute_missing(opened, task, cases, client, settings, progress, patience)
     return Study(path)
 
@@ -257,7 +254,7 @@ def _describe_study(compute, shapes, cases, grid, variables, coords):
         "chunks": list(grid.chunks),
         "dims": {"cases": list(cases.dims)}
         | {name: list(variable.dims) for name, variable in variables.items()},
-        "coords": {name: values.tolist() for name, values in coords.items()},
+        "coords": {name: digest_of_values(values) for name, values in coords.items()},
         "results": list(variables),
         **cases.digests(),
         **dict(zip(("jaxcable", "jax", "backend"), versions_in_use(), strict=True)),

@@ -21,15 +21,17 @@ import jax
 import numpy as np
 
 from ..analysis.batches import batched
-from ..common import status
+from ..common import digest, status
 from ..common.fusion import are_loops_fused, request_fused_loops
 from ..common.jax_internals import has_xla_started
 from ..common.program_store import keep_programs, kept_programs_folder
+from ..common.types import PyTree
 from .cases import Block, Cases
 from .grid import ChunkGrid
 from .store import CAUSE, STATUS, ResultStore, fill_value
 
 _CHUNK_IN_CACHE = 256  # cases: their data stay in cache
+_LONGEST_CAUSE = 1000  # characters
 _MOST_ERRORS = 16  # cases of a chunk that may raise; more of them are an error of the function
 
 
@@ -52,9 +54,11 @@ class Settings:
     @classmethod
     def of_this_process(cls, programs: str | os.PathLike[str] | None) -> Settings:
         """Return the settings of this process; `programs` is another folder, or None."""
-        folder = kept_programs_folder() if programs is None else Path(programs).absolute()
+        folder = (
+            kept_programs_folder() if programs is None else Path(programs).expanduser().absolute()
+        )
         return cls(
-            bool(jax.config.read("jax_enable_x64")),
+            jax.dtypes.canonicalize_dtype(np.float64) == np.float64,
             are_loops_fused(),
             None if folder is None else str(folder),
             versions_in_use(),
@@ -72,8 +76,6 @@ class Settings:
             RuntimeError: jax has already computed with loops fused or not, unlike here; other
                 versions, or another backend.
         """
-        if jax.config.read("jax_enable_x64") != self.x64:
-            jax.config.update("jax_enable_x64", self.x64)
         if self.fused and not are_loops_fused():
             request_fused_loops()
         if self.fused and not has_xla_started():
@@ -126,9 +128,27 @@ def summarize_error(error: Exception) -> str:
 
     What a function on the host raises is at the end of a traceback in the text of jax's exception.
     """
-    *_, last = [line.strip() for line in str(error).splitlines() if line.strip()] or [""]
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()] or [""]
+    first, last = lines[0], lines[-1]
     inner = re.fullmatch(r"[\w.]*(Error|Exception|Warning): .*", last)
-    return last if inner else f"{type(error).__name__}: {last}"
+    return (last if inner else f"{type(error).__name__}: {first}")[:_LONGEST_CAUSE]
+
+
+def map_over_chunk(
+    function: Callable[[Any], dict[str, Any]], grid: ChunkGrid
+) -> Callable[[Block], dict[str, Any]]:
+    """Return the function of a chunk of cases, for that of one case."""
+    return batched(function, min(_CHUNK_IN_CACHE, grid.chunk_size))
+
+
+def chunk_shapes(block: Block, grid: ChunkGrid) -> PyTree[jax.ShapeDtypeStruct]:
+    """Return shapes and dtypes of a chunk of cases, from those of some cases."""
+    return jax.tree.map(
+        lambda leaf: jax.ShapeDtypeStruct(
+            (grid.chunk_size, *leaf.shape[1:]), jax.dtypes.canonicalize_dtype(leaf.dtype)
+        ),
+        block,
+    )
 
 
 class ChunkTask:
@@ -139,6 +159,7 @@ class ChunkTask:
         cases: makes the cases; None if they are given to every call.
         grid: chunks.
         path: folder of the store.
+        x64: whether numbers are in double precision.
     """
 
     def __init__(
@@ -147,16 +168,39 @@ class ChunkTask:
         cases: Cases | None,
         grid: ChunkGrid,
         path: Path,
+        x64: bool,
     ):
         self.function, self.cases, self.grid, self.path = function, cases, grid, path
+        self.x64 = x64
 
     def __reduce__(self):
-        return ChunkTask, (self.function, self.cases, self.grid, self.path)
+        return ChunkTask, (self.function, self.cases, self.grid, self.path, self.x64)
 
     @functools.cached_property
     def compute(self) -> Callable[[Block], dict[str, Any]]:
-        """The compiled function of a chunk of cases."""
-        return batched(self.function, min(_CHUNK_IN_CACHE, self.grid.chunk_size))
+        """The compiled function of a chunk of cases; it takes no threads beside the calling one."""
+        return jax.jit(map_over_chunk(self.function, self.grid))
+
+    def require_same_study(self, block: Block | None) -> None:
+        """Raise RuntimeError if this process has another function, or draws other cases.
+
+        A worker imports functions of modules by their names, and may have other files.
+        """
+        about = self._store.about
+        if block is None:
+            block = self.cases.block(np.array([0]))
+            for name, text in self.cases.digests().items():
+                self._require_equal(name, text, about[name])
+        shapes = chunk_shapes(block, self.grid)
+        text = digest.of_function(map_over_chunk(self.function, self.grid), shapes)
+        self._require_equal("function", text, about["function"])
+
+    def _require_equal(self, name, here, there):
+        if here != there:
+            raise RuntimeError(
+                f"this worker has another {name} (digest {here}) than the study ({there}): its "
+                "modules are not those of the script; restart the workers (client.restart())"
+            )
 
     @functools.cached_property
     def _store(self):
@@ -164,6 +208,10 @@ class ChunkTask:
 
     def __call__(self, k: int, block: Block | None = None) -> Done:
         """Compute chunk `k`, whose cases are `block` if they are given, and write its results."""
+        with jax.enable_x64(self.x64):  # of this thread
+            return self._compute_and_write(k, block)
+
+    def _compute_and_write(self, k, block):
         begin = time.perf_counter()
         if self._store.is_complete(k):  # by a worker that has died before it could say so
             causes = self._store.read_chunk(CAUSE, k).ravel()
@@ -195,11 +243,13 @@ class ChunkTask:
         for numbers, found in parts:
             for name, value in found.items():
                 results[name][numbers] = value
-        if STATUS in results and results[STATUS].ndim == 1 and results[STATUS].dtype.kind == "i":
-            for code in np.unique(results[STATUS]):
+        if STATUS in results:
+            for code in np.unique(results[STATUS][[*set(range(count)) - set(errors)]]):
                 if code != status.OK:
-                    causes[results[STATUS] == code] = status.describe(int(code))
-        for number, error in errors.items():
+                    known = int(code) in status.NAMES
+                    text = status.describe(int(code)) if known else f"status {code}"
+                    causes[results[STATUS] == code] = text
+        for number, error in errors.items():  # (which have no status)
             causes[number] = summarize_error(error)
         return results, causes
 

@@ -6,6 +6,7 @@ runs one scene of `SCENES` in an empty folder, and prints what it has found as J
 """
 
 import contextlib
+import importlib
 import json
 import os
 import signal
@@ -83,9 +84,8 @@ def undisturbed(folder):
         run(folder / "samples", client)
         table = jc.studies.table(draw(np.arange(N_CASE)))  # cases are sent to the workers
         run(folder / "table", client, table)
-        double = client.run(lambda: __import__("jax").config.jax_enable_x64)
     found = {name: comparison(folder / name, folder / "local") for name in ("samples", "table")}
-    return found | {"double": list(double.values())}
+    return found
 
 
 def after(n_chunk, action, reports, store):
@@ -183,6 +183,49 @@ def interrupted(folder):
     return found | {"stopped": stopped, "n_missing": n_missing}
 
 
+def other_module(folder):
+    """The script has changed a module that a worker has already imported."""
+    place, said = folder / "own_law.py", None
+    text = "def function(x):\n    return {'y': 1.0 * x}\n"
+    place.write_text(text, encoding="utf-8")
+    sys.path.insert(0, str(folder))
+    os.environ["PYTHONPATH"] = f"{folder}:{os.environ.get('PYTHONPATH', '')}"
+    import own_law
+
+    with cluster() as client:
+        jc.study(own_law.function, np.arange(40.0), folder / "a", client, chunk=10)
+        place.write_text(text.replace("1.0", "22.0"), encoding="utf-8")
+        importlib.reload(own_law)
+        try:
+            jc.study(own_law.function, np.arange(40.0), folder / "b", client, chunk=10)
+        except jc.studies.StudyError as error:
+            said = str(error)
+        plugins = client.run(lambda dask_worker: [*dask_worker.plugins])
+    own = [name for names in plugins.values() for name in names if name.startswith("jaxcable")]
+    y = jc.studies.Study(folder / "b").load()["y"] if said is None else []
+    return {
+        "y": list(y),
+        "said": said,
+        "missing": jc.studies.Study(folder / "b").missing,
+        "plugins": own,
+    }
+
+
+def two_precisions(folder):
+    """Studies in single and double precision, by turns, on the same workers."""
+    kinds = []
+    with cluster() as client:
+        for name, double in (("a", True), ("b", False), ("c", True)):
+            with jax.enable_x64(double):
+                study = jc.study(lambda x: {"y": x / 3}, np.arange(40.0), folder / name, client)
+            y = study.load()["y"]
+            kind = np.float64 if double else np.float32
+            rounding = 2 * np.finfo(kind).eps  # of a factor 1/3, and of a product
+            right = np.allclose(y, np.arange(40) / 3, rtol=rounding, atol=0.0)
+            kinds.append(right and str(y.dtype))
+    return kinds
+
+
 def without_workers(folder):
     begin, said = time.monotonic(), None
     with cluster(n_workers=0) as client:
@@ -197,7 +240,7 @@ SCENES = {
     scene.__name__: scene
     for scene in (
         *(undisturbed, workers_killed, scheduler_killed),
-        *(deadly_case, interrupted, without_workers),
+        *(deadly_case, interrupted, other_module, two_precisions, without_workers),
     )
 }
 

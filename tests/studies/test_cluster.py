@@ -30,7 +30,7 @@ def found(scene, folder):
 
 def test_workers_compute_what_this_process_does(tmp_path):
     result = found("undisturbed", tmp_path)
-    assert result == {"samples": GOOD, "table": GOOD, "double": [True, True]}
+    assert result == {"samples": GOOD, "table": GOOD}
 
 
 def test_workers_that_are_killed_lose_nothing(tmp_path):
@@ -48,6 +48,16 @@ def test_a_case_that_kills_its_workers_is_named_and_all_others_are_there(tmp_pat
     result = found("deadly_case", tmp_path)
     assert result["missing"] == [20]
     assert "chunk 20 (cases 200 to 209): KilledWorker" in result["said"]
+
+
+def test_workers_with_other_modules_compute_nothing(tmp_path):
+    result = found("other_module", tmp_path)
+    assert "this worker has another function" in result["said"]
+    assert result["missing"] == [0, 1, 2, 3] and result["plugins"] == []
+
+
+def test_studies_of_two_precisions_do_not_meet(tmp_path):
+    assert found("two_precisions", tmp_path) == ["float64", "float32", "float64"]
 
 
 def test_a_cluster_without_workers_is_told(tmp_path):

@@ -129,6 +129,47 @@ def test_results_are_masked_and_written_by_xarray(tmp_path):
     assert all(isinstance(value, str) for value in data.attrs.values())
 
 
+def test_results_of_any_kind_of_number(tmp_path):
+    def function(x):
+        kinds = {"flag": x > 1, "count": jnp.uint8(x), "wave": x + 1j * x}
+        return kinds | {"single": jnp.float32(x), "n": jnp.int64(x)}
+
+    found = jc.study(function, np.arange(4.0), tmp_path / "a", chunk=3).load()
+    assert found["flag"].dtype == bool and found["flag"].tolist() == [False, False, True, True]
+    for name, kind in (("count", np.uint8), ("single", np.float32), ("n", int)):
+        assert found[name].dtype == kind and found[name].tolist() == [0, 1, 2, 3]
+    np.testing.assert_array_equal(found["wave"], np.arange(4) * (1 + 1j))
+
+
+@pytest.mark.parametrize("double", [False, True])
+def test_precision_is_that_of_the_calling_thread(tmp_path, double):
+    with jax.enable_x64(double):
+        study = jc.study(lambda x: {"third": x / 3}, np.arange(1.0, 4.0), tmp_path / "a", chunk=2)
+    kind = np.float64 if double else np.float32
+    np.testing.assert_array_equal(study.load()["third"], np.arange(1, 4, dtype=kind) / kind(3))
+
+
+def test_results_of_another_kind_are_refused(tmp_path):
+    def draw(numbers):
+        return numbers.astype(float if numbers[0] >= 20 else int)
+
+    with pytest.raises(jc.studies.StudyError, match=r"'y' is float64.* and int64.* for others"):
+        jc.study(lambda x: {"y": 2 * x}, jc.studies.samples(draw, 40), tmp_path / "a", chunk=10)
+    assert jc.studies.Study(tmp_path / "a").missing == [2, 3]
+
+
+def test_names_and_places_may_be_any_text(tmp_path):
+    cases = jc.studies.table([1.0, 2.0], labels=["Böe", "雪"], dim="Einwirkung")
+    options = {"coords": {"y_0": [np.nan, 1.0]}, "dims": {"z": ["Stütze 1.5"]}}
+    for _ in range(2):  # the second call finds the same
+        study = jc.study(
+            lambda x: {"y": x * jnp.ones(2), "z": x * jnp.ones(3)}, cases, tmp_path / "a", **options
+        )
+    data = study.open()
+    assert data.y.sel(Einwirkung="雪").values.tolist() == [2.0, 2.0]
+    assert data.z.dims == ("Einwirkung", "Stütze 1.5")
+
+
 def test_samples_are_drawn_by_their_numbers(tmp_path):
     drawn = []
 
@@ -214,6 +255,18 @@ def test_cases_that_raise_are_alone(tmp_path):
     assert np.isnan(found["root"][~good]).all() and (found["n"][~good] == -1).all()
     assert sorted(study.failures) == [7, 8, 63]
     assert study.failures[63] == "ValueError: no root of -63.0"
+
+
+def test_a_case_that_raises_has_no_status(tmp_path):
+    def function(x):
+        return rooted(x) | {"status": jnp.where(x == 2.0, 6, jnp.where(x == 3.0, 1000, 0))}
+
+    study = jc.study(function, np.array([1.0, -1.0, 2.0, 3.0]), tmp_path / "a")
+    assert study.load("status")["status"].tolist() == [0, -1, 6, 1000]
+    causes = [jc.describe(status.MATERIAL_FAILURE), "status 1000"]
+    assert study.failures == dict(
+        zip((1, 2, 3), ["ValueError: no root of -1.0", *causes], strict=True)
+    )
 
 
 def test_a_function_that_raises_for_all_cases_is_an_error(tmp_path):
@@ -435,8 +488,10 @@ def test_wrong_input_is_refused(tmp_path):
         ("'y' is a dict, no array", lambda case: {"y": {"z": case["F"]}}),
         ("cannot be the name of an array", lambda case: {"a/b": case["F"]}),
         ("'F' has the name of something else", lambda case: {"F": case["F"]}),
-        ("'cause' has the name of something else", lambda case: {"cause": case["F"]}),
+        ("'cause' cannot be the name of an array", lambda case: {"cause": case["F"]}),
         ("no numbers", lambda case: {"y": jnp.zeros(0)}),
+        (r"'status' is int64\[2\], expected one code", lambda case: {"status": jnp.zeros(2, int)}),
+        ("'status' is float64", lambda case: {"status": case["F"]}),
         ("not a valid JAX type", lambda case: {"y": "high"}),
     ):
         refused(said, jc.study, function, cases, tmp_path / "a")
@@ -459,6 +514,9 @@ def test_wrong_cases_are_refused():
     refused("n_case", samples, lambda numbers: numbers, 0)
     refused("draw: expected a function", samples, np.zeros(3), 3)
     refused("dim: 'a/b' cannot be the name", table, [1.0], dim="a/b")
+    for name in ("completed", "cause", "zarr.json", "a/b", "", "__a"):
+        refused("cannot be the name of an array", product, {name: [1.0]})
+        refused("cannot be the name of an array", table, {name: [1.0]})
     cases = samples(lambda numbers: np.zeros(2), 5)
     refused(r"draw: expected arrays \[5, ...\]", cases.digests)
 
