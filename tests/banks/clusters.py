@@ -202,9 +202,7 @@ def other_module(folder):
             said = str(error)
         plugins = client.run(lambda dask_worker: [*dask_worker.plugins])
     own = [name for names in plugins.values() for name in names if name.startswith("jaxcable")]
-    y = jc.studies.Study(folder / "b").load()["y"] if said is None else []
     return {
-        "y": list(y),
         "said": said,
         "missing": jc.studies.Study(folder / "b").missing,
         "plugins": own,
