@@ -640,7 +640,7 @@ CLAIMS = [
     Claim(
         "docs/how-to/clusters.md",
         r"workers compute ([\d.]+) times[^|]+?costs ([\d.]+) ms[^|]+?and ([\d.]+) ms through"
-        r"[^|]+?costs ([\d.]+) ms[^|]+?busy (\d+) %",
+        r"[^|]+?costs ([\d.]+) ms[^|]+?busy\s(\d+) %",
         CLUSTER,
     ),
     Claim(
