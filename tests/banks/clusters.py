@@ -16,6 +16,7 @@ import threading
 import time
 from pathlib import Path
 
+import dask
 import jax
 import numpy as np
 from distributed import Client, LocalCluster
@@ -158,6 +159,7 @@ def scheduler_killed(folder):
 def deadly_case(folder):
     cases = jc.studies.samples(draw_deadly, N_CASE)
     said = None
+    dask.config.set({"distributed.scheduler.allowed-failures": 1})  # workers start for seconds
     with cluster() as client:
         try:
             run(folder / "a", client, cases)
