@@ -72,7 +72,9 @@ def _increments(path):
 
 
 def _study(path):
-    return [path, path / "study.json", *(path / f"chunk-{k:06}.npz" for k in range(2))]
+    parts = [path / name for name in ("file", "cause", "completed")]
+    files = [part / name for part in parts for name in ("zarr.json", "c", "c/0", "c/1")]
+    return [path, path / "zarr.json", *parts, *files]
 
 
 def _new(path):
