@@ -65,7 +65,7 @@ class Cases(abc.ABC):
     def digests(self) -> dict[str, str | None]:
         """Return texts that differ if the cases do, by name."""
 
-    def remote(self) -> Cases | None:
+    def for_workers(self) -> Cases | None:
         """Return what a worker needs to make its cases itself; None if they are sent to it."""
         return self
 
@@ -112,7 +112,7 @@ class _Table(Cases):
         labels = () if self.labels is None else (digest_of_values(self.labels),)
         return {"cases": "-".join((digest.of_arrays(self.rows), *labels)), "cases_function": None}
 
-    def remote(self):
+    def for_workers(self):
         return None
 
 

@@ -117,7 +117,7 @@ def compute_on_cluster(
             future.release()
             submit_more()
     finally:
-        _call_within(_SECONDS_TO_ANSWER, _forget, client, known, name)
+        _call_within(_SECONDS_TO_ANSWER, _cancel_and_unregister, client, known, name)
 
 
 def _as_bytes(task):
@@ -182,7 +182,7 @@ def _call_within(seconds, function, *arguments):
     return ended.is_set()
 
 
-def _forget(client, known, name):
+def _cancel_and_unregister(client, known, name):
     """Remove all that a cluster still has of a study."""
     client.cancel([future for _, future in known.values()], force=True)
     client.unregister_worker_plugin(name)
@@ -200,7 +200,7 @@ def _outcome_unless_lost(k, future):
         return None
     except asyncio.CancelledError:
         raise ClusterLostError(_LOST) from None
-    except Exception as error:
+    except Exception as error:  # an outcome that cannot be read is one of this chunk: it is told
         return k, error
 
 

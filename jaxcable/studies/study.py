@@ -187,7 +187,7 @@ def study(
     about = _describe_study(compute, shapes, cases, grid, variables, named)
     path = Path(store).absolute()
     opened = _open_or_create(path, cases, variables, about, named, units)
-    own_cases = cases if client is None else cases.remote()
+    own_cases = cases if client is None else cases.for_workers()
     task = ChunkTask(function, own_cases, grid, path, settings.x64)
     compute_missing(opened, task, cases, client, settings, progress, patience)
     return Study(path)

@@ -269,7 +269,7 @@ class ChunkTask:
                 {name: np.asarray(value)[: len(numbers)] for name, value in found.items()},
             )
             return
-        except Exception as error:
+        except Exception as error:  # whatever a user's function raises: it becomes the case's cause
             if len(numbers) == 1:
                 errors[int(numbers[0])] = error
                 if len(errors) > _MOST_ERRORS:
