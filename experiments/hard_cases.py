@@ -71,8 +71,7 @@ def run(case, dtype):
 
 
 def _names(*codes):
-    known = {getattr(status, n): n for n in dir(status) if n.isupper() and n[0] != "_"}
-    return " or ".join(known[c] for c in codes)
+    return " or ".join(status.NAMES[c] for c in codes)
 
 
 def main():

@@ -61,9 +61,6 @@ def build(recipe):
     return FAMILIES[recipe.family](recipe, np.random.default_rng(recipe.seed))
 
 
-NAMES = {getattr(status, name): name for name in dir(status) if name.isupper() and name[0] != "_"}
-
-
 def outcome(recipe):
     """How it ended, in a word, and what is wrong with it, None if nothing."""
     try:
@@ -73,7 +70,7 @@ def outcome(recipe):
         named = re.match(NAMED, str(error))
         return "ValueError", None if named else f"names no argument: {error}"
     code = int(solution.status)
-    name = NAMES[code]
+    name = status.NAMES[code]
     if code != status.OK:
         return name, _failed_badly(solution)
     judged = verdict(structure, phases, solution)
