@@ -11,12 +11,14 @@ Results    many_cases.txt; seven minutes
 
 Each worker has one thread. The displacements of the loaded nodes are saved, 2.4 kB a case. Many
 cores are simulated by threads that sleep: they show what the scheduler can serve, not what cores
-compute.
+compute; once with files as in a study, and once without, with delayed messages in place of a
+network.
 """
 
 import contextlib
 import os
 import signal
+import subprocess
 import sys
 import tempfile
 import threading
@@ -26,6 +28,7 @@ from pathlib import Path
 import numpy as np
 
 SIDE = 10
+DELAYING_RELAY = str(Path(__file__).with_name("delaying_relay.py"))
 
 
 def net_study():
@@ -161,6 +164,24 @@ def overhead(record, folder, n_chunk):
     record(f"memory of a worker: {before:.0f} MB, and after {n_chunk} more chunks {after:.0f} MB")
 
 
+class SleepingTask:
+    """Stands for the task of a chunk: sleeps in place of computing, and writes nothing."""
+
+    cases = "none are sent"
+
+    def __init__(self, seconds):
+        self.seconds = seconds
+
+    def require_same_study(self, block):
+        pass
+
+    def __call__(self, k, block=None):
+        from jaxcable.studies.task import Done
+
+        time.sleep(self.seconds)
+        return Done(k, 1, 0, (self.seconds, 0.0))
+
+
 def many_cores(record, folder, n_thread, seconds):
     """Chunks that sleep, on two workers of many threads: the part of the time that is waiting."""
     import jaxcable as jc
@@ -178,11 +199,60 @@ def many_cores(record, folder, n_thread, seconds):
         jc.study(double, np.arange(4.0), folder / "wake", client, chunk=1)
         cases = jc.studies.samples(draw, count)
         took, _ = seconds_of(jc.study, double, cases, folder / "sleep", client, chunk=1)
+    text = f"{2 * n_thread} simulated cores, chunks of {seconds:.0f} s:"
     record(
-        f"\n{2 * n_thread} simulated cores, {count} chunks of {seconds:.0f} s: {took:.1f} s, of "
-        f"{rounds * seconds:.0f} s at best ({100 * rounds * seconds / took:.0f} %), "
-        f"{count / took:.0f} chunks a second"
+        f"\n{text} busy {100 * rounds * seconds / took:.0f} %, {count / took:.0f} chunks a second"
     )
+
+
+def scheduler_alone(record, n_thread, seconds, delay):
+    """The same through the scheduler only: nothing is computed or written, messages are delayed."""
+    from distributed import Client, LocalCluster
+
+    from jaxcable.studies.dask_cluster import compute_on_cluster
+    from jaxcable.studies.task import Settings
+
+    rounds = 20
+    count = 2 * n_thread * rounds
+    with (
+        LocalCluster(n_workers=0, dashboard_address=None, silence_logs=50) as scheduler,
+        Client(scheduler) as client,
+        delaying_workers(scheduler.scheduler_address, 2, n_thread, delay),
+    ):
+        client.wait_for_workers(2, timeout=60)
+        settings = Settings.of_this_process(None)
+
+        def run(name, numbers):
+            task = SleepingTask(seconds)
+            never = (lambda: False, settings, name, 60.0)
+            return list(compute_on_cluster(client, task, None, numbers, *never))
+
+        run("wake", range(2 * n_thread))
+        took, done = seconds_of(run, "sleep", range(count))
+    assert sorted(one.k for one in done) == list(range(count))
+    busy, rate = 100 * rounds * seconds / took, count / took
+    text = f"{1e3 * delay:2.0f} ms each way, chunks of {seconds:.1f} s"
+    record(f"  {text}: busy {busy:.0f} %, {rate:.0f} chunks a second")
+
+
+@contextlib.contextmanager
+def delaying_workers(address, count, n_thread, delay):
+    """Workers in processes of their own, whose messages to and from the scheduler take longer."""
+    host, port = address.removeprefix("tcp://").split(":")
+    relay = [sys.executable, DELAYING_RELAY, host, port, str(delay)]
+    with subprocess.Popen(relay, stdout=subprocess.PIPE, text=True) as between:
+        workers = []
+        try:
+            through = f"tcp://127.0.0.1:{between.stdout.readline().strip()}"
+            options = ["--nthreads", str(n_thread), "--no-nanny", "--no-dashboard"]
+            command = [sys.executable, "-m", "distributed.cli.dask_worker", through, *options]
+            quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+            workers += [subprocess.Popen(command, **quiet) for _ in range(count)]
+            yield
+        finally:
+            for process in (*workers, between):
+                process.kill()
+                process.wait(30)
 
 
 def sizes(record, folder, chunk):
@@ -220,6 +290,10 @@ def run(cases, _):
         killed(record, folder, count, chunk, reference)
         overhead(record, folder, n_chunk)
         many_cores(record, folder, n_thread, 1.0)
+        record(f"{2 * n_thread} simulated cores, without files; messages of workers are delayed by")
+        for seconds in (1.0, 0.2):
+            for delay in (0.0, 0.005):
+                scheduler_alone(record, n_thread, seconds, delay)
         sizes(record, folder, chunk)
     record.close()
 

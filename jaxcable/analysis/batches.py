@@ -8,7 +8,6 @@ chunks, and shares them out to devices, which may belong to several processes. W
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -20,7 +19,7 @@ from jax.sharding import Mesh, PartitionSpec
 
 from ..common import checks
 from ..common.function_programs import ProgramCache
-from ..common.fusion import are_loops_fused
+from ..common.fusion import are_loops_fused, usable_cores
 from ..common.types import Array, PyTree
 
 _CASES_AXIS = "cases"
@@ -132,7 +131,7 @@ def _compile_batched(reference, chunk, devices):
         count = _count_cases(cases)
         if devices is not None or not are_loops_fused() or not _is_concrete(cases):
             return run(*cases)
-        workers = _usable_cores()
+        workers = usable_cores()
         rounds = -(-count // (workers * (chunk or _THREAD_CHUNK)))
         size = -(-count // (workers * rounds))
         if not concrete:  # the first chunk compiles, too
@@ -168,13 +167,6 @@ def _map_in_threads(run, cases, size, workers):
         parts = list(pool.map(compute, range(0, count, size)))
     whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *parts)
     return jax.tree.map(jnp.asarray, whole)
-
-
-def _usable_cores():
-    """Return how many cores this process may use if jax computes on CPUs; else 1."""
-    if jax.default_backend() != "cpu":
-        return 1
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
 
 
 def _is_concrete(tree):

@@ -73,6 +73,15 @@ def are_loops_fused() -> bool:
     return flag is not None and flag[1] in xla_flags_in_effect()
 
 
+def usable_cores() -> int:
+    """Return how many cores this process may use if jax computes on CPUs; else 1."""
+    if jax.default_backend() != "cpu":
+        return 1
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def _reason_against_fusion():
     """Return why XLA cannot be told now to fuse loops, as a text; None if it can."""
     if fusion_flag(_BYTES) is None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import errno
+import itertools
 import json
 import os
 import secrets
@@ -143,6 +144,7 @@ class ResultStore:
                 "folder"
             ) from None
         self.about: dict[str, Any] = about
+        self._ends_of_files = [self._file_around(name) for name in self._arrays]
 
     @property
     def digest(self) -> str:
@@ -174,11 +176,17 @@ class ResultStore:
 
     def missing(self) -> list[int]:
         """Return the numbers of the chunks of which not all is there."""
-        return [k for k in range(self.grid.n_chunk) if not self.is_complete(k)]
+        places = itertools.product(*map(range, self.grid.counts))  # in the order of the numbers
+        return [k for k, place in enumerate(places) if not self._is_there(place)]
 
     def is_complete(self, k: int) -> bool:
         """Tell whether all of chunk `k` is there."""
-        return all(self._chunk_file(name, k).exists() for name in self._arrays)
+        return self._is_there(self.grid.index(k))
+
+    def _is_there(self, place):
+        """Return whether the files of the chunk at a place of the grid are there."""
+        inside = "/".join(map(str, place))
+        return all(os.path.exists(f"{head}{inside}{tail}") for head, tail in self._ends_of_files)
 
     def read(self, name: str) -> np.ndarray:
         """Return a result of all cases, with their dimensions first.
@@ -204,8 +212,13 @@ class ResultStore:
 
     def _chunk_file(self, name, k):
         """Return the path of the file with chunk `k` of an array."""
+        head, tail = self._file_around(name)
+        return Path(head + "/".join(map(str, self.grid.index(k))) + tail)
+
+    def _file_around(self, name):
+        """Return what comes before and after the place of a chunk in the path of its file."""
         inner = self._arrays[name].ndim - len(self.grid.shape)
-        return self.path.joinpath(name, "c", *map(str, self.grid.index(k)), *["0"] * inner)
+        return f"{self.path}/{name}/c/", "/0" * inner
 
 
 def create_store(

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import concurrent.futures
-import os
 from collections.abc import Callable, Generator, Sequence
 from typing import Any, TypeAlias
 
-import jax
-
-from ..common.fusion import are_loops_fused
+from ..common.fusion import are_loops_fused, usable_cores
 from .task import ChunkTask, Done
 
 Outcome: TypeAlias = "Done | tuple[int, Exception]"
@@ -58,8 +55,4 @@ def outcome_of(k: int, future: Any) -> Outcome:
 
 def _n_thread():
     """Return how many chunks are computed at once in this process."""
-    if jax.default_backend() != "cpu" or not are_loops_fused():
-        return 1
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return usable_cores() if are_loops_fused() else 1
