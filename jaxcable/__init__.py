@@ -19,6 +19,7 @@ A net is prestressed, then loaded:
 
 from .common import interrupt as _interrupt  # noqa: F401, isort: skip - before jax, which loads for seconds
 from . import (
+    catalogue,
     design,
     extend,
     files,
@@ -47,7 +48,16 @@ from .common.selection import only
 from .common.status import AnalysisError, describe, raise_if_failed
 from .common.tree import replace
 from .design import fit, influence, minimize
-from .elements import Bars, Beams, Cables, Catenaries, SlidingCables
+from .elements import (
+    Bars,
+    Beams,
+    Bearings,
+    Cables,
+    Catenaries,
+    Contacts,
+    SlidingCables,
+    Springs,
+)
 from .equilibrium.incremental import Incremental
 from .equilibrium.newton import Newton
 from .files import load_scene, save_scene
@@ -55,12 +65,19 @@ from .forms import find_form, force_density
 from .loads import (
     AreaLoads,
     CablePressure,
+    EurocodeWind,
     FacePressure,
+    IceLoads,
     LineLoads,
     NodalLoads,
+    PointLoads,
+    PointMasses,
     SelfWeight,
     SupportMovement,
     Varying,
+    WindLoads,
+    WindPowerLaw,
+    WindTable,
     combine,
     net_faces,
 )
@@ -80,28 +97,39 @@ __all__ = [
     "AreaLoads",
     "Bars",
     "Beams",
+    "Bearings",
     "CablePressure",
     "Cables",
     "Catenaries",
+    "Contacts",
     "Elastic",
+    "EurocodeWind",
     "FacePressure",
+    "IceLoads",
     "Incremental",
     "InputWarning",
     "LineLoads",
     "Newton",
     "NodalLoads",
     "Phase",
+    "PointLoads",
+    "PointMasses",
     "Polygonal",
     "Section",
     "SelfWeight",
     "SlidingCables",
     "Solution",
+    "Springs",
     "Structure",
     "SupportMovement",
     "Supports",
     "UnstableWarning",
     "Varying",
+    "WindLoads",
+    "WindPowerLaw",
+    "WindTable",
     "batched",
+    "catalogue",
     "clamped",
     "combine",
     "describe",

@@ -6,7 +6,8 @@ analysis, derivatives, pictures and reports then treat it as they treat those of
 - An element derives from `Element`, or `Straight`; for more from `Prestressable`, `Jacked`, ...
 - Its state is an `ElementState`, or `AxialState` for an unstressed length. `check` tries both.
 - A uniaxial law derives from `Law`.
-- A load derives from `OnNodes`, `Moving`, `Dead`, `Measured`, `Following`; and `OnGroups`.
+- A load derives from `OnNodes`, `Moving`, `Dead`, `Measured`, `Following`; and `OnGroups`. A wind
+  profile for `WindLoads` derives from `WindProfile`.
 - A linear solver consists of `Solver`, `Analysis` and `NumericFactor`; `register_solver` tries it.
 
 Elements, states, laws and loads are pytrees: decorate them by `pytree`, which makes them frozen
@@ -98,6 +99,7 @@ from .linear.solver import Analysis, NumericFactor, Solver
 from .linear.solver import register as register_solver
 from .loads.groups import OnGroups
 from .loads.load import Dead, Following, Measured, Moving, OnNodes
+from .loads.wind_profiles import WindProfile
 from .materials.law import Law
 from .numerics import rotations
 
@@ -133,6 +135,7 @@ __all__ = [
     "Statement",
     "Straight",
     "Uniaxial",
+    "WindProfile",
     "as_floats",
     "as_indices",
     "check",

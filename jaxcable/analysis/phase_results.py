@@ -33,7 +33,7 @@ class Path(ElementResults):
             [n_inc].
         rounding: largest residual that the rounding of displacements leaves, [n_inc], N (0 where no
             element states any): of those at the end or, if more, at the start; see `Newton.tol`.
-        n_slack: number of slack elements, [n_inc]; -1 from a failure on.
+        n_slack: number of slack cables and open contacts, [n_inc]; -1 from a failure on.
         n_loose: number of nodes that touch only slack elements, [n_inc]; -1 from a failure on.
         equilibrated: whether `Incremental` solved this increment to equilibrium, [n_inc].
         strain: strains of the fibres in the shape of `elements`, NaN from a failure on: of bars and
@@ -123,6 +123,20 @@ class PhaseResult(Results):
     path: Path
     began: PyTree[Array] | None = None
     stable: Bool[Array, ""]
+
+    @property
+    def displacement_in_phase(self) -> Float[Array, "n_node 3"]:
+        """Displacements from the geometry in which the phase began, m: the same as `displacement`.
+
+        `Solution.displacement_until` has those from the initial nodes to the end of the phase.
+
+        Example:
+            >>> structure, phases = jc.scenes.flat_net(load=15.0)
+            >>> loading = jc.solve(structure, phases).phases[1]
+            >>> print(loading.status, f"{1e3 * loading.displacement_in_phase[3, 2]:.3f} mm")
+            0 -12.838 mm
+        """
+        return self.displacement
 
 
 LOG_COLUMNS = (

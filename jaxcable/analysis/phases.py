@@ -99,7 +99,8 @@ class Phase:
         placed: where nodes wait that no element touches: "drawn", where they are, so that new
             elements reach from where others have moved; or "attached": they go along with the node
             that their first element joins them to, as if rigidly, with its rotation.
-        own: statements of your own classes of elements, by name: ``{"clamped": {"saddles": 1}}``.
+        own: statements of your own classes of elements, by name: ``{"clamped": {"saddles": 1}}``;
+            each in the unit of what is stated, that of its `Statement`.
 
     Raises:
         ValueError: `increments` is no positive integer, `loads` has something else than loads,

@@ -228,7 +228,7 @@ def _can_prove_instability(groups, restart, stacks, nodal):
     moments = rotate and any(load.has_moments for of_phase in nodal for load in of_phase)
     before = None if restart is None else checks.array_if_known(restart.nodal_load)
     moments_before = before is not None and bool(np.any(before[:, 3:]))
-    following = any(stack.follows for stack in stacks)
+    following = any(stack.follows or stack.load.has_moments for stack in stacks)
     return not (moments_before or following or moments)
 
 

@@ -73,6 +73,9 @@ def value_rules(
     if name in _TENSIONS and group.tension_only:
         text = "a cable carries tension only; must not be negative (use Bars)"
         return [not_negative(path, values, text)]
+    if name in _TENSIONS and group.compression_only:
+        text = "a contact carries compression only; must not be positive (use Bars)"
+        return [Rule(path, values, lambda v: v > 0, text)]
     return []
 
 

@@ -7,8 +7,11 @@ import warnings
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import jax.numpy as jnp
+
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Float, PyTree
+from ..numerics.rotations import rotation_vectors
 
 _FIELD_OF_RESULT = {
     "tension": "tension",
@@ -94,6 +97,25 @@ class Results(ElementResults):
     section_forces: PyTree[Float[Array, "n_elem n_point 6"]] | None = None
     peak_tension: PyTree[Float[Array, " n_elem"]] = None
     results: dict[str, PyTree[Float[Array, "n_elem ..."]]] | None = None
+
+    @property
+    def rotation_vector(self) -> Float[Array, "n_node 3"] | None:
+        """Rotations of the nodes against the initial geometry as rotation vectors, rad.
+
+        The direction is the axis of a rotation, the length its angle from 0 to pi. None without
+        beams. `results.node_tilts` and `results.element_tilts` have tilt and twist.
+
+        Example:
+            >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
+            >>> nodes = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
+            >>> beam = jc.Beams([[0, 1]], section=section)
+            >>> structure = jc.Structure(nodes, beam, supports=jc.clamped([0]))
+            >>> moment = jc.NodalLoads([1], (0.0, 0.0, 0.0), moments=(0.0, 1e4, 0.0))
+            >>> solution = jc.solve(structure, jc.Phase(loads=moment))
+            >>> print(solution.status, f"{solution.phases[0].rotation_vector[1, 1]:.6f}")  # M L/EI
+            0 0.030000
+        """
+        return None if self.rotation is None else rotation_vectors(jnp.asarray(self.rotation))
 
 
 RESULT_NAMES = tuple(field.name for field in dataclasses.fields(Results))

@@ -10,8 +10,11 @@ from ..files import save_dxf, save_network, save_scene
 from . import inputs, outputs
 from .guard import BadInput, refuse_value_errors
 
-PROPERTIES = "axial_stiffness", "weight", "strength", "expansion", "pretension", "force_density"
-"""Options with the properties that a net lacks to be a scene."""
+PROPERTIES = {
+    **{"axial_stiffness": "N", "weight": "N/m", "strength": "N", "expansion": "1/K"},
+    **{"pretension": "N", "force_density": "N/m"},
+}
+"""Options with the properties that a net lacks to be a scene, and their units in SI."""
 
 _OMITTED = {
     ".dxf": "a drawing has no stiffnesses, prestress or loads",
@@ -23,21 +26,23 @@ _OMITTED = {
 def run(options: Namespace) -> None:
     """Read a net or scene and write it in another format, that of the suffix of `options.save`."""
     outputs.check_output_file(options.save, (".json", ".dxf"), inputs=options.files)
-    name, scale = options.save.lower(), 1.0
+    name, scale = options.save.lower(), None
     if name.endswith((".dxf", ".compas.json")) and inputs.is_scene_file(options):
         others = ("anchors", "bars", "split", "tol", "supports", "sagitta", "hidden", "columns")
         inputs.refuse_options_without_effect(
             options, (*PROPERTIES, *others), "is for nets, not for scenes"
         )
+        inputs.refuse_options_without_effect(options, ("units",), inputs.STATED)
         if not name.endswith(".dxf"):
             inputs.refuse_options_without_effect(options, ("scale",), "is for drawings (.dxf)")
-        options.scene, scale = options.files[0], options.scale or 1.0
+        options.scene, scale = options.files[0], options.scale
         scene = inputs.read_scene(options)
     else:
         scene = _scene_of_net(options)
     with refuse_value_errors(options.save):
         if name.endswith(".dxf"):
-            save_dxf(options.save, scene.structure, scale=scale)
+            units = scene.units if scale is None else None
+            save_dxf(options.save, scene.structure, scale=scale, units=units)
         elif name.endswith(".compas.json"):
             save_network(options.save, scene.structure)
         else:
@@ -49,15 +54,16 @@ def run(options: Namespace) -> None:
 
 def _scene_of_net(options):
     """Return the `Scene` of the net in `options.files`, with the properties that options give."""
-    net = inputs.read_net(options)
-    properties = {name: getattr(options, name) for name in PROPERTIES}
-    properties = {
-        name: inputs.parse_numbers(words, "--" + name.replace("_", "-"))
-        for name, words in properties.items()
-        if words is not None
-    }
+    net, units = inputs.read_net(options), inputs.parse_units(options.units)
+    properties = {}
+    for name, unit in PROPERTIES.items():
+        words = getattr(options, name)
+        if words is not None:
+            read, option = inputs.reader_of_numbers(units, unit), "--" + name.replace("_", "-")
+            properties[name] = inputs.parse_numbers(words, option, read)
     try:
-        return net.scene(inputs.parse_anchors(options.anchors), bars=options.bars, **properties)
+        scene = net.scene(inputs.parse_anchors(options.anchors), bars=options.bars, **properties)
+        return scene if units is None else scene.with_units(units)
     except ValueError as error:
         hint = str(error).replace("axial_stiffness=...", "--axial-stiffness")
         raise BadInput(f"{options.files[0]}: {hint}") from None

@@ -17,18 +17,19 @@ from ..common import status
 from ..common.compile_notice import announce_compilation
 from ..common.selection import Only
 from ..common.tree import replace
+from ..common.units import SI
 from ..files import save_scene
 from ..files.omissions import Omissions
 from ..files.reading import parse_integer
 from ..forms import find_form, force_density
-from ..loads import AreaLoads, LineLoads, Load, NodalLoads, SelfWeight, as_list
+from ..loads import AreaLoads, LineLoads, Load, NodalLoads, PointMasses, SelfWeight, as_list
 from ..model.result_parts import named_groups_of
 from ..model.supports import pinned
 from ..scenes import Scene
 from . import inputs, outputs
 from .guard import BadInput
 
-FORM_LOADS = (NodalLoads, SelfWeight, LineLoads, AreaLoads)
+FORM_LOADS = (NodalLoads, PointMasses, SelfWeight, LineLoads, AreaLoads)
 """Classes of loads that form finding takes."""
 
 
@@ -49,19 +50,23 @@ class _FormLoads(NamedTuple):
 def run(options: Namespace) -> None:
     """Find the form of a net that the options ask for, print its numbers, write it as a scene."""
     outputs.check_output_file(options.save, (".json",), inputs=[options.scene])
-    structure, phases = inputs.read_scene(options)
+    scene = inputs.read_scene(options)
+    units, (structure, phases) = scene.units, scene
     table = Omissions(options.scene)
     if phases[0].supports is not None:
         structure = replace(structure, supports=phases[0].supports)
-    acting = _select_form_loads(options, phases, table)
-    lengths = _parse_lengths(options.length, structure)
-    densities = _form_force_densities(options, structure, phases, lengths, table)
+    acting = _select_form_loads(options, scene, table)
+    lengths = _parse_lengths(options.length, structure, units)
+    densities = _form_force_densities(options, scene, lengths, table)
     print(f"loads in the form: {acting.description}")
     stated: dict[str, Any]
     try:
         with announce_compilation():
             if options.tension is not None:
-                tension = inputs.parse_group_values(options.tension, structure, "--tension")
+                read = inputs.reader_of_numbers(units, "N")
+                tension = inputs.parse_group_values(
+                    options.tension, structure, "--tension", read=read
+                )
                 form = find_form(structure, tension, acting.loads, length=lengths)
             elif lengths is not None:
                 form = _find_form_with_lengths(structure, densities, lengths, acting.loads)
@@ -84,22 +89,22 @@ def run(options: Namespace) -> None:
     flat = (
         "" if acting.loads or not _is_planar(positions) else "; it lies in a plane, without loads"
     )
-    print(f"nodes moved by up to {inputs.format_number(float(moved.max()))} m{flat}")
-    _print_group_tensions(found, stated)
+    print(f"nodes moved by up to {inputs.number_text(moved.max(), 'm', units)}{flat}")
+    _print_group_tensions(found, stated, units)
     first = Phase(**stated, loads=acting.loads or None, increments=phases[0].increments)
     table.warn()
     if options.save is not None:
-        save_scene(
-            options.save, Scene(found, [first, *_phases_after_form(phases, acting.remaining)])
-        )
+        formed = Scene(found, [first, *_phases_after_form(phases, acting.remaining)])
+        save_scene(options.save, formed, units=units)
         print(f"wrote {options.save}: the form, its prestress and loads, and the other phases")
 
 
-def _select_form_loads(options, phases, table):
+def _select_form_loads(options, scene, table):
     """Return the `_FormLoads` of the phases in ``--loads``, or else of the first phase with loads.
 
     Loads that form finding cannot take stay in their phase, and are counted in `table`.
     """
+    phases, units = scene.phases, scene.units or SI
     words, per_phase = options.loads, [as_list(phase.loads) for phase in phases]
     if words is None:
         chosen = [k for k, loads in enumerate(per_phase) if loads][:1]
@@ -108,7 +113,7 @@ def _select_form_loads(options, phases, table):
         chosen, text = [], "none"
     else:
         chosen, text = _parse_phase_numbers(words, len(phases)), "those of {}"
-    kinds = FORM_LOADS if options.length is None else (NodalLoads,)
+    kinds = FORM_LOADS if options.length is None else (NodalLoads, PointMasses)
     acting, remaining = [], []
     for k, loads in enumerate(per_phase):
         taken = [load for load in loads if k in chosen and isinstance(load, kinds)]
@@ -117,9 +122,10 @@ def _select_form_loads(options, phases, table):
         for load in remaining[-1] if k in chosen else ():
             why = "form finding cannot take it; it acts after the form, in its phase"
             if isinstance(load, FORM_LOADS):
-                why = "with --length the form is found for NodalLoads only; it acts after the form"
+                why = "with --length the form is found for nodal loads only; it acts after the form"
             table.add(type(load).__name__, f"phase {k + 1}", why)
-    where = ", ".join(f"phase {k + 1} ({'; '.join(map(str, per_phase[k]))})" for k in chosen)
+    told = ["; ".join(load.describe(units) for load in loads) for loads in per_phase]
+    where = ", ".join(f"phase {k + 1} ({told[k]})" for k in chosen)
     description = text.format(where) if chosen or words else "none in the scene"
     return _FormLoads(acting, remaining, description)
 
@@ -138,18 +144,22 @@ def _parse_phase_numbers(words, count):
     return sorted(number - 1 for number in numbers)
 
 
-def _form_force_densities(options, structure, phases, lengths, table):
+def _form_force_densities(options, scene, lengths, table):
     """Return the force densities of the form in the shape of the elements; None with tensions.
 
     They are those of ``--force-density``, and for groups that it does not name those of the first
     phase that has any. All other prestress in the scene is replaced by that of the form, and noted
     in `table`.
     """
+    structure, phases = scene
     names = [name for name, _ in named_groups_of(structure)]
     own = next((k for k, phase in enumerate(phases) if phase.force_density is not None), None)
     given: Any = None
     if options.force_density is not None:
-        given = inputs.parse_group_values(options.force_density, structure, "--force-density")
+        read = inputs.reader_of_numbers(scene.units, "N/m")
+        given = inputs.parse_group_values(
+            options.force_density, structure, "--force-density", read=read
+        )
     elif own is None and options.tension is None:
         raise BadInput(
             f"{options.scene}: no phase has force densities; give --force-density or --tension"
@@ -220,12 +230,16 @@ def _phases_after_form(phases, remaining_loads):
     return later
 
 
-def _parse_lengths(words, structure):
-    """Return the lengths that ``--length`` gives, m, in the shape of the elements, or None."""
+def _parse_lengths(words, structure, units):
+    """Return the lengths that ``--length`` gives in `units`, m, in the shape of the elements.
+
+    None if it gives none.
+    """
     if words is None:
         return None
     drawn = inputs.element_lengths(structure)
-    return inputs.parse_group_values(words, structure, "--length", drawn=drawn)
+    read = inputs.reader_of_numbers(units, "m")
+    return inputs.parse_group_values(words, structure, "--length", drawn, read)
 
 
 def _force_density_positions(structure, densities, loads):
@@ -276,8 +290,8 @@ def _find_form_with_lengths(structure, densities, lengths, loads):
     return find_form(shaped, structure.arrange(tensions), loads, length=lengths)
 
 
-def _print_group_tensions(found, stated):
-    """Print the tensions and lengths of each group of a structure in its form.
+def _print_group_tensions(found, stated, units):
+    """Print the tensions and lengths of each group of a structure in its form, in `units`.
 
     `stated` is its prestress, {"force_density": ...} or {"pretension": ...}.
     """
@@ -287,6 +301,7 @@ def _print_group_tensions(found, stated):
     for (name, _), length, value in zip(named, inputs.element_lengths(found), given, strict=True):
         force = np.asarray(value) * (length if "force_density" in stated else 1.0)
         print(
-            f"{name or 'all'}: tension {inputs.format_range(force)} N, lengths "
-            f"{inputs.format_range(length)} m, {inputs.format_number(length.sum())} m in total"
+            f"{name or 'all'}: tension {inputs.range_text(force, 'N', units)}, lengths "
+            f"{inputs.range_text(length, 'm', units)}, "
+            f"{inputs.number_text(length.sum(), 'm', units)} in total"
         )

@@ -9,9 +9,11 @@ import numpy as np
 from ..analysis.activation import make_activation
 from ..analysis.phases import all_statements
 from ..analysis.preparation import prepare
-from ..elements import Bars, Cables
+from ..common.units import SI
+from ..elements import Bars, Bearings, Cables, Contacts, Springs
 from ..elements.abilities import STATEMENTS, statements_of
 from ..files.net_doubts import describe_likely_mistakes, format_position, pluralize
+from ..files.net_units import unit_of_net_value
 from ..loads import LineLoads, SelfWeight, as_list
 from ..loads.faces import face_areas
 from ..model.result_parts import named_groups_of
@@ -29,6 +31,7 @@ _PROPERTIES = {
     "axial_stiffness": ("EA =", "N"),
     "area": ("area", "m2"),
     "rest_length": ("unstressed length", "m"),
+    "gap": ("gap", "m"),
     "weight": ("weight g =", "N/m"),
     "strength": ("breaking force", "N"),
     "expansion": ("thermal expansion", "1/K"),
@@ -40,20 +43,27 @@ def run(options: Namespace) -> None:
     """Print the contents of the scene or net in `options.files`."""
     if inputs.is_scene_file(options):
         options.scene = options.files[0]
+        inputs.refuse_options_without_effect(options, ("units",), inputs.STATED)
         inputs.refuse_options_of_other_formats(options)
-        return _print_scene(*inputs.read_scene(options))
-    return _print_net(inputs.read_net(options))
+        scene = inputs.read_scene(options)
+        return _print_scene(scene, inputs.shown_units(options, scene))
+    units = inputs.parse_units(options.show_units, "--show-units")
+    return _print_net(inputs.read_net(options), units or inputs.parse_units(options.units) or SI)
 
 
-def _print_scene(structure, phases):
-    """Print the size, supports, groups and phases of a scene."""
+def _print_scene(scene, stated):
+    """Print the size, supports, groups and phases of a scene, in the units `stated` if not None."""
+    structure, phases = scene
+    units = stated or SI
     prepare(structure, phases, None, None)  # checks the scene and issues its warnings
     nodes = np.asarray(structure.nodes)
     print(
         f"scene of {pluralize(structure.n_node, 'node')}, "
         f"{pluralize(len(phases), 'phase')}, {nodes.dtype}"
     )
-    print(f"extent: {_bounding_box_text(nodes)}")
+    if scene.units is not None:
+        print(f"units of the file: {scene.units}")
+    print(f"extent: {_bounding_box_text(nodes, units)}")
     fixed = structure.supports.fixed(structure.n_node)
     pinned, clamped = fixed[:, :3].all(axis=1), fixed[:, 3:].any(axis=1)
     partly = fixed[:, :3].any(axis=1) & ~pinned
@@ -69,30 +79,46 @@ def _print_scene(structure, phases):
         sizes, kind, unit = lengths, "lengths", "m"
         if group.face is not None:
             sizes, kind, unit = face_areas(nodes[group.links.array[:, group.face]]), "areas", "m2"
-        count, total = pluralize(len(lengths), "element"), inputs.format_number(sizes.sum())
-        print(
-            f"{type(group).__name__} {label}".strip() + f": {count}, "
-            f"{kind} {inputs.format_range(sizes)} {unit}, {total} {unit} in total"
-        )
+        count, total = pluralize(len(lengths), "element"), units.text(sizes.sum(), unit)
+        head = f"{type(group).__name__} {label}".strip() + f": {count}"
+        if group.links.shape[1] > 1:
+            head += f", {kind} {inputs.range_text(sizes, unit, units)}, {total} in total"
+        print(head)
+        spring = group if isinstance(group, Springs | Bearings) else None
+        if spring is not None:
+            print(f"  stiffness {_range_with_unit(spring.stiffness, 'N/m', stated)}")
         for field, (name, own_unit) in _PROPERTIES.items():
             value = getattr(group, field, None)
             if value is not None:
                 per_area = field == "weight" and group.face is not None
-                print(f"  {name} {_range_with_unit(value, 'N/m2' if per_area else own_unit)}")
+                own_unit = "N/m2" if per_area else own_unit
+                print(f"  {name} {_range_with_unit(value, own_unit, stated)}")
         if group.face is not None and group.weight is not None:
             weight = float(group.weights(group.start(nodes[group.links.array])).sum())
-            mass = inputs.format_number(weight / STANDARD_GRAVITY / float(sizes.sum()))
-            print(f"  weighs {inputs.format_number(weight)} N in total, {mass} kg/m2")
-        straight = group if isinstance(group, Cables | Bars) else None
+            mass = units.text(weight / STANDARD_GRAVITY / float(sizes.sum()), "kg/m2")
+            print(f"  weighs {units.text(weight, 'N')} in total, {mass}")
+        straight = group if isinstance(group, Cables | Bars | Contacts) else None
         if straight is not None and straight.law is not None:
             print(f"  stress-strain law {type(straight.law).__name__}")
         if group.section is not None:
-            print(f"  section of {pluralize(len(np.ravel(group.section.y)), 'fibre')}")
+            _print_section(group.section, units)
     presence = make_activation(structure, phases, None)
     for number, phase in enumerate(phases, 1):
-        _print_phase(number, phase, structure)
+        _print_phase(number, phase, structure, stated)
         if presence is not None:
             _print_activation(number - 1, structure, presence)
+
+
+def _print_section(section, units):
+    """Print how many fibres a section has, or its stiffnesses, and those in shear."""
+    fibres = [] if section.n_fibre == 0 else [pluralize(section.n_fibre, "fibre")]
+    names = {"EA": "N", "EIy": "N m2", "EIz": "N m2", "EIyz": "N m2", "GJ": "N m2"}
+    stated = [
+        f"{name} = {units.text(float(value), unit)}"
+        for name, unit in (names | {"GAy": "N", "GAz": "N"}).items()
+        if (value := getattr(section, name, None)) is not None
+    ]
+    print(f"  section of {', '.join(fibres + stated)}")
 
 
 def _print_activation(k, structure, presence):
@@ -116,20 +142,24 @@ def _print_activation(k, structure, presence):
     print(f"  {sum(int(p[k].sum()) for p in presence.present)} of {total} elements active")
 
 
-def _print_phase(number, phase, structure):
-    """Print the increments, prestress, loads and new supports of phase `number`, from 1."""
+def _print_phase(number, phase, structure, units):
+    """Print the increments, prestress, loads and new supports of phase `number`, from 1.
+
+    Numbers are in `units`, None for SI.
+    """
     print(f"phase {number}: {pluralize(phase.increments, 'increment')}")
     stated = phase.statements(structure)
     for name in all_statements(phase):
-        print(f"  {name} {_describe_statement(name, [of.get(name) for of in stated], structure)}")
+        values = [of.get(name) for of in stated]
+        print(f"  {name} {_describe_statement(name, values, structure, units)}")
     for load in as_list(phase.loads):
-        print(f"  {_describe_load(load)}")
+        print(f"  {_describe_load(load, units)}")
     if phase.supports is not None:
         print("  new supports, which replace those before")
 
 
-def _describe_load(load):
-    """Return a load in words, with its values where these are a single vector."""
+def _describe_load(load, units):
+    """Return a load in words, with its values, in `units` or SI, where these are one vector."""
     if isinstance(load, SelfWeight | LineLoads):
         where = "" if load.on is None else f" on {load.on}"
         where += "" if load.elements is None else " (some elements)"
@@ -139,19 +169,24 @@ def _describe_load(load):
         return f"self-weight{where}" + ("" if plain else f", times {_vector_text(direction)}")
     if isinstance(load, LineLoads):
         forces = np.asarray(load.forces, float) * np.asarray(load.factor, float)[..., None]
-        size = _range_with_unit(forces, "N/m", is_vector=forces.ndim == 1)
+        size = _range_with_unit(forces, "N/m", units, is_vector=forces.ndim == 1)
         return f"line load {size}{where} (per {load.per} length)"
-    return str(load)
+    return load.describe(units or SI)
 
 
-def _range_with_unit(values, unit, is_vector=False):
-    """Return the range of some numbers, or one vector, as text with unit; forces in kN or MN."""
+def _range_with_unit(values, unit, units, is_vector=False):
+    """Return the range of some numbers, or one vector, as text with unit in `units`.
+
+    Without these, `units` being None, forces are in N, kN or MN.
+    """
     values = np.asarray(values, float)
+    write = _vector_text if is_vector else inputs.format_range
+    if units is not None:
+        return f"{write(units.from_si(values, unit))} {units.shown(unit)}"
     largest = np.abs(values).max(initial=0.0)
     prefix, factor = "", 1.0
     if unit.startswith("N") and largest >= 1e3:
         prefix, factor = ("M", 1e-6) if largest >= 1e6 else ("k", 1e-3)
-    write = _vector_text if is_vector else inputs.format_range
     return f"{write(factor * values)} {prefix}{unit}"
 
 
@@ -160,10 +195,11 @@ def _vector_text(values):
     return f"({', '.join(inputs.format_number(float(value)) for value in values)})"
 
 
-def _describe_statement(field, statements, structure):
+def _describe_statement(field, statements, structure, units):
     """Return what a phase states in one `field`, such as "pretension", in words: values by group.
 
     `statements` has the stated values of each group, or None; groups without values are named, too.
+    Numbers are in `units`, None for SI.
     """
     parts: dict[str, list[str]] = {}
     without, cold = [], []
@@ -177,7 +213,7 @@ def _describe_statement(field, statements, structure):
         values = np.asarray(stated.values)
         meant = np.ones(len(values), bool) if stated.chosen is None else stated.chosen
         unit = statements_of(group)[field].unit
-        text = f"{inputs.format_range(values[meant])} {unit}".removesuffix(" -")
+        text = inputs.range_text(values[meant], unit, units).removesuffix(" -")
         some = "" if meant.all() else f" ({int(meant.sum())} of {len(meant)} elements)"
         parts.setdefault(text, []).append(f"{label}{some}".strip())
     described = [f"{text} on {', '.join(names)}" for text, names in parts.items()]
@@ -189,14 +225,15 @@ def _describe_statement(field, statements, structure):
     return "; ".join(described)
 
 
-def _print_net(net):
-    """Print the size, supports, groups, loads and likely mistakes of a `Net`."""
+def _print_net(net, units):
+    """Print the size, supports, groups, loads and likely mistakes of a `Net` in `units`."""
     kinds = {kind: net.kinds.count(kind) for kind in dict.fromkeys(net.kinds)}
     counts = ", ".join(f"{count} {kind}s" for kind, count in kinds.items())
     print(f"net of {len(net.nodes)} nodes, {len(net.links)} links: {counts}")
-    print(f"extent: {_bounding_box_text(net.nodes)}")
+    print(f"extent: {_bounding_box_text(net.nodes, units)}")
     ends = net.nodes[net.links]
-    print(f"lengths {inputs.format_range(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))} m")
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    print(f"lengths {inputs.range_text(lengths, 'm', units)}")
     held = net.fixed.any(axis=1)
     print(f"supports: {int(held.sum())} nodes")
     if net.groups is not None:
@@ -207,28 +244,29 @@ def _print_net(net):
         print(f"nodes with points, by layer: {', '.join(counts)}")
     for name, value in net.values.items():
         known = value[~np.isnan(value)]
-        print(f"{name} {inputs.format_range(known)} ({len(known)} links)")
+        text = inputs.format_range(known)
+        if units != SI:
+            text = inputs.range_text(known, unit_of_net_value(name), units).removesuffix(" -")
+        print(f"{name} {text} ({len(known)} links)")
     if net.loads is not None:
-        total = ", ".join(inputs.format_number(f) for f in net.loads.sum(axis=0))
-        print(f"loads: sum ({total}) N")
+        print(f"loads: sum {_vector_text(units.from_si(net.loads.sum(axis=0), 'N'))} {units.force}")
     single = np.bincount(net.links.ravel(), minlength=len(net.nodes)) == 1
-    _print_nodes("end nodes", net, np.flatnonzero(single))
+    _print_nodes("end nodes", net, np.flatnonzero(single), units)
     corners = np.setdiff1d(_group_corners(net), np.flatnonzero(single))
-    _print_nodes("corners of groups in plan", net, corners)
+    _print_nodes("corners of groups in plan", net, corners, units)
     for text in describe_likely_mistakes(net.nodes, net.links, held):
         print(f"doubtful: {text}")
 
 
-def _print_nodes(what, net, nodes):
-    """Print the number of some nodes, and the first ones with index and position.
+def _print_nodes(what, net, nodes, units):
+    """Print the number of some nodes, and the first ones with index and position in `units`.
 
     `what` says what these nodes are; supports are marked.
     """
     print(f"{what}: {len(nodes)}")
     for k in nodes[:_MOST].tolist():
-        print(
-            f"  node {k} at {format_position(net.nodes[k])}{', support' * bool(net.fixed[k].any())}"
-        )
+        support = ", support" * bool(net.fixed[k].any())
+        print(f"  node {k} at {format_position(net.nodes[k], units)}{support}")
     if len(nodes) > _MOST:
         print(f"  and {len(nodes) - _MOST} more")
 
@@ -256,6 +294,7 @@ def _group_corners(net):
     return np.unique(np.array(found, int))
 
 
-def _bounding_box_text(nodes):
-    """Return the sides of the bounding box of nodes as text: "8 x 6 x 2 m"."""
-    return " x ".join(inputs.format_number(float(v)) for v in np.ptp(nodes, axis=0)) + " m"
+def _bounding_box_text(nodes, units):
+    """Return the sides of the bounding box of nodes as text in `units`: "8 x 6 x 2 m"."""
+    sides = units.from_si(np.ptp(nodes, axis=0).astype(float), "m")
+    return " x ".join(inputs.format_number(float(v)) for v in sides) + f" {units.length}"

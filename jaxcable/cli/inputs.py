@@ -12,8 +12,10 @@ import numpy as np
 
 from ..common.checks import warn_user
 from ..common.types import ArrayLike, Float, PyTree
+from ..common.units import SI, Units, as_units
 from ..files import load_scene, read_csv, read_dxf, read_network, read_obj
 from ..files.net_doubts import pluralize
+from ..files.net_units import LARGEST_EXTENT
 from ..files.nets import Net
 from ..files.reading import FileError, number, parse_integer, read_json
 from ..files.scene import FORMAT
@@ -26,11 +28,6 @@ _MOST_BYTES = 8e9
 """Memory of the results of all increments above which a scene is refused, bytes.
 
 Half of the memory of a common computer; a typing error in `increments` would fill it otherwise.
-"""
-_MOST_EXTENT = 1000.0
-"""Extent above which there is a warning, m: the largest roofs and most bridges are smaller.
-
-A net of 8 m whose nodes are in mm has 8000.
 """
 
 
@@ -50,12 +47,30 @@ def read_scene(options: Namespace) -> Scene:
             "give fewer increments"
         )
     extent = float(np.ptp(np.asarray(found.structure.nodes, float), axis=0).max())
-    if extent > _MOST_EXTENT:
+    if extent > LARGEST_EXTENT:
+        stated = "nodes are in m" if found.units is None else f"units are {found.units}"
         warn_user(
-            f"{options.scene}: the structure extends over {extent / 1e3:.4g} km; nodes are in m: "
-            "are these mm?"
+            f"{options.scene}: the structure extends over {extent / 1e3:.4g} km; {stated}: "
+            'are these mm? A scene states its units at its top, such as "units": "N, mm"'
         )
     return found
+
+
+def shown_units(options: Namespace, scene: Scene) -> Units | None:
+    """Return the `Units` in which a command shows a scene; None for SI units.
+
+    They are those of ``--show-units``, or else those of the scene.
+    """
+    given = getattr(options, "show_units", None)
+    return scene.units if given is None else parse_units(given, "--show-units")
+
+
+def parse_units(words: str | None, option: str = "--units") -> Units | None:
+    """Return the `Units` that a text on the command line means; None for no text."""
+    if words is None:
+        return None
+    with refuse_value_errors(option):
+        return as_units(words)
 
 
 def is_scene_file(options: Namespace) -> bool:
@@ -72,7 +87,7 @@ def read_net(options: Namespace) -> Net:
     if options.split is None:
         return found
     # chords are that far from ends which lie on their arc
-    tolerance = max(options.tol or 1e-6, options.sagitta or 0.0)
+    tolerance = max(_length(options, "tol") or 1e-6, _length(options, "sagitta") or 0.0)
     with refuse_value_errors("--split"):
         made = found.split(options.split or None, tolerance=tolerance)
     print(
@@ -89,8 +104,15 @@ _FORMATS_OF_OPTIONS = {
     "sagitta": (".dxf",),
     "hidden": (".dxf",),
     "columns": (".csv",),
+    "units": (".obj", ".dxf", ".csv", ".json"),
 }
 """Suffixes of the files for which each option of reading is meant."""
+
+
+STATED = (
+    'is for files that state no unit; a scene states its own at its top, such as "units": "kN, m"'
+)
+"""Why there is no ``--units`` for scenes."""
 
 
 def refuse_options_without_effect(options: Namespace, names: Sequence[str], why: str) -> None:
@@ -114,6 +136,12 @@ def refuse_options_of_other_formats(options: Namespace) -> None:
             )
 
 
+def _length(options, name):
+    """Return a length on the command line, m, of which ``--units`` says the unit; or None."""
+    value, units = getattr(options, name), parse_units(options.units)
+    return value if value is None or units is None else units.to_si(value, "m")
+
+
 def _parse_column_names(words):
     """Return names of columns such as ``x=X_COORD y=...`` as a dict; None if `words` is None."""
     if words is None:
@@ -130,35 +158,45 @@ def _read_net_files(options):
     paths, largest = [Path(path) for path in options.files], int(options.largest * 1e6)
     suffixes = [path.suffix.lower() for path in paths]
     refuse_options_of_other_formats(options)
-    tolerance = 1e-6 if options.tol is None else options.tol
+    units = parse_units(options.units)
+    tolerance = 1e-6 if options.tol is None else _length(options, "tol")
     if suffixes == [".csv", ".csv"]:
         try:
             columns = _parse_column_names(options.columns)
-            return read_csv(paths[0], paths[1], largest=largest, columns=columns)
+            return read_csv(paths[0], paths[1], largest=largest, columns=columns, units=units)
         except FileError:
             raise
         except ValueError as error:
             raise BadInput(f"--{error}") from None
     if len(paths) != 1:
         raise BadInput("files: expected one file, or two CSV tables: nodes and links")
+    drawn = {"scale": options.scale, "units": units if options.scale is None else None}
     if suffixes == [".obj"]:
-        return read_obj(paths[0], options.scale or 1.0, tolerance=tolerance, largest=largest)
+        return read_obj(paths[0], tolerance=tolerance, largest=largest, **drawn)
     if suffixes == [".dxf"]:
         with refuse_value_errors(paths[0]):  # ezdxf is not installed
             return read_dxf(
                 paths[0],
-                options.scale,
                 tol=tolerance,
                 supports=options.supports,
-                sagitta=options.sagitta,
+                sagitta=_length(options, "sagitta"),
                 hidden=options.hidden,
                 largest=largest,
+                **drawn,
             )
     if suffixes == [".json"]:
         if read_json(paths[0], largest).get("format") == FORMAT:
             raise BadInput(f"{paths[0]}: is a scene of jaxcable already")
-        return read_network(paths[0], largest)
+        return read_network(paths[0], largest, units=units)
     raise BadInput(f"{paths[0]}: expected .obj, .dxf, .json, or two .csv tables (nodes, links)")
+
+
+def reader_of_numbers(units: Units | None, unit: str) -> Callable[[str], float]:
+    """Return a function that parses a number in `units` (None: SI) and returns it in SI.
+
+    `unit` is the SI unit of the number.
+    """
+    return number if units is None else lambda word: units.to_si(number(word), unit)
 
 
 def parse_numbers(
@@ -184,7 +222,11 @@ def parse_numbers(
 
 
 def parse_group_values(
-    words: Sequence[str], structure: Structure, name: str, drawn: Sequence[Any] | None = None
+    words: Sequence[str],
+    structure: Structure,
+    name: str,
+    drawn: Sequence[Any] | None = None,
+    read: Callable[[str], float] = number,
 ) -> float | PyTree[Any]:
     """Parse numbers of an option: one for all elements, or ``group=number`` for groups.
 
@@ -194,12 +236,13 @@ def parse_group_values(
         name: name of the option, for messages.
         drawn: for each group the value that ``group=drawn`` means; one number for all groups is
             then refused.
+        read: function that parses the text of a number.
 
     Returns:
         A float, or a prefix pytree of the structure's elements.
     """
     found = parse_numbers(
-        words, name, lambda word: None if drawn and word == "drawn" else number(word)
+        words, name, lambda word: None if drawn and word == "drawn" else read(word)
     )
     if not isinstance(found, dict):
         if drawn is not None:
@@ -256,8 +299,24 @@ def format_range(arrays: PyTree[Float[ArrayLike, " ..."]]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def largest_displacement(displacement: Float[ArrayLike, "n_node 3"]) -> tuple[float, str]:
-    """Return the largest displacement, m, and a text such as "0.03 m at node 5"."""
+def number_text(value: float, unit: str, units: Units | None = None) -> str:
+    """Return a number, given in the SI unit `unit`, as text with six digits and its unit."""
+    return (units or SI).text(value, unit)
+
+
+def range_text(
+    arrays: PyTree[Float[ArrayLike, " ..."]], unit: str, units: Units | None = None
+) -> str:
+    """Return the range of numbers, given in the SI unit `unit`, as text with unit in `units`."""
+    units = units or SI
+    converted = jax.tree.map(lambda a: units.from_si(np.asarray(a, float), unit), arrays)
+    return f"{format_range(converted)} {units.shown(unit)}"
+
+
+def largest_displacement(
+    displacement: Float[ArrayLike, "n_node 3"], units: Units | None = None
+) -> tuple[float, str]:
+    """Return the largest displacement, m, and a text such as "0.03 m at node 5" in `units`."""
     moved = np.linalg.norm(np.asarray(displacement), axis=1)
     node = int(moved.argmax())
-    return float(moved[node]), f"{format_number(float(moved[node]))} m at node {node}"
+    return float(moved[node]), f"{number_text(float(moved[node]), 'm', units)} at node {node}"

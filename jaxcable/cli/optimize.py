@@ -16,6 +16,7 @@ from ..analysis.solver import solve
 from ..common import status
 from ..common.checks import InputWarning
 from ..common.tree import replace
+from ..common.units import SI
 from ..files import save_scene
 from ..scenes import Scene
 from . import inputs, outputs
@@ -50,7 +51,9 @@ def run(options: Namespace) -> None:
     elif options.target is not None:
         raise BadInput("optimize: --target cannot be combined with --deflection or --lowest")
     outputs.check_output_file(options.save, (".json",), inputs=[options.scene])
-    structure, phases = inputs.read_scene(options)
+    scene = inputs.read_scene(options)
+    units, (structure, phases) = scene.units, scene
+    options = _options_in_si(options, units)
     number = next((k for k, p in enumerate(phases) if p.pretension is not None), None)
     if number is None:
         raise BadInput(f"{options.scene}: no phase has a pretension to optimize")
@@ -64,19 +67,21 @@ def run(options: Namespace) -> None:
         return solve(structure, phases_with(pretension_of(parameters)))
 
     low, high = options.bounds
+    shown = units or SI
+    bounds = " to ".join(f"{shown.from_si(bound, 'N'):g}" for bound in options.bounds)
     if not low <= high:
-        raise BadInput(f"--bounds {low:g} {high:g}: the first is above the second")
+        raise BadInput(f"--bounds {bounds}: the first is above the second".replace(" to ", " "))
     inside = jnp.clip(start, low, high)
     if (inside != start).any():
         text = (
             "the pretension of the scene is outside the bounds; the search starts at the nearest "
-            f"values within {low:g} to {high:g} N"
+            f"values within {bounds} {shown.force}"
         )
         warnings.warn(text, InputWarning, stacklevel=1)
     start = inside
     with refuse_value_errors(options.scene):
         search = _minimize_pretension if options.target is None else _match_target_tension
-        found, description = search(analyse, start, (low, high), options)
+        found, description = search(analyse, start, (low, high), options, shown)
         solution = solve_scene(options, structure, phases_with(pretension_of(found.params)))
     code = int(found.status)
     if code in (status.STATIONARY, status.STALLED) and _target_is_met(found, start, options):
@@ -90,9 +95,9 @@ def run(options: Namespace) -> None:
     lines = [
         f"status {code}: {status.describe(code)}",
         f"{description}, {int(found.evaluations)} analyses",
-        f"pretension {inputs.format_range(_zero_rounding_errors(found.params, start))} N",
-        f"final axial forces {inputs.format_range(solution.last.peak_tension)} N",
-        *_describe_limits(solution, options),
+        f"pretension {inputs.range_text(_zero_rounding_errors(found.params, start), 'N', units)}",
+        f"final axial forces {inputs.range_text(solution.last.peak_tension, 'N', units)}",
+        *_describe_limits(solution, options, shown),
         *_describe_exceeded_strength(structure, solution),
         _MEANING,
     ]
@@ -101,7 +106,7 @@ def run(options: Namespace) -> None:
     cause = "the limits are violated" if violated else "the search did not converge"
     if options.save is not None and good:
         best = jax.tree.map(np.asarray, pretension_of(found.params))
-        save_scene(options.save, Scene(structure, phases_with(best)))
+        save_scene(options.save, Scene(structure, phases_with(best)), units=units)
         ended = "the scene with this pretension"
         if code != status.OK:
             ended += f", the best one found: {cause}"
@@ -140,14 +145,28 @@ def _parametrize_pretension(structure, phase, options):
     return start, pretension_of
 
 
-def _match_target_tension(analyse, start, bounds, options):
+def _options_in_si(options, units):
+    """Return options whose forces and lengths, in the `units` of the scene, are in N and m."""
+    if units is None:
+        return options
+    given = {"target": "N", "deflection": "m", "lowest": "N"}
+    found = {
+        name: value if (value := getattr(options, name)) is None else units.to_si(value, unit)
+        for name, unit in given.items()
+    }
+    bounds = tuple(units.to_si(bound, "N") for bound in options.bounds)
+    return Namespace(**{**vars(options), **found, "bounds": bounds})
+
+
+def _match_target_tension(analyse, start, bounds, options, units):
     """Find the pretension with which the final tensions are nearest to `options.target`.
 
     Args:
         analyse: function from parameters to a `Solution`.
         start: parameters at the start, [n], N.
         bounds: smallest and largest parameter, N.
-        options: options of the command.
+        options: options of the command, in SI units.
+        units: `Units` of texts.
 
     Returns:
         The `Design` found, and the outcome in words.
@@ -160,7 +179,8 @@ def _match_target_tension(analyse, start, bounds, options):
     found = design.minimize(loss, start, bounds, steps=options.steps, progress=not options.quiet)
     n = sum(v.size for v in jax.tree.leaves(jax.eval_shape(analyse, start).tension))
     distance = float(np.sqrt(float(found.loss) / n))
-    return found, f"root mean square distance from {options.target:g} N: {distance:.6g} N"
+    target, distance = units.text(options.target, "N", "g"), units.text(distance, "N")
+    return found, f"root mean square distance from {target}: {distance}"
 
 
 def _target_is_met(found, start, options):
@@ -170,7 +190,7 @@ def _target_is_met(found, start, options):
     return float(found.loss) <= start.size * (_ROUNDING * options.target) ** 2
 
 
-def _minimize_pretension(analyse, start, bounds, options):
+def _minimize_pretension(analyse, start, bounds, options, units):
     """Find the smallest sum of pretensions that keeps deflections and tensions within limits.
 
     The limits are `options.deflection`, m, and `options.lowest`, N. Other arguments and results are
@@ -192,7 +212,7 @@ def _minimize_pretension(analyse, start, bounds, options):
     found = design.minimize_subject_to(
         problem, start, bounds, steps=options.steps, progress=not options.quiet
     )
-    words = f"sum of the pretensions {inputs.format_number(float(found.loss))} N"
+    words = f"sum of the pretensions {units.text(found.loss, 'N')}"
     if float(found.loss) <= _NO_PRESTRESS * float(jnp.abs(start).sum()):
         words = "no pretension is needed: the limits below are met without any"
     if options.details:
@@ -200,14 +220,17 @@ def _minimize_pretension(analyse, start, bounds, options):
     return found, words
 
 
-def _describe_limits(solution, options):
-    """Return lines on the largest displacement, and on each limit: met, or violated by how much."""
-    reached, where = inputs.largest_displacement(solution.phases[-1].displacement)
+def _describe_limits(solution, options, units):
+    """Return lines on the largest displacement, and on each limit: met, or violated by how much.
+
+    Numbers are in `units`.
+    """
+    reached, where = inputs.largest_displacement(solution.phases[-1].displacement, units)
     if options.deflection is None:
         lines = [f"largest displacement of the last phase {where}"]
     else:
-        limit = inputs.format_number(options.deflection)
-        limit = f"limit on displacements of the last phase: {limit} m"
+        limit = units.text(options.deflection, "m")
+        limit = f"limit on displacements of the last phase: {limit}"
         verdict = _limit_verdict(reached / options.deflection - 1.0)
         lines = [f"{limit}, reached {where}: {verdict}"]
     if options.lowest is not None:
@@ -215,9 +238,9 @@ def _describe_limits(solution, options):
             [np.ravel(np.asarray(v, float)) for v in jax.tree.leaves(solution.tension)]
         )
         reached = float(forces.min())
-        limit = f"limit on the lowest tension at the end: {inputs.format_number(options.lowest)} N"
+        limit = f"limit on the lowest tension at the end: {units.text(options.lowest, 'N')}"
         words = _limit_verdict(1.0 - reached / options.lowest)
-        lines.append(f"{limit}, reached {inputs.format_number(reached)} N: {words}")
+        lines.append(f"{limit}, reached {units.text(reached, 'N')}: {words}")
     return lines
 
 

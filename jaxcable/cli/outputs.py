@@ -21,6 +21,7 @@ from ..common.status import (
     describe,
     raise_if_failed,
 )
+from ..common.units import Units
 from ..files import save_dxf, save_network, save_opensees, save_result, save_vtk
 from ..model.structure import Structure
 from ..plots import style
@@ -45,6 +46,9 @@ _WRITERS: tuple[tuple[str, Callable[..., list[Path]]], ...] = (
     (".py", save_opensees),
 )
 """Endings of names of results, and what writes them; `save_result` writes all others."""
+
+_IN_UNITS = (".csv", ".vtk", ".dxf")
+"""Endings of results that can be in other units than SI."""
 
 
 _RESIDUAL = re.compile(r", residual \S+ N(?=: )")
@@ -117,8 +121,12 @@ def save_picture(figure: Figure, path: str) -> None:
     style.save_figure(figure, path, dpi=130)
 
 
-def save_solution(path: str | Path, structure: Structure, solution: Solution) -> list[Path]:
+def save_solution(
+    path: str | Path, structure: Structure, solution: Solution, units: Units | None = None
+) -> list[Path]:
     """Save a result in the format of the path's suffix; return the paths of the files.
+
+    CSV tables, VTK files and drawings are in `units`, None for SI; other formats are in SI units.
 
     An OpenSees script of a failed analysis is not written, and a message says so.
     """
@@ -128,8 +136,9 @@ def save_solution(path: str | Path, structure: Structure, solution: Solution) ->
             f"{path}: not written: the analysis failed, so that there is no state for OpenSees"
         )
         return []
+    takes_units = str(path).lower().endswith(_IN_UNITS) and units is not None
     with refuse_value_errors(path):
-        return save(path, structure, solution)
+        return save(path, structure, solution, **({"units": units} if takes_units else {}))
 
 
 def report_failure(options: Namespace, solution: Solution) -> int | None:

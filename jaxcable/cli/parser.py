@@ -65,7 +65,8 @@ def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line, with all commands."""
     top = argparse.ArgumentParser(
         prog="jaxcable",
-        description="Prestressed cable structures: form, analysis in phases, prestress. SI units.\n"
+        description="Prestressed cable structures: form, analysis in phases, prestress. SI units,\n"
+        'or those that a scene states: {"units": "kN, m", ...}. Options have those of the scene.\n'
         "A scene is a JSON file with a structure and its phases; `jaxcable new net` writes one,\n"
         "with comments, to begin with. `jaxcable COMMAND --help` explains a command.",
         epilog=f"example: jaxcable solve net.json --plot net.png --report\n{_STATUS}",
@@ -116,6 +117,12 @@ def _add_command(commands, module, example):
     return command
 
 
+def _add_show_units(command):
+    """Add the option ``--show-units`` of a command that prints or draws numbers."""
+    text = 'units of numbers that are shown, such as "kN, m" (default: those that the scene states)'
+    command.add_argument("--show-units", metavar="UNITS", help=text)
+
+
 def _add_save_option(command, text, **settings):
     """Add the option ``--save`` of the file to write; `text` is its help."""
     command.add_argument("--save", metavar="FILE", help=text, **settings)
@@ -144,6 +151,11 @@ def _add_input_files(command, scene=True):
             "file); for a drawing made of a scene: meters per unit of the drawing (default 1)"
         )
         command.add_argument("--scale", type=_parse_positive, metavar="S", help=text)
+        text = (
+            "units of the numbers in a file that states none, and of the forces and lengths in "
+            'these options, such as "kN, m" or "kip, ft, F" (default: SI); written scenes have them'
+        )
+        command.add_argument("--units", metavar="UNITS", help=text)
         text = "DXF and OBJ: points closer than this become one node, m (default 1e-6)"
         command.add_argument("--tol", type=_parse_positive, metavar="D", help=text)
         text = 'DXF: layer whose points are supports, "*" for all points'
@@ -187,6 +199,7 @@ def _add_solve(commands):
     example = "net.json --plot net.png --save result.json --save net.vtk --report net.txt"
     command = _add_command(commands, solve, example)
     _add_input_files(command)
+    _add_show_units(command)
     command.add_argument("--plot", metavar="FILE", help="picture to write (png, pdf, svg)")
     text = (
         "result: .json, .npz, .csv (tables), .vtk (ParaView), .py (OpenSees), .dxf, .compas.json; "
@@ -210,6 +223,7 @@ def _add_plot(commands):
     """Add the command ``plot`` and its options."""
     command = _add_command(commands, plot, "mast.json --of My --save moments.pdf")
     _add_input_files(command)
+    _add_show_units(command)
     text = "picture to write (png, pdf, svg; default: beside the scene, with its name, .png)"
     _add_save_option(command, text)
     text = (
@@ -229,6 +243,7 @@ def _add_view(commands):
     """Add the command ``view`` and its options."""
     command = _add_command(commands, view, "net.json --save net.html")
     _add_input_files(command)
+    _add_show_units(command)
     _add_save_option(
         command, "HTML file to write (default: the name of the scene, .html, in this folder)"
     )
@@ -291,7 +306,9 @@ def _add_optimize(commands):
 
 def _add_info(commands):
     """Add the command ``info`` and its options."""
-    _add_input_files(_add_command(commands, info, "net.json"), scene=False)
+    command = _add_command(commands, info, "net.json")
+    _add_input_files(command, scene=False)
+    _add_show_units(command)
 
 
 def _add_warm(commands):

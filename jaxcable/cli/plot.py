@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from .. import plots
 from ..analysis.solution import Solution
 from ..common import status
+from ..common.units import Units
 from ..elements.element import SECTION_FORCES
 from ..model.structure import Structure
 from ..plots.style import RENAMED_COLORS
@@ -32,10 +33,10 @@ def run(options: Namespace) -> int | None:
         options.save, outputs.PICTURES, usual=usual, inputs=[options.scene]
     )
 
-    def draw(structure: Structure, solution: Solution) -> Figure | None:
+    def draw(structure: Structure, solution: Solution, units: Units | None) -> Figure | None:
         if int(solution.status) != status.OK:
             return None
-        same = {"structure": structure, "view": options.view}
+        same = {"structure": structure, "view": options.view, "units": units}
         if diagram:
             return plots.diagram(solution, options.of, **same)
         color = RENAMED_COLORS.get(options.of, options.of)

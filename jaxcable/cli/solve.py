@@ -9,6 +9,7 @@ from typing import Any
 from .. import plots
 from ..analysis.solution import Solution
 from ..common import status
+from ..common.units import Units
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..files.opensees import require_exportable
@@ -36,7 +37,8 @@ def run(options: Namespace) -> int | None:
     ]
     reports = file_names.files_to_write(report_path, file_names.REPORT)
     require_writable(options.plot, *results, *reports, inputs=[options.scene])
-    structure, phases = inputs.read_scene(options)
+    scene = inputs.read_scene(options)
+    units, (structure, phases) = inputs.shown_units(options, scene), scene
     with refuse_value_errors(options.scene):
         if any(path.lower().endswith(".py") for path in options.save):
             require_exportable(structure)
@@ -44,14 +46,15 @@ def run(options: Namespace) -> int | None:
         # energies take time: they are computed for a report only
         staged = any(phase.adds is not None or phase.removes is not None for phase in phases)
         energy = options.report is not None and not staged
-        findings = report(structure, solution, phases, energy=energy)
+        findings = report(structure, solution, phases, energy=energy, units=units)
     if options.report is not None and staged:
         findings = replace(findings, summary=(*findings.summary, _STAGED))
     # before anything is printed, because the reader of a pipe may end
     wrote = _write_files(options, structure, solution, findings)
     findings = replace(findings, summary=_summary_without_cause(findings.summary, solution))
     print(findings.text() if options.report == "-" else "\n".join(findings.summary))
-    print("\n".join([*describe_largest_values(solution), *(f"wrote {path}" for path in wrote)]))
+    largest = describe_largest_values(solution, units)
+    print("\n".join([*largest, *(f"wrote {path}" for path in wrote)]))
     return outputs.report_failure(options, solution)
 
 
@@ -59,10 +62,11 @@ def _write_files(options, structure, solution, findings):
     """Write report, results and picture to the files that options name; return their paths."""
     wrote = [] if options.report in (None, "-") else findings.save(options.report)
     for path in options.save:
-        wrote += outputs.save_solution(path, structure, solution)
+        wrote += outputs.save_solution(path, structure, solution, findings.units)
     if options.plot is not None:
         if int(solution.status) == status.OK:
-            outputs.save_picture(plots.net(solution, structure=structure), options.plot)
+            figure = plots.net(solution, structure=structure, units=findings.units)
+            outputs.save_picture(figure, options.plot)
             wrote.append(options.plot)
         else:
             print_message(f"{options.plot}: not drawn: the analysis failed")
@@ -85,8 +89,11 @@ def _summary_without_cause(summary, solution):
     return (f"status {code}: the analysis failed in phase {failed[0]}", *summary[1:])
 
 
-def describe_largest_values(solution: Solution) -> list[str]:
-    """Return lines on the largest displacements, of the last phase and of all, and axial forces."""
+def describe_largest_values(solution: Solution, units: Units | None = None) -> list[str]:
+    """Return lines on the largest displacements, of the last phase and of all, and axial forces.
+
+    Numbers are in `units`, None for SI.
+    """
     if int(solution.status) != status.OK:
         return []
     last = len(solution.phases)
@@ -95,7 +102,8 @@ def describe_largest_values(solution: Solution) -> list[str]:
         total = f"from the start (phases 1 to {last})"
         parts = {f"in phase {last} alone": solution.phases[-1], total: solution}
     moved = [
-        f"largest displacement {name}: {inputs.largest_displacement(part.displacement)[1]}"
+        f"largest displacement {name}: {inputs.largest_displacement(part.displacement, units)[1]}"
         for name, part in parts.items()
     ]
-    return [*moved, f"final axial forces: {inputs.format_range(solution.peak_tension)} N"]
+    forces = inputs.range_text(solution.peak_tension, "N", units)
+    return [*moved, f"final axial forces: {forces}"]

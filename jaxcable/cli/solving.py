@@ -9,6 +9,7 @@ from typing import TypeVar
 from ..analysis import solver
 from ..analysis.phases import Phase
 from ..analysis.solution import Solution
+from ..common.units import Units
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.structure import Structure
@@ -24,16 +25,19 @@ Smaller ones share their program with all other analyses from Python: it does no
 
 
 def solve_and_show(
-    options: Namespace, show: Callable[[Structure, Solution], _Shown]
+    options: Namespace, show: Callable[[Structure, Solution, Units | None], _Shown]
 ) -> tuple[Solution, _Shown]:
-    """Analyse the scene of a command; return the solution and `show(structure, solution)`.
+    """Analyse the scene of a command; return the solution and `show(structure, solution, units)`.
+
+    `units` are those in which the command shows the scene, None for SI.
 
     A ValueError of either becomes a message with the name of the scene.
     """
-    structure, phases = inputs.read_scene(options)
+    scene = inputs.read_scene(options)
+    units = inputs.shown_units(options, scene)
     with refuse_value_errors(options.scene):
-        solution = solve_scene(options, structure, phases)
-        return solution, show(structure, solution)
+        solution = solve_scene(options, *scene)
+        return solution, show(scene.structure, solution, units)
 
 
 def solve_scene(

@@ -20,7 +20,9 @@ def run(options: Namespace) -> int | None:
     title = Path(options.scene).stem
     solution, page = solve_and_show(
         options,
-        lambda structure, solution: plots.view(solution, out, structure=structure, title=title),
+        lambda structure, solution, units: plots.view(
+            solution, out, structure=structure, title=title, units=units
+        ),
     )
     print(f"wrote {page.path}")
     if not options.no_open:

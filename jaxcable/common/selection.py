@@ -91,8 +91,8 @@ class Only(_ElementSubset):
 
     Args:
         elements: numbers of the elements in their group, [n], or booleans [n_elem].
-        values: one value for all of them, or [n]; [n, n_component] for elements of your own that
-            take several numbers each (`Prestressable.components`).
+        values: one value for all of them, or [n], in the unit of what is stated; [n, n_component]
+            for elements of your own that take several numbers each (`Prestressable.components`).
         count: number of elements of the group, if known; set by `elements` that are booleans.
 
     Raises:

@@ -229,7 +229,8 @@ def raise_if_failed(solution: Any) -> None:
 
     Raises:
         AnalysisError: the result has failed. For an analysis the message names the phase (from 1),
-            the increment, its load factor, the residual in newtons and what to try.
+            the increment, its load factor, the residual in newtons (unless it is zero, as where no
+            step was possible) and what to try.
         ValueError: `solution` has no status, or is being traced: a status is known outside of jit
             only.
 
@@ -265,9 +266,11 @@ def raise_if_failed(solution: Any) -> None:
             k = failed[0]
             factor = np.asarray(phase.path.load_factor)[case][k]
             residual = np.asarray(phase.path.residual)[case][k]
+            # the residual of a step that was never taken is zero, and says nothing
+            size = f", residual {residual:.3g} N" if residual != 0 else ""
             raise AnalysisError(
                 f"{prefix}phase {number}, increment {k + 1} of {codes.size} (load factor "
-                f"{factor:.6g}), residual {residual:.3g} N: {describe(code)}"
+                f"{factor:.6g}){size}: {describe(code)}"
             )
     before = (
         "the analysis that this one starts from has failed: " if hasattr(solution, "phases") else ""

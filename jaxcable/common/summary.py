@@ -32,7 +32,7 @@ def summarize(obj: Any) -> str:
     try:
         parts = []
         for key, unit in _fields_to_show(obj).items():
-            text = _describe_safely(obj.__dict__.get(key))
+            text = _describe_safely(getattr(obj, key, None))
             if text and key != "status":
                 parts.append(f"{key} {text} {unit}".strip())
         head = _describe_status(obj.__dict__["status"]) if "status" in obj.__dict__ else ""

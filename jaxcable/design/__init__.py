@@ -7,9 +7,11 @@ from .confidence import Confidence, confidence
 from .constrained import ConstrainedDesign, minimize_subject_to
 from .fit import Fit, FitHistory, fit
 from .influence import adjustment, flat_matrix, influence, propagate_tolerances
+from .influence_line import InfluenceLine, influence_line
 from .kinks import nearest_kink, slack_distance, slack_margin
 from .load_cases import Envelope, envelope, solve_cases, utilization
 from .minimize import Design, History, minimize
+from .moving_loads import WorstPosition, moving_load, worst_position
 from .objectives import (
     largest_deflection,
     material_use,
@@ -32,19 +34,23 @@ __all__ = [
     "Fit",
     "FitHistory",
     "History",
+    "InfluenceLine",
     "Target",
     "Tuned",
+    "WorstPosition",
     "adjustment",
     "confidence",
     "envelope",
     "fit",
     "flat_matrix",
     "influence",
+    "influence_line",
     "largest_deflection",
     "material_use",
     "mean_over_cases",
     "minimize",
     "minimize_subject_to",
+    "moving_load",
     "nearest_kink",
     "propagate_tolerances",
     "shape_distance",
@@ -58,6 +64,7 @@ __all__ = [
     "total_prestress",
     "tune",
     "utilization",
+    "worst_position",
 ]
 
 _RENAMED = {"scatter": "propagate_tolerances", "utilisation": "utilization"}

@@ -1,6 +1,7 @@
 """Distance of cables to slackening, where the derivative of a state jumps.
 
-The response of a cable net is smooth except where a cable becomes slack or taut. A gradient is
+The response of a cable net is smooth except where a cable becomes slack or taut, or where a contact
+opens or closes. A gradient is
 exact on its own side of such a kink and says nothing about the other side; these functions say how
 far away the kink is. (Laws given by points have corners, too: see `corner_distance` of the law.)
 """
@@ -16,7 +17,7 @@ from ..analysis.solution import Solution, State
 from ..common import status
 from ..common.tree import merge_indices, split_indices
 from ..common.types import Array, ArrayLike, Float, PyTree
-from ..elements.abilities import Uniaxial
+from ..elements.abilities import Uniaxial, is_one_sided
 from ..mechanics.elementwise import evaluate_elements
 from ..model.structure import Structure
 from ..numerics import implicit
@@ -31,6 +32,7 @@ def slack_distance(
     """Return how far every cable is from going slack: its strain minus its strain at zero force.
 
     The distance is positive in a taut cable, negative in a slack one, and zero where it goes slack.
+    Of a contact it is the strain by which it is compressed, negative where it is open.
     It is smooth through zero, so that a constraint on it can make a slack cable taut; the tension,
     which is zero in every slack cable, has no gradient for that.
 
@@ -40,7 +42,8 @@ def slack_distance(
 
     Returns:
         Strains in the shape of the elements, [n_elem] each, with the leading axes of a batch; None
-        for groups that are not tension-only. NaN for a `Solution` that failed.
+        for groups that carry tension and compression, and for `Bearings`, whose result `opening`
+        says it in m. NaN for a `Solution` that failed.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -82,11 +85,12 @@ def _strains_above_slackening(without_indices, index_arrays):
     groups, states, nodes, motion = merge_indices(without_indices, index_arrays)
     found = []
     for group, state in zip(groups, states, strict=True):
-        if not group.tension_only:
+        if not is_one_sided(group) or not isinstance(group, Uniaxial):
             found.append(None)
             continue
         strain = evaluate_elements("section_strain", group, state, nodes, motion)
-        found.append(strain - group.strain_at(jnp.zeros_like(strain), state.memory))
+        distance = strain - group.strain_at(jnp.zeros_like(strain), state.memory)
+        found.append(-distance if group.compression_only else distance)
     return found
 
 
@@ -114,7 +118,8 @@ def slack_margin(
     distance = slack_distance(structure, solution)
     if not jax.tree.leaves(distance):
         raise ValueError(
-            "structure: no group is tension-only; there are no cables that could go slack"
+            "structure: no group is tension-only; there are no cables that could go slack, and no "
+            "contacts"
         )
     return smooth_min(distance, width)
 

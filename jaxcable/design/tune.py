@@ -73,7 +73,7 @@ class Tuned:
         0.001 [[1.]]
     """
 
-    _shown: ClassVar[str] = "met, values, deviation, without_influence, steps, remarks"
+    _shown: ClassVar[str] = "met, stable, values, deviation, without_influence, steps, remarks"
 
     phases: list[Phase]
     values: list[PyTree[Float[Array, " ..."]]]
@@ -86,6 +86,11 @@ class Tuned:
     status: Int[Array, ""]
     steps: Int[Array, ""]
     remarks: tuple[str, ...] = ()
+
+    @property
+    def stable(self) -> Bool[Array, ""]:
+        """Whether the end of the last phase is stable: `stable` of the `Solution`."""
+        return self.solution.stable
 
 
 def tune(

@@ -10,16 +10,21 @@ from .bar import Bars
 from .beam import Beams
 from .cable import Cables
 from .catenary import Catenaries
+from .contact import Contacts
 from .contract import check
 from .prestress import AxialState
 from .sliding import SlidingCables
+from .spring import Bearings, Springs
 
 __all__ = [
     "AxialState",
     "Bars",
     "Beams",
+    "Bearings",
     "Cables",
     "Catenaries",
+    "Contacts",
     "SlidingCables",
+    "Springs",
     "check",
 ]

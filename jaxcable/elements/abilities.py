@@ -7,6 +7,7 @@ Other abilities are attributes of `Element`, because they depend on a law or a l
 | `has_memory` | `absolute_force`, `initial_memory`; `committed_memory` (default: by strain) |
 | `has_rupture` | `is_ruptured`, `section_strain`; `extrapolated` if forces end at rupture |
 | `tension_only` | `is_slack`, `at_kink` |
+| `compression_only` | `is_slack` (it is open), `at_kink` |
 | `rotates` | `end_forces_after_step` |
 | `slides` | `sliding_load_forces` |
 | `face` | none: loads on areas then find it by its group |
@@ -26,7 +27,18 @@ import jax.numpy as jnp
 
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
-from .element import Element, Ends, Forces, Motion, Scalar
+from .element import (
+    PEAK_TENSION,
+    SECTION_FORCES,
+    SECTION_STRAIN,
+    TENSION,
+    Element,
+    Ends,
+    Forces,
+    Motion,
+    Result,
+    Scalar,
+)
 from .element_state import ElementState, OwnState
 from .statement import StatedValues, Statement
 
@@ -108,6 +120,11 @@ def interpolate(start: Array, end: Array, factor: Float[ArrayLike, ""]) -> Array
     return end - (1 - factor) * (end - start)
 
 
+def is_one_sided(group: Element) -> bool:
+    """Return whether elements carry tension only, or compression only, and can be slack."""
+    return group.tension_only or group.compression_only
+
+
 class Uniaxial(Element):
     """Elements with one strain along their axis, from which their axial force follows.
 
@@ -154,11 +171,23 @@ class Jacked(Prestressable):
         """
 
 
+END_PULL = Result("end_pull", "N", ("x", "y", "z"), increments=False, places=("first", "last"))
+"""Forces of a hanging element on its end nodes, which are not along its chord, [2, 3]."""
+
+
 class Sagging(Prestressable):
     """Elements that hang between their ends under their weight; a phase can state their sag.
 
-    Their state has the field `rest_length`, m.
+    Their state has the field `rest_length`, m. With the result `END_PULL` (in `results`, under a
+    load) their shapes are known at the end of every phase, as elastic catenaries.
     """
+
+    axial_stiffness: Float[Array, " n_elem"] | None
+
+    @property
+    def stiffness_with_spring(self) -> Float[Array, " n_elem"] | None:
+        """Axial stiffness, N, of EA and of springs in series with it, if there are any."""
+        return self.axial_stiffness
 
     @abc.abstractmethod
     def tension(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
@@ -320,8 +349,24 @@ class Rounding(Element):
         """Return the error of `end_forces` from the rounding of displacements, in their shape."""
 
 
+POINT_LOADS = Result(
+    "point_loads",
+    "-, N, N m",
+    ("place", "Fx", "Fy", "Fz", "Mx", "My", "Mz"),
+    increments=False,
+)
+"""Concentrated loads within an element, [n, 7]: the place from 0 to 1, and force and moment along
+the axes of the element where it is. By them pictures show the jumps of section forces."""
+BEAM_RESULTS = TENSION, PEAK_TENSION, SECTION_STRAIN, SECTION_FORCES, POINT_LOADS
+"""Results of elements with section forces."""
+
+
 class Bending(Element):
-    """Elements that bend: their nodes have rotations, and they have section forces."""
+    """Elements that bend: their nodes have rotations, and they have section forces.
+
+    Concentrated loads act within them (`ElementLoad.points`) if `POINT_LOADS` is one of their
+    results.
+    """
 
     rotates = True
 

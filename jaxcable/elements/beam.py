@@ -4,7 +4,7 @@ The formulation is corotational (Crisfield 1990; Battini and Pacoste 2002). `cor
 frame of the element, which follows its chord and the mean of the rotations of its ends, and the
 statics of forces in this frame. `bending` has the strains along the axis: from cubic deflections
 (Bernoulli), and from a load or a neutral axis off the node axis. A rigid motion of any size changes
-no strain. Shear flexibility and warping are not modelled.
+no strain. Warping is not modelled; `shear` has the shear flexibility of sections that state it.
 
 An end is joined to its node rigidly, by a hinge, or by a joint. A hinge releases all rotations; the
 end then has a further row of motion for its rotation (see `Structure.motion_rows`). A joint
@@ -34,11 +34,12 @@ from ..common.tree import (
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.rotations import cross
 from ..numerics.vectors import scalar_product
-from ..sections import Section
-from .abilities import Bending, Rounding
+from ..sections import LinearSection, Section
+from . import bending
+from .abilities import BEAM_RESULTS, Bending, Rounding
 from .beam_axes import LEANING_SINE, VERTICAL_SINE, is_isotropic, is_known_anisotropic
 from .beam_element import BeamElement
-from .element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Ends, Motion, Scalar
+from .element import Ends, Motion, Scalar
 from .prestress import AxialState, Prestressed, call_each_element, checked_links
 
 _MAX_POINTS = 1000  # integration points: all fibres are evaluated at each, so that more is a slip
@@ -53,11 +54,12 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
 
     Args:
         links: node indices, [n_elem, 2].
-        section: `Section` of all elements of the group; one fibre with E, A, I, J is enough.
-        up: vector in the plane of the element's axis and the section's z, [3] or [n_elem, 3];
-            default the global z, for vertical elements (within 0.06 degrees) the global x. An
-            element that leans by up to 6 degrees has no default, unless its bending stiffness is
-            the same in all directions: its axes would jump by 90 degrees with a small lean.
+        section: `Section` of all elements of the group, or its stiffnesses (`Section.linear`). A
+            shear stiffness of the section makes the elements flexible in shear.
+        up: vector without unit in the plane of the element's axis and the section's z, [3] or
+            [n_elem, 3]; default the global z, for vertical elements (within 0.06 degrees) the
+            global x. An element that leans by up to 6 degrees has no default, unless its bending
+            stiffness is the same in all directions: its axes would jump by 90 degrees.
         torsional_stiffness: GJ, scalar or [n_elem], N m2; needed unless the section has `torsion`,
             from which it is taken with Poisson's ratio 0.3.
         rest_length, weight, expansion, strength: as for `Bars`. Weight bends the element.
@@ -70,8 +72,8 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
             or 5 for sections that are not linear. With 3 the fibres of such sections see linear
             curvatures, without the effect of loads along the element.
         springs: rotational stiffness of a joint where `hinges` is True (semi-rigid), scalar,
-            [2, 3] or [n_elem, 2, 3], N m per radian; default none. It has no effect where `hinges`
-            is False. Joints with springs, or with hinges in some directions only, must turn by less
+            [2, 3] or [n_elem, 2, 3], N m/rad; default none. It has no effect where `hinges` is
+            False. Joints with springs, or with hinges in some directions only, must turn by less
             than a full turn.
 
     Raises:
@@ -95,7 +97,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
     """
 
     links: Int[ArrayLike, "n_elem 2"]
-    section: Section = None  # type: ignore[assignment]  # the error says more than Python's
+    section: Section | LinearSection = None  # type: ignore[assignment]  # checked below
     up: Float[ArrayLike, "... 3"] | None = None
     torsional_stiffness: Float[ArrayLike, " n_elem"] | None = None
     rest_length: Float[ArrayLike, " n_elem"] | None = None
@@ -109,7 +111,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
     ) = None
 
     shaped_by_load = True
-    results = (TENSION, PEAK_TENSION, SECTION_STRAIN, SECTION_FORCES)
+    results = BEAM_RESULTS
     per_element = (
         "torsional_stiffness",
         "up",
@@ -124,7 +126,7 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         put = object.__setattr__
         put(self, "links", checked_links(self.links))
         n_elem = len(self.links)
-        if not isinstance(self.section, Section):
+        if not isinstance(self.section, Section | LinearSection):
             raise ValueError("section: missing; a group of beams needs a Section")
         for name in ("torsional_stiffness", "rest_length", "weight", "expansion", "strength"):
             put(self, name, checks.floats_per_element(getattr(self, name), n_elem, name))
@@ -276,19 +278,6 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
             return None
         return self.hinges.array.all(axis=2)
 
-    def unused_columns(self) -> Bool[np.ndarray, "n_elem n_inner_row 3"]:
-        """Return which entries hold no unknown in the rows of motion that an element adds, bool."""
-        count = len(self.links)
-        idle = np.ones((count, self.n_inner_row, 3), bool)
-        for row, column in self.strain_field_indices:
-            idle[:, row, column] = False
-            if row == 1:  # fibres on one line do not resist bending along this line
-                places = checks.array_if_known((self.section.z, self.section.y)[column])
-                idle[:, row, column] = places is not None and np.ptp(places) == 0
-        if self.springs is not None:
-            idle[:, -2:] = ~self.hinges.array
-        return idle
-
     def axes_of(self, nodes: Float[ArrayLike, "n_node 3"]) -> Float[Array, "n_elem 3 3"]:
         """Return the axes of all elements at initial positions [n_node, 3], m: [n_elem, 3, 3].
 
@@ -376,7 +365,11 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
     ) -> tuple[Float[Array, "2 3"], Float[Array, "3 3"]]:
         """Return end slopes of the axis against the chord, [2, 3], and rotated axes, [3, 3]."""
         _, pose = self._axes_and_pose(state, ends, motion)
-        _, about_y, about_z = pose.rotations.T
+        rotations = pose.rotations
+        if (self.section.GAy, self.section.GAz) != (None, None):
+            field = self._deformation(state, ends, motion)[2]
+            rotations = bending.axis_slopes(field, rotations)
+        _, about_y, about_z = rotations.T
         slopes = jnp.stack([jnp.zeros_like(about_y), about_z, -about_y], axis=1)
         return slopes @ pose.axes, pose.axes
 

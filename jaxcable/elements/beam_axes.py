@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from ..common import checks
 from ..common.types import Array, Bool
-from ..sections import Section
+from ..sections import LinearSection, Section
 
 # Sine of the angle to z below which an element counts as vertical, 0.06 degrees: more than what the
 # rounding of coordinates to four digits makes of it.
@@ -17,7 +17,7 @@ VERTICAL_SINE = 1e-3
 LEANING_SINE = 0.1
 
 
-def is_known_anisotropic(section: Section) -> bool:
+def is_known_anisotropic(section: Section | LinearSection) -> bool:
     """Return whether the bending stiffness of a section is known to depend on the direction.
 
     False where numbers of the section are traced, hence not known.
@@ -28,12 +28,17 @@ def is_known_anisotropic(section: Section) -> bool:
         return not bool(is_isotropic(section))
 
 
-def is_isotropic(section: Section) -> Bool[Array, ""]:
-    """Return whether the bending stiffness of a section is the same in all directions."""
+def is_isotropic(section: Section | LinearSection) -> Bool[Array, ""]:
+    """Return whether bending and shear stiffness of a section are the same in all directions."""
     stiffness = section.stiffness()
     scale = jnp.maximum(stiffness[1, 1], stiffness[2, 2])
     radius = jnp.sqrt(stiffness[0, 0] * scale)
     apart = jnp.abs(stiffness[1, 1] - stiffness[2, 2]) + jnp.abs(stiffness[1, 2])
     off = jnp.abs(stiffness[0, 1]) + jnp.abs(stiffness[0, 2])
     tiny = 1e3 * jnp.finfo(stiffness.dtype).eps  # sums over some hundred fibres
-    return (apart <= tiny * scale) & (off <= tiny * radius)
+    alike = (apart <= tiny * scale) & (off <= tiny * radius)
+    if (section.GAy is None) != (section.GAz is None):
+        return jnp.zeros((), bool)
+    if section.GAy is None or section.GAz is None:
+        return alike
+    return alike & (jnp.abs(section.GAy - section.GAz) <= tiny * section.GAy)

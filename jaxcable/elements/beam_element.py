@@ -28,8 +28,8 @@ from ..numerics.rotations import (
     rotate,
     rotation_vector,
 )
-from . import bending, corotation
-from .bending import cross_products, split_strains
+from . import beam_statics, bending, corotation
+from .bending import split_strains
 from .element import Ends, Forces, Motion, Scalar
 from .inner_unknowns import InnerUnknowns
 from .prestress import AxialState, measure_chord
@@ -69,17 +69,14 @@ class BeamElement(InnerUnknowns):
         if state.pressures is not None:
             pressed = corotation.pressure_load(pose, state.pressures, state.rest_length)[0]
             load = pressed if load is None else load + pressed
-        length, inner = state.rest_length, None
-        if not self.section.is_elastic:
-            inner = jnp.zeros((2, 2), length.dtype)
-            if self._n_strain_rows == 1:
-                inner = inner.at[0, 0].set(motion[2, 0] / length)
-            else:
-                size = jnp.stack([length, length**2 / 32])
-                inner = motion[2:4, :2] / size[:, None]
+        length = state.rest_length
+        inner = None if self.section.is_elastic else self._strain_unknowns(motion, length)
         stretch = (state.elongation + pose.change) / length
         stiffness = self.section.stiffness() if inner is None else None
-        return bending.strain_field(pose.rotations, stretch, length, load, stiffness, inner), load
+        angles = self._shear_angles(motion, pose.rotations, length, load, stiffness)
+        at = pose.rotations, stretch, length, load, stiffness, inner, angles
+        field = bending.strain_field(*at)
+        return bending.with_point_loads(field, pose, length, state.point_loads, stiffness), load
 
     @jax.jit  # traced once, although a program calls it many times
     def _deformation(self, state, ends, motion):
@@ -89,8 +86,7 @@ class BeamElement(InnerUnknowns):
 
     def _strains_at_integration_points(self, field):
         """Return section strains e0, ky, kz of a `bending.StrainField` there, [n_point, 3]."""
-        places = bending.gauss_lobatto(self.points)[0]
-        return bending.legendre_basis(jnp.asarray(places, field.strain.dtype)) @ field.strain
+        return field.strains_at(bending.gauss_lobatto(self.points)[0])
 
     def _torsional_stiffness(self):
         """Return the torsional stiffness GJ, N m2: the given one, or else that of the section."""
@@ -135,6 +131,8 @@ class BeamElement(InnerUnknowns):
             inner = [unbalanced[0, : self._n_strain_rows] / length]
         if self._n_strain_rows == 2:
             inner.append(unbalanced[1] * 32 / length**2)
+        for _, about in self._shear_places:
+            inner.append(unbalanced[2, about : about + 1] / length)
         if self.springs is not None:
             for k, joint in enumerate(self._joint_rotations(state, motion)):
                 moment = axes @ rotate(invert(motion[k, 3:]), moments[k])
@@ -266,8 +264,12 @@ class BeamElement(InnerUnknowns):
         strain = bending.legendre_basis(places) @ field.strain
         total = length * weight @ self.section.energy(*split_strains(strain), state.memory)
         total = total + 0.5 * self._torsional_stiffness() * field.twist**2 / length
+        if field.shear is not None:
+            total = total + field.shear.energy(length)
         if load is not None:
             total = total - length * load @ bending.mean_deflection(field, pose.rotations, length)
+        if field.points is not None:
+            total = total - bending.work_of_point_loads(field, pose.rotations)
         if self.springs is not None:
             turned = jax.vmap(rotation_vector)(self._joint_rotations(state, motion))
             total = total + 0.5 * jnp.sum(self.springs * turned**2)
@@ -276,7 +278,9 @@ class BeamElement(InnerUnknowns):
     def has_result(self, name: str, state: AxialState) -> bool:
         """Return whether elements have the result `name`; a peak tension only under a load."""
         if name == "peak_tension":
-            return state.line_load is not None
+            return state.line_load is not None or state.point_loads is not None
+        if name == "point_loads":
+            return state.point_loads is not None
         return super().has_result(name, state)
 
     def results_by_name(
@@ -291,7 +295,7 @@ class BeamElement(InnerUnknowns):
         known: dict[str, Any] = {
             "tension": tension,
             "peak_tension": lambda: self._peak_from_mean_tension(state, ends, motion, tension()),
-            "section_strain": lambda: self._strains_at_integration_points(deformation[2]),
+            "section_strain": lambda: self.section_strain(state, ends, motion),
             "section_forces": lambda: self._deformed_section_forces(state, deformation, forces()),
             "end_forces": lambda: self._join_end_forces(*forces()),
         }
@@ -309,20 +313,27 @@ class BeamElement(InnerUnknowns):
         return self._section_force_integrals(state, field)[0, 0]
 
     def peak_tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Return the axial force of largest absolute value in one element, N; it is at an end."""
+        """Return the axial force of largest absolute value, N; it is at an end, or at a load."""
         return self._peak_from_mean_tension(state, ends, motion, self.tension(state, ends, motion))
 
     def _peak_from_mean_tension(self, state, ends, motion, mean):
         """Return the axial force of largest absolute value, N, from the `mean` in the element."""
         vector, length, _, _ = measure_chord(ends, motion[:2, :3])
-        half = 0.5 * state.rest_length * jnp.abs(state.line_load @ vector / length)
-        return mean + jnp.where(mean < 0, -half, half)
+        loads = state.rest_length, state.line_load, state.point_loads
+        return beam_statics.peak_axial_force(mean, vector / length, *loads)
 
-    def section_strain(
-        self, state: AxialState, ends: Ends, motion: Motion
-    ) -> Float[Array, "n_point 3"]:
+    def point_loads(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, "k 7"]:
+        """Return the concentrated loads along the rotated axes, as of `POINT_LOADS`, [k, 7]."""
+        axes = self._axes_and_pose(state, ends, motion)[1].axes
+        return beam_statics.point_loads_along(axes, state.point_loads)  # type: ignore[arg-type]
+
+    def section_strain(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, "n 3"]:
         """Return strain and curvatures ``e0, ky, kz`` at the integration points, [n_point, 3]."""
-        return self._strains_at_integration_points(self._deformation(state, ends, motion)[2])
+        field = self._deformation(state, ends, motion)[2]
+        if not beam_statics.lacks_strains(field):
+            return self._strains_at_integration_points(field)
+        found = self.section_forces(state, ends, motion)
+        return beam_statics.strains_of_linear_section(self.section.stiffness(), found)
 
     def section_forces(
         self,
@@ -345,19 +356,8 @@ class BeamElement(InnerUnknowns):
         """Return `section_forces` from what `_deformation` and `_internal_forces` have returned."""
         places = bending.gauss_lobatto(self.points)[0] if places is None else places
         _, pose, field, load = deformation
-        pull, moments, _ = forces
-        length, s = state.rest_length, jnp.asarray(places, pull.dtype)
-        load = jnp.zeros(3, pull.dtype) if load is None else load * length
-        start = -(pose.axes @ pull) - load / 2  # force of the node on the element
-        twist = pose.axes @ moments[0]
-        place, area, turn = bending.deflected_axis(field, pose.rotations, length, pose.length, s)
-        carried = start[None] + jnp.outer(s, load)
-        moment = cross_products(place, carried) - cross_products(area, load[None]) - twist[None]
-        both = jnp.stack([-carried, moment], axis=1)
-        # into the axes of the section by its small rotation, to second order like everything here
-        spin = turn[:, None]
-        change = cross_products(spin, both)
-        return (both - change + 0.5 * cross_products(spin, change)).reshape(-1, 6)
+        at = forces[:2], state.rest_length, places
+        return beam_statics.section_forces_by_equilibrium(pose, field, load, *at)
 
     def absolute_force(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Return the sum of the absolute forces of all fibres, mean along one element, N."""

@@ -20,17 +20,24 @@ about y and one about z) belong to the element alone:
   ``M_2 = L^2 (-q_z, q_y)/12``. This is exact in linear theory, wherever the neutral axis is;
 - in a section of other laws they are unknowns of the analysis (`Beams.inner_unknowns`); their
   residual is zero when the section's forces balance the load in the mean weighted by these shapes.
+
+With shear flexibility (`shear`) the end rotations above are those of the cross-sections in the
+difference ``t_2 - t_1`` of the curvature, and slopes of the axis everywhere else.
 """
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.tree import pytree
+from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Float
 from ..numerics.rotations import cross
+from .corotation import Pose
 from .element import Scalar
+from .point_loads import PointTerms, point_forces, strain_of_clamped_field
+from .shear import ShearAngles
 
 
 @pytree
@@ -45,6 +52,9 @@ class StrainField:
         twist: rotation of the second end about the axis relative to the first, rad.
         bending_compliance: curvature per moment about the neutral axis of a linear section, [2, 2];
             None for other sections and without load.
+        shear: angles between cross-sections and the normals of the axis; None if rigid in shear.
+        points: concentrated loads within the element; None without. `strain` and `shortening` have
+            the shortening of the axis that they cause, but not the curvatures between clamped ends.
     """
 
     strain: Float[Array, "3 3"]
@@ -52,6 +62,57 @@ class StrainField:
     sag: Float[Array, " 2"]
     twist: Scalar
     bending_compliance: Float[Array, "2 2"] | None = None
+    shear: ShearAngles | None = None
+    points: PointTerms | None = None
+
+    def strains_at(self, places: Float[ArrayLike, " n"]) -> Float[Array, "n 3"]:
+        """Return the section strains e0, ky, kz at positions from 0 to 1, [n, 3]."""
+        places = jnp.asarray(places, self.strain.dtype)
+        strains = legendre_basis(places) @ self.strain
+        if self.points is None or not self.points.bends_alone:
+            return strains
+        return strains + strain_of_clamped_field(self.points, places)
+
+
+def with_point_loads(
+    field: StrainField,
+    pose: Pose,
+    length: Scalar,
+    points: Float[Array, "k 4or7"] | None,
+    stiffness: Float[Array, "3 3"] | None,
+) -> StrainField:
+    """Return the `StrainField` of an element with concentrated loads, or as it is without any.
+
+    Args:
+        field, length, stiffness: result and arguments of `strain_field`.
+        pose: of the element.
+        points: as of `ElementLoad.points`, of one element, or None.
+    """
+    if points is None:
+        return field
+    rotations, axes = pose.rotations, pose.axes
+    forces = points[:, 1:4] @ axes.T
+    moments = points[:, 4:] @ axes.T if points.shape[1] > 4 else None
+    terms = PointTerms(
+        points[:, 0], forces, moments, length, field.sag, sheared=field.shear is not None
+    )
+    if stiffness is not None:
+        coupling = stiffness[0, 1:] / stiffness[0, 0]
+        yielding = bending_compliance(stiffness[1:, 1:] - jnp.outer(coupling, stiffness[0, 1:]))
+        terms = copy_with(terms, axial=stiffness[0, 0], coupling=coupling, compliance=yielding)
+    shorter, slopes = jax.value_and_grad(terms.shortening, (0, 1))(rotations[:, 1:], field.sag)
+    return copy_with(
+        field,
+        strain=field.strain.at[0, 0].add(shorter),
+        shortening=field.shortening + jnp.concatenate([slopes[0], slopes[1][None]]),
+        points=terms,
+    )
+
+
+def work_of_point_loads(field: StrainField, rotations: Float[Array, "2 3"]) -> Scalar:
+    """Return the work of the concentrated loads of a field (`PointTerms.work`), J."""
+    terms: PointTerms = field.points  # type: ignore[assignment]  # asked where there are some
+    return terms.work(axis_slopes(field, rotations)[:, 1:], field.sag, field.strain[1:, 0])
 
 
 def strain_field(
@@ -61,6 +122,7 @@ def strain_field(
     load: Float[Array, " 3"] | None,
     stiffness: Float[Array, "3 3"] | None = None,
     inner: Float[Array, "2 2"] | None = None,
+    shear: ShearAngles | None = None,
 ) -> StrainField:
     """Return the `StrainField` of an element from its end rotations, its stretch and its load.
 
@@ -72,9 +134,13 @@ def strain_field(
         stiffness: stiffness of a linear section, [3, 3]; None for other sections.
         inner: unknowns of a section that is not linear, [2, 2], or None: coefficients of P1, P2 in
             the axial strain, and of P2 in the curvatures ky, kz, 1/m.
+        shear: shear angles, or None.
     """
     first, second = rotations[0, 1:], rotations[1, 1:]
-    even, odd = (second - first) / length, 3 * (first + second) / length
+    even = (second - first) / length
+    if shear is not None:
+        first, second = shear.end_slopes(rotations)[:, 1:]
+    odd = 3 * (first + second) / length
     bent = 2 * first**2 - first * second + 2 * second**2
     slopes = jnp.stack([4 * first - second, 4 * second - first, jnp.zeros_like(first)]) / 30
     yielding = None
@@ -85,9 +151,7 @@ def strain_field(
         coupling = stiffness[0, 1:] / stiffness[0, 0]
         a_1, a_2, sag = -coupling @ odd, jnp.zeros_like(stretch), None
         if load is not None:
-            yielding = _bending_compliance(
-                stiffness[1:, 1:] - jnp.outer(coupling, stiffness[0, 1:])
-            )
+            yielding = bending_compliance(stiffness[1:, 1:] - jnp.outer(coupling, stiffness[0, 1:]))
             a_1 = a_1 - 0.5 * load[0] * length / stiffness[0, 0]
             sag = yielding @ (length**2 / 12 * bending_components(load))
             a_2 = -coupling @ sag
@@ -101,10 +165,19 @@ def strain_field(
         slopes = slopes + jnp.stack([by_end, -by_end, by_sag])
     axial = jnp.stack([stretch + jnp.sum(bent) / 30, a_1, a_2])
     strain = jnp.column_stack([axial, jnp.stack([even, odd, sag])])
-    return StrainField(strain, slopes, sag, rotations[1, 0] - rotations[0, 0], yielding)
+    twist = rotations[1, 0] - rotations[0, 0]
+    return StrainField(strain, slopes, sag, twist, yielding, shear)
 
 
-def _bending_compliance(matrix):
+def axis_slopes(field: StrainField, rotations: Float[Array, "2 3"]) -> Float[Array, "2 3"]:
+    """Return slopes of the axis at the ends from rotations of the cross-sections, [2, 3], rad.
+
+    The first component is the rotation about the axis. Both are the same without shear flexibility.
+    """
+    return rotations if field.shear is None else field.shear.end_slopes(rotations)
+
+
+def bending_compliance(matrix):
     """Return the inverse of a bending stiffness [2, 2]; zero about an axis without stiffness.
 
     Fibres on one line have no stiffness for bending along this line.
@@ -132,7 +205,8 @@ def mean_deflection(
     field: StrainField, rotations: Float[Array, "2 3"], length: Scalar
 ) -> Float[Array, " 3"]:
     """Return the mean displacement of the axis from its chord, along the rotated axes, [3], m."""
-    bow = length / 12 * (rotations[0, 1:] - rotations[1, 1:]) + length**2 / 60 * field.sag
+    slopes = axis_slopes(field, rotations)
+    bow = length / 12 * (slopes[0, 1:] - slopes[1, 1:]) + length**2 / 60 * field.sag
     return jnp.stack([-field.strain[1, 0] * length / 6, bow[1], -bow[0]])
 
 
@@ -157,7 +231,8 @@ def generalized_forces(
 
     Returns:
         Axial force, N; moments on the ends, [2, 3], N m; moment of the load on the frame that
-        follows the element, [3], N m; and residuals of the unknowns `inner`, [2, 2], J and N m2.
+        follows the element, [3], N m; and residuals of the unknowns `inner`, [2, 2], J and N m2,
+        or, with shear flexibility, [3, 2] with those of the mean shear angles in J.
     """
     force, even, odd = sums[0, 0], sums[0, 1:], 3 * sums[1, 1:]
     if load is not None:
@@ -165,9 +240,18 @@ def generalized_forces(
         first_load, second_load = odd_load, -odd_load
     bend = length * force * field.shortening
     first, second = bend[0] - even + odd, bend[1] + even + odd
+    by_slopes = bend  # what shear angles of linear sections do not balance
     by_sag = length * sums[2, 1:] + bend[2]
     by_axial = length * sums[1:, 0]
     torque = jnp.zeros(3, force.dtype)
+    added = None
+    if field.points is not None:
+        slopes = axis_slopes(field, rotations)[:, 1:]
+        added = point_forces(field.points, slopes, field.strain[1:, 0], force)
+        by_slopes = by_slopes.at[:2].add(jnp.stack([added.first, added.second]))
+        first, second = first + added.first, second + added.second
+        by_sag, by_axial = by_sag + added.by_sag, by_axial + added.by_axial
+        torque = added.torque
     if load is not None:
         first, second = first - first_load, second - second_load
         by_sag = by_sag - length**3 / 60 * bending_components(load)
@@ -177,13 +261,22 @@ def generalized_forces(
             # b changes with a load that turns against the frame
             turned = length**2 / 12 * (field.bending_compliance @ bend[2])
             pull = pull + jnp.stack([jnp.zeros_like(force), turned[1], -turned[0]])
-        torque = cross(load, pull)
+        if field.shear is not None:
+            pull = pull + field.shear.work_by_load(by_slopes, length)
+        pull = pull if added is None else pull + added.pull
+        turning = cross(load, pull)
+        torque = turning if added is None else torque + turning
         if following is not None:
             by_length, by_frame = following
             force, torque = force + by_length @ pull, torque + by_frame @ pull
+    inner = [by_axial, by_sag]
+    if field.shear is not None:
+        inner.append(length * field.shear.stiffness * field.shear.mean - first - second)
+        by_shear = field.shear.moments_of_ends(by_slopes)
+        first, second = first + by_shear, second + by_shear
     twisting = torsion * field.twist / length
     moments = jnp.stack([jnp.append(-twisting[None], first), jnp.append(twisting[None], second)])
-    return force, moments, torque, jnp.stack([by_axial, by_sag])
+    return force, moments, torque, jnp.stack(inner)
 
 
 def linear_section_integrals(
@@ -215,7 +308,8 @@ def deflected_axis(
         m; and rotation vectors of the axis, [n, 3], rad.
     """
     s = jnp.asarray(places)[:, None]
-    first, second, sag = rotations[:1, 1:], rotations[1:, 1:], length * field.sag[None]
+    slopes = axis_slopes(field, rotations)
+    first, second, sag = slopes[:1, 1:], slopes[1:, 1:], length * field.sag[None]
     bubble = s**2 * (1 - s) ** 2 / 2
     turn = first * (1 - 4 * s + 3 * s**2) + second * (3 * s**2 - 2 * s)
     turn = turn + sag * s * (1 - s) * (1 - 2 * s)
@@ -226,6 +320,15 @@ def deflected_axis(
     along = chord * s - push * s * (1 - s)
     along_area = chord * s**2 / 2 - push * (s**2 / 2 - s**3 / 3)
     twist = rotations[0, 0] + s * field.twist
+    if field.points is not None and field.points.bends_alone:
+        at = s[:, 0]
+        (pulled, bent), (_, slope), (pulled_area, bent_area) = (
+            field.points.clamped_field(at, order) for order in (0, 1, -1)
+        )
+        shift = slope @ field.points.coupling / length  # the node axis against the neutral axis
+        along = along + (pulled - shift)[:, None]
+        along_area = along_area + (pulled_area - bent @ field.points.coupling / length)[:, None]
+        way, area, turn = way + bent / length, area + bent_area / length, turn + slope / length
 
     def vectors(x, about):
         return jnp.concatenate([x, length * about[:, 1:], -length * about[:, :1]], axis=1)

@@ -9,6 +9,7 @@ cable.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +18,7 @@ from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, PyTree
 from ..numerics.vectors import scalar_product
 from . import hanging, hanging_sag, hanging_springs
-from .abilities import LengthSlack, Rounding, Sagging, TensionResponse
+from .abilities import END_PULL, LengthSlack, Rounding, Sagging, TensionResponse
 from .cable import TensionOnly
 from .element import PEAK_TENSION, Ends, Forces, Motion, Scalar
 from .prestress import AxialState, measure_chord
@@ -32,7 +33,8 @@ class Catenaries(TensionOnly, Sagging, Rounding):
 
     The result `tension` is the mean of the tensions at both ends, which is at least half of the
     load on the element; `peak_tension` is the larger of the two, which strength is compared with;
-    `forms.end_tensions` gives both.
+    `forms.end_tensions` gives both. The result `end_pull` has the forces on both end nodes, [2, 3]
+    for each element, N; shape, sag and clearance of any phase follow from it (`results.sags`).
 
     Prestress is stated as for `Cables`: a tension is that of the straight element without load. A
     `sag` is the vertical distance from the chord at midspan, under the whole weight along -z: for a
@@ -72,7 +74,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
     section: None = None
 
     shaped_by_load = True
-    results = (*TensionOnly.results, PEAK_TENSION)
+    results = (*TensionOnly.results, PEAK_TENSION, END_PULL)
 
     def __post_init__(self):
         if self.law is not None or self.section is not None or self.area is not None:
@@ -87,18 +89,18 @@ class Catenaries(TensionOnly, Sagging, Rounding):
             squared_length_excess(state, ends, motion),
             state.line_load,
             state.rest_length,
-            self._axial_stiffness_with_spring,
+            self.stiffness_with_spring,
         )
         return force, tau, theta, chord
 
     @property
-    def _axial_stiffness_with_spring(self):
+    def stiffness_with_spring(self) -> Any:
         """Axial stiffness, N, of EA and the spring in series: ``EA / (1 + compliance EA)``."""
         return self._axial_section()[0]
 
     def has_result(self, name: str, state: AxialState) -> bool:
-        """Return whether elements have the result `name`; a peak tension only under a load."""
-        if name == "peak_tension":
+        """Return whether elements have the result `name`; those of both ends only under a load."""
+        if name in ("peak_tension", "end_pull"):
             return state.line_load is not None
         return super().has_result(name, state)
 
@@ -131,7 +133,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
             (ends[1] - ends[0]) + (motion[1] - motion[0]),
             squared_length_excess(state, ends, motion),
         )
-        span = (*shape, state.line_load, state.rest_length, self._axial_stiffness_with_spring)
+        span = (*shape, state.line_load, state.rest_length, self.stiffness_with_spring)
         tension = hanging.tension_unknown(*span)
         at = hanging_springs.hanging_under_tension(tension, *span)
         give = at.compliance + at.sag_compliance
@@ -153,7 +155,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         chord, above = shape
         load, rest_length = state.line_load, state.rest_length
         at = hanging_springs.hanging_under_tension(
-            tension, chord, above, load, rest_length, self._axial_stiffness_with_spring
+            tension, chord, above, load, rest_length, self.stiffness_with_spring
         )
         along, forces = (
             jnp.stack([-at.force_per_tension, at.force_per_tension]),
@@ -168,7 +170,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         if state.line_load is None:
             return super().geometric_stiffness(state, ends, motion, tension)
         block = hanging_springs.stiffness_under_tension(
-            tension, state.line_load, state.rest_length, self._axial_stiffness_with_spring
+            tension, state.line_load, state.rest_length, self.stiffness_with_spring
         )
         return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])
 
@@ -194,7 +196,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
             chord,
             state.line_load,
             state.rest_length,
-            self._axial_stiffness_with_spring,
+            self.stiffness_with_spring,
         )
 
     def is_slack(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
@@ -219,6 +221,13 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         """Return the larger of the tensions at both ends of one cable, N, the largest along it."""
         return jnp.max(self.end_tensions(state, ends, motion))
 
+    def end_pull(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
+        """Return the forces of one cable on the nodes at its first and its last end, [2, 3], N.
+
+        Their sum is the whole load along the cable.
+        """
+        return _end_pull(self._axial_force_vector(state, ends, motion), state)
+
     def results_by_name(
         self, state: AxialState, ends: Ends, motion: Motion, names: Sequence[str]
     ) -> dict[str, Array]:
@@ -229,6 +238,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         known = {
             "tension": tau,
             "peak_tension": jnp.max(_end_tensions(force, state)),
+            "end_pull": _end_pull(force, state),
             "end_forces": jnp.stack([-force, force]),
         }
         others = super().results_by_name(
@@ -240,7 +250,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         """Return the distance of one cable from its chord at midspan, along its load, m."""
         force, _, theta, _ = self._solve_shape(state, ends, motion)
         load: Float[Array, " 3"] = state.line_load  # type: ignore[assignment]  # under a load
-        return hanging_sag.midspan_sag(force, theta, load, self._axial_stiffness_with_spring)
+        return hanging_sag.midspan_sag(force, theta, load, self.stiffness_with_spring)
 
     def curve(
         self, state: AxialState, ends: Ends, motion: Motion, parts: Float[Array, " n"]
@@ -252,7 +262,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         force, tau, _, _ = self._solve_shape(state, ends, motion)
         load, rest_length = state.line_load, state.rest_length
         return first[None] + hanging.positions_along(
-            parts, force, tau, load, rest_length, self._axial_stiffness_with_spring
+            parts, force, tau, load, rest_length, self.stiffness_with_spring
         )
 
     def strain_at_sag(
@@ -273,7 +283,7 @@ class Catenaries(TensionOnly, Sagging, Rounding):
             return hanging_sag.chord_strain_at_sag(ends[1] - ends[0], load, stiffness, sag)
 
         weight = jnp.asarray(self.weight, ends.dtype) / thermal_stretch
-        stiffness = jnp.asarray(self._axial_stiffness_with_spring, ends.dtype)
+        stiffness = jnp.asarray(self.stiffness_with_spring, ends.dtype)
         return jax.vmap(one)(ends, weight, stiffness, sag)
 
 
@@ -281,6 +291,14 @@ def _end_tensions(force, state):
     """Return the tensions at both ends, [2], N, from the tension vector at mid-length, [3]."""
     half = 0.5 * state.rest_length * state.line_load
     return jnp.sqrt(jnp.stack([jnp.sum((force + half) ** 2), jnp.sum((force - half) ** 2)]))
+
+
+def _end_pull(force, state):
+    """Return the forces on the nodes at both ends, [2, 3], N, from the tension at mid-length."""
+    if state.line_load is None:
+        return jnp.stack([force, -force])
+    half = 0.5 * state.rest_length * state.line_load
+    return jnp.stack([half + force, half - force])
 
 
 def squared_length_excess(state: AxialState, ends: Ends, motion: Motion) -> Scalar:

@@ -19,6 +19,7 @@ REQUIRED_METHODS = {
     "has_memory": ("absolute_force", "initial_memory"),
     "has_rupture": ("is_ruptured",),
     "tension_only": ("is_slack", "at_kink"),
+    "compression_only": ("is_slack", "at_kink"),
     "rotates": ("end_forces_after_step",),
     "slides": ("sliding_load_forces",),
 }

@@ -82,12 +82,11 @@ class Element(abc.ABC):
     Attributes:
         links: node indices, [n_elem, n_end].
         per_element: names of the arrays that have a value for every element, [n_elem, ...].
-        results: the results that an analysis records, a tuple of `Result`.
+        results: results that an analysis records, a tuple of `Result`.
         face: the three or four ends in order around the face of an element, such as (0, 1, 2);
             None if it has none. Area loads can then act on the group (`on`), and pictures and files
             draw the face. A face of four ends that names a node twice is a triangle.
-        outline: the ends through which pictures draw an element; default: around its face, or all
-            in order.
+        outline: the ends through which pictures draw an element; default: its face, or all ends.
         rotates: whether the elements give their nodes rotations.
         inner_unknowns, n_inner_row: indices (row, column) of the inner unknowns of an element
             (degrees of freedom of its own), and the number of rows of motion that they take after
@@ -103,7 +102,7 @@ class Element(abc.ABC):
             warns of no unstable state, `stable` means that the symmetric part of the tangent is
             definite (see `PhaseResult`), and `natural_frequencies`, `buckling_factor` and `modes`
             raise ValueError.
-        tension_only: whether an element carries tension only.
+        tension_only, compression_only: whether an element carries only tension, or compression.
         monotone: whether its force is known not to fall with strain (no softening). The energy of
             groups that are `tension_only` and `monotone` is convex.
         has_memory: whether its state has history variables (`memory`), because its laws depend on
@@ -137,6 +136,7 @@ class Element(abc.ABC):
     has_length: bool = False
     symmetric: bool = True
     tension_only: bool = False
+    compression_only: bool = False
     monotone: bool = False
     has_memory: bool = False
     has_rupture: bool = False
@@ -341,11 +341,11 @@ class Element(abc.ABC):
         return jnp.diag(jnp.repeat(shares, 3))
 
     def is_slack(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Return whether one element is slack: without force, because it is too short."""
+        """Return whether one element is slack: without force, because it is too short, or open."""
         return jnp.zeros((), bool)
 
     def at_kink(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Return whether one element is between taut and slack, where forces have no derivative."""
+        """Return whether one element is between bearing and slack: forces have no derivative."""
         return jnp.zeros((), bool)
 
     # --- rupture, history variables, and loads that slide: see the table in `abilities`

@@ -17,10 +17,11 @@ OwnState: TypeAlias = Any
 """The `ElementState` that belongs to a class of elements. Type checkers see it as Any: otherwise a
 method that takes only this state could not override one that takes every state."""
 TotalLoads: TypeAlias = (
-    "tuple[Float[Array, 'n_elem 3'] | None, dict[str, list[Float[Array, ' n_elem']]] | None]"
+    "tuple[PyTree[Array] | None, dict[str, list[Float[Array, ' n_elem']]] | None]"
 )
 """Loads of an `ElementLoad` that do not depend on the unstressed length: dead load on the whole
-element, N, and pressures by "current" or "unstressed" length, N/m."""
+element, [n_elem, 3], N, or a pair of it and of the concentrated loads, [n_elem, k, 3 or 6], N and
+N m; and pressures by "current" or "unstressed" length, N/m."""
 
 
 @pytree
@@ -32,10 +33,13 @@ class ElementLoad:
         pressures: pressures that follow beams, or None: under the key "current" or "unstressed", by
             the length that they are per, a list of pairs (pressure [n_elem], N/m; unit axis
             [n_elem, 3]). A pressure acts along the cross product of its axis and the chord.
+        points: concentrated loads, [n_elem, k, 4 or 7], or None: the place from 0 to 1, the force,
+            N, and the moment, N m, of each.
     """
 
     line: Float[Array, "n_elem 3"] | None = None
     pressures: Pressures | None = None
+    points: Float[Array, "n_elem k 4or7"] | None = None
 
     def total_loads(self, rest_length: Float[Array, " n_elem"]) -> TotalLoads:
         """Return the loads that stay the same where the unstressed length [n_elem], m, changes.
@@ -45,22 +49,27 @@ class ElementLoad:
         line, pressures = self.line, self.pressures
         if line is not None:
             line = line * rest_length[:, None]
+        dead = line if self.points is None else (line, self.points[..., 1:])
         if pressures is None:
-            return line, None
-        return line, {per: [p for p, _ in pairs] for per, pairs in pressures.items()}
+            return dead, None
+        return dead, {per: [p for p, _ in pairs] for per, pairs in pressures.items()}
 
     def with_total_loads(
         self, amounts: TotalLoads, rest_length: Float[Array, " n_elem"]
     ) -> ElementLoad:
         """Return these loads with `amounts` as from `total_loads`, for an unstressed length, m."""
         line, pressures = amounts
+        points = self.points
+        if points is not None:
+            line, values = line  # type: ignore[misc]  # a pair
+            points = jnp.concatenate([points[..., :1], values], axis=-1)
         if line is not None:
             line = line / rest_length[:, None]
         if pressures is None or self.pressures is None:
-            return copy_with(self, line=line)
+            return copy_with(self, line=line, points=points)
         axes = {per: [axis for _, axis in pairs] for per, pairs in self.pressures.items()}
         pairs = {per: list(zip(p, axes[per], strict=True)) for per, p in pressures.items()}
-        return copy_with(self, line=line, pressures=pairs)
+        return copy_with(self, line=line, pressures=pairs, points=points)
 
 
 class ElementState:
@@ -104,6 +113,11 @@ class ElementState:
     def pressures(self) -> Pressures | None:
         """Pressures that follow the elements, by the length that they are per; None if none."""
         return None if self.element_load is None else self.element_load.pressures
+
+    @property
+    def point_loads(self) -> Float[Array, "n_elem k 4or7"] | None:
+        """Concentrated loads on the elements, as of `ElementLoad.points`; None if none."""
+        return None if self.element_load is None else self.element_load.points
 
     def zero_where_absent(self, values: PyTree[Array]) -> PyTree[Array]:
         """Return a tree of arrays [n_elem, ...] with zero, or False, for inactive elements."""

@@ -215,10 +215,9 @@ def positions_along(
     here = first - jnp.outer(arc[:, 0], load)
     mean = 0.5 * (first + here)
     both = _row_norms(first) + _row_norms(here)
-    weight2 = scalar_product(load, load)
-    unit = load / jnp.sqrt(jnp.where(weight2 > 0, weight2, 1.0))
+    weight, unit = magnitude_and_direction(load)
     along = jnp.outer(mean @ unit, unit)
-    c = jnp.sqrt(weight2) * arc / jnp.where(both > 0, both, 1.0)
+    c = weight * arc / jnp.where(both > 0, both, 1.0)
     theta = jnp.arctanh(jnp.minimum(c, 1 - jnp.finfo(c.dtype).eps))
     stretched = mean / stiffness
     straight = 2 / jnp.where(both > 0, both, 1.0)

@@ -1,9 +1,9 @@
 """Inner unknowns of a beam: degrees of freedom of an element beside the motion of its two ends.
 
 An element whose section is not linear has inner unknowns for the strains along its axis
-(`bending`); one whose ends rotate against their nodes has inner unknowns for its joints. They are
-stored in rows of motion after those of the ends (`Structure.motion_rows`), at indices (row,
-column).
+(`bending`), and for the mean shear angles if it is flexible in shear (`shear`); one whose ends
+rotate against their nodes has inner unknowns for its joints. They are stored in rows of motion
+after those of the ends (`Structure.motion_rows`), at indices (row, column).
 """
 
 from __future__ import annotations
@@ -11,11 +11,13 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.tree import shared_or_stacked
-from ..common.types import Array, ArrayLike, Float, Int
+from ..common import checks
+from ..common.tree import Indices, shared_or_stacked
+from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..sections import Section
+from . import shear
 from .abilities import Bending
-from .element import Forces, Motion
+from .element import Forces, Motion, Scalar
 from .prestress import AxialState
 
 # indices of a_1, a_2 and of b about y, z in the inner rows, by the number of these rows
@@ -27,6 +29,7 @@ class InnerUnknowns(Bending):
 
     section: Section
     points: int
+    hinges: Indices | None = None
     springs: Float[ArrayLike, "n_elem 2 3"] | None = None
 
     @property
@@ -34,17 +37,30 @@ class InnerUnknowns(Bending):
         """Indices of the inner unknowns of an element: pairs (row after the ends, column).
 
         Where the section is not linear they are the coefficients ``a_1 L, a_2 L`` of the axial
-        strain and ``b L^2 / 32``, the deflection of the middle beyond the cubic (see `bending`).
-        Joints have the rotation of each end, times a length.
+        strain and ``b L^2 / 32``, the deflection of the middle beyond the cubic (see `bending`);
+        then the mean shear angles times the length (see `shear`). Joints have the rotation of each
+        end, times a length.
         """
         rows = self._n_strain_rows
         joints = () if self.springs is None else np.ndindex(2, 3)
-        return (*self.strain_field_indices, *((rows + end, axis) for end, axis in joints))
+        angles = (place for place, _ in self._shear_places)
+        return (*self.strain_field_indices, *angles, *((rows + end, axis) for end, axis in joints))
 
     @property
     def strain_field_indices(self) -> tuple[tuple[int, int], ...]:
         """Indices (row, column) of those inner unknowns that describe strains along the axis."""
         return _STRAIN_FIELD_INDICES[self._n_strain_rows]
+
+    @property
+    def _shear_places(self) -> tuple[tuple[tuple[int, int], int], ...]:
+        """Indices (row, column) of the mean shear angles, each with 0 or 1: about y or z.
+
+        Empty if the section is linear, where they follow from the rotations of the ends, and if it
+        is rigid in shear. They are in columns that strains along the axis leave free.
+        """
+        section, rows = shared_or_stacked(self.section), self._n_strain_rows
+        flexible = [k for k, v in enumerate((section.GAz, section.GAy)) if v is not None]
+        return tuple((((0, 1 + k) if rows == 1 else (k, 2)), k) for k in flexible if rows)
 
     @property
     def n_inner_row(self) -> int:  # type: ignore[override]  # read only
@@ -57,6 +73,48 @@ class InnerUnknowns(Bending):
         if shared_or_stacked(self.section).is_elastic:
             return 0
         return 1 if self.points < 4 else 2
+
+    def unused_columns(self) -> Bool[np.ndarray, "n_elem n_inner_row 3"]:
+        """Return which entries hold no unknown in the rows of motion that an element adds, bool."""
+        count = len(self.links)
+        idle = np.ones((count, self.n_inner_row, 3), bool)
+        for (row, column), _ in self._shear_places:
+            idle[:, row, column] = False
+        for row, column in self.strain_field_indices:
+            idle[:, row, column] = False
+            if row == 1:  # fibres on one line do not resist bending along this line
+                places = checks.array_if_known((self.section.z, self.section.y)[column])
+                idle[:, row, column] = places is not None and np.ptp(places) == 0
+        if self.springs is not None:
+            idle[:, -2:] = ~self.hinges.array
+        return idle
+
+    def _strain_unknowns(self, motion: Motion, length: Scalar) -> Float[Array, "2 2"]:
+        """Return the unknowns `inner` of `bending.strain_field` of a section that is not linear."""
+        inner = jnp.zeros((2, 2), length.dtype)
+        if self._n_strain_rows == 1:
+            return inner.at[0, 0].set(motion[2, 0] / length)
+        size = jnp.stack([length, length**2 / 32])
+        return motion[2:4, :2] / size[:, None]
+
+    def _shear_angles(
+        self,
+        motion: Motion,
+        rotations: Float[Array, "2 3"],
+        length: Scalar,
+        load: Float[Array, " 3"] | None,
+        stiffness: Float[Array, "3 3"] | None,
+    ) -> shear.ShearAngles | None:
+        """Return the shear angles, or None if rigid; arguments as of `bending.strain_field`."""
+        resists = shear.shear_stiffness(self.section, length.dtype)
+        if resists is None:
+            return None
+        if stiffness is not None:
+            return shear.shear_angles_of_linear_section(resists, stiffness, rotations, length, load)
+        mean = jnp.zeros(2, length.dtype)
+        for (row, column), about in self._shear_places:
+            mean = mean.at[about].set(motion[2 + row, column] / length)
+        return shear.shear_angles(resists, length, load, mean)
 
     def _joint_rotations(self, state: AxialState, motion: Motion) -> Float[Array, "2 3"]:
         """Return rotations of the ends against their nodes, as ``tan(angle / 4) axis``, [2, 3]."""

@@ -22,7 +22,7 @@ from ..common.tree import copy_with, map_over_elements, pytree, shared_or_stacke
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..materials import Elastic, Parallel
 from ..materials.law import Law, require_law
-from ..sections import Section
+from ..sections import LinearSection, Section
 from .abilities import Uniaxial
 from .axial import Axial
 from .element import SECTION_STRAIN, TENSION, Ends, Motion, Result, Scalar
@@ -77,7 +77,10 @@ class Straight(Axial, Prestressed, Uniaxial):
         if self.law is not None:
             require_law(self.law, "law")
         if self.section is not None and not isinstance(self.section, Section):
-            raise ValueError(f"section: {type(self.section).__name__} is not a Section")
+            text = f"section: {type(self.section).__name__} is not a Section"
+            if isinstance(self.section, LinearSection):
+                text = "section: its stiffnesses are for Beams; give axial_stiffness instead"
+            raise ValueError(text)
         if self.compliance is not None:
             self._check_compliance()
         refuse_if_broken(self.rules())

@@ -33,7 +33,12 @@ from jax.typing import DTypeLike
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..mechanics.assembly import System
-from ..mechanics.chords import Chords, relative_to_first_end, tension_only_chords
+from ..mechanics.chords import (
+    Chords,
+    compression_only_chords,
+    relative_to_first_end,
+    tension_only_chords,
+)
 from ..spaces.space import Forces
 
 _CYCLE = 50, 40  # steps of a cycle, and how many of them have predicted forces
@@ -84,6 +89,9 @@ class PredictedForces:
         """
         least = np.where(tension_only_chords(system.groups), 0.0, -np.inf).astype(force.dtype)
         force = jnp.maximum(force, least)
+        presses = compression_only_chords(system.groups)
+        if presses.any():
+            force = jnp.minimum(force, np.where(presses, 0.0, np.inf).astype(force.dtype))
         load = jnp.max(system.space.force_norm(system.load))
         cut_off = jnp.maximum(_MAX_OF_PREDICTED * jnp.abs(force), _NEVER_CUT * load)
         cut_off = jnp.where(predicting, cut_off, jnp.inf)

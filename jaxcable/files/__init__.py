@@ -15,6 +15,9 @@ ParaView, ``.vtk``                                                   `save_vtk`
 OpenSees, ``.py``                                                    `save_opensees`
 ===========================  ======================================  ===========================
 
+Scenes state their units (`Units`), SI by default; readers and writers of other formats take
+``units=``. What is read is in SI units in any case.
+
 A `Net` is completed to a scene by its method ``scene``, with supports and stiffnesses; its method
 ``split`` makes nodes where links cross.
 
@@ -25,6 +28,7 @@ Files are data: nothing in them is executed. A file with wrong contents raises a
 names the file and the line or field. `scene_schema` describes scene files to editors.
 """
 
+from ..common.units import Units
 from .codec import register
 from .csv_nets import read_csv
 from .dxf import read_dxf
@@ -46,6 +50,7 @@ __all__ = [
     "FileError",
     "Net",
     "Omission",
+    "Units",
     "load_result",
     "load_scene",
     "read_csv",

@@ -21,28 +21,20 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 
+from .. import loads
 from ..analysis.phases import Phase
 from ..common.checks import holds_boolean
 from ..common.selection import Only, Selection, WholeGroups
 from ..common.tree import Indices
-from ..elements import Bars, Beams, Cables, Catenaries, SlidingCables
+from ..elements import Bars, Beams, Bearings, Cables, Catenaries, Contacts, SlidingCables, Springs
 from ..elements.element import Element
-from ..loads import (
-    AreaLoads,
-    CablePressure,
-    FacePressure,
-    LineLoads,
-    NodalLoads,
-    SelfWeight,
-    SupportMovement,
-    Varying,
-)
 from ..loads.load import Load
+from ..loads.wind_profiles import WindProfile
 from ..materials import Elastic, Parallel, Polygonal
 from ..materials.law import Law
 from ..model.structure import Structure, is_group
 from ..model.supports import Supports
-from ..sections import Section
+from ..sections import LinearSection, Section
 from .reading import FileError
 
 UserClass = TypeVar("UserClass", bound=type)
@@ -51,9 +43,13 @@ TYPES: dict[str, type] = {
     cls.__name__: cls
     for cls in (
         *(Structure, Supports, Phase, Only, Selection),
-        *(Bars, Beams, Cables, Catenaries, SlidingCables),
-        *(AreaLoads, CablePressure, FacePressure, LineLoads, NodalLoads, SelfWeight),
-        *(SupportMovement, Varying, Elastic, Parallel, Polygonal, Section),
+        *(Bars, Beams, Bearings, Cables, Catenaries, Contacts, SlidingCables, Springs),
+        *(loads.AreaLoads, loads.CablePressure, loads.FacePressure, loads.IceLoads),
+        *(loads.LineLoads, loads.NodalLoads, loads.PointLoads, loads.PointMasses),
+        *(loads.SelfWeight, loads.SupportMovement, loads.Varying, loads.WindLoads),
+        *(loads.Crowd, loads.Train),
+        *(loads.EurocodeWind, loads.WindPowerLaw, loads.WindTable),
+        *(Elastic, Parallel, Polygonal, Section, LinearSection),
     )
 }
 """Classes whose objects a file can hold, by name."""
@@ -91,6 +87,9 @@ def register(cls: UserClass) -> UserClass:
 
 IMPLIED_CLASSES = {"structure": Structure, "supports": Supports, "section": Section}
 """Classes of objects that need not name theirs, by the field that they stand in."""
+
+ALTERNATIVE_CLASSES: dict[type, tuple[type, ...]] = {Section: (LinearSection,)}
+"""Classes that may stand in place of an implied one; their objects name them under "type"."""
 
 COMMENT = "comment"
 """Field of every object of a class that is not read: for people."""
@@ -268,7 +267,7 @@ def _decode_object(data, where, implied, depth):
     if not isinstance(name, str) or name not in TYPES:
         raise FileError(f"{where}: unknown type {name!r}{_suggest_name(name, TYPES)}")
     cls = TYPES[name]
-    if implied is not None and cls is not implied:
+    if implied is not None and cls not in (implied, *ALTERNATIVE_CLASSES.get(implied, ())):
         raise FileError(f"{where}: expected a {implied.__name__}, got a {name}")
     kinds = {field.name: str(field.type) for field in user_fields(cls)}
     values = {}
@@ -320,6 +319,7 @@ EXPLICIT_CLASSES: dict[type, tuple[tuple[str, ...], str]] = {
     Element: (("PyTree[Element]",), 'a group of elements, such as "type": "Cables"'),
     Load: (("Load", "Sequence[Load]"), 'a load, such as "type": "NodalLoads"'),
     Law: (("Law", "Sequence[Law]"), 'a law, such as "type": "Elastic"'),
+    WindProfile: (("WindProfile",), 'a wind profile, such as "type": "EurocodeWind"'),
 }
 """Classes of objects that name theirs: annotations of fields, and words for a message."""
 

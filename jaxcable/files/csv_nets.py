@@ -7,7 +7,9 @@ from os import PathLike
 
 import numpy as np
 
+from ..common.units import UnitsLike, as_units
 from .csv_tables import read_table
+from .net_units import read_in_units
 from .nets import ELEMENT_CLASSES, GROUP_PROPERTIES, PRESTRESS_INPUTS, Net
 from .omissions import Omissions
 from .reading import LARGEST, FileError
@@ -25,8 +27,9 @@ def read_csv(
     largest: int = LARGEST,
     *,
     columns: Mapping[str, str] | None = None,
+    units: UnitsLike | None = None,
 ) -> Net:
-    """Read a net from two CSV tables, whose first lines name their columns; SI units.
+    """Read a net from two CSV tables, whose first lines name their columns.
 
     - nodes: ``x, y, z``; optional ``node`` (a name; default the number of the node, from 0),
       ``support`` (0, 1, or the held directions, as ``xz``) or ``free`` (the same, of what is not
@@ -49,13 +52,15 @@ def read_csv(
             ``{"x": "X_COORD", "support": "Fixed"}``, or ``{"free": "Fixity"}`` for a program that
             writes 1 where a node is free. Columns that are neither named so nor above are then left
             out, and counted in an `InputWarning` and in ``Net.omissions``.
+        units: units of all numbers in both files, such as "kN, m" (see `Units`); default: SI
+            units. An `InputWarning` asks for them if the net is larger than 1 km.
 
     Returns:
-        `Net`; ``net.scene()`` makes a scene of it.
+        `Net`, in SI units; ``net.scene()`` makes a scene of it.
 
     Raises:
         FileError: wrong contents; the message names the file, the line and the column.
-        ValueError: `columns` names a column that is not above.
+        ValueError: `columns` names a column that is not above; unknown units.
         OSError: there is no such file, or it cannot be read.
 
     Example:
@@ -69,6 +74,7 @@ def read_csv(
         ([[0, 1]], [True, True])
     """
     own = _column_aliases(columns)
+    shown = None if units is None else as_units(units)
     table = Omissions(f"{nodes}, {links}")
     lines = read_table(nodes, _NODE_COLUMNS, ("x", "y", "z"), own, table, largest)
     names, places, fixed, loads = {}, [], [], []
@@ -96,7 +102,7 @@ def read_csv(
                 values.setdefault(column, []).append(line.number(column, np.nan))
     forces = np.array(loads)
     table.warn()
-    return Net(
+    net = Net(
         nodes=np.array(places),
         links=np.array(pairs, np.int32),
         fixed=np.array(fixed),
@@ -107,6 +113,7 @@ def read_csv(
         names=tuple(names),
         omissions=table.rows(),
     )
+    return read_in_units(net, nodes, shown)
 
 
 def _column_aliases(columns):

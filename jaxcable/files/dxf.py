@@ -13,7 +13,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..common.compilation import without_garbage_collection
+from ..common.units import UnitsLike
 from .arcs import points_along_entity
+from .net_units import scale_in_units
 from .nets import Net
 from .omissions import Omissions
 from .polylines import Polyline, net_from_polylines
@@ -46,6 +48,7 @@ def read_dxf(
     sagitta: float | None = None,
     hidden: bool = False,
     largest: int = LARGEST,
+    units: UnitsLike | None = None,
 ) -> Net:
     """Read the lines and polylines of a drawing; its layers become groups.
 
@@ -68,15 +71,19 @@ def read_dxf(
             their place, m; None leaves them out.
         hidden: whether to read layers that are off or frozen, and invisible entities, too.
         largest: largest size that is read, bytes.
+        units: units of the file, such as "kN, mm", of which coordinates have the length (see
+            `Units`), for drawings whose header has no unit.
 
     Returns:
         `Net`, without stiffness; ``net.scene(axial_stiffness=...)`` makes a scene of it. Its
         `marks` are the nodes at POINTs, by layer. Bars that `save_dxf` has written stay bars.
 
     Raises:
-        FileError: no drawing, no lines, no unit, a line without length, a number that is not
-            finite, a support that is not at a node; the message names the entity by its handle.
-        ValueError: ezdxf is not installed; a wrong `scale`, `tol` or `sagitta`.
+        FileError: no drawing, no lines, no unit, another unit in the header than in `units`, a
+            line without length, a number that is not finite, a support that is not at a node; the
+            message names the entity by its handle.
+        ValueError: ezdxf is not installed; a wrong `scale`, `tol` or `sagitta`; unknown units, or
+            units beside a scale.
         OSError: there is no such file, or it cannot be read.
 
     Example:
@@ -88,6 +95,8 @@ def read_dxf(
         >>> len(net.links), set(net.groups), int(net.fixed[:, 0].sum())
         (12, {'Cables'}, 8)
     """
+    stated = scale_in_units(units, None)
+    scale = scale_in_units(units, scale)
     if (scale is not None and not 0 < scale < np.inf) or not 0 <= tol < np.inf:
         raise ValueError(f"scale = {scale}, tol = {tol}: expected positive numbers")
     if sagitta is not None and not 0 < sagitta < np.inf:
@@ -114,7 +123,12 @@ def read_dxf(
         if not metres:
             raise FileError(
                 f"the drawing does not say its unit ($INSUNITS = {unit}); give metres per drawing "
-                "unit: scale=0.001 for mm (--scale 0.001)"
+                'unit: scale=0.001 for mm (--scale 0.001), or units="N, mm" (--units "N, mm")'
+            )
+        if stated is not None and METRES_PER_UNIT.get(unit, stated) != stated:
+            raise FileError(
+                f"the drawing says that its unit is {METRES_PER_UNIT[unit]:g} m, and units = "
+                f'"{units}" that it is {stated:g} m; give the right one by scale=... (--scale)'
             )
         if supports is None:
             marked = {entity.layer for entity in entities if entity.kind == "POINT"}

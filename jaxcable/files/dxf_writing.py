@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.solution import Solution
+from ..common.units import UnitsLike
 from ..common.writing import atomic_write
 from ..elements import Bars
 from ..model.result_parts import element_faces, named_groups_of
 from ..model.structure import Structure
 from .dxf import BARS_PROPERTY, METRES_PER_UNIT, SUPPORTS_PROPERTY, import_ezdxf
 from .end_of_analysis import end_state, require_suffix
+from .net_units import scale_in_units
 
 _COLOURS = (5, 1, 3, 6, 4, 2)  # of groups, by the format's numbers: blue, red, green, ...
 _GREY = 8  # of points
@@ -25,7 +27,9 @@ def save_dxf(
     path: str | PathLike[str],
     structure: Structure,
     solution: Solution | None = None,
-    scale: float = 1.0,
+    scale: float | None = None,
+    *,
+    units: UnitsLike | None = None,
 ) -> list[Path]:
     """Write a structure as a drawing, with a layer and a color for each group.
 
@@ -40,14 +44,18 @@ def save_dxf(
         solution: its `Solution`, for the positions at its end; if it has failed, those of the last
             converged state. None draws the nodes as they are in the structure.
         scale: metres per unit of the drawing: 1 for metres, 1e-3 for mm, 1e-2 for cm, 0.0254 for
-            inches, 0.3048 for feet.
+            inches, 0.3048 for feet; None for that of `units`, or metres.
+
+    Options:
+        units: units of which coordinates have the length, such as "kip, ft" (see `Units`).
 
     Returns:
         Paths of the files written, a list.
 
     Raises:
         ValueError: another suffix or scale, groups whose names give the same layer, a batch,
-            another structure than that of the solution; ezdxf is not installed.
+            another structure than that of the solution; unknown units, or units beside a scale;
+            ezdxf is not installed.
         OSError: the file cannot be written.
 
     Example:
@@ -59,15 +67,16 @@ def save_dxf(
         >>> print(f"{net.nodes[:, 2].min():.6f} m")
         -0.012838 m
     """
-    path = require_suffix(path, ".dxf")
-    units = {metres: unit for unit, metres in METRES_PER_UNIT.items()}
-    if scale not in units:
-        known = ", ".join(map(str, sorted(units)))
+    path, scale = require_suffix(path, ".dxf"), scale_in_units(units, scale)
+    scale = 1.0 if scale is None else scale
+    codes = {metres: unit for unit, metres in METRES_PER_UNIT.items()}
+    if scale not in codes:
+        known = ", ".join(map(str, sorted(codes)))
         raise ValueError(f"scale = {scale}: expected metres per drawing unit, one of {known}")
     last = None if solution is None else end_state(structure, solution)
     places = np.asarray(structure.nodes if last is None else last.positions, float)
     document = import_ezdxf().new("R2010")
-    document.header["$INSUNITS"], document.header["$MEASUREMENT"] = units[scale], 1
+    document.header["$INSUNITS"], document.header["$MEASUREMENT"] = codes[scale], 1
     space, points = document.modelspace(), (places / scale).tolist()
     layers = {"0", "defpoints"}
     for number, (name, group) in enumerate(named_groups_of(structure)):

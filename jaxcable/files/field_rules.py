@@ -25,7 +25,10 @@ def joint_field_rules(cls: type) -> Schema:
     elif name == "Beams":
         bare: Schema = {
             "properties": {
-                "section": {"not": _has_field_condition("torsion"), "doNotSuggest": True}
+                "section": {
+                    "not": {"anyOf": [_has_field_condition("torsion"), _has_field_condition("GJ")]},
+                    "doNotSuggest": True,
+                }
             }
         }
         twists = {"anyOf": [_has_field_condition("torsional_stiffness"), {"not": bare}]}
@@ -35,15 +38,26 @@ def joint_field_rules(cls: type) -> Schema:
         per = {"properties": {"per": {"enum": ["initial", "projected"], "doNotSuggest": True}}}
         given = {"if": {**begun, "required": ["geometry"]}, "then": {**per, "required": ["per"]}}
         rules = [given]
+    elif name == "WindTable":
+        other = _forbid_fields("pressures", why="Give velocities or pressures, not both.")
+        missing = _require_unless(_has_field_condition("pressures"), "velocities, or pressures")
+        rules = [{"if": _has_field_condition("velocities"), "then": other, "else": missing}]
+    elif name == "EurocodeWind":
+        own = ("roughness_length", "lowest_height")
+        why = "Give a terrain category, or roughness_length and lowest_height."
+        both: Schema = {"allOf": [_has_field_condition(field) for field in own]}
+        missing = _require_unless(both, "terrain, or roughness_length and lowest_height")
+        other = _forbid_fields(*own, why=why)
+        rules = [{"if": _has_field_condition("terrain"), "then": other, "else": missing}]
     elif name in ("AreaLoads", "FacePressure"):
         one = _forbid_fields(
             "on", "elements", why="Give faces, or a group whose elements have them."
         )
         rules = [{"if": _has_field_condition("faces"), "then": one}]
     elif issubclass(cls, Straight) and name != "Catenaries":
-        both = [_has_field_condition("area"), _has_field_condition("law")]
-        missing = "axial_stiffness, or area and law, or section"
-        either = {**_require_unless({"anyOf": both}, missing), "else": {"allOf": both}}
+        two = [_has_field_condition("area"), _has_field_condition("law")]
+        needed = "axial_stiffness, or area and law, or section"
+        either = {**_require_unless({"anyOf": two}, needed), "else": {"allOf": two}}
         by_section = {
             "if": _has_field_condition("section"),
             "then": _forbid_fields("area", "law"),
@@ -53,6 +67,9 @@ def joint_field_rules(cls: type) -> Schema:
         rules = [
             {"if": _has_field_condition("axial_stiffness"), "then": others, "else": by_section}
         ]
+        if name == "Contacts":
+            one = _forbid_fields("rest_length", why="Give gap or rest_length, not both.")
+            rules.append({"if": _has_field_condition("gap"), "then": one})
     return {"allOf": rules} if rules else {}
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..common.types import Bool, Float, Int
+from ..common.units import SI, Units
 from .crossings import find_crossings, find_nodes_on_links, link_lengths
 
 NEAR_FRACTION = 0.01
@@ -142,9 +143,9 @@ def _first_crossing(nodes, links, found):
     return (first + found.fractions[0, 0] * (last - first))[None]
 
 
-def format_position(node: Float[np.ndarray, " 3"]) -> str:
-    """Return the position of a node, m, as text: "(x, y, z) m"."""
-    return f"({', '.join(f'{x:.6g}' for x in node + 0.0)}) m"
+def format_position(node: Float[np.ndarray, " 3"], units: Units = SI) -> str:
+    """Return the position of a node, m, as text in `units`: "(x, y, z) m"."""
+    return f"({', '.join(f'{x:.6g}' for x in units.from_si(node + 0.0, 'm'))}) {units.length}"
 
 
 def _format_millimetres(distance):

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from ..common.units import UnitsLike, as_units
 from . import attributes as about
 from .distributed_loads import DistributedLoads, add_distributed_loads
 from .net_search import FoundNet, find_net
+from .net_units import read_in_units
 from .nets import Net
 from .omissions import Omissions
 from .reading import LARGEST, FileError, read_json
@@ -22,7 +24,9 @@ _ORDER = frozenset("max_node max_vertex max_face max_edge adjacency halfedge nam
 """Fields of a net that follow from others."""
 
 
-def read_network(path: str | PathLike[str], largest: int = LARGEST) -> Net:
+def read_network(
+    path: str | PathLike[str], largest: int = LARGEST, *, units: UnitsLike | None = None
+) -> Net:
     """Read a network, graph or mesh that compas 1 or 2, compas_fd or jax_fdm has written as JSON.
 
     The file may also be the session of a program, such as compas_fofin: its first net is read.
@@ -47,11 +51,16 @@ def read_network(path: str | PathLike[str], largest: int = LARGEST) -> Net:
         path: path of the file.
         largest: largest size that is read, bytes.
 
+    Options:
+        units: units of all numbers in the file, such as "kN, m" (see `Units`); default: SI units.
+            An `InputWarning` asks for them if the net is larger than 1 km.
+
     Returns:
-        `Net`; ``net.scene(axial_stiffness=...)`` makes a scene of it.
+        `Net`, in SI units; ``net.scene(axial_stiffness=...)`` makes a scene of it.
 
     Raises:
         FileError: the file holds no such net; the message names the field.
+        ValueError: unknown units.
         OSError: there is no such file, or it cannot be read.
 
     Example:
@@ -63,9 +72,11 @@ def read_network(path: str | PathLike[str], largest: int = LARGEST) -> Net:
         >>> jc.files.read_network(path).values["force_density"].tolist()
         [2.0]
     """
+    shown = None if units is None else as_units(units)
     data = read_json(path, largest)
     with Omissions(path) as table:
-        return _net_from_data(find_net(data, table), table)
+        net = _net_from_data(find_net(data, table), table)
+    return read_in_units(net, path, shown)
 
 
 def _net_from_data(found: FoundNet, table: Omissions) -> Net:

@@ -7,7 +7,9 @@ from os import PathLike
 
 import numpy as np
 
+from ..common.units import UnitsLike
 from . import reading
+from .net_units import scale_in_units, warn_of_extent
 from .nets import Net
 from .omissions import Omissions
 from .polylines import Polyline, net_from_polylines
@@ -30,10 +32,11 @@ _FREE_FORM = {
 
 def read_obj(
     path: str | PathLike[str],
-    scale: float = 1.0,
+    scale: float | None = None,
     *,
     tolerance: float = 1e-6,
     largest: int = LARGEST,
+    units: UnitsLike | None = None,
 ) -> Net:
     """Read points (``v``), lines, polylines (``l``) and edges of faces (``f``) of an OBJ file.
 
@@ -45,11 +48,14 @@ def read_obj(
 
     Args:
         path: path of the file.
-        scale: metres per unit of the file: 1e-3 for millimetres.
+        scale: metres per unit of the file: 1e-3 for millimetres; None takes that of `units`.
 
     Options:
         tolerance: largest distance of points that become one node, m.
         largest: largest size that is read, bytes.
+        units: units of the file, such as "kN, mm", of which coordinates have the length (see
+            `Units`); default: SI units. An `InputWarning` asks for them if the net is larger than
+            1 km.
 
     Returns:
         `Net`, without supports and stiffness; add them by
@@ -58,6 +64,8 @@ def read_obj(
     Raises:
         FileError: no points or lines, an unknown point, a line without length; the message names
             the line.
+        ValueError: a scale or tolerance that is not positive; unknown units, or units beside a
+            scale.
         OSError: there is no such file, or it cannot be read.
 
     Example:
@@ -67,6 +75,9 @@ def read_obj(
         >>> jc.files.read_obj(path, scale=1e-3).links.tolist()
         [[0, 1], [1, 2]]
     """
+    doubtful = scale is None and units is None
+    scale = scale_in_units(units, scale)
+    scale = 1.0 if scale is None else scale
     if not 0 < scale < np.inf or not 0 <= tolerance < np.inf:
         raise ValueError(f"scale = {scale}, tolerance = {tolerance}: expected positive numbers")
     text = read_text(path, largest)
@@ -82,7 +93,10 @@ def read_obj(
             places = scale * np.array(points)
         net = net_from_polylines(places, lines, tolerance, table, "line")
         groups = net.groups if len(set(net.groups or ())) > 1 else None
-        return dataclasses.replace(net, groups=groups, omissions=table.rows())
+        net = dataclasses.replace(net, groups=groups, omissions=table.rows())
+    if doubtful:
+        warn_of_extent(net, path)
+    return net
 
 
 def _parse_points_and_lines(text, table):

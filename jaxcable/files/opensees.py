@@ -1,9 +1,9 @@
 """A script for OpenSees (openseespy) that computes the end state of an analysis again.
 
-Cables and bars become ``corotTruss`` elements, whose strain is relative to the initial chord ``c``.
-A force ``N(e)`` at the strain ``e = (l - L0) / L0`` relative to the unstressed length is therefore
-a curve over ``(l - c) / c = (e L0 - (c - L0)) / c``: straight lines stay straight, so that
-``ElasticMultiLinear`` describes prestress, slackness and laws given by points exactly.
+Cables, bars and contacts become ``corotTruss`` elements, whose strain is relative to the initial
+chord ``c``. A force ``N(e)`` at the strain ``e = (l - L0) / L0`` relative to the unstressed length
+is therefore a curve over ``(l - c) / c = (e L0 - (c - L0)) / c``: straight lines stay straight, so
+that ``ElasticMultiLinear`` describes prestress, slackness, gaps and laws given by points exactly.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def save_opensees(
 
     Args:
         path: path of the file, ending with .py.
-        structure: `Structure` of cables and bars that was analysed.
+        structure: `Structure` of cables, bars and contacts that was analysed.
         solution: its `Solution`, with status OK. Following loads become dead loads as at the end.
         steps: number of load steps of the first attempt.
 
@@ -51,7 +51,8 @@ def save_opensees(
         Paths of the files written, a list of one.
 
     Raises:
-        ValueError: beams, catenaries, sliding cables; laws with memory; a failed analysis.
+        ValueError: beams, catenaries, sliding cables, springs to the ground; laws with memory; a
+            failed analysis.
         OSError: the file cannot be written.
 
     Example:
@@ -114,8 +115,8 @@ def require_exportable(structure: Structure) -> None:
         name = name or "elements"
         if not isinstance(group, Straight) or group.links.shape[1] != 2 or group.shaped_by_load:
             raise ValueError(
-                f"structure: {name} are {type(group).__name__}; only Cables and Bars can be "
-                "exported to OpenSees"
+                f"structure: {name} are {type(group).__name__}; only Cables, Bars and "
+                "Contacts can be exported to OpenSees"
             )
         if group.has_memory:
             raise ValueError(
@@ -147,7 +148,8 @@ def _force_strain_curves(structure, group, state):
 def _force_strain_curve(group, k):
     """Return the corners of the force-strain curve of element `k`: strains, and forces in N.
 
-    A curve of elements that take tension only has no force at negative strains.
+    A curve of elements that take tension only has no force at negative strains, one of contacts
+    none at positive strains.
     """
     softness = 0.0 if group.compliance is None else float(group.compliance[k])
     if group.axial_stiffness is not None:
@@ -166,4 +168,7 @@ def _force_strain_curve(group, k):
     if group.tension_only:
         taut = strain >= 0
         strain, force = np.append(-1.0, strain[taut]), np.append(0.0, force[taut])
+    if group.compression_only:
+        closed = strain <= 0
+        strain, force = np.append(strain[closed], 1.0), np.append(force[closed], 0.0)
     return strain, force

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..analysis.solution import Solution
 from ..common import status
+from ..common.units import SI, Units, UnitsLike, as_units
 from ..common.writing import atomic_write, atomic_write_together, write_npz
 from ..model.result_parts import (
     ResultColumn,
@@ -36,10 +37,16 @@ _PER_INCREMENT = (
 )
 
 
-def save_result(path: str | PathLike[str], structure: Structure, solution: Solution) -> list[Path]:
+def save_result(
+    path: str | PathLike[str],
+    structure: Structure,
+    solution: Solution,
+    *,
+    units: UnitsLike | None = None,
+) -> list[Path]:
     """Write a result to files, in the format that the suffix names.
 
-    - ``.npz``: all arrays of `flat`, binary (NumPy).
+    - ``.npz``: all arrays of `flat`, binary (NumPy), in SI units.
     - ``.json``: the same arrays as text; numbers that are not finite become null, and floats are
       read back in double precision.
     - ``.csv``: three result_tables, ``name-nodes.csv``, ``name-elements.csv`` and
@@ -51,11 +58,16 @@ def save_result(path: str | PathLike[str], structure: Structure, solution: Solut
         solution: its `Solution`; may be a failed one. The last converged state has the names
             ``last.``.
 
+    Options:
+        units: units of the CSV tables, such as "kN, m" (see `Units`); default: SI units, in which
+            files of the other formats always are.
+
     Returns:
         Paths of the files written, a list.
 
     Raises:
-        ValueError: another suffix, or a batch for a table.
+        ValueError: another suffix, or a batch for a table; unknown units, or units for another
+            format than CSV.
         OSError: the file cannot be written.
 
     Example:
@@ -68,6 +80,9 @@ def save_result(path: str | PathLike[str], structure: Structure, solution: Solut
     """
     path = Path(path)
     suffix = path.suffix.lower()
+    shown = SI if units is None else as_units(units)
+    if units is not None and suffix in (".npz", ".json"):
+        raise ValueError(f"units: results in {suffix} files are in SI units; .csv has others")
     if suffix == ".npz":
         with atomic_write(path, "wb") as stream:
             write_npz(stream, flatten_result(structure, solution), compressed=True)
@@ -84,7 +99,8 @@ def save_result(path: str | PathLike[str], structure: Structure, solution: Solut
         return [path]
     if suffix == ".csv":
         texts = {
-            name: format_csv(rows) for name, rows in result_tables(structure, solution).items()
+            name: format_csv(rows)
+            for name, rows in result_tables(structure, solution, shown).items()
         }
         done = [path.with_name(f"{path.stem}-{name}.csv") for name in texts]
         with atomic_write_together() as begin:
@@ -227,8 +243,12 @@ def _result_array_type(name):
     return bool if last == "stable" else int if last in counts else float
 
 
-def result_tables(structure: Structure, solution: Solution) -> dict[str, list[list[Any]]]:
+def result_tables(
+    structure: Structure, solution: Solution, units: Units = SI
+) -> dict[str, list[list[Any]]]:
     """Return the tables "nodes", "elements" and "increments" by name: lists of rows, header first.
+
+    Numbers are in `units`, which the headers name.
 
     Raises:
         ValueError: the solution is a batch, or belongs to another structure.
@@ -240,8 +260,10 @@ def result_tables(structure: Structure, solution: Solution) -> dict[str, list[li
         for name in ("positions", "displacement", "load", "reactions")
     ]
     header = ["node", "support"]
-    for word, unit in (("", "m"), ("displacement ", "m"), ("load ", "N"), ("reaction ", "N")):
-        header += [f"{word}{axis} ({unit})" for axis in "xyz"]
+    words = ("", "m"), ("displacement ", "m"), ("load ", "N"), ("reaction ", "N")
+    for word, unit in words:
+        header += [f"{word}{axis} ({units.name(unit)})" for axis in "xyz"]
+    vectors = [units.from_si(x, unit) for x, (_, unit) in zip(vectors, words, strict=True)]
     nodes: list[list[Any]] = [header]
     for k in range(structure.n_node):
         held = "".join(axis for axis, is_held in zip("xyz", fixed[k], strict=True) if is_held)
@@ -251,18 +273,25 @@ def result_tables(structure: Structure, solution: Solution) -> dict[str, list[li
     )
     told = result_columns(structure.groups, solution.element_results)
     told.insert(1 if told and told[0].label == "tension" else len(told), lengths)
-    heads = [f"{column.label.replace('_', ' ')} ({column.unit})" for column in told]
+    heads = [f"{column.label.replace('_', ' ')} ({units.shown(column.unit)})" for column in told]
     elements: list[list[Any]] = [["group", "element", "first", "last", *heads]]
     values = zip(*(column.values for column in told), strict=True)
     for (name, group), of_group in zip(named_groups_of(structure), values, strict=True):
         for k, ends in enumerate(end_nodes(group).tolist()):
-            numbers = (None if result is None else float(result[k]) for result in of_group)
+            numbers = (
+                None if result is None else units.from_si(float(result[k]), column.unit)
+                for result, column in zip(of_group, told, strict=True)
+            )
             elements.append([name, k, *ends, *numbers])
     names = [n for n in _PER_INCREMENT if n != "displacement"]
-    units = {name: f"{name} (N)" for name in ("residual", "rounding")}
-    increments: list[list[Any]] = [["phase", "increment", *(units.get(n, n) for n in names)]]
+    heads = [f"{n} ({units.name('N')})" if n in ("residual", "rounding") else n for n in names]
+    increments: list[list[Any]] = [["phase", "increment", *heads]]
     for number, phase in enumerate(solution.phases, 1):
-        arrays = [np.asarray(getattr(phase.path, name)).tolist() for name in names]
+        arrays = [
+            units.from_si(array, "N" if head != name else "").tolist()
+            for name, head in zip(names, heads, strict=True)
+            for array in (np.asarray(getattr(phase.path, name)),)
+        ]
         increments += [[number, k, *line] for k, line in enumerate(zip(*arrays, strict=True), 1)]
     return {"nodes": nodes, "elements": elements, "increments": increments}
 

@@ -12,7 +12,8 @@ The format, version 1::
       {"pretension": 200.0, "increments": 10},
       {"loads": {"type": "NodalLoads", "nodes": [1], "forces": [0.0, 0.0, -10.0]}}]}
 
-Fields are the arguments of the classes of this package, in SI units; node numbers start at 0. An
+Fields are the arguments of the classes of this package, in SI units, or in those that the file
+states by ``"units": "kN, m"`` at its top; node numbers start at 0. An
 object with a "type" is of a class in `codec.TYPES`; without it, it is a dict, as of element groups.
 
 A "comment", a text or a list of lines, may stand at the top and in every object of a class: in
@@ -34,6 +35,7 @@ from os import PathLike
 from ..analysis.phases import Phase, as_phases
 from ..analysis.preparation import prepare
 from ..common.checks import without_warnings
+from ..common.units import UnitsLike, as_units
 from ..common.writing import atomic_write
 from ..model.structure import Structure
 from ..scenes import Scene
@@ -41,6 +43,7 @@ from .codec import COMMENT, decode, encode
 from .json_format import format_json
 from .omissions import Omissions
 from .reading import LARGEST, FileError, read_json
+from .scene_units import SceneConverter, UnitError
 
 _SCHEMA = "scene.schema.json"  # as it is usually called
 FORMAT = "jaxcable scene"
@@ -50,20 +53,29 @@ MOST_INCREMENTS = 1_000_000
 
 
 def save_scene(
-    path: str | PathLike[str], scene: Scene | tuple[Structure, Phase | Sequence[Phase]]
+    path: str | PathLike[str],
+    scene: Scene | tuple[Structure, Phase | Sequence[Phase]],
+    *,
+    units: UnitsLike | None = None,
 ) -> None:
     """Write a structure and its phases to a JSON file, which `load_scene` reads back exactly.
 
     Every number keeps all its digits (also in float32), so that the loaded scene has an identical
-    solution. The file is written completely or not at all.
+    solution. In other units than SI, numbers read back differ from those written by rounding (2
+    units in the last place). The file is written completely or not at all.
 
     Args:
         path: path of the file.
-        scene: `Scene`, or a pair (structure, phases).
+        scene: `Scene`, or a pair (structure, phases), in SI units.
+
+    Options:
+        units: units of the numbers in the file, such as "kN, m" or "kip, ft, F", which the file
+            states (see `Units`); default: those of ``scene.units`` if it has some, otherwise SI.
 
     Raises:
         ValueError: a file cannot hold the scene: NaN, a traced number, names of groups that are no
-            texts.
+            texts; unknown units; a unit of temperatures that is needed, or a class of your own
+            whose docstring does not state the units of its fields.
         OSError: the file cannot be written.
 
     Example:
@@ -73,25 +85,45 @@ def save_scene(
         >>> scene = jc.load_scene(path)
         >>> scene.structure.n_node, len(scene.phases)
         (12, 2)
+
+        In kilonewtons, and read back into newtons:
+
+        >>> jc.save_scene(path, scene, units="kN, m")
+        >>> print([line for line in path.read_text().splitlines() if "pretension" in line][0])
+           "pretension": 0.2
+        >>> again = jc.load_scene(path)
+        >>> print(again.units, float(again.phases[0].pretension))
+        kN, m, K 200.0
     """
+    stated = getattr(scene, "units", None) if units is None else as_units(units)
     try:
         structure, phases = scene
     except (TypeError, ValueError):
         raise ValueError("scene: expected a Scene or a pair (structure, phases)") from None
     phases = as_phases(structure, phases)
     data = {
-        "format": FORMAT,
-        "version": VERSION,
         "structure": encode(structure, "structure", Structure),
         "phases": [encode(phase, f"phases[{k}]", Phase) for k, phase in enumerate(phases)],
     }
-    text = format_json(data)
+    if stated is not None:
+        convert = SceneConverter(stated, to_si=False)
+        data["structure"] = convert.structure(data["structure"])
+        data["phases"] = [
+            convert.phase(phase, f"phases[{k}]", structure)
+            for k, phase in enumerate(data["phases"])
+        ]
+        data = {"units": stated.as_dict(), **data}
+    text = format_json({"format": FORMAT, "version": VERSION, **data})
     with atomic_write(path) as stream:
         stream.write(text + "\n")
 
 
 def load_scene(path: str | PathLike[str], largest: int = LARGEST) -> Scene:
     """Read a scene that `save_scene`, or a person, has written; nothing in it is executed.
+
+    A file is in SI units unless it states others, as in ``"units": "kN, m"`` or
+    ``"units": {"force": "kip", "length": "ft", "temperature": "F"}`` at its top (see `Units`). The
+    scene is in SI units in any case, and has those of the file as ``scene.units``.
 
     Args:
         path: path of the file.
@@ -102,7 +134,8 @@ def load_scene(path: str | PathLike[str], largest: int = LARGEST) -> Scene:
 
     Raises:
         FileError: a `ValueError` that names the file and the line (if it is not JSON) or the field
-            (the class does not accept its value, or the structure lacks a node or element).
+            (the class does not accept its value, or the structure lacks a node or element); unknown
+            units.
         OSError: there is no such file, or it cannot be read.
 
     Example:
@@ -134,18 +167,47 @@ def _decode_scene(data):
         raise FileError(f"version: {version} is newer than {newest}")
     if not isinstance(data.get("$schema", ""), str):  # of editors: where the schema is
         raise FileError(f"$schema: expected a text, got {_abbreviate(data['$schema'])}")
-    unknown = data.keys() - {"format", "version", "structure", "phases", COMMENT, "$schema"}
+    unknown = data.keys() - {"format", "version", *_KNOWN}
     if unknown:
-        raise FileError(f"unknown field {min(unknown)!r}; known are structure, phases, comment")
+        raise FileError(f"unknown field {min(unknown)!r}; known are {', '.join(_KNOWN[:4])}")
     for name, kind, words in _PARTS:
         if not isinstance(data.get(name), kind):
             raise FileError(_describe_unexpected(data, name, words))
-    structure = decode(data["structure"], "structure", Structure)
+    units = _stated_units(data)
+    if units is None:
+        return _decode_parts(data, None)
+    try:
+        return _decode_parts(data, SceneConverter(units, to_si=True)).with_units(units)
+    except UnitError:
+        raise
+    except FileError as error:
+        hint = "" if units.is_si else f" (numbers in this message are in SI units, not in {units})"
+        raise FileError(f"{error}{hint}") from None
+
+
+def _stated_units(data):
+    """Return the `Units` that a file states, or None."""
+    if data.get("units") is None:
+        return None
+    try:
+        return as_units(data["units"])
+    except ValueError as error:
+        raise FileError(str(error)) from None
+
+
+def _decode_parts(data, convert):
+    """Return the `Scene` of the data in a file, whose numbers the `SceneConverter` makes SI.
+
+    None in its place leaves them.
+    """
+    part = data["structure"] if convert is None else convert.structure(data["structure"])
+    structure = decode(part, "structure", Structure)
     phases = []
     for k, phase in enumerate(data["phases"]):
         if not isinstance(phase, dict):
             raise FileError(f"phases[{k}]: expected an object, got {_abbreviate(phase)}")
-        phases.append(decode(phase, f"phases[{k}]", Phase))
+        part = phase if convert is None else convert.phase(phase, f"phases[{k}]", structure)
+        phases.append(decode(part, f"phases[{k}]", Phase))
         if phases[-1].increments > MOST_INCREMENTS:
             count = phases[-1].increments
             raise FileError(f"phases[{k}].increments = {count}: at most {MOST_INCREMENTS} are read")
@@ -158,6 +220,8 @@ def _decode_scene(data):
     return Scene(structure, phases)
 
 
+_KNOWN = ("structure", "phases", "units", COMMENT, "$schema")
+"""Fields of a scene beside its format and version."""
 _PARTS = (
     ("structure", dict, "an object with nodes, elements and supports"),
     ("phases", list, 'a list such as [{"pretension": 200.0}]'),

@@ -18,8 +18,10 @@ import numpy as np
 
 from ..analysis.phases import Phase
 from ..common.selection import Selection
+from ..common.units import SYMBOLS
 from ..elements.element import Element
 from ..loads.load import Load
+from ..loads.wind_profiles import WindProfile
 from ..materials.law import Law
 from ..model.supports import Supports
 from ..sections import Section
@@ -70,6 +72,19 @@ _BY_GROUP = {
 """How fields are written that state something by group, by how their annotations begin."""
 
 _COMMENT: Schema = {"description": "anything, such as a text or a list of lines; it is not read"}
+_UNITS: Schema = {
+    "description": "units of all numbers in this file, one of force and one of length, such as "
+    '"kN, m"; "F" for differences of temperatures in degrees Fahrenheit; default: N, m, K. '
+    "Descriptions of fields have SI units; what is N/m2 there is then kN/m2, or kip/ft2.",
+    "type": ["string", "object", "null"],
+    "examples": ["kN, m", "N, mm", "kip, ft, F", {"force": "kN", "length": "m"}],
+    **if_json_type(
+        "object",
+        closed_object(
+            {kind: {"enum": list(names)} for kind, names in SYMBOLS.items()}, ["force", "length"]
+        ),
+    ),
+}
 _BEYOND = (
     "Reading also refuses what a schema cannot say: numbers of nodes or elements, and keys of "
     "groups, that the structure does not have; arrays whose lengths do not agree; "
@@ -112,7 +127,8 @@ def scene_schema() -> dict[str, Any]:
         "$id": f"urn:jaxcable:scene:{VERSION}",
         "title": "jaxcable scene",
         "description": "A structure of cables, bars and beams, and the phases in which it is "
-        f"prestressed and loaded; SI units; nodes and elements are numbered from 0. {_BEYOND}",
+        'prestressed and loaded, in SI units or in those of "units"; nodes and elements are '
+        f"numbered from 0. {_BEYOND}",
         "examples": [load_schema_examples()["scene"]],
         **closed_object(
             {
@@ -123,6 +139,7 @@ def scene_schema() -> dict[str, Any]:
                     "description": "of the format; a whole number",
                 },
                 COMMENT: _COMMENT,
+                "units": _UNITS,
                 "structure": {
                     "description": "nodes, elements and supports",
                     **value_schema("Structure", TYPES, defs),
@@ -209,7 +226,10 @@ def _field_schema(cls, field, descriptions, bounds, defs):
         about["doNotSuggest"] = True
     for words, base in _OFFERED.items():
         if annotation.startswith(words):
-            about["defaultSnippets"] = editor_snippets(_subclass_names(base))
+            names = _subclass_names(base)
+            if "LinearSection" in annotation:
+                names = [*names, "LinearSection"]
+            about["defaultSnippets"] = editor_snippets(names)
     bound = _COUNTS.get((cls.__name__, field.name), bounds.get(field.name))
     return {**about, **value_schema(annotation, TYPES, defs, bound, issubclass(cls, Element))}
 
@@ -225,10 +245,17 @@ def _shared_definitions():
     numbers = {"type": ["number", "array"], "items": number, "minItems": 1}
     single = tagged_object("float32", "values", numbers)
     choices = ["object", "boolean", "array", "null"]
+    by_numbers = {"type": {"const": "LinearSection", "doNotSuggest": True}}
     return {
+        "section": {
+            "if": {"required": ["type"], "properties": by_numbers},
+            "then": reference("LinearSection"),
+            "else": reference("Section"),
+        },
         "group": _any_subclass_schema(Element),
         "load": _any_subclass_schema(Load),
         "law": _any_subclass_schema(Law),
+        "wind_profile": _any_subclass_schema(WindProfile),
         "laws": _one_or_list_schema(reference("law")),
         "loads": _one_or_list_schema(reference("load")),
         "counts": {**_one_or_list_schema({"type": "integer"}), "minItems": 1},

@@ -37,14 +37,17 @@ _PLAIN: dict[str, Schema] = {
 _NAMED: dict[str, tuple[list[str], str]] = {  # types and name of what has a definition of its own
     "Law": (["object"], "law"),
     "Load": (["object"], "load"),
+    "WindProfile": (["object"], "wind_profile"),
     "Sequence[Law]": (["array", "object"], "laws"),
     "Sequence[Load]": (["array", "object"], "loads"),
     "tuple[int, ...]": (["array", "object"], "counts"),
     "PyTree[Element]": (["object", "array"], "elements"),
+    "AnySection": (["object"], "section"),
 }
 _MIXED = {  # alternatives that have one definition together
     "Load | Sequence[Load]": "Sequence[Load]",
     "str | Sequence[str] | PyTree[Bool": "PyTree[Bool",
+    "Section | LinearSection": "AnySection",
 }
 SEQUENCE_TAGS = ["list", "tuple"]
 """Names under "type" that belong to containers, not to classes."""

@@ -9,8 +9,10 @@ import jax
 import numpy as np
 
 from ..analysis.solution import Solution
+from ..common.units import SI, UnitsLike, as_units
 from ..common.writing import atomic_write, atomic_write_together
 from ..model.result_parts import (
+    ResultColumn,
     element_faces,
     named_groups_of,
     result_columns,
@@ -24,7 +26,12 @@ _TYPES = {2: 3, 3: 5, 4: 9}  # cell types of VTK by number of points: line, tria
 
 
 def save_vtk(
-    path: str | PathLike[str], structure: Structure, solution: Solution, increments: bool = False
+    path: str | PathLike[str],
+    structure: Structure,
+    solution: Solution,
+    increments: bool = False,
+    *,
+    units: UnitsLike | None = None,
 ) -> list[Path]:
     """Write a result as lines, and as faces where elements have some, for ParaView.
 
@@ -40,11 +47,16 @@ def save_vtk(
         increments: True to write a file for every converged increment, ``name-0001.vtk`` and so on,
             which ParaView opens as a series; ``displacement`` is then since the phase began.
 
+    Options:
+        units: units of all numbers, such as "kN, m" (see `Units`); names of arrays then end with
+            their unit, as in ``tension_(kN)``. Default: SI units.
+
     Returns:
         Paths of the files written, a list.
 
     Raises:
-        ValueError: another suffix, a batch, or another structure than that of the solution.
+        ValueError: another suffix, a batch, another structure than that of the solution, or
+            unknown units.
         OSError: the file cannot be written.
 
     Example:
@@ -56,25 +68,30 @@ def save_vtk(
         'POINTS 12 double'
     """
     path, last = require_suffix(path, ".vtk"), end_state(structure, solution)
+    shown = None if units is None else as_units(units)
     if not increments:
         names = {"displacement": "displacement", "reaction": "reactions", "load": "load"}
-        vectors = {name: np.asarray(getattr(last, field)) for name, field in names.items()}
-        scalars = {
-            column.label: column.values
-            for column in result_columns(structure.groups, last.element_results)
-        }
-        scalars["rest_length"] = values_per_group(structure, last.rest_length)
+        vectors = [
+            ResultColumn(name, "m" if name == "displacement" else "N", [getattr(last, field)])
+            for name, field in names.items()
+        ]
+        scalars = result_columns(structure.groups, last.element_results)
+        lengths = values_per_group(structure, last.rest_length)
+        scalars.append(ResultColumn("rest_length", "m", lengths))
         with atomic_write(path) as stream:
             _write_unstructured_grid(
-                stream, structure, np.asarray(last.positions), vectors, scalars
+                stream, structure, np.asarray(last.positions), vectors, scalars, shown
             )
         return [path]
     with atomic_write_together() as begin:
-        return _write_increments(path, structure, solution, begin)
+        return _write_increments(path, structure, solution, begin, shown)
 
 
-def _write_increments(path, structure, solution, open_file):
-    """Write one file, opened by `open_file`, for each converged increment; return their paths."""
+def _write_increments(path, structure, solution, open_file, units):
+    """Write one file, opened by `open_file`, for each converged increment; return their paths.
+
+    Numbers are in `units`, None for SI.
+    """
     done = []
     for phase in solution.phases:
         good = np.flatnonzero(np.asarray(phase.path.status) == 0)
@@ -90,25 +107,30 @@ def _write_increments(path, structure, solution, open_file):
                 name: jax.tree.map(lambda x, k=k: x[k], result)
                 for name, result in phase.path.element_results.items()
             }
-            scalars = {
-                column.label: column.values for column in result_columns(structure.groups, told)
-            }
-            moves = {"displacement": moved}
-            _write_unstructured_grid(open_file(done[-1]), structure, begin + moved, moves, scalars)
+            scalars = result_columns(structure.groups, told)
+            moves = [ResultColumn("displacement", "m", [moved])]
+            stream = open_file(done[-1])
+            _write_unstructured_grid(stream, structure, begin + moved, moves, scalars, units)
     return done
 
 
-def _write_unstructured_grid(stream, structure, points, vectors, scalars):
+def _write_unstructured_grid(stream, structure, points, vectors, scalars, units):
     """Write nodes and elements to a stream as an unstructured grid of VTK.
 
-    `points` are the positions of the nodes, [n_node, 3], m. `vectors` of nodes, [n_node, 3], and
-    `scalars` of elements, [n_elem] or None for each group, are dicts by name.
+    `points` are the positions of the nodes, [n_node, 3], m. `vectors` of nodes, each with one array
+    [n_node, 3], and `scalars` of elements are lists of `ResultColumn`. Numbers are written in
+    `units`, None for SI.
     """
+    shown = units or SI
+    points = shown.from_si(points, "m")
     cells, element, group = _collect_cells(structure.groups)
     names = ", ".join(
         f"{k} {name}".strip() for k, (name, _) in enumerate(named_groups_of(structure))
     )
-    lines = ["# vtk DataFile Version 3.0", _ascii_title(f"jaxcable, SI units; groups: {names}")]
+    lines = [
+        "# vtk DataFile Version 3.0",
+        _ascii_title(f"jaxcable, {units or 'SI units'}; groups: {names}"),
+    ]
     lines += ["ASCII", "DATASET UNSTRUCTURED_GRID", f"POINTS {len(points)} double"]
     lines += _format_vectors(points)
     lines += [f"CELLS {len(cells)} {len(cells) + sum(map(len, cells))}"]
@@ -117,16 +139,22 @@ def _write_unstructured_grid(stream, structure, points, vectors, scalars):
     lines += [f"CELL_DATA {len(cells)}"]
     for name, number in (("element", element), ("group", group)):
         lines += [f"SCALARS {name} int 1", "LOOKUP_TABLE default", *map(str, number.tolist())]
-    for label, values in scalars.items():
-        name, of_piece = (
-            label.replace(" ", "_"),
-            concatenate_groups(structure.groups, values)[element],
-        )
+    for column in scalars:
+        name = _array_name(column, units)
+        of_piece = concatenate_groups(structure.groups, column.values)[element]
+        of_piece = shown.from_si(of_piece, column.unit)
         lines += [f"SCALARS {name} double 1", "LOOKUP_TABLE default", *map(repr, of_piece.tolist())]
     lines += [f"POINT_DATA {len(points)}"]
-    for name, values in vectors.items():
-        lines += [f"VECTORS {name} double", *_format_vectors(values)]
+    for column in vectors:
+        values = shown.from_si(np.asarray(column.values[0]), column.unit)
+        lines += [f"VECTORS {_array_name(column, units)} double", *_format_vectors(values)]
     stream.write("\n".join(lines) + "\n")
+
+
+def _array_name(column, units):
+    """Return the name of the array of a `ResultColumn`, with its unit if `units` is not None."""
+    unit = "" if units is None or column.unit in ("", "-") else f"_({units.shown(column.unit)})"
+    return (column.label + unit).replace(" ", "_")
 
 
 def _collect_cells(groups):

@@ -63,10 +63,11 @@ def force_density(
         structure: `Structure` of cables and bars. Of its nodes only the held coordinates count.
         q: force over length, N/m: a scalar, [n_elem], or a prefix pytree of the elements. Negative
             in struts, which must be `Bars`.
-        loads: `NodalLoads`, `SelfWeight`, `LineLoads` and `AreaLoads`, one or a list of them. Loads
-            along elements and on areas refer to the lengths and areas of the form found, and to the
-            unstressed lengths that follow from its forces, as in an analysis that begins with the
-            form. With them the problem is not linear, and Newton's method solves it.
+        loads: `NodalLoads`, `PointMasses`, `SelfWeight`, `LineLoads` and `AreaLoads`, one or a
+            list of them. Loads along elements and on areas refer to the lengths and areas of the
+            form found, and to the unstressed lengths that follow from its forces, as in an analysis
+            that begins with the form. With them the problem is not linear, and Newton's method
+            solves it.
         linear_solver: "dense", "superlu" or "pardiso"; None chooses by size, as `Newton` does.
 
     Returns:

@@ -20,7 +20,7 @@ from ..elements.bar import Straight
 from ..elements.element import Element
 from ..elements.element_state import ElementState
 from ..elements.prestress import AxialState, single_element
-from ..loads import AreaLoads, LineLoads, Load, NodalLoads, SelfWeight, as_list
+from ..loads import AreaLoads, LineLoads, Load, NodalLoads, PointMasses, SelfWeight, as_list
 from ..model.structure import Structure
 
 
@@ -29,16 +29,19 @@ def split_loads(
 ) -> tuple[list[NodalLoads], list[SelfWeight | LineLoads | AreaLoads]]:
     """Check loads, and split them into nodal loads and loads that depend on the form.
 
-    With `nodal_only` all loads but `NodalLoads` are refused. Raises ValueError for a load of
-    another kind, or one that does not fit the structure.
+    Weights of `PointMasses` are nodal loads. With `nodal_only` all others are refused. Raises
+    ValueError for a load of another kind, or one that does not fit the structure.
     """
     given: list[Any] = as_list(loads)  # their kinds are checked below
+    given = [one.as_nodal_loads() if isinstance(one, PointMasses) else one for one in given]
     nodal, others = [], []
     for k, load in enumerate(given):
         depends = not nodal_only and isinstance(load, SelfWeight | LineLoads | AreaLoads)
         if not depends and not isinstance(load, NodalLoads):
             kinds = (
-                "NodalLoads" if nodal_only else "NodalLoads, SelfWeight, LineLoads and AreaLoads"
+                "NodalLoads and PointMasses"
+                if nodal_only
+                else "NodalLoads, PointMasses, SelfWeight, LineLoads and AreaLoads"
             )
             raise ValueError(
                 f"loads[{k}]: {type(load).__name__} is not known before the form is: it depends on "

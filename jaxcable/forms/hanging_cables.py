@@ -6,30 +6,33 @@ import functools
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from .. import linear
-from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken, positive, refuse_if_broken
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements import hanging, hanging_sag
 from ..elements.abilities import Sagging
-from ..mechanics.elementwise import map_elements
-from ..mechanics.restart_state import make_system
+from ..model.result_parts import items_per_group
 from ..model.structure import Structure
-from ..stiffness.tangent import merge_solution_state, split_solution_state
+from ..results.element_shapes import (
+    StateOrPhase,
+    known_results,
+    map_shapes,
+    shapes_of_groups,
+)
 
 
 def catenary_curves(
-    structure: Structure, solution: Solution | State, n: int = 21
+    structure: Structure, solution: StateOrPhase, n: int = 21
 ) -> PyTree[Float[Array, "n_elem n 3"] | None]:
-    """Return positions along the catenaries of a solution, for pictures.
+    """Return positions along catenaries, for pictures; `results.sags` has their sags exactly.
 
     Args:
         structure: the `Structure` that was analysed.
-        solution: `Solution` (its last converged state is used) or `State`.
+        solution: `Solution` (its last converged state is used) or `State`, or one of
+            ``solution.phases`` for the end of that phase; batches have leading axes.
         n: number of positions per element, evenly along its unstressed length.
 
     Returns:
@@ -37,7 +40,7 @@ def catenary_curves(
         there; None for other groups.
 
     Raises:
-        ValueError: the structure has no catenaries.
+        ValueError: not a state, or a structure without catenaries.
 
     Example:
         Half of a catenary (see `Catenaries`). Without strain it is ``H/w (cosh(w x/H) - 1)`` deep:
@@ -53,27 +56,34 @@ def catenary_curves(
         >>> print(solution.status, f"{depth:.3f} m, {H / w * (np.cosh(w * x / H) - 1):.3f} m")
         0 8.807 m, 8.808 m
     """
-    return _evaluate_catenaries(structure, solution, "curve", np.nan, jnp.linspace(0.0, 1.0, n))
+    parts = jnp.linspace(0.0, 1.0, n)
+
+    def of_group(shapes, there, _):
+        return jnp.where(there[..., None, None], map_shapes(_points, shapes, parts), jnp.nan)
+
+    return _of_catenaries(structure, solution, of_group)
 
 
 def end_tensions(
-    structure: Structure, solution: Solution | State
+    structure: Structure, solution: StateOrPhase
 ) -> PyTree[Float[Array, "n_elem 2"] | None]:
-    """Return the tensions at both ends of the catenaries of a solution.
+    """Return the tensions at both ends of catenaries.
 
     The ends come in the order of `links`. The `tension` of a solution is their mean, its
-    `peak_tension` the larger one, at the end of each phase.
+    `peak_tension` the larger one, at the end of each phase. The result ``end_pull`` has the forces
+    on both end nodes as vectors, `results.horizontal_tensions` the horizontal part.
 
     Args:
         structure: the `Structure` that was analysed.
-        solution: `Solution` (its last converged state is used) or `State`.
+        solution: `Solution` (its last converged state is used) or `State`, or one of
+            ``solution.phases`` for the end of that phase; batches have leading axes.
 
     Returns:
         Tensions in the shape of `elements`, each [n_elem, 2], N, zero for elements that are not
         there; None for other groups.
 
     Raises:
-        ValueError: the structure has no catenaries.
+        ValueError: not a state, or a structure without catenaries.
 
     Example:
         ``sqrt(H^2 + (w s)^2)`` at the support and H in the middle of a catenary (see `Catenaries`):
@@ -87,54 +97,44 @@ def end_tensions(
         >>> print(solution.status, jnp.round(jc.forms.end_tensions(structure, solution)[0], 1))
         0 [6264.2 6000. ]
     """
-    return _evaluate_catenaries(structure, solution, "end_tensions", 0.0)
+
+    def of_group(shapes, there, tension):
+        ends = map_shapes(_tensions_at_ends, shapes)
+        straight = jnp.repeat(tension[..., None], 2, axis=-1)
+        return jnp.where(there[..., None], jnp.where(shapes.hangs[..., None], ends, straight), 0.0)
+
+    return _of_catenaries(structure, solution, of_group)
 
 
-def _evaluate_catenaries(structure, solution, method, absent, *arguments):
-    """Call a method of all catenaries of a structure; return its values in the elements' pytree.
+def _of_catenaries(structure, state, function):
+    """Call a function of shapes, active elements and tensions for all groups of catenaries.
 
-    Args:
-        structure: `Structure`.
-        solution: `Solution` or `State`.
-        method: name of a method of `Catenaries` for one element.
-        absent: value for elements that are absent in this phase.
-        arguments: further arguments of the method.
-
-    Raises:
-        ValueError: the structure has no catenaries.
+    Returns its values in the shape of the structure's elements, None for other groups; raises
+    ValueError for a structure without catenaries.
     """
     if not any(isinstance(group, Sagging) for group in structure.groups):
         raise ValueError(
             "structure: has no catenaries; this function is for elements of the kind Catenaries"
         )
-    without_indices, index_arrays, _ = split_solution_state(structure, solution)
+    every = shapes_of_groups(structure, state)
+    tensions = items_per_group(structure, known_results(structure, state).tension)
     return structure.arrange(
-        _evaluate_catenary_groups(
-            without_indices, index_arrays, *arguments, method=method, absent=absent
-        )
+        [
+            function(*own, tension) if isinstance(group, Sagging) else None
+            for group, own, tension in zip(structure.groups, every, tensions, strict=True)
+        ]
     )
 
 
-@functools.partial(jax.jit, static_argnames=("method", "absent"))
-def _evaluate_catenary_groups(without_indices, index_arrays, *arguments, method, absent):
-    """Call a method for all elements of the catenary groups; a list, None for others; compiled."""
-    nodes, groups, restart = merge_solution_state(without_indices, index_arrays)
-    states = make_system(nodes, groups, restart, None, None, restart.nodal_load).states
+def _points(shape, parts):
+    """Return points of one element, [n, 3], m, at `parts` of its unstressed length."""
+    return jax.vmap(shape.point)(parts)
 
-    def of_group(group, state):
-        if not isinstance(group, Sagging):
-            return None
 
-        def value(element, *at):
-            return getattr(element, method)(*at, *arguments)
-
-        found = map_elements(value, group, state, nodes, restart.motion, absent=True)
-        if state.present is None:
-            return found
-        there = state.present.reshape(-1, *(1,) * (found.ndim - 1))
-        return jnp.where(there, found, absent)
-
-    return list(map(of_group, groups, states))
+def _tensions_at_ends(shape):
+    """Return the tensions at both ends of one catenary, [2], N."""
+    pulls = jax.vmap(shape.tangent)(jnp.arange(2, dtype=shape.pull.dtype))
+    return jnp.sqrt(jnp.sum(pulls * pulls, axis=1))
 
 
 def hanging_chain(

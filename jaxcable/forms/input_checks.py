@@ -28,6 +28,11 @@ def require_straight_elements(structure: Structure) -> None:
     if not isinstance(structure, Structure):
         raise ValueError(f"structure: expected a Structure, got {type(structure).__name__}")
     for where, group in structure.named_groups():
+        if group.compression_only:
+            raise ValueError(
+                f"elements{where} ({type(group).__name__}) only presses; form finding takes Bars "
+                "in its place: exchange them for the analysis"
+            )
         if not isinstance(group, Straight) or group.links.shape[1] != 2:
             raise ValueError(
                 f"elements{where} ({type(group).__name__}) is not made of straight elements with "

@@ -86,10 +86,11 @@ def find_form(
     Args:
         structure: `Structure` of cables and bars; its nodes are the supports and the start.
         tension: axial force, N; negative in struts, which must be `Bars`.
-        loads: `NodalLoads`, `SelfWeight`, `LineLoads` and `AreaLoads`, one or a list of them. Loads
-            along elements and on areas refer to the lengths and areas of the form found, and to the
-            unstressed lengths that follow from its forces, as in an analysis that begins with the
-            form. (They depend on the positions of nodes; the problem is no longer strictly convex.)
+        loads: `NodalLoads`, `PointMasses`, `SelfWeight`, `LineLoads` and `AreaLoads`, one or a
+            list of them. Loads along elements and on areas refer to the lengths and areas of the
+            form found, and to the unstressed lengths that follow from its forces, as in an analysis
+            that begins with the form. (They depend on the positions of nodes; the problem is no
+            longer strictly convex.)
 
     Options:
         length: distance of an element's ends in the form, under force, m.

@@ -1,10 +1,11 @@
 """What acts on a structure in a phase, one kind a file.
 
-Dead loads keep direction and magnitude: on nodes (`nodal`), along elements (`along`), on areas
-(`areas`; `net_meshes` finds the faces of a net). Follower loads turn with the elements or faces
-that they press on (`pressure`). Supports may be moved (`movement`). Loads of elements and areas go
-on acting in later phases. `Varying` lets any of them follow an amplitude within its phase.
-`combine` scales load cases and adds them.
+Dead loads keep direction and magnitude: on nodes (`nodal`; `masses` by gravity), along elements
+(`along`, `line_loads`), within beams (`points`, `path_loads`), on areas (`areas`; `net_meshes`
+finds the faces of a net), wind and ice on members (`wind`, with `wind_profiles` over the height;
+`ice`). Follower loads turn with the elements or faces that they press on (`pressure`). Supports may
+be moved (`movement`). Loads of elements and areas go on acting in later phases. `Varying` lets any
+of them follow an amplitude within its phase. `combine` scales load cases and adds them.
 
 `load` is the contract: `Load` and the ways to act, `OnNodes`, `Moving`, `Dead` (with `Measured`,
 which can also be dead in the geometry where its phase begins) and `Following`.
@@ -15,25 +16,41 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .along import LineLoads, SelfWeight
+from .along import SelfWeight
 from .areas import AreaLoads
 from .combine import combine
+from .ice import IceLoads
+from .line_loads import LineLoads
 from .load import Load
+from .masses import PointMasses
 from .movement import SupportMovement
 from .net_meshes import net_faces
 from .nodal import NodalLoads
+from .path_loads import Crowd, Train
+from .points import PointLoads
 from .pressure import CablePressure, FacePressure
 from .varying import Varying
+from .wind import WindLoads
+from .wind_profiles import EurocodeWind, WindPowerLaw, WindTable
 
 __all__ = [
     "AreaLoads",
     "CablePressure",
+    "Crowd",
+    "EurocodeWind",
     "FacePressure",
+    "IceLoads",
     "LineLoads",
     "NodalLoads",
+    "PointLoads",
+    "PointMasses",
     "SelfWeight",
     "SupportMovement",
+    "Train",
     "Varying",
+    "WindLoads",
+    "WindPowerLaw",
+    "WindTable",
     "as_list",
     "combine",
     "net_faces",

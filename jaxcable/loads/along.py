@@ -1,4 +1,4 @@
-"""Dead loads along elements: self-weight and line loads.
+"""Dead loads along elements: their base, and self-weight.
 
 These loads are evaluated from the state of the elements and go on acting in later phases.
 """
@@ -6,7 +6,6 @@ These loads are evaluated from the state of the elements and go on acting in lat
 from __future__ import annotations
 
 import abc
-from typing import Literal
 
 import jax.numpy as jnp
 from jax.typing import DTypeLike
@@ -16,13 +15,10 @@ from ..common.selection import Selection
 from ..common.tree import pytree, set_fields
 from ..common.types import Array, ArrayLike, Float
 from ..elements.element import Element, OwnState
-from ..model.result_parts import path_of_group
 from ..model.structure import Structure
-from ..numerics import scaled
 from .groups import Key, OnGroups
-from .load import Dead, Groups, Measured, OnEveryNode, Positions, States
+from .load import Dead, Groups, OnEveryNode, Positions, States
 
-LENGTH_REFERENCES = ("unstressed", "initial", "projected")
 GEOMETRIES = ("input", "begun")
 
 
@@ -66,12 +62,20 @@ class AlongElements(OnGroups, Dead):
 
         `nodes` are initial positions, `shape` is (n_row, 3 or 6), `dtype` that of the result.
         """
-        total = jnp.zeros(shape[0], dtype)
+        total, forces = jnp.zeros(shape[0], dtype), None
         for number in self.on:
             amounts = self._amounts_at_ends(number, groups[number], states[number], nodes)
-            if amounts is not None:
-                total = total.at[groups[number].links].add(amounts)
-        return pad_moments(jnp.outer(total, self._vector_per_amount().astype(dtype)), shape)
+            if amounts is None:
+                continue
+            vectors, links = self._vectors_of_elements(number), groups[number].links
+            if vectors is None:
+                total = total.at[links].add(amounts)
+            else:
+                each = amounts[..., None] * vectors[:, None].astype(dtype)
+                forces = jnp.zeros((shape[0], 3), dtype).at[links].add(each)
+        if forces is None:
+            forces = jnp.outer(total, self._vector_per_amount().astype(dtype))
+        return pad_moments(forces, shape)
 
     def load_per_length(
         self, number: int, group: Element, state: OwnState, nodes: Positions
@@ -83,7 +87,18 @@ class AlongElements(OnGroups, Dead):
         if amounts is None:
             return None
         per_length = self.apply_factors(number, amounts, state) / state.rest_length
+        vectors = self._vectors_of_elements(number)
+        if vectors is not None:
+            return per_length[:, None] * vectors.astype(per_length.dtype)
         return jnp.outer(per_length, self._vector_per_amount())
+
+    def _vectors_of_elements(self, number: int) -> Float[Array, "n_elem 3"] | None:
+        """Return vectors by which amounts of each element of a group are multiplied, [n_elem, 3].
+
+        None if all elements have the `_vector_per_amount`. A load with such vectors acts on one
+        group.
+        """
+        return None
 
 
 @pytree(static=("on",))
@@ -99,7 +114,8 @@ class SelfWeight(AlongElements):
     it.
 
     Args:
-        direction: direction and factor, [3]; default (0, 0, -1), once the weight downwards.
+        direction: direction and factor, [3], without unit; default (0, 0, -1), once the weight
+            downwards.
         on: key of the loaded group in the structure's elements, such as "guys", or its place from 0
             where these are a list; None loads all groups that have a `weight`.
         elements: `Selection` of the elements of that group that weigh; None means all.
@@ -166,125 +182,6 @@ class SelfWeight(AlongElements):
         return group.split_among_ends(
             self.apply_factors(number, weights, state), nodes[group.links]
         )
-
-
-@pytree(static=("on", "per", "geometry"))
-class LineLoads(AlongElements, Measured):
-    """Dead loads along the elements; beams bend under them and catenaries hang.
-
-    They act on elements whenever these are there (`Phase`): also on those that later phases add, or
-    remove and add again. Half of each element's load goes to each end. On beams the load also works
-    on the deflection between the ends (consistent end moments that turn with the element).
-
-    Args:
-        forces: force per length, [3], N/m.
-        on: key of the loaded group in the structure's elements, such as "guys", or its place from 0
-            where these are a list; None loads all groups.
-        per: the length that `forces` refer to: "unstressed" (the length that `SelfWeight` weighs,
-            without heat and including the length that a jack has taken in), "initial" (the chord),
-            or "projected" (the chord as seen along the force: snow on a sloping cable, wind on a
-            mast). A zero force has no direction to project along, and no sensible derivative:
-            scale the load with `factor` instead.
-        factor: factor of the forces, without unit; default 1.
-        geometry: the geometry of the chords: "input", that of the structure's nodes, or "begun",
-            that at the beginning of the phase that adds the load, the form after prestress. The
-            load is dead in both cases.
-        elements: `Selection` of the elements of that group that are loaded; None loads all.
-
-    Raises:
-        ValueError: `forces` of the wrong shape, an unknown `per` or `geometry`, or "begun" for
-            unstressed lengths; where a phase is analysed, a group or element that the structure
-            does not have.
-
-    Example:
-        Snow of 100 N per metre in plan on the legs of a tripod, each 3 m long in plan:
-
-        >>> around = 2 * np.pi * np.arange(3) / 3
-        >>> feet = np.column_stack([3 * np.cos(around), 3 * np.sin(around), 0 * around])
-        >>> legs = jc.Bars([[0, 3], [1, 3], [2, 3]], axial_stiffness=1e6)
-        >>> structure = jc.Structure([*feet, [0.0, 0.0, 4.0]], legs, supports=jc.pinned([0, 1, 2]))
-        >>> snow = jc.LineLoads((0.0, 0.0, -100.0), per="projected")
-        >>> solution = jc.solve(structure, jc.Phase(loads=snow))
-        >>> print(solution.status, jnp.round(solution.load[:, 2], 6))
-        0 [-150. -150. -150. -450.]
-    """
-
-    forces: Float[ArrayLike, " 3"]
-    on: Key = None
-    per: Literal["unstressed", "initial", "projected"] = "unstressed"
-    factor: Float[ArrayLike, ""] = 1.0
-    geometry: Literal["input", "begun"] = "input"
-    elements: Selection | None = None
-    begin_nodes: Float[Array, "n_row 3"] | None = (
-        None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
-    )
-    element_factors: dict[int, Float[Array, " n_elem"]] | None = (
-        None  # by number of group: 1 for loaded elements, else 0; set by the analysis
-    )
-
-    scales = ("factor",)
-
-    def __post_init__(self):
-        self._check_selection()
-        forces = checks.floats_of_shape(self.forces, "forces", (3,))
-        set_fields(self, forces=forces, factor=checks.as_scalar(self.factor, "factor"))
-        checks.require_one_of(self.per, "per", LENGTH_REFERENCES)
-        require_known_geometry(self.geometry, self.per)
-
-    def check(self, structure: Structure) -> None:
-        """Raise ValueError if the structure lacks the loaded group, or it has no lengths."""
-        numbers, _ = self.loaded_groups(structure)
-        without = [number for number in numbers if not structure.groups[number].has_length]
-        if without and (self.on is not None or len(without) == len(numbers)):
-            path, kind = path_of_group(structure, without[0]), type(structure.groups[without[0]])
-            raise ValueError(
-                f"on = {self.on!r}: {path} ({kind.__name__}) has no length to load; if its "
-                "elements have one, give the class has_length = True"
-            )
-
-    def _vector_per_amount(self):
-        """Return the force per length, [3], N/m."""
-        return self.factor * self.forces
-
-    def _amounts_at_ends(self, number, group, state, nodes):
-        """Return the length whose load each end of a group takes, [n_elem, n_end], m; or None."""
-        if not group.has_length:
-            return None
-        ends = self._end_positions(group, nodes)
-        if self.per == "unstressed":
-            share = group.split_among_ends(state.load_bearing_length, ends)
-        else:  # half of each piece to each of its ends
-            n_inner = group.n_inner_row
-            half = 0.5 * self._piece_lengths(ends[:, : ends.shape[1] - n_inner])
-            share = jnp.pad(half, ((0, 0), (0, 1))) + jnp.pad(half, ((0, 0), (1, 0)))
-            share = jnp.pad(share, ((0, 0), (0, n_inner)))
-        return self.apply_factors(number, share, state)
-
-    def _amounts_between_ends(self, number, group, state, nodes):
-        """Return the loaded length of each element of a group, [n_elem], m; None if it has none."""
-        slides = group.slides and self.per != "unstressed"
-        if slides or not group.has_length:
-            return None
-        if self.per == "unstressed":
-            return state.load_bearing_length
-        ends = self._end_positions(group, nodes)
-        return jnp.sum(self._piece_lengths(ends[:, : ends.shape[1] - group.n_inner_row]), axis=-1)
-
-    def _end_positions(self, group, nodes):
-        """Return ends of elements in the geometry that lengths refer to, [n_elem, n_end, 3], m."""
-        return self.measuring_positions(nodes)[group.links]
-
-    def _piece_lengths(self, ends):
-        """Return distances of successive ends [n_elem, n_end, 3], as [n_elem, n_end - 1], m.
-
-        With ``per="projected"`` only their parts at right angles to the force count.
-        """
-        pieces = ends[:, 1:] - ends[:, :-1]
-        if self.per == "projected":
-            square = self.forces @ self.forces
-            along = pieces @ self.forces / jnp.where(square > 0, square, 1.0)
-            pieces = pieces - jnp.tensordot(along, self.forces, axes=0)
-        return scaled.safe_norm(pieces)  # a piece along the force has no projected length
 
 
 def require_known_geometry(geometry: str, per: str) -> None:

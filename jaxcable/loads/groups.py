@@ -61,7 +61,7 @@ class OnGroups(Acting):
         Raises:
             ValueError: there is no such group or element, or elements of several groups.
         """
-        numbers = _group_numbers(self.on, structure)
+        numbers = group_numbers(self.on, structure)
         if self.elements is None:
             return numbers, None
         if len(numbers) != 1:
@@ -151,8 +151,12 @@ class OnGroups(Acting):
         return amounts if state is None else state.zero_where_absent(amounts)
 
 
-def _group_numbers(on, structure):
-    """Return indices of the groups under key `on` of the elements, a tuple; all for None."""
+def group_numbers(on: Key, structure: Structure) -> tuple[int, ...]:
+    """Return indices of the groups under key `on` of the elements, a tuple; all for None.
+
+    Raises:
+        ValueError: there is no such key.
+    """
     numbers = structure.arrange(list(range(len(structure.groups))))
     try:
         return tuple(jax.tree.leaves(numbers if on is None else numbers[on]))
@@ -191,3 +195,27 @@ def scatter_to_nodes(
         else:
             np.add.at(total[:, columns], nodes, np.full((len(nodes), 3), part, dtype))
     return total
+
+
+def scatter_to_elements(
+    count: int, index: Int[np.ndarray, " n"], values: Float[ArrayLike, "n ..."]
+) -> Float[Array | np.ndarray, "n_elem ..."]:
+    """Return values [n, ...] at elements `index` of `count`, [n_elem, ...], and zeros elsewhere.
+
+    NumPy unless the values are traced.
+    """
+    shape = (count, *np.shape(values)[1:])
+    if isinstance(values, jax.core.Tracer):
+        return jnp.zeros(shape, values.dtype).at[index].set(values)
+    found = np.zeros(shape, np.asarray(values).dtype)
+    found[index] = np.asarray(values)
+    return found
+
+
+def join_columns(
+    parts: Sequence[Float[ArrayLike, "... k"]],
+) -> Float[Array | np.ndarray, "... n"]:
+    """Concatenate arrays along the last axis, by NumPy unless one is traced."""
+    if any(isinstance(part, jax.core.Tracer) for part in parts):
+        return jnp.concatenate([jnp.asarray(part) for part in parts], axis=-1)
+    return np.concatenate([np.asarray(part) for part in parts], axis=-1)

@@ -13,6 +13,7 @@ from ..common.old_names import LOAD, refuse_old_names
 from ..common.rules import Rule
 from ..common.tree import Indices, copy_with
 from ..common.types import Array, ArrayLike, Float, Int
+from ..common.units import SI, Units
 from ..elements.element import Element, OwnState
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
@@ -86,6 +87,10 @@ class Load(abc.ABC):  # noqa: B024  # the classes that derive from it have abstr
     def __str__(self) -> str:
         return type(self).__name__
 
+    def describe(self, units: Units = SI) -> str:
+        """Return the load in a few words, for people, with its numbers in `units`."""
+        return str(self)
+
 
 class OnNodes(Load):
     """Base of dead loads on nodes; they end where a later phase fixes a degree of freedom."""
@@ -143,6 +148,11 @@ class Acting(Load):
 class Dead(Acting):
     """Base of loads that do not depend on current positions, but may on states of elements."""
 
+    @property
+    def has_moments(self) -> bool:
+        """Whether the load has moments that keep their direction, which have no potential."""
+        return False
+
     @abc.abstractmethod
     def element_forces(
         self,
@@ -163,6 +173,14 @@ class Dead(Acting):
         """Return the load along a group with index `number`, by which its elements bend or hang.
 
         It is a force per unstressed length, [n_elem, 3], N/m; None if the load has no such part.
+        """
+        return None
+
+    def point_loads(self, number: int, state: OwnState) -> Float[Array, "n_elem k 4or7"] | None:
+        """Return concentrated loads within elements of a group with index `number`, or None.
+
+        They are [n_elem, k, 4 or 7] as of `ElementLoad.points`, zero for absent elements. Their
+        shares at the ends of the elements are part of `element_forces`.
         """
         return None
 

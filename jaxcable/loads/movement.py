@@ -24,7 +24,7 @@ class SupportMovement(Moving):
     Args:
         nodes: node numbers, [n].
         displacements: [3] or [n, 3], m, along freedoms held in the phase; None if nodes only turn.
-        rotations: rotation vectors [3] or [n, 3], rad and not degrees, of clamped nodes; default
+        rotations: rotation vectors [3] or [n, 3], rad (not degrees), of clamped nodes; default
             none.
 
     Raises:

@@ -8,6 +8,7 @@ from jax.typing import DTypeLike
 from ..common import checks
 from ..common.tree import Indices, pytree, set_fields
 from ..common.types import ArrayLike, Float, Int
+from ..common.units import SI, Units
 from ..model.structure import Structure
 from .groups import scatter_to_nodes
 from .load import VECTOR_HINT, OnEveryNode, OnNodes
@@ -79,12 +80,16 @@ class NodalLoads(OnNodes):
                 )
 
     def __str__(self) -> str:
+        return self.describe()
+
+    def describe(self, units: Units = SI) -> str:
+        """Return the number of loads and their sum, in `units`, as text."""
         forces = checks.array_if_known(self.forces)
         if forces is None:
             return "NodalLoads"
         total = np.broadcast_to(forces, (len(self.nodes), 3)).sum(axis=0)
-        total = ", ".join(f"{force:.6g}" for force in total)
-        return f"NodalLoads on {len(self.nodes)} nodes, sum ({total}) N"
+        total = ", ".join(f"{force:.6g}" for force in units.from_si(total, "N"))
+        return f"NodalLoads on {len(self.nodes)} nodes, sum ({total}) {units.name('N')}"
 
     def nodal_forces(self, shape: tuple[int, int], dtype: DTypeLike) -> OnEveryNode:
         """Return forces, N, and moments, N m, on all nodes, in an array of `shape` (n, 3 or 6)."""

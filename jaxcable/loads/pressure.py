@@ -85,7 +85,7 @@ class CablePressure(OnGroups, Pressure):
     Args:
         pressure: force per length, N/m, scalar, or [n_elem] for the one group that `on` names.
             Positive along ``axis x d``.
-        axis: direction, [3], of any length.
+        axis: direction, [3], of any length, without unit.
         on: key of the loaded group in the structure's elements, such as "guys", or its place from 0
             where these are a list; None loads all groups. Only groups of cables, bars or beams can
             be loaded.

@@ -12,6 +12,7 @@ from ..common import checks
 from ..common.rules import Rule, refuse_if_broken
 from ..common.tree import apply_numpy_or_jax, concatenate, pytree, set_fields, stack_trees
 from ..common.types import Array, ArrayLike, Float
+from ..common.units import SI, Units
 from ..model.structure import Structure
 from .load import Load
 
@@ -97,7 +98,7 @@ class Varying(Load):
 
     Args:
         load: any load, or a `SupportMovement`.
-        parameters: load factors of the phase, [n], n >= 2, increasing from 0 to 1.
+        parameters: load factors of the phase, [n], n >= 2, without unit, increasing from 0 to 1.
         factors: of the load at these, [n], of any sign, without unit. Derivatives by the parameter
             of a point at which an increment ends are the mean of those on both sides.
 
@@ -149,12 +150,16 @@ class Varying(Load):
         self.load.check(structure)
 
     def __str__(self) -> str:
+        return self.describe()
+
+    def describe(self, units: Units = SI) -> str:
+        """Return the load, in `units`, and the points of its amplitude as text."""
         parameters, factors = (checks.array_if_known(x) for x in (self.parameters, self.factors))
         told = f"{len(self.parameters)} points"
         if parameters is not None and factors is not None and len(parameters) <= _MAX_SHOWN_POINTS:
             pairs = zip(factors, parameters, strict=True)
             told = ", ".join(f"{factor:.6g} at {parameter:.6g}" for factor, parameter in pairs)
-        return f"{self.load}; amplitude: {told}"
+        return f"{self.load.describe(units)}; amplitude: {told}"
 
 
 def split_amplitude(load: Load, where: str, increments: int) -> tuple[Load, Amplitude | None]:

@@ -31,7 +31,7 @@ class Parallel(Law):
 
     Attributes:
         laws: the laws, in a list.
-        shares: share of each law in the area, [n_law], summing to 1.
+        shares: share of each law in the area, [n_law], without unit, summing to 1.
         spring: compliance of a spring in series with all laws together, 1/Pa, or None; for laws
             that all rise.
         one_sided: whether the laws together are slack in compression, as a cable is.

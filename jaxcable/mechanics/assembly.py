@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from .. import linear
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
-from ..elements.abilities import Rounding, TensionElement
+from ..elements.abilities import Rounding, TensionElement, is_one_sided
 from ..elements.element import Element
 from ..elements.element_state import ElementState
 from ..spaces import Space
@@ -352,13 +352,13 @@ class System(Elementwise):
         return ~stiffened & ~jnp.all(self.dof_map.fixed, axis=-1)
 
     def is_at_kink(self, motion: Motion) -> Bool[Array, ""]:
-        """Return whether a cable at a free node is exactly at the kink of its law, scalar bool.
+        """Return whether a cable or contact at a free node is exactly at its kink, scalar bool.
 
-        Cables whose law has history variables go slack at other strains and do not count.
+        Those whose law has history variables go slack at other strains and do not count.
         """
         found, free = jnp.zeros((), bool), self.dof_map.movable_dofs()
         for group, state in zip(self.groups, self.states, strict=True):
-            if group.tension_only and not group.has_memory:
+            if is_one_sided(group) and not group.has_memory:
                 moves = jnp.any(free[group.links], axis=(1, 2))
                 kink = evaluate_elements("at_kink", group, state, self.nodes, motion)
                 found = found | jnp.any(kink & moves)

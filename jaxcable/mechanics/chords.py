@@ -115,6 +115,13 @@ def tension_only_chords(groups: Sequence[Element]) -> Bool[np.ndarray, " n"]:
     )
 
 
+def compression_only_chords(groups: Sequence[Element]) -> Bool[np.ndarray, " n"]:
+    """Return which elements with two ends and no rotations press only, [n] bool, NumPy."""
+    return np.concatenate(
+        [np.full(len(group.links), group.compression_only) for group in groups if has_chord(group)]
+    )
+
+
 def relative_to_first_end(system: System, values: Float[Array, "n_row n"]) -> Float[Array, "n 3"]:
     """Return `values` [n_row, 3] of second ends less those of first ends, [n, 3], m."""
     links = jnp.concatenate([group.links[:, :2] for group in system.groups if has_chord(group)])

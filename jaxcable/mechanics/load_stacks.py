@@ -190,11 +190,15 @@ def element_load(
 ) -> ElementLoad | None:
     """Return what acts along the elements of the group with index `number`, or None.
 
-    It is the sum of the loads of a `RestartState`: force per length and bending pressures.
+    It is the sum of the loads of a `RestartState`: force per length, bending pressures, and
+    concentrated loads.
     """
-    line, pressures = None, {}
+    line, pressures, points = None, {}, []
     for stack, amounts in zip(restart.loads, restart.load_factors, strict=True):
         if not stack.follows:
+            concentrated = stack.for_each_load(lambda load: load.point_loads(number, state))
+            if concentrated is not None:
+                points.append(_scaled_points(concentrated, amounts.factors))
             force = stack.weighted_sum(
                 amounts, lambda load: load.load_per_length(number, group, state, nodes)
             )
@@ -207,7 +211,28 @@ def element_load(
             if pressing is not None:
                 per, pressure, axis = pressing
                 pressures.setdefault(per, []).append((amounts.factors[k] * pressure, axis))
-    return ElementLoad(line, pressures or None) if line is not None or pressures else None
+    if line is None and not pressures and not points:
+        return None
+    return ElementLoad(line, pressures or None, _joined_points(points))
+
+
+def _scaled_points(points, factors):
+    """Return concentrated loads of m loads, [m, n_elem, k, 4 or 7], times factors [m].
+
+    They are joined to [n_elem, m k, 4 or 7]; `ElementLoad` says what they are.
+    """
+    values = factors[:, None, None, None] * points[..., 1:]
+    points = jnp.moveaxis(jnp.concatenate([points[..., :1], values], axis=-1), 0, 1)
+    return points.reshape(points.shape[0], -1, points.shape[-1])
+
+
+def _joined_points(parts):
+    """Join concentrated loads, arrays [n_elem, k, 4 or 7], along their second axis; or None."""
+    if not parts:
+        return None
+    most = max(part.shape[-1] for part in parts)
+    wide = [jnp.pad(part, ((0, 0), (0, 0), (0, most - part.shape[-1]))) for part in parts]
+    return wide[0] if len(wide) == 1 else jnp.concatenate(wide, axis=1)
 
 
 @pytree

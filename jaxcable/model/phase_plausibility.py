@@ -14,6 +14,7 @@ from ..common.types import ArrayLike, Float
 from ..elements.element import Element
 from ..elements.statement import StatedValues
 from .plausibility import (
+    STATE_UNITS,
     FixedDofs,
     NamedGroups,
     array_or_none,
@@ -30,7 +31,7 @@ of polyester at some 0.12."""
 MAX_LOAD_STRAIN = 0.5
 """Limit of strains from loads; larger, because a batch or a search may contain large loads."""
 
-_UNITS = "check the units: stiffness and forces in N, areas in m2, moduli in Pa"
+_UNITS = f"check the units: stiffness and forces in N, areas in m2, moduli in Pa; {STATE_UNITS}"
 
 
 @issues_warnings

@@ -18,12 +18,26 @@ import numpy as np
 from ..common import checks, status
 from ..common.types import ArrayLike, Bool, Float
 from ..elements.element import Element
+from ..sections import LinearSection
 
 MAX_LENGTH_RATIO = 100.0
 """Ratio of an unstressed length to the distance of its nodes beyond which units are in doubt."""
 
-MIN_UNIT_WEIGHT = 50.0
-"""Weight over volume, N/m3, below which units are in doubt; foams have 100 and more."""
+MIN_UNIT_WEIGHT = 100.0
+"""Weight over volume, N/m3, below which units are in doubt; foams have 150 and more, and steel,
+whose weight is 77e3 N/m3, has 77 in kN/m3."""
+
+DOUBTFUL_SPECIFIC_STIFFNESS = 1e9, 1e11
+"""Range of EA over the weight per length, m, in which units are in doubt: steel has 2.7e6, carbon
+fibre 2e7; with EA in N and the weight in kN/m, or with both in N and mm, a thousand times more.
+Members that are meant to be rigid have more than that."""
+
+DOUBTFUL_MODULI = (100.0, 240.0), (1e5, 2.4e5)
+"""Ranges of moduli, Pa, in which units are in doubt: those of cables and steel in GPa and in MPa.
+Rubber has 1e6 and more; problems without units have small numbers of any size."""
+
+STATE_UNITS = 'a scene file may state other units, such as "units": "kN, m"'
+"""End of messages on doubtful units."""
 
 AXIS_TOLERANCE = 1e-6
 """Distance of a beam's axis from its centroid, over the section's size, beyond rounding."""
@@ -148,10 +162,13 @@ def warn_of_dimensions(group: Element, where: str, nodes: Positions) -> Iterator
         light = (weight > 0) & (weight < MIN_UNIT_WEIGHT * area)
         text = (
             f"less than {MIN_UNIT_WEIGHT:g} N/m3 with its area, lighter than any solid; is the "
-            "weight in N/m, and the area in m2?"
+            f"weight in N/m, and the area in m2? {STATE_UNITS}"
         )
         yield from describe_first_wrong(f"elements{where}.weight", weight, light, text)
-    if group.rotates and group.section is not None:
+    yield from _describe_stiffness(group, where, weight if area is None else None)
+    if group.rotates and isinstance(group.section, LinearSection):
+        yield from _describe_thick_section(f"elements{where}.section", group.section, nodes)
+    elif group.rotates and group.section is not None:
         section = group.section
         fibres = [array_or_none(section.y), array_or_none(section.z)]
         size = 0.0 if any(f is None for f in fibres) else max(np.ptp(f) for f in fibres)
@@ -175,8 +192,38 @@ def warn_of_zero_bending(named: NamedGroups, fixed: FixedDofs) -> Iterator[str]:
     """
     plane = bool(fixed[:, :3].all(axis=0).any())  # no node leaves it
     for where, group in named:
-        if group.rotates and group.section is not None:
+        if group.rotates and not isinstance(group.section, LinearSection | None):
             yield from _describe_zero_bending(f"elements{where}.section", group.section, plane)
+
+
+def _describe_stiffness(group, where, weight):
+    """Yield messages on a stiffness that no material has: its modulus, or EA over its weight.
+
+    `weight` is that of groups without an area, or None.
+    """
+    stiffness = array_or_none(group.linear_axial_stiffness())
+    if weight is not None and stiffness is not None and weight.shape == stiffness.shape:
+        low, high = (bound * weight for bound in DOUBTFUL_SPECIFIC_STIFFNESS)
+        stiff = (weight > 0) & (stiffness > low) & (stiffness < high)
+        text = (
+            "the stiffness EA is more than 1e9 m times this, and of steel 2.7e6 m; are EA in N, "
+            f"the weight in N/m, and lengths in m? {STATE_UNITS}"
+        )
+        yield from describe_first_wrong(f"elements{where}.weight", weight, stiff, text)
+    area, moduli = array_or_none(group.area), []
+    if area is not None and stiffness is not None and area.shape == stiffness.shape:
+        moduli.append(("law", np.asarray((stiffness / area)[:1])))
+    if group.section is not None and not isinstance(group.section, LinearSection):
+        moduli += [("section.laws", array_or_none(law.modulus)) for law in group.section.laws]
+    for name, modulus in moduli:
+        if modulus is not None and any(
+            np.all((modulus >= low) & (modulus <= high)) for low, high in DOUBTFUL_MODULI
+        ):
+            yield (
+                f"elements{where}.{name}: its modulus is {float(np.ravel(modulus)[0]):.6g} Pa, "
+                f"softer than rubber; is it in MPa or GPa? {STATE_UNITS}, which makes it kN/m2"
+            )
+            return
 
 
 def array_or_none(value):
@@ -187,6 +234,18 @@ def array_or_none(value):
 def lengths_over_nodes(group, nodes):
     """Return the initial length of every element, summed from node to node, [n_elem], m, NumPy."""
     return np.linalg.norm(np.diff(nodes[group.links.array], axis=1), axis=2).sum(axis=1)
+
+
+def _describe_thick_section(label, section, nodes):
+    """Yield a message if the radius of gyration of a `LinearSection` exceeds the structure."""
+    known = [array_or_none(v) for v in (section.EA, section.EIy, section.EIz)]
+    if all(v is not None for v in known):
+        radius = float(np.sqrt(max(known[1:]) / known[0]))
+        if radius > np.ptp(nodes, axis=0).max():
+            yield (
+                f"{label}: the radius of gyration, the root of EI / EA, is {radius:.3g} m, more "
+                "than the size of the structure; is EI in N m2, and EA in N?"
+            )
 
 
 def _describe_axis_off_centroid(label, section):

@@ -11,6 +11,7 @@ import jax
 import numpy as np
 
 from ..common.types import Array, Bool, Float, Int, PyTree
+from ..elements.abilities import POINT_LOADS, is_one_sided
 from ..elements.element import (
     PEAK_TENSION,
     PRESENT,
@@ -66,19 +67,19 @@ def present_elements(
     return [np.asarray(found) > 0 for found in values_per_group(structure, present)]
 
 
-def slack_cables(
+def slack_elements(
     group: Element,
     tension: Float[np.ndarray, " n_elem"] | None,
     present: Bool[np.ndarray, " n_elem"],
 ) -> Bool[np.ndarray, " n_elem"]:
-    """Return which elements of a group are active, tension-only and without tension, [n_elem] bool.
+    """Return which active elements of a group are slack: cables without tension, open contacts.
 
-    What reports and pictures call slack. An analysis asks the elements (`Element.is_slack`), whose
-    forces are zero then.
+    What reports and pictures call slack, [n_elem] bool. An analysis asks the elements
+    (`Element.is_slack`), whose forces are zero then.
     """
-    if tension is None or not group.tension_only:
+    if tension is None or not is_one_sided(group):
         return np.zeros(len(group.links), bool)
-    return np.asarray(tension <= 0) & present
+    return np.asarray(tension >= 0 if group.compression_only else tension <= 0) & present
 
 
 class ResultColumn(NamedTuple):
@@ -106,7 +107,7 @@ def result_columns(
     """Split results of elements into columns, one for every place and component.
 
     Section forces and strains at several positions along an element, which have tables and pictures
-    of their own, are left out.
+    of their own, are left out, and so are concentrated loads.
 
     Args:
         groups: element groups, or the parts of a `Topology`.
@@ -122,6 +123,8 @@ def result_columns(
         result = results[name]
         values = jax.tree.leaves(tree, is_leaf=lambda x: x is None)
         values = [None if x is None else np.asarray(x) for x in values]
+        if result == POINT_LOADS:  # loads
+            continue
         if result in (SECTION_FORCES, SECTION_STRAIN):
             if any(x is not None and x.ndim > 1 for x in values):
                 continue

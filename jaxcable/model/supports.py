@@ -73,7 +73,7 @@ class Supports:
         held: True where a freedom of the `chosen` nodes is held, [n, 6]: their displacements along
             x, y, z, then their rotations about x, y, z.
         axes: directions of the `chosen` nodes that replace x, y, z there, [n, 3, 3], one in each
-            row of a matrix, of length 1 and at right angles; default x, y, z.
+            row of a matrix, of length 1 without unit, at right angles; default x, y, z.
 
     Raises:
         ValueError: nothing given, a mask of the wrong shape or type; in a structure, unknown nodes,

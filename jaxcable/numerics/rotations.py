@@ -12,6 +12,7 @@ compiled many times.
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -162,6 +163,18 @@ def rotation_vector(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
     size = jnp.sqrt(jnp.where(small, 1.0, t))
     series = _angle_factor(jnp.where(small, t, 0.0))[0]
     return jnp.where(small, series, 4 * jnp.arctan(size) / size) * r
+
+
+@jax.jit
+def rotation_vectors(quaternions: Float[Array, "*n 4"]) -> Float[Array, "*n 3"]:
+    """Convert unit quaternions to rotation vectors ``angle axis``, angles from 0 to pi."""
+
+    def one(q):
+        return rotation_vector(to_stereographic(q))
+
+    for _ in range(quaternions.ndim - 1):
+        one = jax.vmap(one)
+    return one(quaternions)
 
 
 def halfway_rotation(p: Float[Array, " 4"], q: Float[Array, " 4"]) -> Float[Array, " 4"]:

@@ -58,8 +58,8 @@ class Events:
             and bifurcations, [n] int: 2 where two modes cross together (within the bracket), as in
             a ring under pressure; -1 where they are not counted (`TracedPath.n_negative`), 0 at
             other events.
-        elements: which elements slackened, tightened or failed, in the shape of `elements`, each
-            [n, n_elem] bool.
+        elements: which elements slackened (contacts: opened), tightened (closed) or failed, in the
+            shape of `elements`, each [n, n_elem] bool.
 
     Example:
         >>> path = jc.trace_path(*jc.scenes.von_mises_truss(rise=0.1, load=500.0))

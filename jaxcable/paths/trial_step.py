@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from .. import linear
 from ..common import status
 from ..common.types import Array, Bool
-from ..elements.abilities import Uniaxial
+from ..elements.abilities import Uniaxial, is_one_sided
 from ..equilibrium import newton
 from ..equilibrium.newton import Newton
 from ..mechanics.elementwise import evaluate_elements
@@ -155,7 +155,7 @@ class TrialStep:
         system, x = self.system, self.corrected.x
 
         def is_unsure(group, state):
-            if not (group.tension_only and isinstance(group, Uniaxial)):
+            if not (is_one_sided(group) and isinstance(group, Uniaxial)):
                 return jnp.zeros(len(group.links), bool)
             strain = evaluate_elements("strain", group, state, system.nodes, x)
             return jnp.abs(strain) <= _UNSURE_STRAIN * jnp.finfo(strain.dtype).eps

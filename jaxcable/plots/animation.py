@@ -13,6 +13,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from ..analysis.solution import Solution
+from ..common.units import SI, UnitsLike, as_units
 from ..common.writing import atomic_write
 from ..model.structure import Structure
 from .element_lines import ColorScale, ElementLines, draw_earlier_geometry, line_legend
@@ -39,6 +40,7 @@ def animation(
     frames: int = 60,
     rate: float = 10.0,
     dpi: float = 110,
+    units: UnitsLike | None = None,
 ) -> Path:
     """Save the increments of all phases as an animation, in space or in the plane of the structure.
 
@@ -62,6 +64,7 @@ def animation(
         frames: largest number of frames, taken evenly from all increments, with the last one.
         rate: frames per second.
         dpi: pixels per inch, of a picture about 5 inches wide.
+        units: units of coordinates and values, as of `net`.
 
     Returns:
         The `pathlib.Path` of the file.
@@ -84,28 +87,30 @@ def animation(
         raise ValueError(f'path = {str(path)!r}: expected the suffix ".gif" or ".html"')
     if not rate > 0:
         raise ValueError(f"rate = {rate}: must be positive")
+    stated = None if units is None else as_units(units)
     snapshots = Snapshots(solution, structure, color, names)
     shots = snapshots.increments(frames)
     start, single = shots[0].in_initial_geometry(), len(solution.phases) == 1
     origin = start if single else snapshots.after_phase(0)
     shots = [s.magnified(origin, magnify) if single or s.phase > 0 else s for s in shots]
     everything = np.concatenate([start.positions, *(shot.points() for shot in shots)])
-    seen = choose_view(everything, view, space=True)
-    images = _draw_frames(snapshots, start, shots, seen, everything, dpi)
+    seen = choose_view(everything, view, space=True, units=stated or SI)
+    scale = ColorScale([shot.forces for shot in shots], stated)
+    images = _draw_frames(snapshots, start, shots, seen, scale, everything, dpi)
     (_save_gif if path.suffix.lower() == ".gif" else _save_html)(images, path, rate)
     return path
 
 
-def _draw_frames(snapshots, start, shots, seen, everything, dpi):
+def _draw_frames(snapshots, start, shots, seen, scale, everything, dpi):
     """Draw a frame for each `Snapshot` in `shots`, and return the images, a list.
 
-    All have one palette, so that colors do not flicker, and axes that show `everything`, points
-    [n, 3], m, in the `View` `seen`. The `Snapshot` `start` is drawn dashed behind.
+    All have one palette, so that colors do not flicker, those of the `ColorScale`, and axes that
+    show `everything`, points [n, 3], m, in the `View` `seen`. The `Snapshot` `start` is drawn
+    dashed behind.
     """
     palette = Image.new("P", (1, 1))
     palette.putpalette(_shared_palette())
     forces = [shot.forces for shot in shots]
-    scale = ColorScale(forces)
     names = snapshots.names or [f"Phase {k + 1}" for k in range(len(snapshots.solution.phases))]
     titles = [f"{names[shot.phase]}, load factor {shot.load_factor:.2f}" for shot in shots]
     figure, slots = arrange_pictures([seen], [everything], titles[:1])

@@ -16,6 +16,8 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from ..analysis.phase_results import PhaseResult
 from ..analysis.solution import Solution, State
 from ..common.types import Float, Int
+from ..common.units import SI, Units, UnitsLike, as_units
+from ..elements.abilities import POINT_LOADS
 from ..elements.element import SECTION_FORCES
 from ..model.result_parts import end_nodes
 from ..model.structure import Structure
@@ -26,18 +28,18 @@ from .element_curves import (
     Links,
     hermite_cubic,
     picture_lines,
-    points_on_chords,
     select_lines,
 )
 from .element_forces import values_by_group
 from .layout import arrange_pictures, finish_layout
 from .snapshots import Snapshot, Snapshots
-from .style import GHOST, INK, SERIES, SIZE, finish_figure, force_unit
+from .style import GHOST, INK, SERIES, SIZE, finish_figure, quantity_unit
 from .symbols import draw_supports, support_legend
 from .views import View, choose_view
 
 # sizes in a picture 10 cm wide: longer diagrams and more numbers run into each other
 _HIGH = 0.12  # length of the largest value over the extent of the structure
+_MOST_JUMPS = 200  # places of loads in a group, from which on jumps are drawn as slopes
 _LABELS = 9  # values that are written
 _APART = 0.12  # distance of written values over the extent
 _ROUNDING = 1e-9  # value over the largest force, or moment, up to which it is rounding
@@ -58,6 +60,7 @@ def diagram(
     names: Sequence[str] | None = None,
     high: float = _HIGH,
     supports: bool = True,
+    units: UnitsLike | None = None,
 ) -> Figure:
     """Draw a section force of all beams on the structure, with values at ends and extremes.
 
@@ -81,6 +84,7 @@ def diagram(
         names: names of the phases for the title, as of `net`.
         high: length of the largest value over the extent of the structure.
         supports: whether to mark supports.
+        units: units of coordinates and values, as of `net`.
 
     Returns:
         The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
@@ -100,11 +104,12 @@ def diagram(
     >>> figure.axes[0].get_title(), figure.axes[0].texts[0].get_text()
     ('My (N m), at the end', '2000')
     """
+    stated = None if units is None else as_units(units)
     snapshots = Snapshots(solution, structure, names=names)
     shown = snapshots.state_to_draw(state, phase)
     snapshot, title = snapshots.of_state(shown), snapshots.title(int(shown.phase), shown)
-    seen = choose_view(snapshot.points(), view, space=True)
-    found = ForceDiagrams(snapshots, [snapshot], of, high, seen)
+    seen = choose_view(snapshot.points(), view, space=True, units=stated or SI)
+    found = ForceDiagrams(snapshots, [snapshot], of, high, seen, units=stated)
     points = np.concatenate([snapshot.points(), found.points()])
     name = title if names is not None else title[0].lower() + title[1:]
     title = f"{of} ({found.unit}), {name}" + ("" if found.largest > 0.0 else ": zero")
@@ -134,6 +139,7 @@ class ForceDiagrams:
         most: largest number of values that are written in a picture.
         apart: least distance of written values over the extent.
         least: least size of written values, over the largest value of all pictures.
+        units: `Units` of written values; None for N, kN or MN.
 
     Attributes:
         largest: size of the largest value in all pictures, N or N m.
@@ -153,6 +159,7 @@ class ForceDiagrams:
         most: int = _LABELS,
         apart: float = _APART,
         least: float = 0.0,
+        units: Units | None = None,
     ):
         if of not in SECTION_FORCES.components:
             raise ValueError(f"of = {of!r}: expected one of {', '.join(SECTION_FORCES.components)}")
@@ -161,8 +168,8 @@ class ForceDiagrams:
         self.component, self.view, self.links = of, view, found.links
         self._along = [_BeamForces(found.parts, snapshot, of) for snapshot in snapshots]
         self.largest = max(each.largest for each in self._along)
-        self._factor, force = force_unit(self.largest)
-        self.unit = f"{force} m" if of in _MOMENTS else force
+        unit = "N m" if of in _MOMENTS else "N"
+        self._factor, self.unit = quantity_unit(self.largest, unit, units)
         scale = high * max(each.extent for each in self._along) / max(self.largest, 1e-300)
         self._tips = [each.value_tips(view, scale) for each in self._along]
         self._labels = most, apart, least * self.largest
@@ -217,7 +224,9 @@ class _BeamForces:
 
     def __init__(self, parts: Sequence[GroupTopology], snapshot: Snapshot, of: str):
         self.snapshot, positions, curves = snapshot, snapshot.positions, snapshot.curves
-        forces, ends, number = forces_along_beams(parts, snapshot.end, PLACES)  # type: ignore[arg-type]  # not of an increment
+        end: Any = snapshot.end  # not of an increment
+        places = _places_with_jumps(end, len(parts))
+        forces, ends, number = forces_along_beams(parts, end, places)
         if not len(number):
             raise ValueError("solution: has no beams, and so no section forces")
         kept = snapshot.forces.present[number]
@@ -229,13 +238,12 @@ class _BeamForces:
         self.largest = float(np.abs(self.values).max(initial=0.0))
         self.extent = float(np.ptp(snapshot.points(), axis=0).max())
         self._chord = positions[ends]
-        self._base = points_on_chords(self._chord, PLACES)
+        part = places[:, None]
+        self._base = (1 - part) * self._chord[:, :1] + part * self._chord[:, 1:]
         axes = _default_section_axes(self._chord)
         if curves is not None and np.isin(number, curves.element[: len(curves.axes)]).all():
             rows = curves.indices_of_elements(number)
-            self._base = self._base + hermite_cubic(
-                curves.bend[rows], np.linspace(0.0, 1.0, PLACES)
-            )
+            self._base = self._base + hermite_cubic(curves.bend[rows], places)
             axes = curves.axes[rows]
         self._sides = _positive_side_directions(axes, self._chord, of)
 
@@ -269,32 +277,52 @@ class _BeamForces:
                 axes.add_collection(area(quads[alike], zorder=2, **look), autolim=False)
 
 
+def _places_with_jumps(end, count):
+    """Return evenly spaced places along the beams, and both sides of all concentrated loads.
+
+    `end` is the `State` or `PhaseResult`, `count` the number of groups.
+    """
+    places = np.linspace(0.0, 1.0, PLACES)
+    loads = (end.results or {}).get(POINT_LOADS.name)
+    for own in values_by_group(loads, count):
+        if own is None:
+            continue
+        own = np.asarray(own)
+        acts = np.abs(own[..., 1:]).max(axis=-1) > 0
+        at = np.unique(own[..., 0][acts])
+        at = at[(at > 0) & (at < 1)]
+        if len(at) <= _MOST_JUMPS:
+            places = np.concatenate([places, at, np.minimum(at + 1e-9, 1.0)])
+    return np.unique(places)
+
+
 def forces_along_beams(
-    parts: Sequence[GroupTopology], end: State | PhaseResult, n_place: int
+    parts: Sequence[GroupTopology],
+    end: State | PhaseResult,
+    places: Float[np.ndarray, " n_place"],
 ) -> tuple[
     Float[np.ndarray, "n_beam n_place 6"],
     Int[np.ndarray, "n_beam 2"],
     Int[np.ndarray, " n_beam"],
 ]:
-    """Return section forces at evenly spaced places along all beams.
+    """Return section forces at places along all beams.
 
     Args:
         parts: `GroupTopology` of every group of elements.
         end: `State` or `PhaseResult` that has the section forces.
-        n_place: number of places along each beam, ends included.
+        places: along each beam, from 0 to 1.
 
     Returns:
         forces: N, Vy, Vz, T, My, Mz at the places, [n_beam, n_place, 6], N and N m.
         ends: node numbers of the beams, [n_beam, 2].
         numbers: index of each beam, counted through the elements of all groups, [n_beam].
     """
-    found, ends = [np.zeros((0, n_place, 6))], [np.zeros((0, 2), int)]
+    found, ends = [np.zeros((0, len(places), 6))], [np.zeros((0, 2), int)]
     numbers, count = [np.zeros(0, int)], 0
     own = values_by_group(end.section_forces, len(parts))
-    places, at = np.linspace(0.0, 1.0, n_place), end.positions
-    for part, values in zip(
-        parts, interpolate_recorded_forces(parts, own, at, places), strict=True
-    ):
+    loads = values_by_group((end.results or {}).get(POINT_LOADS.name), len(parts))
+    along = interpolate_recorded_forces(parts, own, end.positions, places, loads)
+    for part, values in zip(parts, along, strict=True):
         size = len(part.links.array)
         if values is not None:
             found.append(np.asarray(values))
@@ -337,7 +365,7 @@ def _side_directions_in_picture(sides, chord, view):
     """
     if not view.flat:
         return sides
-    basis = view.project(np.eye(3)).T  # directions of the picture, [2, 3]
+    basis = view.project(np.eye(3)).T / view.scale  # directions of the picture, [2, 3]
     across = view.project(chord) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
     across = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
     along = (across * view.project(sides)).sum(axis=1, keepdims=True)

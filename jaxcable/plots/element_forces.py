@@ -11,7 +11,7 @@ import numpy as np
 from .. import design
 from ..common.types import Float
 from ..elements.element import PRESENT, Element
-from ..model.result_parts import ResultColumn, result_columns, slack_cables
+from ..model.result_parts import ResultColumn, result_columns, slack_elements
 from ..model.structure import Structure
 from ..model.topology import GroupTopology
 
@@ -53,7 +53,7 @@ class ElementForces:
             ends = np.cumsum([len(part.links.array) for part in parts])[:-1]
             own = (np.split(values, ends) for values in (self.tension, self.present))
             found = zip(structure.groups, *own, strict=True)
-            self.slack = np.concatenate([slack_cables(*each) for each in found])
+            self.slack = np.concatenate([slack_elements(*each) for each in found])
         largest = np.nanmax(np.abs(self.tension), initial=0.0)
         self.compressed = ~self.slack & (self.tension < -_ROUNDING * largest)
         if color == "utilization":

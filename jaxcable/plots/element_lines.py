@@ -13,10 +13,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 
 from ..common.types import Bool
+from ..common.units import Units
 from .element_curves import Links, picture_lines, select_lines
 from .element_forces import ElementForces
 from .snapshots import Snapshot, Snapshots
-from .style import GHOST, INK, SLACK, color_map, force_unit
+from .style import GHOST, INK, SLACK, color_map, quantity_unit
 from .views import View
 
 DASHES = (0, (3, 1.5))
@@ -29,6 +30,7 @@ class ColorScale:
 
     Args:
         forces: `ElementForces` of the pictures.
+        units: `Units` of the numbers; None for SI, of which forces are in N, kN or MN.
 
     Attributes:
         factor: factor from the values to the numbers on the color bar.
@@ -36,7 +38,7 @@ class ColorScale:
         look: color map and norm, as arguments of matplotlib's collections.
     """
 
-    def __init__(self, forces: Sequence[ElementForces]):
+    def __init__(self, forces: Sequence[ElementForces], units: Units | None = None):
         color = forces[0].color
         values = np.concatenate([f.value for f in forces])
         values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
@@ -51,10 +53,7 @@ class ColorScale:
                 self.label += f", largest {100 * high:.{4 if high > 1.01 else 6}g} %"
             low, high = 0.0, 100.0 * (1.0 + _REACHED)
         else:
-            self.factor, unit = 1.0, forces[0].unit
-            if unit.startswith("N"):
-                self.factor, kilo = force_unit(max(abs(low), abs(high)))
-                unit = kilo + unit[1:]
+            self.factor, unit = quantity_unit(max(abs(low), abs(high)), forces[0].unit, units)
             signed = ", tension positive" if low < -_ROUNDING * max(abs(low), abs(high)) else ""
             name = color.replace("_", " ")
             if color == "tension":

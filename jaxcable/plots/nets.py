@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from ..analysis.solution import Solution, State
 from ..common.types import Float
+from ..common.units import SI, UnitsLike, as_units
 from ..model.structure import Structure
 from .element_lines import ColorScale, ElementLines, draw_earlier_geometry, line_legend
 from .layout import arrange_pictures, finish_layout
@@ -44,6 +45,7 @@ def net(
     loads: bool = True,
     reactions: bool = False,
     axes: bool = False,
+    units: UnitsLike | None = None,
 ) -> Figure:
     """Draw a structure in plan before and in space after loading, colored by tension.
 
@@ -90,6 +92,8 @@ def net(
             drawn.
         axes: whether to draw the axes x, y and z of the sections of beams at their middles, a dot
             for an axis that is seen end on; needs `structure`.
+        units: units of coordinates and values, such as "kip, ft" (see `files.Units`); default: SI,
+            with forces in N, kN or MN.
 
     Returns:
         The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
@@ -97,7 +101,7 @@ def net(
     Raises:
         ValueError: the solution has failed and no state is given; it is a batch; the structure is
             missing or another one; no group has a breaking force; another number of names than of
-            phases; an unknown option.
+            phases; an unknown option; unknown units.
 
     >>> import jax; jax.config.update("jax_enable_x64", True)
     >>> import jaxcable as jc
@@ -109,21 +113,24 @@ def net(
     """
     if axes and structure is None:
         raise ValueError("structure: needed for axes; the beams are in it")
+    stated = None if units is None else as_units(units)
     snapshots = Snapshots(solution, structure, color, names)
     shown = snapshots.state_to_draw(state, phase)
     stages = _stages_before_and_after(snapshots, shown, magnify)
-    views = _choose_views(stages, view)
+    views = _choose_views(stages, view, stated or SI)
     if views[0] is views[1] and stages[0].title == stages[1].title:
         views, stages = views[1:], stages[1:]  # the first picture would be the same
 
-    arrows = _force_arrows(stages[-1].now, shown, views[-1], snapshots.links, loads, reactions)
+    kinds = [("load", loads), ("reaction", reactions)]
+    asked = [name for name, wanted in kinds if wanted]
+    arrows = _force_arrows(stages[-1].now, shown, views[-1], snapshots.links, asked, stated)
     points = [stage.points() for stage in stages]
     points[-1] = np.concatenate([points[-1], *(kind.ends for kind in arrows)])
     sections = [stage.now.section_axes() for stage in stages] if axes else []
     for number, (_, tips) in enumerate(sections):
         points[number] = np.concatenate([points[number], tips.reshape(-1, 3)])
     forces = [stage.now.forces for stage in stages]
-    scale = ColorScale(forces)
+    scale = ColorScale(forces, stated)
     titles = [stage.title for stage in stages]
     titles[0] += f": {views[0].kind}" if views[0].flat else ""
     figure, slots = arrange_pictures(views, points, titles)
@@ -205,25 +212,27 @@ def round_magnification(
     return float(power * next(r for r in _ROUND if r * power <= wanted * (1 + 1e-9)))
 
 
-def _choose_views(stages, view):
-    """Return the `View`s of the pictures before and after loading.
+def _choose_views(stages, view, units):
+    """Return the `View`s of the pictures before and after loading, in `units`.
 
     `view` is the kind of the first one, "plan", "elevation" or "space", or None to choose it.
     """
     everything = np.concatenate([stage.points() for stage in stages])
-    first, second = choose_view(stages[0].points(), view), choose_view(everything, space=True)
+    first = choose_view(stages[0].points(), view, units=units)
+    second = choose_view(everything, space=True, units=units)
     return [second if second.plane and view is None else first, second]
 
 
-def _force_arrows(snapshot, shown, view, links, loads, reactions):
+def _force_arrows(snapshot, shown, view, links, asked, units):
     """Return the `ForceArrows` of loads and reactions of the `State` `shown`, if asked for, a list.
 
-    `loads` and `reactions` say what is asked for, `links` are those of `Snapshots`.
+    `asked` names what is asked for, "load" or "reaction"; `links` are those of `Snapshots`, and
+    `units` those of legends, or None.
     """
     pairs = links[0][snapshot.forces.present[links[1]]]
-    asked = ("load", shown.load, loads, True), ("reaction", shown.reactions, reactions, False)
+    kinds = ("load", shown.load, True), ("reaction", shown.reactions, False)
     return [
-        ForceArrows(name, forces, snapshot.positions, view, snapshot.points(), pairs, push)
-        for name, forces, wanted, push in asked
-        if wanted
+        ForceArrows(name, forces, snapshot.positions, view, snapshot.points(), pairs, push, units)
+        for name, forces, push in kinds
+        if name in asked
     ]

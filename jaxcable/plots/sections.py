@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from ..common.types import ArrayLike, Float
-from ..sections import Section
-from .style import finish_figure, legend_below, new_figure
+from ..common.units import UnitsLike, as_units
+from ..sections import LinearSection, Section
+from .style import finish_figure, legend_below, new_figure, quantity_unit
 
 
 def section(
@@ -23,6 +24,7 @@ def section(
     *,
     scale: float = 1e-6,
     unit: str = "N/mm2",
+    units: UnitsLike | None = None,
 ) -> Figure:
     """Draw the fibres of a cross-section, colored by stress, or by law if no stress is given.
 
@@ -33,12 +35,14 @@ def section(
 
     Options:
         scale, unit: factor on the stress, and the name of the resulting unit.
+        units: units of the picture instead, such as "kip, ft" (see `files.Units`): coordinates are
+            then in mm or in, and stresses in MPa, kip/in2, lbf/in2 or kgf/cm2.
 
     Returns:
         The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
 
     Raises:
-        ValueError: no mesh, or a stress of the wrong shape.
+        ValueError: no mesh or no fibres, or a stress of the wrong shape; unknown units.
 
     >>> import jaxcable as jc
     >>> disc = jc.Section.disc(0.05, jc.Elastic(210e9), (4, 8))
@@ -46,9 +50,17 @@ def section(
     >>> figure.axes[1].get_ylabel()
     'stress (N/mm2), tension positive'
     """
+    if isinstance(section, LinearSection):
+        raise ValueError("section: is given by its stiffnesses; it has no fibres to draw")
     if section.points is None:
         raise ValueError("section: has no mesh to draw; it was made from fibres alone")
-    corners: Any = np.asarray(section.points)[section.cells.array] * 1e3
+    size, length = 1e3, "mm"
+    if units is not None:
+        shown = as_units(units)
+        scale, unit = quantity_unit(0.0, "Pa", shown)
+        length, to_small = shown.small_length
+        size = shown.from_si(float(to_small), "m")
+    corners: Any = np.asarray(section.points)[section.cells.array] * size
     figure = new_figure(4.8, 4.2)
     axes = figure.add_subplot()
     edges: dict[str, Any] = {"edgecolors": "white", "linewidths": 0.4}
@@ -75,5 +87,5 @@ def section(
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.margins(0.08)
-    axes.set(xlabel="y (mm)", ylabel="z (mm)")
+    axes.set(xlabel=f"y ({length})", ylabel=f"z ({length})")
     return finish_figure(figure, path)

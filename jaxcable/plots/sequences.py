@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..analysis.solution import Solution
+from ..common.units import SI, UnitsLike, as_units
 from ..model.structure import Structure
 from .diagrams import ForceDiagrams
 from .element_lines import ColorScale, ElementLines, draw_earlier_geometry, line_legend
@@ -43,6 +44,7 @@ def sequence(
     names: Sequence[str] | None = None,
     columns: int | None = None,
     supports: bool = True,
+    units: UnitsLike | None = None,
 ) -> Figure:
     """Draw the end of each phase: one small picture each, in the same scales and colors.
 
@@ -67,6 +69,7 @@ def sequence(
         names: titles, one for each phase; default "phase 1", "phase 2" and so on.
         columns: number of pictures in a row; default two, or three of high structures.
         supports: whether to mark supports.
+        units: units of coordinates and values, as of `net`.
 
     Returns:
         The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
@@ -82,14 +85,17 @@ def sequence(
     >>> [axes.get_title() for axes in figure.axes[:2]]
     ['prestress', 'loads']
     """
+    stated = None if units is None else as_units(units)
     snapshots = Snapshots(solution, structure, color, names)
     stages = _stages_of_phases(snapshots, magnify)
     everything = np.concatenate([stage.points() for stage in stages])
-    seen = choose_view(everything, view)
-    content: Any = _ColoredElementPictures(stages, snapshots, seen)
+    seen = choose_view(everything, view, units=stated or SI)
+    content: Any = _ColoredElementPictures(stages, snapshots, seen, stated)
     if diagram is not None:
         instants = [stage.now for stage in stages]
-        content = ForceDiagrams(snapshots, instants, diagram, high, seen, _LABELS, _APART, _LEAST)
+        content = ForceDiagrams(
+            snapshots, instants, diagram, high, seen, _LABELS, _APART, _LEAST, stated
+        )
         everything = np.concatenate([everything, content.points()])
     if columns is None:
         columns = 2 if seen.height_over_width(everything) < _WIDE else 3
@@ -145,12 +151,13 @@ def _stages_of_phases(snapshots, magnify):
 class _ColoredElementPictures:
     """The pictures of a sequence with colored elements; it has the methods of `ForceDiagrams`.
 
-    It is made of the `StagePicture` and the `View` of every picture, and the `Snapshots`.
+    It is made of the `StagePicture` and the `View` of every picture, the `Snapshots`, and `Units`
+    or None.
     """
 
-    def __init__(self, stages, snapshots, view):
+    def __init__(self, stages, snapshots, view, units):
         self.stages, self.snapshots, self.view = stages, snapshots, view
-        self.scale = ColorScale([stage.now.forces for stage in stages])
+        self.scale = ColorScale([stage.now.forces for stage in stages], units)
 
     def draw(self, axes, number):
         """Draw picture `number`: the elements, and behind them dashed those of the phase before."""

@@ -35,6 +35,7 @@ class Snapshot:
         forces: `ElementForces` at this instant.
         fixed: which degrees of freedom supports hold, [n_node, 3 or 6] bool.
         rotates: which nodes have rotations, [n_node] bool; None if unknown.
+        on_ground: which nodes have springs to the ground or bearings, [n_node] bool.
         curves: `Curves` of beams and hanging cables, or None.
         end: `PhaseResult` or `State` of this instant; None for increments, of which only the
             recorded path is known.
@@ -49,6 +50,7 @@ class Snapshot:
     forces: ElementForces
     fixed: Bool[np.ndarray, "n_node n_freedom"]
     rotates: Bool[np.ndarray, " n_node"] | None
+    on_ground: Bool[np.ndarray, " n_node"]
     curves: Curves | None
     end: PhaseResult | State | None
 
@@ -118,12 +120,13 @@ class Snapshot:
         middles = points[:, points.shape[1] // 2]
         return middles, section_axis_tips(middles, axes, chords, extent)
 
-    def support_kinds(self, normal: Float[np.ndarray, " 3"] | None) -> Bool[np.ndarray, "3 n_node"]:
-        """Return which nodes are clamped, pinned and partially supported, [3, n_node] bool.
+    def support_kinds(self, normal: Float[np.ndarray, " 3"] | None) -> Bool[np.ndarray, "4 n_node"]:
+        """Return which nodes are clamped, pinned, partially held or on springs, [4, n_node] bool.
 
         `normal` is the unit normal vector of a plane structure, or None.
         """
-        return support_kinds(self.fixed, self.rotates, normal)
+        kinds = support_kinds(self.fixed, self.rotates, normal)
+        return np.vstack([kinds, self.on_ground & ~kinds.any(axis=0)])
 
 
 class Snapshots:
@@ -225,6 +228,10 @@ class Snapshots:
         """Make a `Snapshot`; `place` is a tuple of its phase, increment and load factor."""
         forces = ElementForces(element_results, self.parts, self.structure, self.color)
         fixed = self.solution.last.fixed[place[0] + 1].array[: len(displacement)]
+        on_ground = np.zeros(len(displacement), bool)
+        for part in self.parts:
+            if part.links.shape[1] == 1:
+                on_ground[part.links.array] = True
         within = (
             self._curves.initial_positions,
             displacement,
@@ -232,6 +239,7 @@ class Snapshots:
             forces,
             fixed,
             self._rotates,
+            on_ground,
             curves,
             end,
         )
@@ -311,7 +319,12 @@ def evenly_spaced_indices(n: int, most: int) -> Int[np.ndarray, " n_frame"]:
 
 
 def refuse_batch(solution: Solution) -> None:
-    """Raise ValueError for a batch: a picture shows one analysis."""
+    """Raise ValueError for a batch, or a state: a picture shows one analysis."""
+    if isinstance(solution, State):
+        raise ValueError(
+            "solution: expected a Solution, got a State; give the Solution that it belongs to, and "
+            "state=solution.last to draw its last state"
+        )
     if np.ndim(solution.status) != 0:
         raise ValueError(
             "solution: is a batch; draw one analysis of it, jax.tree.map(lambda a: a[k], solution)"

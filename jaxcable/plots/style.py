@@ -18,6 +18,7 @@ from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from ..common.units import Units
 from ..common.writing import atomic_write
 
 MADE_BY = "jaxcable (matplotlib)"
@@ -147,6 +148,23 @@ def color_map() -> Colormap:
     return ListedColormap(colors).with_extremes(bad="0.6", over=OVER)
 
 
+def quantity_unit(largest: float, unit: str, units: Units | None = None) -> tuple[float, str]:
+    """Return the factor from an SI unit to the unit in which pictures show it, and its name.
+
+    With `units` it is theirs; stresses are in MPa, kip/in2, lbf/in2 or kgf/cm2 then. Without them
+    forces, and what begins with N, have a unit that suits the largest value.
+    """
+    if units is None and unit.startswith("N"):
+        factor, force = force_unit(largest)
+        return factor, force + unit[1:]
+    if units is None:
+        return 1.0, unit
+    if unit == "Pa":
+        name, to_stress = units.stress
+        return float(to_stress) * units.from_si(1.0, unit), name
+    return units.from_si(1.0, unit), units.shown(unit)
+
+
 def force_unit(largest: float) -> tuple[float, str]:
     """Return the factor from N to a unit that suits a largest force, N, and the unit's name."""
     for size, name in ((1e6, "MN"), (1e3, "kN")):
@@ -155,9 +173,9 @@ def force_unit(largest: float) -> tuple[float, str]:
     return 1.0, "N"
 
 
-def format_force(force: float) -> str:
-    """Return a force, given in N, as text with a suitable unit."""
-    factor, name = force_unit(10 * force)
+def format_force(force: float, units: Units | None = None) -> str:
+    """Return a force, given in N, as text in `units`, or with a suitable unit."""
+    factor, name = quantity_unit(10 * force, "N", units)
     return f"{force * factor:.3g} {name}"
 
 

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from ..common.types import ArrayLike, Bool, Float, Int
+from ..common.units import Units
 from .style import AXES, INK, LOAD, REACTION, format_force
 from .views import View
 
@@ -21,7 +22,12 @@ _ON = 0.9  # cosine between arrow and element above which one hides the other: s
 _AXIS = 0.05  # length of the axes of a section over the extent of the structure, at most
 _AXIS_SHARE = 0.4  # and over the length of the beam
 _SMALL = 1e-9  # force over the largest one up to which it is not drawn
-SUPPORT_MARKS = (("s", INK, "clamped"), ("^", INK, "pinned"), ("^", "white", "partially supported"))
+SUPPORT_MARKS = (
+    ("s", INK, "clamped"),
+    ("^", INK, "pinned"),
+    ("^", "white", "partially supported"),
+    ("D", "white", "on a spring or bearing"),
+)
 """Mark, filling and name of the kinds of supports."""
 
 
@@ -52,11 +58,11 @@ def draw_supports(
     axes: Axes,
     view: View,
     positions: Float[np.ndarray, "n_node 3"],
-    kinds: Bool[np.ndarray, "3 n_node"],
+    kinds: Bool[np.ndarray, "4 n_node"],
 ) -> list[Line2D]:
     """Draw marks at the supports, and return these marks.
 
-    `kinds` says which nodes are clamped, pinned and partially supported, [3, n_node] bool.
+    `kinds` are those of `Snapshot.support_kinds`, [4, n_node] bool.
     """
     marks = []
     seen, size = view.project(positions), mark_size(len(positions))
@@ -71,10 +77,10 @@ def draw_supports(
     return marks
 
 
-def support_legend(kinds: Bool[np.ndarray, "3 n_node"]) -> list[Line2D]:
+def support_legend(kinds: Bool[np.ndarray, "4 n_node"]) -> list[Line2D]:
     """Return legend entries of the kinds of supports that occur.
 
-    `kinds` says which nodes are clamped, pinned and partially supported, [3, n_node] bool.
+    `kinds` are those of `Snapshot.support_kinds`, [4, n_node] bool.
     """
     return [
         Line2D([], [], linestyle="", marker=mark, markerfacecolor=filling, markeredgecolor=INK,
@@ -100,6 +106,7 @@ class ForceArrows:
         push: whether the arrows end at their nodes (loads) or begin there (reactions). An arrow
             that would lie on an element lies on the other side of its node; if it would lie on one
             there, too, it is drawn under the elements.
+        units: `Units` of the largest force in the legend; None for N, kN or MN.
 
     Attributes:
         tails, vectors: start points and vectors of the arrows, [n_arrow, 3], m.
@@ -118,7 +125,9 @@ class ForceArrows:
         points: Float[np.ndarray, "n 3"],
         links: Int[np.ndarray, "n_piece 2"],
         push: bool,
+        units: Units | None = None,
     ):
+        self.units = units
         forces = np.asarray(forces)
         size = np.linalg.norm(forces, axis=1)
         self.name, self.color = name, LOAD if push else REACTION
@@ -153,7 +162,7 @@ class ForceArrows:
         """Return the legend entry with the size of the largest force; [] without arrows."""
         if not len(self.tails):
             return []
-        label = f"largest {self.name} {format_force(self.largest)}"
+        label = f"largest {self.name} {format_force(self.largest, self.units)}"
         if len(self.tails) < self.count:
             label += f", {len(self.tails)} of {self.count} drawn"
         look: dict[str, Any] = {"color": self.color, "marker": "$\\rightarrow$", "markersize": 14}
@@ -168,7 +177,7 @@ def _arrow_scale(forces, view, points, extent):
     """
     longest = extent * min(_ARROW, 0.8 / np.sqrt(max(len(forces), 1)))
     seen = np.ptp(view.project(points), axis=0)
-    room = _SHARE * np.maximum(seen, _LEAST[view.flat] * extent)
+    room = _SHARE * np.maximum(seen, _LEAST[view.flat] * extent * view.scale)
     parts = np.abs(view.project(forces)).max(axis=0, initial=0.0)
     largest = np.linalg.norm(forces, axis=1).max(initial=0.0)
     return min(longest / max(largest, 1e-300), *(room / np.maximum(parts, 1e-300)))
@@ -251,7 +260,7 @@ def draw_section_axes(
     for k, color in enumerate(AXES):
         lines = np.stack([feet, view.project(tips[:, k])], axis=1)
         seen = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1)
-        on_end = seen < 0.1 * np.linalg.norm(tips[:, k] - middles, axis=1)
+        on_end = seen < 0.1 * view.scale * np.linalg.norm(tips[:, k] - middles, axis=1)
         view.add_lines(axes, lines[~on_end], colors=color, linewidths=1.2, zorder=7)
         if on_end.any():
             axes.plot(*feet[on_end].T, ".", color=color, markersize=3, zorder=8)

@@ -14,13 +14,14 @@ from matplotlib.colors import to_hex
 from ..analysis.phase_results import Path as Increments
 from ..analysis.solution import Solution, State
 from ..common import status
+from ..common.units import UnitsLike, as_units
 from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
 from .diagrams import forces_along_beams
 from .element_forces import all_result_columns, concatenate_values
 from .page import Page, PageArrays, write_page
 from .snapshots import Snapshots
-from .style import LOAD, REACTION, SLACK, accepts_old_spelling, color_map
+from .style import LOAD, REACTION, SLACK, accepts_old_spelling, color_map, quantity_unit
 from .views import choose_view
 
 _PLACES = 17  # along hanging cables, ends included; fewer than in pictures, for small pages
@@ -37,6 +38,7 @@ def view(
     title: str = "jaxcable",
     names: Sequence[str] | None = None,
     frames: int = 40,
+    units: UnitsLike | None = None,
 ) -> Page:
     """Write a page with an interactive 3-D view of a structure, its phases and its results.
 
@@ -66,6 +68,7 @@ def view(
         frames: largest number of increments in the page, taken evenly from all of them; the ends
             of phases are kept whatever it is. Every one needs ``16 n_node + 7 n_elem`` bytes or
             more, and all positions and results are numbers of 32 bits.
+        units: units of the numbers that the page shows, as of `net`.
 
     Returns:
         A `Page` with `path` and `html`, which notebooks show.
@@ -88,6 +91,7 @@ def view(
     if path is not None and Path(path).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f'path = {str(path)!r}: expected the suffix ".html"')
     _refuse_other_results(solution)
+    stated = None if units is None else as_units(units)
     snapshots = Snapshots(solution, structure, color, names, _PLACES)
     shots = snapshots.increments(frames, ends=True)
     arrays = PageArrays()
@@ -100,6 +104,11 @@ def view(
     _add_results(description, arrays, snapshots, shots)
     _add_supports_and_nodal_forces(arrays, shots)
     description["colors"] = _page_colors()
+    if stated is not None:
+        columns = {column["unit"] for column in description["columns"]}
+        description["units"] = {
+            unit: quantity_unit(0.0, unit, stated) for unit in sorted({"N", "m", "N m", *columns})
+        }
     return write_page(title, description, arrays, path)
 
 
@@ -181,7 +190,8 @@ def _add_curves(arrays, snapshots, shots):
     curves, ends = [shot.curves for shot in shots], [shot for shot in shots if shot.end is not None]
     beam, sagging = np.split(curves[0].element, [len(curves[0].bend)])
     if len(beam):
-        diagrams = [forces_along_beams(snapshots.parts, shot.end, _DIAGRAM)[0] for shot in ends]
+        places = np.linspace(0.0, 1.0, _DIAGRAM)
+        diagrams = [forces_along_beams(snapshots.parts, shot.end, places)[0] for shot in ends]
         if any(len(values) != len(beam) for values in diagrams):  # a group tells none
             diagrams = np.zeros((len(ends), len(beam), 0, 6))
         arrays.add("beam", "u", beam)
@@ -232,7 +242,7 @@ def _add_supports_and_nodal_forces(arrays, shots):
     """
     shots = [shot for shot in shots if shot.end is not None]
     normal = choose_view(shots[0].initial_positions).normal
-    arrays.add("supports", "b", [shot.support_kinds(normal).T @ [1, 2, 3] for shot in shots])
+    arrays.add("supports", "b", [shot.support_kinds(normal).T @ [1, 2, 3, 3] for shot in shots])
     load, reactions = (
         np.stack([np.asarray(getattr(shot.end, name)) for shot in shots])
         for name in ("load", "reactions")

@@ -12,6 +12,7 @@ from mpl_toolkits.mplot3d import Axes3D  # makes the projection known
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from ..common.types import Float
+from ..common.units import SI, Units
 from .style import SIZE
 
 __all__ = ["VIEWS", "Axes3D", "View", "choose_view"]
@@ -30,20 +31,27 @@ class View:
         kind: "plan", "elevation" or "space".
         along: horizontal unit vector of an elevation, [3]; of a plane structure its direction.
         plane: whether the whole structure lies in one vertical plane.
+        units: `Units` of the coordinates in the picture.
 
     Attributes:
-        kind, along, plane: as above.
+        kind, along, plane, units: as above.
+        scale: factor from m to the unit of length of the picture.
         normal: unit normal vector of the plane of the structure, [3], or None.
         flat: whether the axes of the picture have two directions, rather than three.
     """
 
-    def __init__(self, kind, along=None, plane=False):
+    def __init__(self, kind, along=None, plane=False, units=SI):
         self.kind, self.along, self.plane = kind, along, plane
+        self.units, self.scale = units, units.from_si(1.0, "m")
         self.flat = kind != "space"
         self.normal = np.array([-along[1], along[0], 0.0]) if plane else None
 
     def project(self, vectors: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 2or3"]:
-        """Return the coordinates of vectors [..., 3] in the picture, [..., 2] or [..., 3]."""
+        """Return the coordinates of vectors [..., 3], m, in the picture, [..., 2] or [..., 3].
+
+        They are in the units of the picture.
+        """
+        vectors = vectors if self.scale == 1.0 else self.scale * vectors
         if self.kind == "plan":
             return vectors[..., :2]
         if self.kind == "elevation":
@@ -68,15 +76,16 @@ class View:
 
     def axis_labels(self) -> tuple[str, ...]:
         """Return the labels of the two or three axes, such as "x (m)"."""
+        x, y, z = (f"{name} ({self.units.length})" for name in "xyz")
         if self.kind != "elevation":
-            return ("x (m)", "y (m)", "z (m)")[: 2 if self.flat else 3]
-        x, y = np.abs(self.along[:2])
-        if y < 1e-9:
-            return "x (m)", "z (m)"
-        if x < 1e-9:
-            return "y (m)", "z (m)"
+            return (x, y, z)[: 2 if self.flat else 3]
+        along = np.abs(self.along[:2])
+        if along[1] < 1e-9:
+            return x, z
+        if along[0] < 1e-9:
+            return y, z
         angle = np.degrees(np.arctan2(self.along[1], self.along[0]))
-        return f"along {angle:.0f}° to x (m)", "z (m)"
+        return f"along {angle:.0f}° to {x}", z
 
     def axis_limits(
         self, points: Float[np.ndarray, "n 3"]
@@ -138,7 +147,10 @@ class View:
 
 
 def choose_view(
-    points: Float[np.ndarray, "n 3"], kind: str | None = None, space: bool = False
+    points: Float[np.ndarray, "n 3"],
+    kind: str | None = None,
+    space: bool = False,
+    units: Units = SI,
 ) -> View:
     """Return the view of a structure: of the given kind, or else elevation or plan.
 
@@ -148,6 +160,7 @@ def choose_view(
             structure that lies in a vertical plane or is higher than half its width, the smaller
             of its extents in plan.
         space: whether to choose "space" instead, unless the structure lies in a vertical plane.
+        units: `Units` of the coordinates in the picture.
     """
     if kind is not None and kind not in VIEWS:
         raise ValueError(f'view = {kind!r}: expected "plan", "elevation" or "space"')
@@ -156,7 +169,7 @@ def choose_view(
     if kind is None:
         high = plane or size[2] > _HIGH * min(size[:2])
         kind = "space" if space and not plane else "elevation" if high else "plan"
-    return View(kind, along, plane)
+    return View(kind, along, plane, units)
 
 
 def _elevation_direction(points):

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..analysis.results import Results
 from ..common.types import Float
+from ..elements.abilities import POINT_LOADS
 from ..elements.element import PRESENT
 from ..model.result_parts import present_elements, result_columns
 from ..model.structure import Structure
@@ -48,7 +49,7 @@ def element_result_tables(
     """
     tables, lines = {}, []
     for name in state.results or {}:
-        if name == PRESENT.name:  # the tables of forces leave out what is not there
+        if name in (PRESENT.name, POINT_LOADS.name):  # tables of forces leave out what is not there
             continue
         where, components = _result_components(structure, name, state, states)
         title = name.replace("_", " ").capitalize()

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..analysis.phases import Phase
 from ..analysis.solution import Solution, State
+from ..common.units import SI, Units
 from ..model.structure import Structure
 from ..results.energy import energy_balance
 from .table import Column, Table, make_table
@@ -36,12 +37,17 @@ def energy_table(
     phases: Sequence[Phase],
     start: Solution | State | None = None,
     names: Sequence[str] | None = None,
+    *,
+    units: Units = SI,
 ) -> Table:
     """Return the energy balance as a table: works, stored and dissipated energy of each phase, J.
 
     Args:
         structure, phases, solution, start: as for `energy_balance`.
         names: names of the phases; None for their numbers.
+
+    Options:
+        units: `Units` of the numbers in the notes.
     """
     balance = energy_balance(structure, phases, solution, start)
     count = len(balance.relative_imbalance)
@@ -55,7 +61,7 @@ def energy_table(
         Column("part", "%", 100 * np.asarray(balance.relative_imbalance), heading="imbalance"),
     ]
     notes = [
-        f"energy stored at the end: {float(balance.level[-1]):.6g} J",
+        f"energy stored at the end: {units.text(balance.level[-1], 'J')}",
         "work is summed over load steps by the trapezoidal rule: four times more accurate with "
         "twice as many increments",
         "imbalance in %: of the largest term of the phase",
@@ -64,8 +70,8 @@ def energy_table(
         if balance.relative_imbalance[k] > _IMBALANCE and len(gaps):
             worst = int(np.abs(gaps).argmax())
             notes.append(
-                f"phase {labels[k]} does not balance: {gaps[worst]:.3g} J in increment {worst + 1} "
-                f"of {len(gaps)}. Either the structure jumped there, or it was not in equilibrium "
-                "when the phase began, or more increments are needed"
+                f"phase {labels[k]} does not balance: {units.text(gaps[worst], 'J', '.3g')} in "
+                f"increment {worst + 1} of {len(gaps)}. Either the structure jumped there, or it "
+                "was not in equilibrium when the phase began, or more increments are needed"
             )
     return make_table("Energy: work = stored + dissipated + imbalance", columns, notes)

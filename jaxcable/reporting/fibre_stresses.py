@@ -117,13 +117,13 @@ def increment_stresses(
 
 
 def stress_points(group: Element) -> SectionPoints | None:
-    """Return the `SectionPoints` of a group's section; None for a group without a section.
+    """Return the `SectionPoints` of a group's section; None for a group without fibres.
 
     Beams with linear laws have the corners of the mesh, hence the edge of the section; all other
     elements have the centers of the fibres.
     """
     section = group.section
-    if section is None:
+    if section is None or not section.n_fibre:
         return None
     y, z, modulus = np.asarray(section.y, float), np.asarray(section.z, float), None
     if isinstance(group, Beams) and section.is_elastic:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..analysis.solution import Solution
 from ..common.types import Float, Int
+from ..common.units import SI, Units
 from ..elements import Cables, SlidingCables
 from ..model.result_parts import end_nodes, named_groups_of, values_per_group
 from ..model.structure import Structure
@@ -24,13 +25,13 @@ _REFERENCE = "unstressed lengths at the reference temperature (before the first 
 _ADDED = "; of added elements at the temperature of the phase that added them"
 
 
-def cutting_list_table(structure: Structure, solution: Solution) -> Table:
+def cutting_list_table(structure: Structure, solution: Solution, units: Units = SI) -> Table:
     """Return the unstressed lengths of all elements, at the temperature before the first phase.
 
     Elements that a phase has added have seen only changes of temperature since then. Where cables
     run through several elements (see `cable_tables`), there are also the number of the cable in its
     group, and the unstressed length along it up to the start and the end node of the element: the
-    positions of clamp marks.
+    positions of clamp marks. Notes have `units`.
     """
     lengths, chained = _lengths_and_chains(structure, solution)
     kept = [k for k, length in enumerate(lengths) if length is not None]
@@ -47,7 +48,8 @@ def cutting_list_table(structure: Structure, solution: Solution) -> Table:
         if k in kept:
             pieces, total = len(lengths[k]), np.sum(lengths[k])
             plural = "piece" if pieces == 1 else "pieces"
-            notes.append(f"{label or 'all'}: {pieces} {plural}, {total:.3f} m in total")
+            whole = units.text(total, "m", ".3f")
+            notes.append(f"{label or 'all'}: {pieces} {plural}, {whole} in total")
     length = Column("unstressed length", "m", concatenate_groups(structure, lengths, kept))
     columns = [*element_columns(structure, kept), length]
     if any(len(elements) > 1 for found in chained for elements, _ in found):

@@ -7,6 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..analysis.solution import State
+from ..common.units import SI, Units
+from ..elements.spring import SPRING_FORCE
+from ..model.result_parts import values_per_group
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from .columns import envelope_columns
@@ -23,6 +26,7 @@ def reaction_table(
     fixed: FixedDofs,
     states: Mapping[str, EnvelopeState],
     several: bool,
+    units: Units = SI,
 ) -> Table:
     """Return the table of reactions in the final state, and of the largest resultant at each node.
 
@@ -35,6 +39,7 @@ def reaction_table(
         fixed: degrees of freedom that supports fix in the final state.
         states: the states of the envelope, by name.
         several: whether the text shows the largest resultant.
+        units: `Units` of the numbers in the notes.
     """
     values, held = np.asarray(state.reactions, float), _supported_components(structure, fixed)
     others = [_supported_components(structure, other.fixed) for other in states.values()]
@@ -62,7 +67,8 @@ def reaction_table(
     blank = bool(np.isnan(parts[:3]).any())
     total = values[:, :3].sum(axis=0)
     total = np.where(np.abs(total) <= _rounding_limits(values)[:3] * len(values), 0.0, total)
-    notes = ["sum of the forces: ({:.6g}, {:.6g}, {:.6g}) N".format(*total)]
+    numbers = ", ".join(f"{units.from_si(force, 'N'):.6g}" for force in total.tolist())
+    notes = [f"sum of the forces: ({numbers}) {units.name('N')}"]
     notes += ["blank: direction not supported in the final state"] if blank else []
     return make_table(title, columns, notes)
 
@@ -90,12 +96,25 @@ def _rounding_limits(values):
     return _ROUNDING * np.array([force] * 3 + [moment] * 3)[: values.shape[1]]
 
 
-def equilibrium_table(structure: Structure, state: State) -> Table:
+def _forces_of_ground(structure, state):
+    """Return the forces of springs and bearings on all nodes, [n_node, 3], N; zero without any."""
+    total = np.zeros((structure.n_node, 3))
+    values = state.element_results.get(SPRING_FORCE.name)
+    for group, forces in zip(structure.groups, values_per_group(structure, values), strict=True):
+        if forces is not None:
+            np.add.at(total, group.links.array[:, 0], forces)
+    return total
+
+
+def equilibrium_table(structure: Structure, state: State, units: Units = SI) -> Table:
     """Return the table of the sums of loads and reactions; its notes give the unbalanced force.
+
+    Reactions are those of supports, springs to the ground and bearings.
 
     Moments about the origin are checked if all loads act at nodes.
     """
     load, reactions = np.asarray(state.load, float), np.asarray(state.reactions, float)
+    reactions = reactions + _forces_of_ground(structure, state)
     sums = np.transpose([part.sum(0) for part in (load, reactions, load + reactions)])
     labels = ["loads", "reactions", "sum of forces"]
     columns = [Column("of", "", labels, heading=" ")]
@@ -103,15 +122,16 @@ def equilibrium_table(structure: Structure, state: State) -> Table:
     size = np.abs(load).sum() + np.abs(reactions).sum()
     error = np.abs((load + reactions).sum(0)).max()
     relative = error / size if size else 0.0
-    notes = [f"unbalanced force: {error:.1e} N (relative to the sum of all forces: {relative:.1e})"]
+    force = units.text(error, "N", ".1e")
+    notes = [f"unbalanced force: {force} (relative to the sum of all forces: {relative:.1e})"]
     if not any(group.shaped_by_load and not group.slides for group in structure.groups):
         moment = np.cross(np.asarray(state.positions, float), load + reactions).sum(0)
         span = np.ptp(np.asarray(structure.nodes, float), axis=0).max()
         error = np.abs(moment).max()
         relative = error / (size * span) if size else 0.0
         notes.append(
-            f"unbalanced moment about the origin: {error:.1e} N m (relative to the sum of all "
-            f"forces times the extent: {relative:.1e})"
+            f"unbalanced moment about the origin: {units.text(error, 'N m', '.1e')} (relative to "
+            f"the sum of all forces times the extent: {relative:.1e})"
         )
     else:
         notes.append("moment equilibrium not checked (beams or catenaries carry line loads)")

@@ -12,6 +12,7 @@ from typing import Any
 from ..analysis.phases import Phase
 from ..analysis.solution import Solution, State
 from ..common import status
+from ..common.units import SI, Units, UnitsLike, as_units
 from ..common.writing import atomic_write_together
 from ..files.results import format_csv
 from ..model.result_parts import require_single_case
@@ -19,17 +20,31 @@ from ..model.structure import Structure
 from ..model.topology import require_same_topology
 from . import stability, states
 from .axial_forces import axial_force_table, exceeded_strength_sentence, group_tables
-from .displacements import displacement_tables, large_displacement_sentence
+from .cable_sags import check_chains, sag_tables
+from .displacements import (
+    displacement_tables,
+    large_displacement_sentence,
+    phase_index,
+    tables_since,
+)
 from .element_results import element_result_tables
 from .energies import energy_table
 from .lengths import cable_tables, cutting_list_table
 from .reactions import equilibrium_table, reaction_table
+from .rotations import rotation_tables
 from .section_forces import section_force_tables
 from .slackness import loose_node_table, slack_cable_table
 from .stresses import stress_tables
 from .summary import has_no_result, summary_sentences
 from .surfaces import surface_tables
-from .table import Table, common_scales, csv_header, finite_or_none, table_text
+from .table import (
+    Table,
+    common_scales,
+    csv_header,
+    finite_or_none,
+    table_in_units,
+    table_text,
+)
 
 _LONG = 30
 """Number of rows of a table up to which its text shows all of them: half a printed page."""
@@ -49,7 +64,12 @@ class Report:
             - ``groups``: smallest and largest force of every group, if there are several;
             - ``members``: axial force, utilization and envelope of every element;
             - ``displacements``: of every node that moves, from the start, after every phase (in
-              every case), and ``displacement_envelope``;
+              every case), and ``displacement_envelope``; ``displacements_since`` and
+              ``displacement_since_envelope`` from the beginning of the phase `since`;
+            - ``rotations`` of nodes, from the start, and ``tilts``: tilt and twist of beams and
+              bars, in degrees;
+            - ``sags``: sag, deflection, lowest point and horizontal tension of catenaries and of
+              chains;
             - ``N``, ``Vy``, ``Vz``, ``T``, ``My``, ``Mz``: section forces of beams, with the signs
               of `section_forces`; without those that are zero everywhere;
             - ``stresses``, ``stress_envelope``: smallest and largest stress of fibres, and of bars
@@ -61,6 +81,8 @@ class Report:
               the name of each its values in all elements, at all places;
             - ``energy`` if it was asked for.
 
+        units: the `Units` of all tables and sentences that were asked for; None for SI units.
+
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
         >>> written = jc.report(structure, jc.solve(structure, phases))
@@ -71,6 +93,7 @@ class Report:
     status: int
     summary: tuple[str, ...]
     tables: Mapping[str, Table]
+    units: Units | None = None
 
     def text(self, rows: int = _LONG) -> str:
         """Return the report as text, with at most `rows` rows of each table.
@@ -78,12 +101,15 @@ class Report:
         Of a longer table these are the rows with the largest values.
         """
         parts = ["\n".join(self.summary)]
-        scales = common_scales(list(self.tables.values()))
-        parts += [table_text(table, rows, scales) for table in self.tables.values()]
+        scales = common_scales(list(self.tables.values()), self.units)
+        units = self.units or SI
+        parts += [table_text(table, rows, scales, units) for table in self.tables.values()]
         return "\n\n".join(parts) + "\n"
 
     def csv(self) -> Mapping[str, str]:
-        """Return every table as CSV with all digits in SI units, a dict from its name to the text.
+        """Return every table as CSV with all digits, a dict from its name to the text.
+
+        Numbers are in SI units, or in the `units` that were asked for.
 
         ``summary`` has the sentences on the whole analysis, and the notes of each table.
         """
@@ -102,7 +128,8 @@ class Report:
         tables = {name: dataclasses.asdict(table) for name, table in self.tables.items()}
         for table in tables.values():
             table["rows"] = [[finite_or_none(value) for value in row] for row in table["rows"]]
-        return {"status": self.status, "summary": list(self.summary), "tables": tables}
+        stated = {} if self.units is None else {"units": self.units.as_dict()}
+        return {"status": self.status, **stated, "summary": list(self.summary), "tables": tables}
 
     def save(self, path: str | PathLike[str]) -> list[Path]:
         """Write the report: ``.txt``, ``.json``, or ``.csv`` (``name-table.csv`` for each table).
@@ -141,6 +168,9 @@ def report(
     names: Sequence[str] | None = None,
     buckling: bool | Solution | State = False,
     energy: bool | Solution | State = False,
+    units: UnitsLike | None = None,
+    since: int | str | None = None,
+    chains: Mapping[str, Sequence[int]] | None = None,
 ) -> Report:
     """Report a result: displacements, reactions, forces and stresses with envelopes, cutting list.
 
@@ -163,6 +193,14 @@ def report(
             compiles another program, which takes a second for nets and some for beams); or the
             `Solution` or `State` from which the analysis started. It needs `phases`, and is refused
             where they add or remove elements.
+        units: units of all numbers, such as "kN, m" or "kip, ft" (see `files.Units`), such as the
+            ``units`` of a scene that `load_scene` has read; its text has displacements in mm or in,
+            and stresses in MPa, kip/in2, lbf/in2 or kgf/cm2. Default: SI units, of which the text
+            has large forces in kN.
+        since: phase, by its number from 0 or by its name, from whose beginning there are further
+            tables of displacements: for deflections under load, without those of prestressing.
+        chains: node numbers of cables of several elements by name, as for `results.sags`; they get
+            rows in the table ``sags``.
 
     Returns:
         `Report`; its class lists the tables. Force and utilization in ``members`` are those of the
@@ -177,7 +215,7 @@ def report(
     Raises:
         ValueError: `solution` is no `Solution`, a batch, or belongs to another structure; another
             number of names than of cases or phases; errors of `stiffness.buckling_factor` and of
-            `energy_balance` if these are asked for.
+            `energy_balance` if these are asked for; unknown units.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -209,9 +247,11 @@ def report(
         stored 0.9779 0.3574 J
         imbalance 0.0000 0.0003 J
     """
+    shown = SI if units is None else as_units(units)
     require_single_case(solution)
     require_same_topology(structure, solution.last.topology, "solution")
     phases = _checked_phase_list(phases, solution)
+    check_chains(structure, chains)
     balanced = energy is not False and energy is not None
     if balanced and phases is None:
         raise ValueError("energy: the balance needs the phases of the analysis, too: phases=...")
@@ -228,14 +268,18 @@ def report(
         heads = [f"{head}, {name}" for head, name in zip(heads, labels, strict=True)]
     summary = summary_sentences(structure, solution, heads, failed)
     if has_no_result(solution):
-        return Report(int(solution.status), tuple(summary), {})
+        return _finish_report(solution, summary, {}, None if units is None else shown)
     if buckling is not False and buckling is not None:
         reference = None if buckling is True else buckling
         summary.append(stability.buckling_sentence(structure, solution.last, reference))
-    tables = _make_tables(structure, solution, envelope, good, labels)
+    tables = _make_tables(structure, solution, envelope, good, labels, shown, chains)
+    if since is not None:
+        begin = phase_index(since, labels)
+        more = tables_since(structure, solution, envelope, good, begin, heads[begin])
+        tables = _insert_after("displacements", tables, more)
     findings = (
         exceeded_strength_sentence(tables["members"]),
-        large_displacement_sentence(structure, solution),
+        large_displacement_sentence(structure, solution, shown),
     )
     summary += [sentence for sentence in findings if sentence is not None]
     if balanced:
@@ -245,8 +289,16 @@ def report(
             phases,  # type: ignore[arg-type]  # of an analysis: not None here
             None if energy is True else energy,  # type: ignore[arg-type]  # not False here
             own_names,
+            units=shown,
         )
-    return Report(int(solution.status), tuple(summary), tables)
+    return _finish_report(solution, summary, tables, None if units is None else shown)
+
+
+def _finish_report(solution, summary, tables, units):
+    """Return the `Report` of some sentences and tables, in SI units or, if not None, in `units`."""
+    if units is not None:
+        tables = {name: table_in_units(table, units) for name, table in tables.items()}
+    return Report(int(solution.status), tuple(summary), tables, units)
 
 
 def _checked_phase_list(phases, solution):
@@ -265,7 +317,18 @@ def _checked_phase_list(phases, solution):
     return phases
 
 
-def _make_tables(structure, solution, envelope, cases, labels):
+def _insert_after(name, tables, more):
+    """Return tables by name with further ones behind the table `name` and its envelope."""
+    found, behind = {}, {name, name.removesuffix("s") + "_envelope"} & set(tables)
+    for key, table in tables.items():
+        found[key] = table
+        behind.discard(key)
+        if not behind:
+            found |= {k: v for k, v in more.items() if k not in found}
+    return found | more
+
+
+def _make_tables(structure, solution, envelope, cases, labels, units, chains):
     """Return the tables of a `Report` by name, a dict of `Table`, without that of the energy.
 
     Args:
@@ -274,6 +337,8 @@ def _make_tables(structure, solution, envelope, cases, labels):
             of the converged phases, or of the converged cases.
         cases: `Solution` of every converged case, by name; None for envelopes over phases.
         labels: names of all phases, as in tables.
+        units: `Units` of numbers in notes; tables are in SI units.
+        chains: as for `report`.
     """
     state, end = solution.last, states.last_state(solution)
     ended = cases is None and solution.status == status.OK  # the end is that of the last phase
@@ -283,13 +348,15 @@ def _make_tables(structure, solution, envelope, cases, labels):
     forces = axial_force_table(structure, state, envelope, several)
     return {
         **group_tables(forces),
-        "reactions": reaction_table(structure, state, end.fixed, envelope, several),
-        "equilibrium": equilibrium_table(structure, state),
+        "reactions": reaction_table(structure, state, end.fixed, envelope, several, units),
+        "equilibrium": equilibrium_table(structure, state, units),
         "members": forces,
         **displacement_tables(structure, solution, envelope, cases is not None),
+        **rotation_tables(structure, state, envelope, several, cases is not None),
+        **sag_tables(structure, state, envelope, several, chains),
         **section_force_tables(structure, end, envelope if several else {}, kind),
         **stress_tables(structure, solution, cases, labels),
-        "cutting_list": cutting_list_table(structure, solution),
+        "cutting_list": cutting_list_table(structure, solution, units),
         **cable_tables(structure, solution),
         **surface_tables(structure, state),
         "slack": slack_cable_table(structure, every),

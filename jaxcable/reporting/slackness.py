@@ -1,4 +1,4 @@
-"""The tables of a report on slack cables, and on nodes that are attached to slack cables only."""
+"""The tables of a report on slack cables, open contacts, and nodes that only these hold."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..model.result_parts import named_groups_of, present_elements, slack_cables, values_per_group
+from ..model.result_parts import named_groups_of, present_elements, slack_elements, values_per_group
 from ..model.structure import Structure
 from .columns import states_heading
 from .states import EnvelopeState
@@ -14,7 +14,10 @@ from .table import Column, Table, make_table
 
 
 def slack_cable_table(structure: Structure, states: Mapping[str, EnvelopeState]) -> Table:
-    """Return the table of the cables without tension, and of the states in which they are slack."""
+    """Return the table of the cables without tension, and of the states in which they are slack.
+
+    It has the open contacts and bearings, too, if the structure has such elements.
+    """
     found: dict[tuple[str, int], list[str]] = {}
     for name, (state, _) in states.items():
         for label, _, _, slack in _cable_groups(structure, state):
@@ -22,11 +25,11 @@ def slack_cable_table(structure: Structure, states: Mapping[str, EnvelopeState])
                 found.setdefault((label, int(k)), []).append(name)
     columns = [Column("group", "", [label for label, _ in found])]
     columns += [Column("element", "", [k for _, k in found]), _states_column(found)]
-    return make_table("Slack cables", columns, () if found else ("none",))
+    return make_table(_slack_words(structure).capitalize(), columns, () if found else ("none",))
 
 
 def loose_node_table(structure: Structure, states: Mapping[str, EnvelopeState]) -> Table:
-    """Return the table of nodes that only slack cables hold, with the states where this is so.
+    """Return the table of nodes that only slack elements hold, with the states where this is so.
 
     Pinned nodes, and inactive nodes of construction stages, do not count.
     """
@@ -40,14 +43,22 @@ def loose_node_table(structure: Structure, states: Mapping[str, EnvelopeState]) 
         for k in np.flatnonzero(~held & attached):
             found.setdefault(int(k), []).append(name)
     columns = [Column("node", "", list(found)), _states_column(found)]
-    return make_table("Nodes attached to slack cables only", columns, () if found else ("none",))
+    title = f"Nodes attached to {_slack_words(structure)} only"
+    return make_table(title, columns, () if found else ("none",))
+
+
+def _slack_words(structure):
+    """Return what the slack elements of a structure are called in titles."""
+    if any(group.compression_only for group in structure.groups):
+        return "slack cables, open contacts"
+    return "slack cables"
 
 
 def _cable_groups(structure, state):
     """Generate for every group its name, its links, and which elements are active and slack."""
     parts = values_per_group(structure, state.tension), present_elements(structure, state.present)
     for (label, group), force, present in zip(named_groups_of(structure), *parts, strict=True):
-        yield label, group.links.array, present, slack_cables(group, force, present)
+        yield label, group.links.array, present, slack_elements(group, force, present)
 
 
 def _states_column(found):

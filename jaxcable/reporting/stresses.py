@@ -10,7 +10,7 @@ from ..analysis.solution import Solution
 from ..elements import Beams
 from ..model.result_parts import named_groups_of
 from ..model.structure import Structure
-from ..sections import Section
+from ..sections import LinearSection, Section
 from .columns import element_columns, envelope_columns
 from .fibre_stresses import has_stresses, increment_stresses
 from .table import Column, Table, make_table
@@ -122,10 +122,12 @@ def _stress_notes(structure, end, known, gone):
         )
     if known:
         notes.append("utilization: stress / strength of the law of the fibre, the largest")
-    labels = enumerate(label for label, _ in named_groups_of(structure))
-    without = [label for k, label in labels if k not in end.groups]
-    if without:
-        notes.append(f"{', '.join(without)}: no area given, so no stress")
+    without: dict[str, list[str]] = {}
+    for k, (label, group) in enumerate(named_groups_of(structure)):
+        if k not in end.groups:
+            missing = "fibres" if isinstance(group.section, LinearSection) else "area given"
+            without.setdefault(missing, []).append(label)
+    notes += [f"{', '.join(labels)}: no {what}, so no stress" for what, labels in without.items()]
     if gone:
         notes.append("no stress: the element is not active in the final state")
     return tuple(notes)

@@ -64,7 +64,9 @@ def _phase_sentence(structure, last, head, phase):
     if good.any():
         k = np.flatnonzero(good)[-1]
         count = int(path.n_slack[k])
-        slack = "no slack cables" if count == 0 else f"{count} slack cable{'s' * (count > 1)}"
+        slack = f"{count or 'no'} slack cable{'s' * (count != 1)}"
+        if any(group.compression_only for group in structure.groups):
+            slack = f"{count or 'no'} slack cables or open contacts"
         relative = float(path.relative_residual[k])
         by_rounding = relative > _TOLERANCE and path.residual[k] <= path.rounding[k]
         text += f", relative residual {relative:.1e}{' (limited by rounding)' * by_rounding}"

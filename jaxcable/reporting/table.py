@@ -10,6 +10,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from ..common.units import SI, Units
+
 _KILO_UNITS = ("N", "N m", "J")
 _KILO = 1e4
 """Size from which a report gives all forces (works) in kN (kJ).
@@ -35,9 +37,12 @@ _LEVER = 1e-3
 A force of 100 kN in the position of a node that is known to 1e-12 m makes moments of 1e-7 N m.
 """
 
+_DECIMALS = {"mm": 2, "cm": 3, "in": 4}
+"""Decimals of small lengths."""
+
 Cell: TypeAlias = int | float | str | None
 Scales: TypeAlias = Mapping[str, tuple[str, float]]
-"""Prefix and factor with which a text gives numbers of a unit, by unit: ``{"N": ("k", 1e-3)}``."""
+"""Unit and factor with which a text gives numbers of a unit, by unit: ``{"N": ("kN", 1e-3)}``."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +53,8 @@ class Table:
         title: title in words.
         columns: name of each column, as in CSV and JSON; spaces after a name tell it from the same
             name before it.
-        units: unit of each column, "" for none; forces are in "N" and lengths in "m".
+        units: unit of each column, "" for none; forces are in "N" and lengths in "m", unless
+            `report` was asked for other units.
         rows: rows of the table, lists of numbers and texts; None where there is no value.
         notes: sentences on the table.
         governing: index of the column whose largest values the text shows if the table is long, or
@@ -122,6 +128,19 @@ def _cell_values(values):
     return [None if isinstance(v, float) and math.isnan(v) else v for v in values]
 
 
+def table_in_units(table: Table, units: Units) -> Table:
+    """Return a table in SI units with its numbers and its units converted to other ones."""
+    rows = [
+        [
+            units.from_si(value, unit) if isinstance(value, float) else value
+            for value, unit in zip(row, table.units, strict=True)
+        ]
+        for row in table.rows
+    ]
+    names = tuple(units.shown(unit) for unit in table.units)
+    return dataclasses.replace(table, units=names, rows=rows)
+
+
 def csv_header(table: Table) -> list[str]:
     """Return the names of the columns with their units, the first line of a CSV table, a list.
 
@@ -143,12 +162,16 @@ def finite_or_none(value: Cell) -> Cell:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def common_scales(tables: Sequence[Table]) -> Scales:
-    """Return prefix and factor with which texts show numbers of a unit: a dict by unit.
+def common_scales(tables: Sequence[Table], units: Units | None = None) -> Scales:
+    """Return the unit and the factor with which texts show numbers of a unit: a dict by unit.
 
     Forces are in kN, and then moments in kN m, if one of either is at least 10 kN (kN m); works
-    likewise in kJ; stresses are in MPa. An example is ``{"N": ("k", 1e-3)}``.
+    likewise in kJ; stresses are in MPa. An example is ``{"N": ("kN", 1e-3)}``. Tables in stated
+    `units` keep these, but for stresses, which are in MPa, kip/in2, lbf/in2 or kgf/cm2.
     """
+    if units is not None:
+        name, factor = units.stress
+        return {units.name("Pa"): (name, float(factor))}
     largest = {
         unit: max(
             (_largest_number_of_unit(table, table.rows, unit) for table in tables), default=0.0
@@ -156,15 +179,15 @@ def common_scales(tables: Sequence[Table]) -> Scales:
         for unit in _KILO_UNITS
     }
     largest["N"] = largest["N m"] = max(largest["N"], largest["N m"])
-    scales = {unit: ("k", 1e-3) for unit, size in largest.items() if size >= _KILO}
-    return {**scales, "Pa": ("M", 1e-6)}
+    scales = {unit: (f"k{unit}", 1e-3) for unit, size in largest.items() if size >= _KILO}
+    return {**scales, "Pa": ("MPa", 1e-6)}
 
 
-def table_text(table: Table, most: int, scales: Scales) -> str:
+def table_text(table: Table, most: int, scales: Scales, units_of_table: Units = SI) -> str:
     """Return a table as text of at most `most` rows.
 
     These are the rows with the largest values in the columns `table.governing`, or else the first
-    ones. `scales` are the prefixes and factors of units, as of `common_scales`.
+    ones. `scales` are the shown units and factors, as of `common_scales`.
     """
     rows, notes = table.rows, list(table.notes)
     if len(rows) > most:
@@ -173,16 +196,13 @@ def table_text(table: Table, most: int, scales: Scales) -> str:
         rows = rows[:most]
         which = "largest" if table.governing is not None else "first"
         notes.append(f"the {which} {most} of {len(table.rows)} rows; files have all rows")
-    scaled = [scales.get(unit, ("", 1.0)) for unit in table.units]
+    scaled = [scales.get(unit, (unit, 1.0)) for unit in table.units]
     for k in table.millimeters:
-        scaled[k] = ("m", 1e3)
-    units = [prefix + unit for (prefix, _), unit in zip(scaled, table.units, strict=True)]
+        small, factor = units_of_table.small_length
+        scaled[k] = (small, float(factor))
+    units = [unit for unit, _ in scaled]
     title, headings = _title_and_headings(table, units)
-    sizes = {
-        unit: _largest_number_of_unit(table, table.rows, unit) for unit in (*_KILO_UNITS, "Pa")
-    }
-    least = {unit: _NEGLIGIBLE * max(size, 1.0) for unit, size in sizes.items()}
-    least["N m"] = max(least["N m"], _LEVER * least["N"])
+    least = _negligible_sizes(table, units_of_table)
     columns = zip(*rows, strict=True)  # none without rows
     texts = [
         [_cell_text(value, factor, unit, least.get(table_unit, 0.0)) for value in column]
@@ -205,6 +225,18 @@ def table_text(table: Table, most: int, scales: Scales) -> str:
         for line in textwrap.wrap(note, _WIDTH, initial_indent="  ", subsequent_indent="    ")
     ]
     return "\n".join([title, *lines, *wrapped_notes])
+
+
+def _negligible_sizes(table, units):
+    """Return the size up to which a number is shown as zero, a dict by unit of the table."""
+    least: dict[str, float] = {}
+    for unit in (*_KILO_UNITS, "Pa", "deg"):
+        name = units.shown(unit)
+        size = _largest_number_of_unit(table, table.rows, name)
+        least[name] = _NEGLIGIBLE * max(size, units.from_si(1.0, unit), least.get(name, 0.0))
+    lever = units.from_si(_LEVER, "m") * least[units.name("N")]
+    least[units.name("N m")] = max(least[units.name("N m")], lever)
+    return least
 
 
 def _wrap_headings(headings, widths):
@@ -259,6 +291,10 @@ def _largest_number_of_unit(table, rows, unit):
     return max(sizes, default=0.0)
 
 
+_LARGE_FORCES = ("kip", "tf", "MN")
+"""Units of force in which usual forces are small numbers."""
+
+
 def _cell_text(value, factor, unit, least):
     """Return the text of a cell.
 
@@ -272,11 +308,14 @@ def _cell_text(value, factor, unit, least):
         return ""
     if not isinstance(value, float):
         return str(value)
-    if unit == "m":
+    if unit in ("m", "ft"):
         return f"{value:.5f}"
-    if unit == "mm":
-        return f"{round(value * factor, 2) + 0.0:.2f}"  # no "-0.00"
+    if unit in _DECIMALS:
+        digits = _DECIMALS[unit]
+        return f"{round(value * factor, digits) + 0.0:.{digits}f}"  # no "-0.00"
     if unit == "-":
         return f"{value:.3f}"
     value = 0.0 if abs(value) < least else value * factor
+    if unit.startswith(_LARGE_FORCES) and abs(value) < 1.0:
+        return f"{value:.4g}"
     return f"{value:.3f}" if abs(value) >= 1e-3 or value == 0 else f"{value:.1e}"

@@ -10,7 +10,7 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken
 from ..common.types import Array, ArrayLike, Float, PyTree
-from ..elements.abilities import Bending
+from ..elements.abilities import POINT_LOADS, Bending
 from ..elements.prestress import single_element
 from ..mechanics.restart_state import make_system
 from ..model.result_parts import items_per_group
@@ -39,7 +39,9 @@ def section_forces(
     so that a fibre at (y, z) of a linear section has the stress
     ``N/A + My z / Iy - Mz y / Iz``. With loads ``q`` per length along the element's axes
     ``N' = -qx, Vy' = -qy, Vz' = -qz, My' = Vz, Mz' = -Vy``: a downward load on a level beam with z
-    up makes ``My = -q L^2 / 8`` in the middle of a span.
+    up makes ``My = -q L^2 / 8`` in the middle of a span. At the place of a `PointLoads` shear
+    forces have a jump and moments a kink: at this very place the forces are those just before the
+    load (towards the first node), or just beyond it if it is at the first node.
 
     A pure function, differentiable like the solution.
 
@@ -92,7 +94,9 @@ def section_forces(
         if isinstance(places, jax.core.Tracer):
             raise ValueError("places: cannot be traced for the end of a phase; give known numbers")
         forces = items_per_group(structure, state.section_forces)
-        at = state.positions, np.asarray(places)
+        loads = (state.results or {}).get(POINT_LOADS.name)
+        loads = None if loads is None else items_per_group(structure, loads)
+        at = state.positions, np.asarray(places), loads
         return structure.arrange(interpolate_recorded_forces(structure.groups, forces, *at))
     without_indices, index_arrays, dof_map = split_solution_state(structure, state)
     return structure.arrange(

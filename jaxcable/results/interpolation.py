@@ -87,11 +87,44 @@ def interpolate_section_forces(
     return jnp.stack([axial, shear_y, shear_z, torque, about_y @ value, about_z @ value], axis=2)
 
 
+def forces_of_point_loads(
+    loads: Float[Array, "n_elem n_load 7"],
+    length: Float[Array, " n_elem"],
+    places: Float[np.ndarray, " n_place"],
+) -> Float[Array, "n_elem n_place 6"]:
+    """Return section forces of straight cantilevers, held at the second end, under loads.
+
+    They have the jumps and kinks of section forces under these loads: what is left without them is
+    smooth along the element.
+
+    Args:
+        loads: `elements.abilities.POINT_LOADS`.
+        length: of the elements, [n_elem], m.
+        places: from 0 to 1, [n_place]; at the place of a load the forces are those before it,
+            except at the first end.
+    """
+    place, force, moment = jnp.split(loads[:, None], [1, 4], axis=-1)
+    s = jnp.asarray(places)[None, :, None, None]
+    acts = ((s > place) | (place <= 0)).astype(loads.dtype)
+    arm = (s - place) * length[:, None, None, None]
+    about = jnp.concatenate(
+        [
+            moment[..., :1] + 0 * arm,
+            moment[..., 1:2] + arm * force[..., 2:],
+            moment[..., 2:] - arm * force[..., 1:2],
+        ],
+        axis=-1,
+    )
+    each = jnp.concatenate([force + 0 * arm, about], axis=-1)
+    return -jnp.sum(acts * each, axis=2)
+
+
 def interpolate_recorded_forces(
     parts: Sequence[Any],
     forces: Sequence[Float[Array, "n_elem n_point 6"] | None],
     positions: Float[Array, "n_node 3"],
     places: Float[np.ndarray, " n_place"],
+    loads: Sequence[Float[Array, "n_elem n_load 7"] | None] | None = None,
 ) -> list[Any]:
     """Interpolate recorded section forces of all groups to other places along the elements.
 
@@ -101,6 +134,7 @@ def interpolate_recorded_forces(
             as in a `State` or `PhaseResult`; None for groups that are no beams.
         positions: positions of the nodes, [n_node, 3], m.
         places: from 0 to 1, [n_place].
+        loads: concentrated loads of each group (the result "point_loads"), or None.
 
     Returns:
         List with [n_elem, n_place, 6], N and N m, for each group; None for groups without forces.
@@ -109,7 +143,8 @@ def interpolate_recorded_forces(
         ValueError: a group has another number of elements than the result.
     """
     found: list[Any] = []
-    for number, (values, part) in enumerate(zip(forces, parts, strict=True)):
+    loads = [None] * len(parts) if loads is None else loads
+    for number, (values, part, own) in enumerate(zip(forces, parts, loads, strict=True)):
         if values is not None:
             links = part.links.array
             if len(values) != len(links):
@@ -118,8 +153,12 @@ def interpolate_recorded_forces(
                     f"{len(links)}"
                 )
             chord = positions[links[:, 1]] - positions[links[:, 0]]
-            values = interpolate_section_forces(
-                values, jnp.sqrt((chord * chord).sum(axis=1)), places
-            )
+            length = jnp.sqrt((chord * chord).sum(axis=1))
+            if own is not None:
+                at = gauss_lobatto(values.shape[1])[0]
+                values = values - forces_of_point_loads(own, length, at)
+            values = interpolate_section_forces(values, length, places)
+            if own is not None:
+                values = values + forces_of_point_loads(own, length, places)
         found.append(values)
     return found

@@ -10,6 +10,7 @@ from ..common.types import Array, Float, PyTree
 from ..elements.prestress import single_element
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
+from ..sections import LinearSection
 
 
 def fibre_stress(
@@ -25,7 +26,7 @@ def fibre_stress(
         Pytree like the structure's `elements`, Pa, NaN from a failure on: for bars and cables with
         a section [n_inc, n_elem, n_fibre], with one law [n_inc, n_elem]; for beams
         [n_inc, n_elem, n_point, n_fibre], the fibres in the order of the section's `y` and `z`;
-        None for a group that has an axial stiffness instead of a section or law.
+        None for a group that has stiffnesses instead of fibres or a law.
 
     Raises:
         ValueError: `phase` is not the results of a phase.
@@ -62,7 +63,9 @@ def _stresses_of_groups(without_indices, index_arrays):
     for group, strain, tension, memory in zip(
         *merge_indices(without_indices, index_arrays), strict=True
     ):
-        if strain is not None:
+        if isinstance(group.section, LinearSection):
+            stresses.append(None)
+        elif strain is not None:
             stresses.append(_stress_history(group, strain, memory))
         else:  # no strains are recorded for a linear law: its stress follows from the tension
             area = group.area

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..analysis.phases import Phase
 from ..common.types import ArrayLike, Float, Int
+from ..common.units import Units, UnitsLike, as_units
 from ..loads import NodalLoads
 from ..loads.load import Load
 from ..materials import Elastic
@@ -32,10 +33,30 @@ class Scene(NamedTuple):
         >>> structure, phases = scene
         >>> int(jc.solve(*scene).status), structure.n_node, len(phases)
         (0, 12, 2)
+
+    A scene from a file that states its units has them as `units`; its numbers are in SI all the
+    same. Pass them on: ``jc.report(structure, solution, units=scene.units)``.
     """
 
     structure: Structure
     phases: list[Phase]
+
+    @property
+    def units(self) -> Units | None:
+        """The `Units` that the file of the scene states; None for SI."""
+        return getattr(self, "_units", None)
+
+    def with_units(self, units: UnitsLike | None) -> Scene:
+        """Return the same scene, in SI, with other `units` to write and to show it in."""
+        scene = _SceneOfFile(*self)
+        scene._units = None if units is None else as_units(units)
+        return scene
+
+
+class _SceneOfFile(Scene):
+    """A `Scene` that can have units."""
+
+    _units: Units | None = None
 
 
 def two_phase_scene(

@@ -44,7 +44,8 @@ def composite(
         part, and None otherwise. For traced parts that are no such discs and rings it is NaN.
 
     Raises:
-        ValueError: no section; a torsion constant of the wrong shape, or not positive.
+        ValueError: no section; a part with a shear stiffness; a torsion constant of the wrong
+            shape, or not positive.
 
     Example:
         A concrete-filled tube:
@@ -62,6 +63,12 @@ def composite(
     sections = list(sections)
     if not sections:
         raise ValueError("sections: is empty; a composite needs at least one section")
+    for k, section in enumerate(sections):
+        if section.GAy is not None or section.GAz is not None:
+            raise ValueError(
+                f"sections[{k}]: has a shear stiffness, and shear stiffnesses of parts do not add "
+                "up; give that of the whole, by with_shear of the composite"
+            )
     parts = []  # one for each law of each section: section, law, slice of fibres, torsion constant
     for section in sections:
         constants = [None] * len(section.laws) if section.torsion is None else section.torsion

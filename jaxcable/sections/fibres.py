@@ -43,6 +43,8 @@ class Fibres:
     cells: Int[ArrayLike, "n_fibre 4"] | None = None
     own: Float[ArrayLike, "n_fibre 3"] | None = None
     placed: bool = True
+    GAy: Float[ArrayLike, ""] | None = None
+    GAz: Float[ArrayLike, ""] | None = None
 
     @property
     def n_fibre(self) -> int:

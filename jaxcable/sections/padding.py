@@ -16,7 +16,7 @@ def padding_key(section: Section) -> Hashable:
     laws = [jax.tree.flatten(law) for law in section.laws]
     # history variables are results of every fibre: the number of such fibres cannot be changed
     counts = section.counts if section.has_memory else len(section.counts)
-    missing = section.own is None, section.torsion is None
+    missing = tuple(getattr(section, n) is None for n in ("own", "torsion", "GAy", "GAz"))
     return counts, missing, tuple((tree, tuple(map(np.shape, leaves))) for leaves, tree in laws)
 
 

@@ -10,9 +10,9 @@ from ..common.tree import Indices, pytree, set_fields
 from ..common.types import Array, Float
 from ..materials import Parallel
 from ..materials.law import Law, require_law
-from . import capacity, composites, geometry, shapes, strains
+from . import capacity, composites, geometry, shapes, shear, strains
 from .fibres import Fibres
-from .linear_section import LinearSection
+from .linear_section import SectionStiffness, linear
 
 
 @pytree(static=("counts", "placed"), indices=("cells",))
@@ -48,6 +48,9 @@ class Section(Fibres):
         placed: False if the axis of beams, which goes through the origin of y and z, is merely the
             origin of the numbers given; beams then warn unless it is the centroid. It is set by
             what makes and moves sections.
+        GAy, GAz: shear stiffnesses along y and z, scalars, N, with the shear coefficient in them;
+            None, the default, is rigid in shear. They are linear whatever the laws of the fibres;
+            `with_shear` sets them.
 
     Raises:
         ValueError: wrong shapes, an area that is not positive, something that is no law, `counts`
@@ -85,6 +88,9 @@ class Section(Fibres):
                 f"counts = {self.counts}: expected the number of fibres of each law, "
                 f"{len(self.laws)} numbers with the sum {self.n_fibre}"
             )
+        for name in ("GAy", "GAz"):
+            if (value := getattr(self, name)) is not None:
+                set_fields(self, **{name: checks.as_scalar(value, name)})
         for name, shape in (("torsion", (len(self.laws),)), ("points", None)):
             if getattr(self, name) is None:
                 continue
@@ -104,8 +110,9 @@ class Section(Fibres):
             set_fields(self, cells=Indices(cells))
 
     def rules(self) -> list[Rule]:
-        """Return the condition that the areas of fibres are positive, a list of one `Rule`."""
-        return [positive("area", self.area, "a fibre's area must be positive")]
+        """Return the conditions that areas of fibres and shear stiffnesses are positive, a list."""
+        shear = [positive(name, getattr(self, name)) for name in ("GAy", "GAz")]
+        return [positive("area", self.area, "a fibre's area must be positive"), *shear]
 
     # --- shapes
 
@@ -117,9 +124,11 @@ class Section(Fibres):
     polygon = classmethod(shapes.polygon)
     mesh = classmethod(shapes.mesh)
     composite = classmethod(composites.composite)
+    linear = classmethod(linear)
 
     shifted = geometry.shifted
     centred = geometry.centred
+    with_shear = shear.with_shear
 
     # --- numbers
 
@@ -147,15 +156,16 @@ class Section(Fibres):
             return area, self.laws[0]
         return area, Parallel(self.laws, jnp.stack(areas) / area)
 
-    def for_analysis(self) -> Section | LinearSection:
+    def for_analysis(self) -> Section | SectionStiffness:
         """Return the section in the form that an analysis evaluates.
 
-        It is a `LinearSection` if all laws are linear, or else this one with `extrapolated` laws.
+        It is a `SectionStiffness` if all laws are linear, or else this one with `extrapolated`
+        laws.
         """
         if not self.is_elastic:
             return self.extrapolated()
         torsion = None if self.torsion is None else self.torsional_stiffness()
-        return LinearSection(self.stiffness(), torsion)
+        return SectionStiffness(self.stiffness(), torsion, *shear.as_arrays(self))
 
     # --- equilibrium of the section
 

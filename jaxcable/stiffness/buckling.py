@@ -12,7 +12,7 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.tree import Indices, copy_with, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
-from ..elements.abilities import Sagging
+from ..elements.abilities import Sagging, is_one_sided
 from ..elements.element import Element
 from ..linear import unbatched
 from ..mechanics.restart_state import initial_restart_state, make_system
@@ -41,6 +41,8 @@ class Buckling:
         factor: factor on the loads at which the tangent is singular, [n], -; inf where there is no
             such factor, NaN where there is no estimate.
         shapes: displacements, scaled to 1 at the node that moves most, [n, n_node, 3].
+        semi_tangential: whether nodal moments without a potential act, so that the factors are
+            those of semi-tangential moments (see `buckling_factor`), scalar bool.
 
     Example:
         >>> structure, phases = jc.scenes.von_mises_truss(load=100.0)
@@ -52,6 +54,7 @@ class Buckling:
 
     factor: Float[Array, " n"]
     shapes: Float[Array, "n n_node 3"]
+    semi_tangential: Bool[Array, ""]
 
 
 def buckling_factor(
@@ -107,8 +110,12 @@ def buckling_factor(
 
     Moments on nodes that rotate about several axes keep their direction, have no potential and make
     the tangent unsymmetric. The factors are then those of its symmetric part, that is of
-    semi-tangential moments, which follow half of the rotation of their nodes (Ziegler 1968). An
-    `InputWarning` says so, outside of transformations.
+    semi-tangential moments, which follow half of the rotation of their nodes (Ziegler 1968).
+    `Buckling.semi_tangential` says so, and outside of transformations an `InputWarning`. This is
+    the answer for moments that a pair of dead forces on a cross arm makes; moments about a fixed
+    axis may let a free end flutter instead, at no load of divergence at all. Where supports hold
+    the rotation about one of two axes, as a fork does, all kinds of moments agree and the tangent
+    is symmetric: a strip under end moments in forks buckles at ``pi / L sqrt(EI GJ)``.
 
     Raises:
         ValueError: wrong arguments; follower loads, or elements that are not `symmetric`;
@@ -185,7 +192,7 @@ def buckling_factor(
     factor = jnp.where(alike, factor, jnp.nan)
     moved = displacement_jacobian(without_indices, index_arrays, dof_map)[: structure.n_node]
     shapes = jnp.moveaxis(jnp.tensordot(moved, vectors, 1), -1, 0)
-    return Buckling(factor, normalize_mode_shapes(shapes, vectors.T))
+    return Buckling(factor, normalize_mode_shapes(shapes, vectors.T), ~symmetric)
 
 
 def _refuse_follower_loads(restart, name):
@@ -207,7 +214,7 @@ def _can_be_unstressed(structure, slack):
     """
     sound = jnp.ones((), bool)
     for (where, group), own in zip(structure.named_groups(), slack, strict=True):
-        if not group.tension_only or type(group).unstressed_state is not Element.unstressed_state:
+        if not is_one_sided(group) or type(group).unstressed_state is not Element.unstressed_state:
             continue
         sound &= ~jnp.any(own)
         known = checks.array_if_known(own)

@@ -18,6 +18,7 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging
 from ..linear import unbatched
+from ..loads.masses import STANDARD_GRAVITY, PointMasses
 from ..mechanics.elementwise import evaluate_elements
 from ..mechanics.restart_state import make_system
 from ..model.structure import Structure
@@ -40,9 +41,6 @@ _DISTRIBUTIONS = ("lumped", "consistent", "mean")
 # A mode has no mass if its mu, which is 1 / w^2, is below this times eps and the largest mu: it is
 # then rounding. Modes faster than the slowest by 1 / sqrt(1e3 eps), two million, are lost with it.
 _MASSLESS = 1e3
-
-STANDARD_GRAVITY = 9.80665
-"""Standard acceleration of gravity, m/s2."""
 
 
 @pytree
@@ -78,7 +76,7 @@ def natural_frequencies(
     state: Solution | State,
     n: int = 6,
     *,
-    masses: Float[ArrayLike, " n_node"] | Float[ArrayLike, ""] | None = None,
+    masses: Float[ArrayLike, " n_node"] | Float[ArrayLike, ""] | PointMasses | None = None,
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
     gravity: Float[ArrayLike, ""] = STANDARD_GRAVITY,
     distribution: Literal["lumped", "consistent", "mean"] | None = None,
@@ -102,7 +100,7 @@ def natural_frequencies(
         n: number of modes; fewer if fewer have mass (if traced, the remaining frequencies are inf).
 
     Options:
-        masses: added masses at the nodes, [n_node] or scalar, kg; default none.
+        masses: added masses at the nodes, [n_node] or scalar, kg, or `PointMasses`; default none.
         fixed: degrees of freedom to leave out, as in `stiffness.tangent_of`.
         gravity: acceleration that weights are divided by, m/s2; default 9.80665.
         distribution: of an element's mass m. "lumped": half at each end. "consistent" with the
@@ -141,7 +139,10 @@ def natural_frequencies(
         names = ", ".join(map(repr, _DISTRIBUTIONS))
         raise ValueError(f"distribution = {distribution!r}: expected one of {names}")
     gravity = nan_if_broken(positive("gravity", gravity))
-    if masses is not None:
+    if isinstance(masses, PointMasses):
+        masses.check(structure)
+        masses = masses.masses_of_nodes(structure.n_node)
+    elif masses is not None:
         masses = jnp.broadcast_to(checks.as_floats(masses, "masses"), structure.n_node)
         masses = nan_if_broken(not_negative("masses", masses))
     require_symmetric_elements(structure, "natural_frequencies")

@@ -722,3 +722,66 @@ def test_ctrl_c_ends_with_one_line(begun, scene):
     assert lines[-1] == "jaxcable: interrupted"
     assert all(line.startswith("phase ") for line in lines[:-1])
     assert [path.name for path in scene.iterdir()] == ["long.json"]  # no half of a result
+
+
+# --- units
+
+
+def test_commands_work_in_the_units_of_the_scene(scene, capsys):
+    jc.save_scene("kn.json", NET, units="kN, mm")
+    assert command("info kn.json") == 0
+    out = capsys.readouterr().out
+    assert "units of the file: kN, mm" in out and "EA = 97.97 kN\n" in out
+    assert "extent: 1200 x 1200 x 0 mm" in out and "sum (0, 0, -0.06) kN" in out
+    assert "pretension 0.2 kN" in out
+    assert command("solve kn.json --report kn.txt --save kn.csv --save kn.npz --save kn.vtk") == 0
+    out = capsys.readouterr().out
+    assert "final axial forces: 0.2336 to 0.23376 kN\n" in out
+    assert "in phase 2 alone: 12.8385 mm at node" in out
+    assert "x (mm)" in Path("kn-nodes.csv").read_text("utf-8")
+    assert "(kN)" in Path("kn.txt").read_text("utf-8")
+    assert jc.files.load_result("kn.npz")["tension"].min() > 200.0  # in SI
+    assert command('solve net.json --show-units "kip, ft"') == 0
+    assert "final axial forces: 0.0525153 to 0.0525514 kip" in capsys.readouterr().out
+
+
+def test_numbers_on_the_command_line_are_in_the_units_of_the_scene(scene, capsys):
+    jc.save_scene("kn.json", NET, units="kN, mm")
+    for name, density in (("kn", "4e-4"), ("net", "400")):
+        assert command(f"form {name}.json --force-density {density} --save {name}_form.json") == 0
+    out = capsys.readouterr().out
+    assert "tension 0.16 kN, lengths 400" in out.replace("0.160", "0.16") or "kN, lengths" in out
+    one, other = jc.load_scene("kn_form.json"), jc.load_scene("net_form.json")
+    assert one.units is not None and other.units is None
+    np.testing.assert_allclose(one.structure.nodes, other.structure.nodes, atol=1e-12)
+    limits = {"kn": "--deflection 12.5 --bounds 0 5", "net": "--deflection 0.0125 --bounds 0 5000"}
+    for name, words in limits.items():
+        words = f"optimize {name}.json {words} --same-in-group --save {name}_best.json"
+        assert command(words) == 0
+    out = capsys.readouterr().out
+    assert "limit on displacements of the last phase: 12.5 mm, reached 12.5" in out
+    one, other = jc.load_scene("kn_best.json"), jc.load_scene("net_best.json")
+    np.testing.assert_allclose(one.phases[0].pretension, other.phases[0].pretension, rtol=1e-6)
+
+
+def test_nets_without_a_unit_take_one(scene, capsys, refused):
+    Path("n.csv").write_text("x,y,z,support,fz\n0,0,0,1,\n4000,0,0,,-2\n8000,0,0,1,\n", "utf-8")
+    Path("l.csv").write_text("first,last\n0,1\n1,2\n", "utf-8")
+    words = '--units "kN, mm" --axial-stiffness 3e4 --pretension 5'
+    assert command(f"convert n.csv l.csv {words} --save csv.json") == 0
+    read = jc.load_scene("csv.json")
+    assert str(read.units) == "kN, mm, K"
+    np.testing.assert_array_equal(read.structure.nodes[2], [8.0, 0, 0])
+    np.testing.assert_array_equal(read.structure.elements.axial_stiffness, [3e7, 3e7])
+    np.testing.assert_array_equal(read.phases[0].pretension, [5e3, 5e3])
+    np.testing.assert_array_equal(read.phases[1].loads.forces, [[0, 0, -2e3]])
+    capsys.readouterr()
+    assert command('info n.csv l.csv --units "kN, mm"') == 0
+    out = capsys.readouterr().out
+    assert "extent: 8000 x 0 x 0 mm" in out and "loads: sum (0, 0, -2) kN" in out
+    command("info n.csv l.csv")
+    assert 'such as units="N, mm" (--units "N, mm")' in capsys.readouterr().err
+    said = refused('info net.json --units "kN, m"')
+    assert 'a scene states its own at its top, such as "units": "kN, m"' in said
+    said = refused("info n.csv l.csv --units kn,mm")
+    assert "--units: units = 'kn,mm': unknown unit 'kn'; did you mean 'kN'" in said

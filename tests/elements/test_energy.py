@@ -34,6 +34,8 @@ LAWS = {
     "cable of points": lambda links: jc.Cables(links, area=2e-3, law=CURVE),
     "bar that yields": lambda links: jc.Bars(links, area=2e-3, law=YIELDING),
     "cable that yields": lambda links: jc.Cables(links, area=2e-3, law=YIELDING),
+    "contact": lambda links: jc.Contacts(links, axial_stiffness=80.0),
+    "contact that yields": lambda links: jc.Contacts(links, area=2e-3, law=YIELDING),
     "composite bar": lambda links: jc.Bars(links, section=CORED),
     "composite cable": lambda links: jc.Cables(links, section=CORED),
     "composite cable that yields": lambda links: jc.Cables(links, section=YIELDING_CORE),
@@ -48,11 +50,36 @@ LAWS = {
     "beam off its axis": lambda links: jc.Beams(
         links, section=jc.Section.disc(0.3, jc.Elastic(3e4), (2, 2)).shifted(0.1, 0.2)
     ),
+    "beam with loads within": lambda links: jc.Beams(
+        links, section=jc.Section.disc(0.3, jc.Elastic(3e4), (2, 2)).shifted(0.1, 0.2)
+    ),
+    "sheared beam with loads within": lambda links: jc.Beams(
+        links,
+        section=jc.Section.disc(0.3, jc.Elastic(3e4), (2, 2))
+        .shifted(0.1, 0.2)
+        .with_shear(2e3, 9e2),
+    ),
+    "sheared beam that yields with loads within": lambda links: jc.Beams(
+        links,
+        section=YIELDING_BEAM.with_shear(2e3, 9e2),
+        up=(0.1, 0.2, 1.0),
+        torsional_stiffness=5.0,
+    ),
+    "beam that yields with loads within": lambda links: jc.Beams(
+        links, section=YIELDING_BEAM, up=(0.1, 0.2, 1.0), torsional_stiffness=5.0
+    ),
     "jointed beam": lambda links: jc.Beams(
         links,
         section=jc.Section.disc(0.3, jc.Elastic(3e4), (2, 2)),
         hinges=np.array([[[False, True, True], [True, False, True]]] * len(links)),
         springs=[[5.0, 20.0, 0.0], [30.0, 7.0, 10.0]],
+    ),
+    "beam flexible in shear": lambda links: jc.Beams(
+        links,
+        section=jc.Section.linear(2e3, 12.0, 8.0, 5.0, 90.0, 60.0, EIyz=4.0).shifted(0.1, 0.2),
+    ),
+    "beam that yields, flexible in shear": lambda links: jc.Beams(
+        links, section=YIELDING_BEAM.with_shear(900.0, 600.0), torsional_stiffness=5.0
     ),
     "composite beam that yields": lambda links: jc.Beams(
         links, section=YIELDING_BEAM, points=3, up=(0.1, 0.2, 1.0), torsional_stiffness=5.0
@@ -61,7 +88,7 @@ LAWS = {
 """Every element law by name: a new law is added here and is tested by everything below."""
 
 
-LINEAR = ["bar", "cable", "cable with law", "compliant cable", "compliant law"]
+LINEAR = ["bar", "cable", "cable with law", "compliant cable", "compliant law", "contact"]
 JACKED = ["bar", "cable", "compliant composite", "sliding cable"]
 
 
@@ -92,7 +119,13 @@ def system(name, held=False):
         along = rng.normal(size=(len(chord), 3))
         if name == "catenary":
             along[::4] = 0.0  # there it is a straight cable, or a slack one without force
-        state = copy_with(state, element_load=ElementLoad(jnp.asarray(along)))
+        points = None
+        if name.endswith("within"):  # two of them: force and moment at a place
+            points = rng.normal(size=(len(chord), 2, 7))
+            points[..., 0] = rng.uniform(size=points.shape[:2])
+            points[0, :, 0] = 0.4  # both at one place
+            points = jnp.asarray(points)
+        state = copy_with(state, element_load=ElementLoad(jnp.asarray(along), points=points))
     held_at[n:] = 0.0
     held_at, size = jnp.asarray(0.01 * held_at), 0.1
     if group.rotates:
@@ -159,6 +192,8 @@ def test_residual_agrees_with_differences_of_an_independent_energy(name):
         strain = np.linalg.norm(p[links[:, 1]] - p[links[:, 0]], axis=1) / rest - 1
         if group.tension_only:
             strain = np.maximum(strain, 0)
+        if group.compression_only:
+            strain = np.minimum(strain, 0)
         return (0.5 * stiffness * rest * strain**2).sum() - (np.asarray(made.load) * u).sum()
 
     h = 1e-6

@@ -523,7 +523,19 @@ NUMBERS = {  # a call, what is suspicious, what is not, and the warning
             jc.Bars([[0, 1]], area=1e-3, law=jc.Elastic(210e9), weight=v),
             jc.pinned([0]),
         ),
-        *(0.0077, 77.0, r"weight\[0\] = 0.0077: less than 50 N/m3 with its area"),
+        *(0.077, 77.0, r"weight\[0\] = 0.077: less than 100 N/m3 with its area.*\"units\""),
+    ),
+    "stiffer for its weight than any material": (
+        lambda v: jc.Structure(
+            NODES[:2], jc.Cables([[0, 1]], axial_stiffness=2.1e7, weight=v), jc.pinned([0])
+        ),
+        *(0.0077, 7.7, r"weight\[0\] = 0.0077: the stiffness EA is more than 1e9 m times this"),
+    ),
+    "softer than rubber": (
+        lambda v: jc.Structure(
+            NODES[:2], jc.Cables([[0, 1]], area=1e-4, law=jc.Elastic(v)), jc.pinned([0])
+        ),
+        *(2.1e5, 2.1e11, r"law: its modulus is 210000 Pa, softer than rubber; is it in MPa"),
     ),
 }
 

@@ -105,6 +105,20 @@ def test_sections_know_their_second_moments_and_axis_again(tmp_path):
     assert float(again.inertia()[0]) == pytest.approx(again.area @ again.z**2, rel=1e-14)
 
 
+def test_sections_by_numbers_and_shear_stiffnesses_come_back(tmp_path):
+    by_numbers = jc.Section.linear(1e8, 2e5, 1e5, 1e4, GAz=3e7, EIyz=1e4).shifted(z=0.1)
+    fibres = jc.Section.rectangle(0.1, 0.2, jc.Elastic(1e9), (2, 2)).with_shear(GAy=1e6)
+    elements = [jc.Beams([[0, 1]], section=by_numbers), jc.Beams([[1, 2]], section=fibres)]
+    nodes = [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]
+    structure = jc.Structure(nodes, elements, jc.clamped([0]))
+    path = tmp_path / "scene.json"
+    jc.save_scene(path, jc.scenes.Scene(structure, [jc.Phase()]))
+    CHECK.validate(json.loads(path.read_text()))
+    again = [group.section for group in jc.load_scene(path).structure.elements]
+    require_same(again, [by_numbers, fibres])
+    assert [type(section).__name__ for section in again] == ["LinearSection", "Section"]
+
+
 def test_files_written_by_hand_may_be_short(tmp_path):
     """Whole numbers for floats, a group and a load without a list, a comment."""
     guys = MAST["structure"]["elements"]["guys"]

@@ -19,6 +19,7 @@ from jaxcable.cli import main
 from jaxcable.common.rules import not_negative, positive
 from jaxcable.common.tree import pytree
 from jaxcable.common.types import ArrayLike, Float
+from jaxcable.common.units import as_units
 from jaxcable.elements.element import Element
 from jaxcable.files import FileError, codec
 from jaxcable.files.examples import load_schema_examples
@@ -124,7 +125,7 @@ def fits(example, kind, field=None):
         del guys["axial_stiffness"]
     elif kind in ("Only", "Selection"):
         phase = {"pretension": {"guys": example}} if kind == "Only" else {"adds": {"guys": example}}
-    elif kind == "Section":
+    elif kind in ("Section", "LinearSection"):
         mast["section"] = example
     elif kind == "Supports":
         structure["supports"] = {"clamps": [3], **example, "mask": [[True] * 6] * 5}
@@ -135,6 +136,9 @@ def fits(example, kind, field=None):
         width = 6 if kind == "Beams" else 3
         held = {"mask": [[True] * width] * count}
         structure |= {"nodes": structure["nodes"][:count], "elements": example, "supports": held}
+    elif kind in ("EurocodeWind", "WindPowerLaw", "WindTable"):
+        load = {"type": "WindLoads", "direction": [1, 0, 0], "drag": 1.2, "diameter": 0.1}
+        phase = {"loads": {**load, "profile": example}}
     else:
         phase = {"loads": example}
     return {**data, "phases": [phase]}
@@ -170,7 +174,8 @@ def test_the_example_of_a_scene_is_analysed(tmp_path):
 def test_every_example_is_in_the_schema():
     """What the tests above read is all that editors offer."""
     known = [json.dumps(one) for _, _, one in EXAMPLES] + [json.dumps(SCENE)]
-    found = 0
+    found, units = 0, CHECK.schema["properties"]["units"]["examples"]
+    known += [json.dumps(one) for one in units if as_units(one)]
     for one in schemas(CHECK.schema):
         for example in one.get("examples", []):
             found += 1

@@ -45,7 +45,7 @@ def test_lines_become_a_net(tmp_path):
     assert net.links.tolist() == [[0, 1], [1, 2], [3, 1], [3, 0]]
     assert net.groups == ("edge", "edge", "field", "field")
     assert net.names == ("1", "2", "4", "5") and not net.fixed.any()
-    assert len(outcome(read_obj, path, tolerance=1e-5)[0].nodes) == 5
+    assert len(outcome(read_obj, path, scale=1.0, tolerance=1e-5)[0].nodes) == 5
     structure, _ = net.scene([0, 2, 3], axial_stiffness=1e5, pretension=100.0)
     assert list(structure.elements) == ["edge", "field"]
 

@@ -27,6 +27,7 @@ ROUND = [[0, 1], [1, 2], [2, 3], [3, 0]]
 SPIRAL = [[2.0, 2, 0], [0, 2, 0], [0, 0, 0], [4, 0, 0], [4, 4, 0], [-2, 4, 0], [-2, 1, 0]]
 UP, AXIS = (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)
 HALF = [0.0, 0.5, 1.0]
+BREEZE = jc.WindTable(pressures=500.0)
 Loads, Phase, Target = jc.NodalLoads, jc.Phase, design.Target
 
 
@@ -69,6 +70,7 @@ PUSHED = Phase(loads=push())
 # beams 0-1-2 along x, and a stay from their end up to node 3; node 4 is off their end
 BEND = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [2.0, 0, 1.0], [2.0, 0, 1.5]])
 BOX = jc.Section.rectangle(0.1, 0.2, STEEL, (1, 2))
+NUMBERS = jc.Section.linear(1e8, 1e5, 1e5, 1e4)
 ANGLE = jc.Section.polygon([[0, 0], [0.1, 0], [0, 0.1]], None, STEEL, 0.05)
 YIELDING = jc.Section.rectangle(0.1, 0.2, materials.steel(), (1, 2))
 HELD = jc.clamped([0]) + jc.pinned([3])
@@ -165,6 +167,15 @@ cables(axial_stiffness="stiff")  # axial_stiffness: expected numbers
 cables(area=1.0)  # axial_stiffness, area: give either
 jc.Cables(LINKS)  # axial_stiffness: missing
 jc.Cables(LINKS, area=1.0)  # axial_stiffness: missing...law
+
+## contacts and springs to the ground
+jc.Contacts(LINKS, axial_stiffness=1.0, gap=0.1, rest_length=1.0)  # gap: give either gap or rest
+jc.Springs([0], [1.0, 2.0])  # stiffness: expected a scalar or shape (3,) or (1, 3), got (2,)
+jc.Springs([], 1.0)  # links: a group needs at least one element
+jc.Springs([0], 1.0, axes=np.eye(2))  # axes: expected shape (3, 3) or (1, 3, 3), got (2, 2)
+jc.Bearings([[0, 1]], 1.0)  # links: expected shape [n, 1], got (1, 2)
+jc.forms.self_stress(net(elements=jc.Contacts(LINKS, axial_stiffness=1.0)))
+    # elements (Contacts) only presses; form finding takes Bars
 
 ## laws
 jc.Elastic("soft")  # E: expected numbers
@@ -268,8 +279,42 @@ beams(hinges=np.array([[[True, False, False]] * 2] * 2))
 beams(springs=1000.0)  # springs: give hinges, too, True where an end turns
 beams(hinges=[[True, False]] * 2, springs=[1.0, 2.0])
     # springs: expected a scalar or shape (2, 3) or (2, 2, 3), got (2,)
+jc.Section.linear(1e8, 1e5, None, 1e4)  # EIz: missing; a section by its stiffnesses needs
+jc.Section.linear([1e8, 1e8], 1e5, 1e5, 1e4)  # EA: expected a scalar, got shape (2,)
+NUMBERS.fibre_stress(0.0, 0.0, 0.0)  # fibre_stress: this section is given by its stiffnesses
+NUMBERS.interaction()  # interaction: this section is given by its stiffnesses and has no fibres
+jc.plots.section(NUMBERS)  # section: is given by its stiffnesses; it has no fibres to draw
+jc.Cables([[0, 1]], section=NUMBERS)  # section: its stiffnesses are for Beams; give axial_stiffness
+BOX.with_shear([1e6, 1e6])  # GAy: expected a scalar, got shape (2,)
+jc.Section.composite([BOX, BOX.with_shear(1e6)])
+    # sections[1]: has a shear stiffness, and shear stiffnesses of parts do not add up
+jc.sections.shear_coefficient("ring")  # inner: missing; give inner over outer diameter
+jc.sections.shear_coefficient("disc", inner=0.5)  # inner: of a ring only
+jc.sections.shear_coefficient("box")  # shape = 'box': expected one of
+jc.sections.lattice(5, 1.0, 1.0, 1e8, 1e7)  # sides = 5: expected 3 or 4
+jc.sections.lattice(4, 1.0, 1.0, 1e8, 1e7, pattern="V")  # pattern = 'V': expected one of
+jc.sections.lattice(4, 1.0, 1.0, 1e8, 1e7, pattern="K")  # EA_strut: missing; bracing 'K' needs
 jc.Section.disc(0.1, jc.Elastic)  # laws[0]: the class Elastic is not a law; call it
 jc.Section.disc(0.1, 210e9)  # laws[0]: float is not a uniaxial law such as Elastic
+jc.catalogue.profile("HEA 210", STEEL)  # name = 'HEA 210': is in no table; near it are HEA 220
+jc.catalogue.profile("HEA 200", 210e9)  # laws[0]: float is not a uniaxial law such as Elastic
+jc.catalogue.profile("HEA 200", STEEL, size=0.0)  # size = 0.0: must be positive and finite
+jc.catalogue.profile("CHS 20x10", STEEL)  # name = 'CHS 20x10': the wall is too thick
+jc.catalogue.profile("SHS 20x8", STEEL)  # name = 'SHS 20x8': the wall is too thick
+jc.catalogue.profile("RHS 200x8", STEEL)  # name = 'RHS 200x8': 2 numbers; expected as in
+jc.catalogue.profile("SHS 100x5", STEEL, manufacture="welded")  # manufacture = 'welded': expected
+jc.catalogue.profile_names("INP")  # family = 'INP': expected one of IPE
+jc.catalogue.cable("Drakke")  # name = 'Drakke': is in no table; near it are Drake
+jc.catalogue.cable("Drake", count=0)  # count = 0: expected a whole number
+jc.catalogue.cable_names("chain")  # kind = 'chain': expected one of
+jc.catalogue.rope("6x36", 0.02)  # construction = '6x36': expected one of
+jc.catalogue.rope("6x36 IWRC", -0.02)  # diameter = -0.02: must be positive
+jc.catalogue.rope("6x36 IWRC", 0.02, grade=0.0)  # grade = 0.0: must be positive
+jc.catalogue.rope("6x36 IWRC", 20.0)  # diameter = 20: is in m
+jc.catalogue.rope("6x36 IWRC", 0.02, grade=1770.0)  # grade = 1770: is in Pa
+jc.catalogue.rope("6x36 IWRC", 0.02, layers=2)  # layers: are those of spiral strands
+jc.catalogue.rope("spiral strand", 0.02)  # layers = None: expected a whole number
+jc.catalogue.rope("spiral strand", 0.02, layers=2, grade=1e9)  # grade: the formulas of a spiral
 polygon([[0, 0], [1, 1], [1, 0], [0, 1]])
     # points: the outline crosses itself: the edge from points[0] to points[1] crosses that from
     # points[2] to points[3]; list its corners in order
@@ -309,7 +354,65 @@ jc.LineLoads(UP, on="net", elements=jc.only([2])).check(net(elements=TWO))
     # elements of elements['net']: elements[0] = 2: the group has elements 0 to 1
 jc.LineLoads((0, 1.0))  # forces: expected shape (3,), got (2,)
 framed(jc.LineLoads(UP, on="mast"))  # ...on = 'mast': no such key in the structure's elements
+jc.LineLoads([UP, UP], factor=[1.0])  # factor: expected a scalar or shape (2,), got (1,)
+loaded(jc.LineLoads([UP, UP]))  # ...forces: has values for 2 elements; elements has 3
+loaded(jc.LineLoads(UP, factor=[1.0, 2.0], elements=jc.only([1])))
+    # ...factor: has values for 2 elements; elements has 1 chosen of 3
+loaded(jc.LineLoads(UP, factor=[1.0, 2.0]), structure=net(elements=TWO))
+    # ...factor: has a value for each element, but on = None means 2 groups
+jc.PointLoads([-1], 0.5, UP)  # elements[0] = -1: element numbers start at 0
+jc.PointLoads([0], [0.5, 0.6], UP)  # places: expected a scalar or shape (1,), got (2,)
+jc.PointLoads([0], 0.5, 1.0)  # forces: expected shape (3,) or (1, 3), got ()
+framed(jc.PointLoads([9], 0.5, UP))  # ...elements[0] = 9: elements['beam'] has elements 0 to 1
+framed(jc.PointLoads([0], 0.5, UP, on="mast"))  # ...on = 'mast': no such key
+loaded(jc.PointLoads([0], 0.5, UP))  # ...on = None means 0 groups of beams
+loaded(jc.PointLoads([0], 0.5, UP, on="net"), structure=net(elements=TWO))
+    # ...on = 'net': elements['net'] (Cables) takes no loads within its elements; give it a node
+jc.loads.Train([], 0.0, UP)  # path: expected at least one element
+jc.loads.Train([1, 1], 0.0, UP)  # path: element 1 is twice
+jc.loads.Train([0], [0.0], UP)  # position: expected a scalar, got shape (1,)
+jc.loads.Train([0], 0.0, [UP], spacings=[1.0])  # forces: expected shape (3,) or (2, 3), got (1, 3)
+framed(jc.loads.Train([9], 0.0, UP))  # ...path[0] = 9: elements['beam'] has elements 0 to 1
+jc.loads.Crowd([0], UP, [0.0], [1.0, 2.0])  # end: expected shape (1,), got (2,)
+design.influence_line(net(), Phase(), [0], "tension", breaks=[0.0, 1.0])
+    # on = None means 0 groups of beams
+design.influence_line(frame(), Phase(), [0], "tension", breaks=[0.0, 0.5])  # breaks: must increase
+design.moving_load(net(), Phase(), Loads([1], UP), [1.0])  # train: expected loads.Train
 jc.LineLoads(UP, per="current")  # per = 'current': expected one of
+jc.WindLoads(UP, 500.0, 1.2, 0.1)  # profile: expected a wind profile such as ... got float
+jc.WindLoads(UP, jc.WindTable, 1.2, 0.1)
+    # ...got the class WindTable itself; call it, as in WindTable(pressures=500.0)
+jc.WindLoads((1, 0), BREEZE, 1.2, 0.1)  # direction: expected shape (3,), got (2,)
+jc.WindLoads(UP, BREEZE, np.ones((2, 2)), 0.1)
+    # drag: expected a scalar or shape [n_elem], got (2, 2)
+jc.WindLoads(UP, BREEZE, [1.0, 1.2], [0.1] * 3)
+    # drag, diameter: have different numbers of elements: drag [2], diameter [3]
+jc.WindLoads(UP, BREEZE, 1.2, 0.1, ground=[0.0])  # ground: expected a scalar
+jc.WindLoads(UP, BREEZE, 1.2, 0.1, geometry="current")  # geometry = 'current': expected one of
+jc.WindLoads(UP, BREEZE, 1.2, 0.1, elements=[0])  # elements: expected a selection of elem
+loaded(jc.WindLoads(UP, BREEZE, 1.2, 0.1, factor=[1.0, 1.2]))
+    # ...factor: expected shape (3,), got (2,); elements has 3 elements
+framed(jc.WindLoads(UP, BREEZE, 1.2, 0.1, on="mast"))  # ...on = 'mast': no such key
+jc.WindTable([1.0, 2.0])  # velocities, pressures: give one of them
+jc.WindTable([1.0], [1.0], [1.0])  # velocities, pressures: give one of them
+jc.WindTable(5.0, 1.0)  # heights: expected shape [n], got ()
+jc.WindTable([1.0, 2.0], [1.0])  # velocities: expected shape (2,), got (1,)
+jc.WindTable(pressures=[1.0])  # pressures: expected a scalar, got shape (1,)
+jc.WindPowerLaw([1.0], 0.2)  # velocity: expected a scalar, got shape (1,)
+jc.EurocodeWind(25.0)  # terrain: give a category such as "II", or both roughness_length and
+jc.EurocodeWind(25.0, "II", roughness_length=0.1)  # terrain: give a category
+jc.EurocodeWind(25.0, lowest_height=1.0)  # terrain: give a category
+jc.EurocodeWind(25.0, "VI")  # terrain = 'VI': expected one of 0, I, II, III, IV
+jc.EurocodeWind(25.0, "II", "gust")  # pressure = 'gust': expected one of peak, mean
+jc.IceLoads(np.ones((1, 1)), 0.1)  # thickness: expected a scalar or shape [n_elem], got (1, 1)
+jc.IceLoads(0.1, 0.1, [900.0])  # density: expected a scalar
+framed(jc.IceLoads([0.1] * 3, 0.1, on="beam"))
+    # ...thickness: expected a scalar or shape (2,), got (3,); elements['beam'] has 2 elements
+jc.IceLoads(0.1, 0.1, direction=-1.0)  # direction: expected shape (3,), got ()
+jc.PointMasses([1, 2], [1.0])  # masses: expected a scalar or shape (2,), got (1,)
+jc.PointMasses([1], 1.0, -1.0)  # direction: expected shape (3,), got ()
+loaded(jc.PointMasses([4], 1.0))
+    # phases[0].loads[0]: load nodes[0] = 4: the structure has nodes 0 to 3; ... subtract 1
 jc.AreaLoads([[0, 1, 2]], UP, per="x")  # per = 'x'
 jc.AreaLoads([[0, 1, 2]], 1.0)  # forces: expected shape (3,) or (1, 3), got ()
 loaded(jc.AreaLoads([[1, 2, 4]], UP))  # phases[0].loads[0]: faces[0] = [1, 2, 4]: ... subtract 1
@@ -429,6 +532,19 @@ jc.energy_balance(HUNG, [PHASES[0], jc.replace(PHASES[1], increments=3)], soluti
 jc.energy_balance(HUNG, PHASES, twice(solution()))  # solution: is a batch
 jc.report(HUNG, solution(), energy=True)  # energy: the balance needs the phases
 
+jc.results.sags(net(), 0)  # structure: has no catenaries; for the sag of a chain
+jc.results.sags(net(), 0, {"x": [0, 1]})  # state: expected a Solution, its .last or one
+jc.results.sags(net(), solution(), {"x": [0, 2]})
+    # chains['x']: no element joins the nodes 0 and 2
+jc.results.sags(net(), 0, [0, 1])  # chains: expected a dict of node numbers by the name of each
+jc.results.nodes_along(net(), [0, 2, 1])  # elements: element 1 has the nodes [1, 2]
+jc.results.nodes_along(net(), [3])  # elements: no element 3; the group has 3
+jc.results.nodes_along(net(), [0], on="net")  # on = 'net': no such key
+jc.results.clearance_to_plane(net(), 0, (0, 0))  # point: expected shape (3,), got (2,)
+jc.results.clearance_over_ground(net(), 0, [[0.0, 0, 0]])  # profile: expected shape [n, 3] with at
+jc.results.distance_to_line(net(), 0, [[0.0, 0], [1.0, 0]])  # points: expected shape [n, 3] with at
+jc.results.rotation_vectors(net(), None)  # state: expected a Solution, its .last or one of its
+jc.results.node_tilts(net(), None, (0.0, 0.0))  # axis: expected shape (3,), got (2,)
 ## design
 jc.minimize(lambda T: None, np.ones(2))
     # loss: expected a scalar float, ... got None; it needs a return
@@ -494,8 +610,8 @@ SUSPICIOUS = rows("""
 stated(cables(axial_stiffness=98.0), pretension=[0.0, 200.0, 0.0])
     # phases[0].pretension[1] = 200: a strain of 204 % with EA = 98 N, and steel breaks ...
         forces in N
-stated(jc.Cables(LINKS, area=1e-4, law=jc.Elastic(210e3)), pretension=200.0)
-    # phases[0].pretension[0] = 200: a strain of 952 % with EA = 21 N, ... moduli in Pa
+stated(jc.Cables(LINKS, area=1e-4, law=jc.Elastic(2.1e6)), pretension=2e3)
+    # phases[0].pretension[0] = 2000: a strain of 952 % with EA = 210 N, ... moduli in Pa
 stated(cables(axial_stiffness=98.0), force_density=200.0)
     # phases[0].force_density[0] = 200: a strain of 204 %
 stated(cables(axial_stiffness=0.5), loads=push())
@@ -513,6 +629,8 @@ net(1000.0 * NODES, {"net": cables(rest_length=0.999)})
     # elements['net'].rest_length[0] = 0.999: its nodes are 1e+03 m apart; is the length in m
 net(elements=jc.Cables(LINKS, area=[1e-4, 314.0, 1e-4], law=STEEL))
     # elements.area[1] = 314: thicker than the element is long; is the area in m2
+net(elements={"mast": jc.Beams(LINKS, section=jc.Section.linear(1e5, 1e8, 1e8, 1e4))})
+    # elements['mast'].section: the radius of gyration, the root of EI / EA, is 31.6 m, more
 net(elements={"mast": jc.Beams(LINKS, section=jc.Section.rectangle(100.0, 200.0, STEEL))})
     # elements['mast'].section: 180 m from fibre to fibre is more than ... coordinates in m
 stated(cables(expansion=12.0), temperature=30.0)

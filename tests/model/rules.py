@@ -6,6 +6,7 @@ message; traced, it is a status or NaN, while the good one passes both ways.
 
 import re
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from messages import rows
@@ -30,6 +31,8 @@ LAW = jc.Polygonal([0.0, 1e-3], [0.0, 1e6])
 STOCKY = jc.Polygonal([-1e-3, 0.0, 2e-3], [-1e6, 0.0, 2e6])
 AXIS = (0.0, 1.0, 0.0)
 RISING = [0.0, 0.5, 1.0]
+ROUGH = {"roughness_length": 0.1, "lowest_height": 1.0}
+NOWHERE = (0.0, 0.0, 0.0)
 
 
 def code(structure, phases=None, method=None):
@@ -54,6 +57,26 @@ def rope(v):
 def frame(**numbers):
     beams = jc.Beams(LINKS, **{"section": DISC, "up": AXIS} | numbers)
     return jc.Structure(NODES, beams, supports=jc.clamped([0]))
+
+
+def of_contacts(name, **others):
+    return lambda v: code(net(kind=jc.Contacts, **{name: jnp.array([1.0, 1.0]) * v}, **others))
+
+
+def curved_contacts(v):
+    law = jc.Polygonal(1e-3 * jnp.asarray(v), 1e6 * jnp.asarray(v))
+    return code(net(kind=jc.Contacts, area=1.0, law=law))
+
+
+def on_ground(kind, name, **others):
+    """A net with a spring or a bearing at its middle node."""
+
+    def make(v):
+        elements = {"net": jc.Cables(LINKS, 1e3), "soil": kind([1], **{name: v}, **others)}
+        structure = jc.Structure(NODES, elements, supports=jc.pinned([0, 2]))
+        return code(structure)
+
+    return make
 
 
 def of_cables(name, **others):
@@ -103,6 +126,11 @@ def fibres(v):
     return code(frame(section=jc.Section([0.0, 0.1], [0.0, 0.1], v, DISC.laws, None, [1.0])))
 
 
+def numbers(name):
+    known = {"EA": 1e8, "EIy": 1e5, "EIz": 1e5, "GJ": 1e5}
+    return lambda v: code(frame(section=jc.Section.linear(**known | {name: v})))
+
+
 def thickness(v):
     return jc.sections.bredt_torsion(np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]]), v)
 
@@ -133,6 +161,46 @@ def of_method(kind, name):
 
 def pressed(axis):
     return code(net(), jc.Phase(loads=jc.CablePressure(1.0, axis)))
+
+
+def blown(name, kind=None, **numbers):
+    """Wind on a net, by one number of the load or, with a `kind`, of its profile."""
+
+    def make(v):
+        given = {"direction": AXIS, "drag": 1.2, "diameter": 0.1, "ice": 0.1, "vertical": AXIS}
+        if kind is not None:
+            wind = jc.WindLoads(profile=kind(**numbers | {name: v}), **given)
+        else:
+            wind = jc.WindLoads(profile=jc.WindTable(pressures=500.0), **given | {name: v})
+        return code(net(), jc.Phase(loads=wind))
+
+    return make
+
+
+def of_table(name):
+    return blown(name, jc.WindTable, heights=[1.0, 2.0], velocities=[1.0, 2.0])
+
+
+def of_power_law(name):
+    return blown(name, jc.WindPowerLaw, velocity=1.0, exponent=0.2)
+
+
+def of_eurocode(name, **numbers):
+    return blown(name, jc.EurocodeWind, velocity=1.0, **numbers or {"terrain": "II"})
+
+
+def iced(name):
+    numbers = {"thickness": 0.02, "diameter": 0.02, "density": 900.0}
+    return lambda v: code(net(), jc.Phase(loads=jc.IceLoads(**numbers | {name: v})))
+
+
+def placed(v):
+    return code(frame(), jc.Phase(loads=jc.PointLoads([0], v, AXIS)))
+
+
+def of_train(v):
+    axles = jnp.array([1.0]) * v if isinstance(v, jax.core.Tracer) else np.array([1.0]) * v
+    return code(frame(), jc.Phase(loads=jc.loads.Train([0], 0.5, AXIS, axles)))
 
 
 def varying(load):
@@ -173,6 +241,25 @@ def unstrained(structure):
 
 def along(v):
     return jc.section_forces(frame(), unstrained(frame()), v)
+
+
+def weighed(v):
+    return jc.PointMasses([1], v).nodal_forces((3, 3), float)
+
+
+def above(v):
+    plane = jc.results.clearance_to_plane
+    return plane(frame(), unstrained(frame()), np.zeros(3), v).least
+
+
+def over(v):
+    ground = jnp.array([[-1.0, 0.0, -1.0], [0.0, 0.0, -1.0], [3.0, 0.0, -1.0]])
+    ground = ground * jnp.asarray(v)[None]
+    return jc.results.clearance_over_ground(frame(), unstrained(frame()), ground).least
+
+
+def leaning(v):
+    return jc.results.node_tilts(frame(), unstrained(frame()), v).tilt
 
 
 def swinging(v):
@@ -260,6 +347,18 @@ of_cables("strength"),  # strength: strength[0] = -1.0
 of_cables("weight"),  # weight: weight[0] = -1.0: must not be negative
 of_cables("compliance"),  # compliance: compliance[0] = -1.0: must not
 softened, [-1e9, 0.0, 1e6, 2e6], [-1e9, 0.0, 1e6, 5e5]  # compliance: section.laws...softens
+## elements/contact.py
+of_contacts("gap"), 0.1, 2.0  # gap: gap[0] = 2.0: must be less than the initial distance
+curved_contacts, [-1.0, 0.0, 1.0], [0.0, 1.0, 2.0]  # law: law = 0.0: the law has no branch
+## elements/spring.py
+on_ground(jc.Springs, "stiffness"),  # stiffness: stiffness[0, 0] = -1.0: must not be negative
+on_ground(jc.Springs, "rotational_stiffness", stiffness=1.0),
+    # rotational_stiffness: rotational_stiffness[0, 0] = -1.0: must not be negative
+on_ground(jc.Springs, "axes", stiffness=1.0), np.eye(3), np.ones((3, 3))
+    # axes: axes[0]: expected three unit vectors
+on_ground(jc.Bearings, "stiffness"), 1.0, 0.0  # stiffness: stiffness[0] = 0.0: must be positive
+on_ground(jc.Bearings, "normal", stiffness=1.0), AXIS, (0.0, 0.0, 0.0)
+    # normal: normal[0]: a bearing needs a direction
 ## elements/beam.py
 of_beams("torsional_stiffness"),  # torsional_stiffness: torsional_stiffness... = -1.0
 of_beams("rest_length"),  # rest_length: rest_length... = -1.0
@@ -290,6 +389,21 @@ through_origin, [-1e6, 1e6], [-1e6, 2e6]  # stress: ...the curve has 500000 Pa a
 drawn_steel, 1e8, -1.0  # _require_positive: yield_stress = -1.0
 ## sections/section.py
 fibres, [1.0, 1.0], [-1.0, 1.0]  # area: area[0] = -1.0
+lambda v: code(frame(section=DISC.with_shear(v, 1e7))),  # GAy: GAy = -1.0: must be positive
+lambda v: code(frame(section=DISC.with_shear(GAz=v))), 1.0, 0.0  # GAz: GAz = 0.0: must be positive
+## sections/linear_section.py
+numbers("EA"),  # EA: EA = -1.0: must be positive
+numbers("EIy"),  # EIy: EIy = -1.0
+numbers("EIz"),  # EIz: EIz = -1.0
+numbers("GJ"), 1.0, 0.0  # GJ: GJ = 0.0
+numbers("GAy"),  # GAy: GAy = -1.0
+numbers("GAz"),  # GAz: GAz = -1.0
+numbers("EIyz"), -9e4, -1e5  # EIyz: EIyz = -100000.0: must be less than the root of EIy EIz
+## sections/shear.py
+lambda v: jc.sections.shear_coefficient("disc", v), 0.5, 0.6  # poisson: poisson = 0.6: must be from
+lambda v: jc.sections.shear_coefficient("ring", 0.3, v), 0.9, 1.0  # inner: inner = 1.0: must be
+## sections/lattices.py
+lambda v: jc.sections.lattice(4, v, 1.0, 1.0, 1.0).EIy,  # _positive_number: width = -1.0
 ## sections/shapes.py
 lambda v: jc.Section.disc(v, LAW).area,  # _positive_length: diameter = -1
 lambda v: jc.Section.ring(1.0, v, LAW).area, 0.1, 0.6  # _length_if_allowed: twice
@@ -303,6 +417,8 @@ stated("prestrain"), 0.1, -1.0  # value_rules: ...prestrain[1] = -1.0: a prestra
 stated("pretension"),  # value_rules: ...pretension[1] = -1.0: a cable carries tension only
 stated("force_density"),  # value_rules: ...force_density[1] = -1.0
 stated("jacking"), 100.0, -100.0  # value_rules: ...jacking[1] = -100.0
+stated("pretension", jc.Contacts), -1.0, 1.0
+    # value_rules: ...pretension[1] = 1.0: a contact carries compression only
 stated("sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # value_rules: ...sag[1] = -0.1
 stated("pretension", area=1.0, law=LAW), 1e6, 1000001.0
     # capacity_rules: ...pretension[1] = 1000001.0: more than the law
@@ -313,6 +429,38 @@ stated("pretension", jc.Bars, area=1.0, law=STOCKY), -1e6, -1000001.0
 plumb, 1.0, 0.0  # span_rules: ...sag[0]: the nodes of the element lie
 ## loads/pressure.py
 pressed, AXIS, (0.0, 0.0, 0.0)  # axis: axis: is zero
+## loads/wind.py
+blown("direction"), AXIS, NOWHERE  # direction: direction: is zero; give the direction towards
+blown("vertical"), AXIS, NOWHERE  # vertical: vertical: is zero
+blown("drag"), [1.2, 1.0], [1.2, -1.0]  # drag: drag[1] = -1.0: must not be negative
+blown("diameter"),  # diameter: diameter = -1.0: must not be negative
+blown("ice"),  # ice: ice = -1.0: must not be negative
+## loads/wind_profiles.py
+of_table("heights"), [1.0, 2.0], [1.0, 1.0]  # heights: heights[1] = 1.0: must be above heights[0]
+of_table("velocities"), [1.0, 2.0], [1.0, -2.0]  # velocities: velocities[1] = -2.0: must not be
+blown("pressures", jc.WindTable),  # pressures: pressures = -1.0: must not be neg
+of_table("density"),  # density: density = -1.0: must be positive
+of_power_law("velocity"),  # velocity: velocity = -1.0: must not be negative
+of_power_law("exponent"),  # exponent: exponent = -1.0: must not be negative
+of_power_law("reference_height"), 1.0, 0.0  # reference_height: reference_height = 0.0: must be pos
+of_power_law("lowest_height"),  # lowest_height: lowest_height = -1.0: must not be negative
+of_power_law("density"), 1.0, 0.0  # density: density = 0.0: must be positive
+of_eurocode("velocity"),  # velocity: velocity = -1.0: must not be negative
+of_eurocode("orography"),  # orography: orography = -1.0: must be positive
+of_eurocode("turbulence"),  # turbulence: turbulence = -1.0: must not be negative
+of_eurocode("roughness_length", **ROUGH), 0.5, 0.0  # roughness_length: ...= 0.0: must be positive
+of_eurocode("lowest_height", **ROUGH), 0.2, 0.1  # lowest_height: ...= 0.1: must exceed roughness
+of_eurocode("density"), 1.0, 0.0  # density: density = 0.0: must be positive
+## loads/ice.py
+iced("thickness"), [0.1, 0.0], [0.1, -0.1]  # thickness: thickness[1] = -0.1: must not be negative
+iced("diameter"),  # diameter: diameter = -1.0: must not be negative
+iced("density"),  # density: density = -1.0: must not be negative
+## loads/masses.py
+weighed,  # masses: masses = -1.0: must not be negative
+## loads/points.py
+placed, 0.5, 1.5  # places: places = 1.5: must be from 0 to 1
+## loads/path_loads.py
+of_train, 1.0, -1.0  # spacings: spacings[0] = -1.0
 ## loads/varying.py
 varying(PULL), RISING, [0.1, 0.5, 1.0]  # parameters: parameters[0] = 0.1: must be 0
 varying(PULL), RISING, [0.0, 0.5, 0.9]  # parameters: parameters[2] = 0.9: must be 1
@@ -338,6 +486,11 @@ swinging, [1.0] * 4, [-1.0, 1.0, 1.0, 1.0]  # gravity: gravity... = -1.0
 swinging, [1.0] * 4, [1.0, 1.0, -1.0, 1.0]  # masses: masses... = -1.0
 ## results/internal_forces.py
 along, [0.5], [1.5]  # places: places[0] = 1.5
+## results/clearances.py
+above, [0.0, 0.6, 0.8], [0.0, 0.0, 0.0]  # normal: expected a vector of length above zero
+over, [1.0, 1.0, 1.0], [0.0, 0.0, 1.0]  # profile: profile[1]: lies above or below profile[0]
+## results/rotations.py
+leaning, [0.0, 0.6, 0.8], [0.0, 0.0, 0.0]  # axis: expected a vector of length above zero
 ## forms/relaxation.py
 relaxed, [5.0, 1.0, 1e-9], [5.0, 1.0, -1.0]  # tol: tol... = -1.0
 ## forms/input_checks.py
@@ -377,10 +530,18 @@ OTHERWISE = {
     "analysis/absent_elements.py:_loaded_elements": "a warning",
     "analysis/preparation.py:_can_prove_instability": "no rule: whether a warning can be given",
     "loads/groups.py:scatter_to_nodes": "no rule: which library computes",
-    "loads/nodal.py:__str__": "no rule: what is said of it",
-    "loads/varying.py:__str__": "no rule: what is said of it",
+    "loads/nodal.py:describe": "no rule: what is said of it",
+    "loads/wind.py:describe": "no rule: what is said of it",
+    "loads/wind_profiles.py:_describe_velocity": "no rule: what is said of it",
+    "loads/masses.py:describe": "no rule: what is said of it",
+    "loads/member_values.py:with_member_factors": "no rule: which library computes",
+    "loads/points.py:describe": "no rule: what is said of it",
+    "design/influence_line.py:known_pieces": "traced ones are refused",
+    "design/influence_line.py:_checked_breaks": "traced ones are refused",
+    "design/moving_loads.py:worst_position": "traced ones are refused",
+    "loads/varying.py:describe": "no rule: what is said of it",
     "loads/varying.py:split_amplitude": "a warning",
-    "elements/beam.py:unused_columns": "no rule: layers on one line have nothing across it",
+    "elements/inner_unknowns.py:unused_columns": "no rule: layers on one line",
     "elements/beam_axes.py:is_known_anisotropic": "a lean without `up` is NaN in `Beams.start`",
     "materials/polygonal.py:__post_init__": "no rule: puts the origin among known points",
     "sections/torsion.py:bredt_torsion": "a traced outline is not asked whether it crosses itself",

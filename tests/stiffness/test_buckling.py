@@ -318,6 +318,90 @@ def test_a_column_with_a_moment_is_taken_as_semi_tangential():
     assert 0 < free <= factor * (1 + 1e-9)  # more freedoms, and none of them held
 
 
+# --- moments on nodes, in space: strips and shafts by closed forms
+
+STRIP = (0.02, 1.0)  # m: about z 2500 times softer than about y
+TORSION = 3.0e5  # GJ, N m2
+
+
+def strip(n, section, moments, forks):
+    """A structure along x and its states without, and with, moments at its ends, [2, 3], N m."""
+    nodes = np.column_stack([np.linspace(0.0, LENGTH, n + 1), np.zeros((n + 1, 2))])
+    links = np.column_stack([np.arange(n), np.arange(1, n + 1)])
+    beams = jc.Beams(links, section=section, torsional_stiffness=TORSION)
+    mask = np.zeros((n + 1, 6), bool)
+    mask[0] = [1, 1, 1, 1, 0, 0] if forks else [1] * 6
+    mask[n] = [0, 1, 1, 1, 0, 0] if forks else [0] * 6
+    structure = jc.Structure(nodes, beams, supports=jc.Supports(mask))
+    load = jc.NodalLoads([0, n], np.zeros((2, 3)), moments=moments)
+    states = [jc.solve(structure, jc.Phase(loads=kind)) for kind in ((), load)]
+    assert [int(state.status) for state in states] == [0, 0]
+    return structure, *states
+
+
+def factors_of_determinant(structure, before, after):
+    """Real factors f > 0 at which the unsymmetric K_ref + f (K - K_ref) is singular, by SciPy.
+
+    And how unsymmetric K is, relative to what the load has changed.
+    """
+    first, second = (np.asarray(jc.stiffness.tangent_of(structure, x)) for x in (before, after))
+    kappa = scipy.linalg.eigvals(second - first, first)
+    real = kappa.real[(np.abs(kappa.imag) < 1e-3 * np.abs(kappa)) & (kappa.real < 0)]
+    apart = np.abs(second - second.T).max() / np.abs(second - first).max()
+    return np.sort(-1 / real[real < -1e-3 * np.abs(kappa).max()]), apart
+
+
+def test_a_strip_in_forks_buckles_sideways_under_end_moments():
+    """``M = pi / L sqrt(EI GJ)`` (Timoshenko and Gere); forks make all kinds of moments agree."""
+    section = jc.Section.rectangle(*STRIP, jc.Elastic(210e9))
+    weak = 210e9 * STRIP[1] * STRIP[0] ** 3 / 12
+    exact = np.pi / LENGTH * np.sqrt(weak * TORSION)
+    errors = []
+    for n in (4, 8):
+        size = 1e-3 * exact
+        moments = np.array([[0.0, -size, 0], [0, size, 0]])
+        structure, before, after = strip(n, section, moments, forks=True)
+        found = buckling_factor(structure, after, before)
+        own, apart = factors_of_determinant(structure, before, after)
+        assert not bool(found.semi_tangential) and apart < 1e-6
+        assert float(found.factor[0]) == pytest.approx(own[0], rel=1e-6)
+        errors.append(abs(float(found.factor[0]) * size / exact - 1))
+        side = np.asarray(found.shapes)[0, :, 1]
+        sine = np.sin(np.pi * np.linspace(0, 1, n + 1))
+        assert np.abs(np.abs(side) - sine).max() < 0.02
+    # fibres give EI 1e-3 less; elements converge at the second order
+    assert errors[1] < 0.02 and errors[1] < 0.5 * errors[0]
+
+
+@pytest.mark.parametrize("kind", ["strip", "shaft"])
+def test_moments_at_a_free_end_are_semi_tangential(kind):
+    """A cantilever under a moment at its tip; semi-tangential moments buckle it at ``pi C / L``.
+
+    C is ``sqrt(EI GJ)`` of a strip bent in its plane and EI of a twisted shaft (Ziegler 1968).
+    Derivation: ``w' = -i k w + i k/2 w(L)`` for ``w = sqrt(EI) a + i sqrt(GJ) b`` of the rotations,
+    ``w(0) = 0``, hence ``exp(-i k L) = -1``. About a fixed axis there is no w(L), and w = 0: no
+    load of divergence. The determinant of the unsymmetric tangent says so, too.
+    """
+    if kind == "strip":
+        section = jc.Section.rectangle(*STRIP, jc.Elastic(210e9))
+        bend = np.sqrt(210e9 * STRIP[1] * STRIP[0] ** 3 / 12 * TORSION)
+        axis = np.array([0.0, 1.0, 0.0])
+    else:
+        section, axis = solid(0.01, 1e-6, 210e9), np.array([1.0, 0.0, 0.0])
+        bend = 210e9 * 1e-6
+    exact, n = np.pi * bend / LENGTH, 8
+    size = 1e-3 * exact
+    structure, before, after = strip(n, section, np.array([0 * axis, size * axis]), forks=False)
+    with pytest.warns(jc.InputWarning, match="semi-tangential"):
+        found = buckling_factor(structure, after, before)
+    assert bool(found.semi_tangential)
+    own, apart = factors_of_determinant(structure, before, after)
+    assert apart > 0.1
+    assert len(own) == 0 or own.min() * size > 5 * exact
+    # second order in the size of elements, and fibres
+    assert float(found.factor[0]) * size == pytest.approx(exact, rel=0.02)
+
+
 # --- the eigenproblem alone
 
 

@@ -13,6 +13,7 @@ function bytesOf(base64) {
 // of four bytes, so that arrays are views of the block and nothing is copied.
 function decode(description, base64) {
   const model = JSON.parse(description), block = bytesOf(base64).buffer, found = new Map();
+  statedUnits = model.units || {};
   for (const [name, [type, offset, shape]] of Object.entries(model.arrays)) {
     const count = shape.reduce((a, b) => a * b, 1);
     found.set(name, new TYPES[type](block, offset, count));
@@ -44,11 +45,17 @@ function numbered(list, count) {
   return place;
 }
 
+// Factor and name of the unit in which numbers of an SI unit are shown, where the page states some.
+let statedUnits = {};
+
 // "12.35 kN": four or more digits, and a unit that suits; lengths stay in metres.
 function withUnit(value, unit, digits = 5) {
   if (!Number.isFinite(value)) return "–";
   let name = unit;
-  if (unit.startsWith("N")) {
+  if (statedUnits[unit]) {
+    value *= statedUnits[unit][0];
+    name = statedUnits[unit][1];
+  } else if (unit.startsWith("N")) {
     const [factor, prefix] = forceUnit(Math.abs(value), 1);
     value *= factor;
     name = prefix + unit.slice(1);

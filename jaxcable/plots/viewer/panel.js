@@ -29,7 +29,9 @@ class Range {
       if (whole || high > 1) [low, high] = [0, Math.max(high, 1)];
       this.label = "utilization: force / breaking force (-)";
     } else {
-      if (unit.startsWith("N")) {
+      if (statedUnits[unit]) {
+        [this.factor, unit] = statedUnits[unit];
+      } else if (unit.startsWith("N")) {
         const [factor, force] = forceUnit(Math.max(-low, high));
         this.factor = factor;
         unit = force + unit.slice(1);

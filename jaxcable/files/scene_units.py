@@ -1,0 +1,200 @@
+"""Numbers of scene files in units that the file states: to SI when it is read, and back.
+
+What is converted are plain data, before objects are made of them and after objects have become
+such: rules of numbers then see SI units only. The unit of a field is that of its docstring
+(`field_units`), and the unit of what a phase states that of its `Statement`.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from ..analysis.phases import Phase
+from ..common.checks import holds_boolean
+from ..common.units import Units, convert_array, dimensions, scale_exactly
+from ..elements.abilities import STATEMENTS, components_of, statements_of
+from ..model.structure import Structure, is_group
+from . import codec
+from .field_units import OF_STATEMENT, field_units, holds_numbers
+from .reading import FileError
+
+_CONTAINERS = {"float32": "values", "list": "items", "tuple": "items"}
+"""Fields with the contents of containers, by the text under "type"."""
+
+
+class UnitError(FileError):
+    """The unit of a number is not known: the file, or a docstring, does not state it."""
+
+
+class SceneConverter:
+    """Convert the numbers of a structure and its phases, as plain data, between units and SI.
+
+    Args:
+        units: `Units` of the file.
+        to_si: whether data of the file become SI; otherwise data in SI become those of the file.
+    """
+
+    def __init__(self, units: Units, to_si: bool):
+        self.units, self.to_si = units, to_si
+
+    def structure(self, data: Any) -> Any:
+        """Return the data of a structure with converted numbers."""
+        return self._object(data, "structure", Structure, 0)
+
+    def phase(self, data: Any, where: str, structure: Structure) -> Any:
+        """Return the data of a phase of a structure with converted numbers."""
+        if not isinstance(data, dict):
+            return data
+        found = self._object(data, where, Phase, 0)
+        for name in STATEMENTS.keys() & data.keys():
+            found[name] = self._statement(name, data[name], f"{where}.{name}", structure)
+        if isinstance(data.get("own"), dict):
+            found["own"] = {
+                name: self._statement(name, value, f"{where}.own[{name!r}]", structure)
+                for name, value in data["own"].items()
+            }
+        return found
+
+    def _factor(self, unit, where):
+        """Return the factor that numbers of an SI unit are multiplied by; None if it is 1.
+
+        Raise UnitError for quantities whose unit the file has to state, and does not.
+        """
+        try:
+            powers = dimensions(unit)
+        except ValueError as error:
+            raise UnitError(f"{where}: {error}") from None
+        if "kg" in powers and self.units.mass is None:
+            raise UnitError(
+                f"{where}: is a mass, and the units {self.units} have none; add it, as in "
+                f'"{self.units}, kg"'
+            )
+        if "K" in powers and self.units.temperature is None and not self.units.is_metric:
+            raise UnitError(
+                f"{where}: depends on the unit of temperatures, and the units {self.units} have "
+                f'none; add it, F or C, as in "{self.units}, F"'
+            )
+        factor = self.units.factor(unit)
+        return None if factor == 1 else factor if self.to_si else 1 / factor
+
+    def _object(self, data, where, implied, depth):
+        """Return the data of an object of a class in `TYPES` with converted numbers.
+
+        Unknown classes and fields stay as they are: reading refuses them.
+        """
+        name = data.get("type") if isinstance(data, dict) else None
+        cls = codec.TYPES.get(name) if isinstance(name, str) else implied
+        if not isinstance(data, dict) or cls is None or depth > codec.MOST_LEVELS:
+            return data
+        units = field_units(cls, codec.TYPES)
+        kinds = {field.name: str(field.type) for field in codec.user_fields(cls)}
+        found = dict(data)
+        for key, value in data.items():
+            if key not in kinds or (cls is Phase and (key in STATEMENTS or key == "own")):
+                continue
+            place, unit = f"{where}.{key}", units.get(key)
+            if unit is None and holds_numbers(cls, key, kinds[key]) and _has_numbers(value):
+                raise UnitError(
+                    f"{place}: the docstring of {cls.__name__} does not state the unit of {key}, "
+                    "so that numbers in other units than SI cannot be read or written; add it, "
+                    f'as in "{key}: ..., N/m." or "{key}: ..., without unit."'
+                )
+            if unit == OF_STATEMENT:
+                continue
+            found[key] = self._value(value, unit, place, codec.IMPLIED_CLASSES.get(key), depth + 1)
+        return found
+
+    def _value(self, data, unit, where, implied=None, depth=0):
+        """Return a value with converted numbers, whose SI unit is `unit`; None for no unit.
+
+        Objects in it have units of their own, but for those that hold the values of a statement.
+        """
+        factor = None if unit is None or data is None else self._factor(unit, where)
+
+        def convert(value, place, level):
+            if isinstance(value, dict) and level <= codec.MOST_LEVELS:
+                name = value.get("type")
+                if isinstance(name, str) and name in _CONTAINERS and implied is None:
+                    key = _CONTAINERS[name]
+                    inner = convert(value[key], place, level + 1) if key in value else None
+                    return {**value, key: inner} if key in value else value
+                if isinstance(name, str) or implied is not None:
+                    found = self._object(value, place, implied, level)
+                    if name == "Only" and factor is not None and "values" in value:
+                        found["values"] = convert(value["values"], place, level + 1)
+                    return found
+                return {k: convert(v, f"{place}[{k!r}]", level + 1) for k, v in value.items()}
+            if isinstance(value, list) and level <= codec.MOST_LEVELS:
+                if any(isinstance(item, dict) for item in value):
+                    return [convert(v, f"{place}[{k}]", level + 1) for k, v in enumerate(value)]
+                return value if factor is None else _scale_numbers(value, factor)
+            return value if factor is None else _scale_numbers(value, factor)
+
+        return convert(data, where, depth)
+
+    def _statement(self, name, data, where, structure):
+        """Return what a phase states in the field `name` with converted numbers."""
+        units = {
+            statement.unit
+            for group in structure.groups
+            if (statement := statements_of(group).get(name)) is not None
+        }
+        if name in STATEMENTS and not units:
+            units = {STATEMENTS[name].unit}  # no group takes it: an analysis says so
+        several = [g for g in structure.groups if name in STATEMENTS and components_of(g, name)]
+        if several and data is not None and self.units.factor(STATEMENTS[name].unit) != 1:
+            raise UnitError(
+                f"{where}: {type(several[0]).__name__} takes several numbers of {name}, whose unit "
+                "is not known; files with these are in SI only"
+            )
+        if len(units) == 1:
+            return self._value(data, units.pop(), where)
+        if not units:
+            return data
+
+        def convert(value, elements, place):
+            if value is None or elements is None:
+                return value
+            if is_group(elements):
+                statement = statements_of(elements).get(name)
+                return value if statement is None else self._value(value, statement.unit, place)
+            if isinstance(value, dict) and value.get("type") in ("list", "tuple"):
+                return {**value, "items": convert(value.get("items"), elements, place)}
+            parts = elements if isinstance(elements, dict) else dict(enumerate(elements))
+            if isinstance(value, dict) and "type" not in value:
+                return {k: convert(v, parts.get(k), f"{place}[{k!r}]") for k, v in value.items()}
+            if isinstance(value, list) and not isinstance(elements, dict):
+                return [convert(v, parts.get(k), f"{place}[{k}]") for k, v in enumerate(value)]
+            raise UnitError(
+                f"{place}: groups take {name} in different units ({', '.join(sorted(units))}); "
+                "give a value for each group"
+            )
+
+        return convert(data, structure.elements, where)
+
+
+def _has_numbers(value):
+    """Return whether a value is a number, or has some in lists; true and false are none."""
+    if isinstance(value, dict):
+        return any(_has_numbers(value.get(key)) for key in ("values", "items"))
+    if isinstance(value, list):
+        return any(map(_has_numbers, value))
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _scale_numbers(value: Any, factor: Fraction, depth: int = 0) -> Any:
+    """Return a number, or nested lists of numbers, times a factor; anything else stays."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return scale_exactly(float(value), factor) if abs(value) < 1e300 else value
+    if not isinstance(value, list) or depth > codec.MOST_LEVELS:
+        return value
+    try:
+        array = np.array(value)
+    except (ValueError, OverflowError):
+        array = np.array(None)
+    if array.dtype.kind in "if" and not holds_boolean(value):
+        return convert_array(array, factor).tolist()
+    return [_scale_numbers(item, factor, depth + 1) for item in value]

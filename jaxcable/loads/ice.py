@@ -1,0 +1,158 @@
+"""Weight of ice around members, a dead load along them."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import DTypeLike
+
+from ..common import checks
+from ..common.rules import Rule, not_negative, refuse_if_broken
+from ..common.selection import Selection
+from ..common.tree import pytree, set_fields
+from ..common.types import Array, ArrayLike, Float
+from ..common.units import SI, Units
+from ..elements.element import Element, OwnState
+from ..model.structure import Structure
+from .along import pad_moments
+from .groups import Key, OnGroups
+from .load import Dead, Groups, OnEveryNode, Positions, States
+from .masses import STANDARD_GRAVITY
+from .member_values import check_member_values, require_members, with_member_factors
+
+_PER_MEMBER = ("thickness", "diameter")
+
+
+@pytree(static=("on",))
+class IceLoads(OnGroups, Dead):
+    """Weight of ice of an even thickness around cables, bars, catenaries and beams.
+
+    The weight per unstressed length is that of a hollow cylinder, ``gravity density pi thickness
+    (diameter + thickness)``. Half of that of an element acts at each of its ends; beams bend and
+    catenaries hang under it. On sliding cables it slides along, as `SelfWeight` does. It acts on
+    elements whenever they are there (`Phase`).
+
+    The ice does not fall off, has no stiffness, and no mass: `stiffness.natural_frequencies` does
+    not know of it. Ice on half of the guys is a case of its own:
+    give a thickness to each element. Wind blows at iced members by `ice` of `WindLoads`.
+
+    Args:
+        thickness: thickness of the ice, scalar or [n_elem], m.
+        diameter: diameter of the members without ice, scalar or [n_elem], m.
+        density: density of the ice, kg/m3; default 900, that of glaze. ISO 12494 has 600 to 900
+            for hard rime, 300 to 600 for wet snow, 200 to 600 for soft rime.
+        on: key of the loaded group in the structure's elements, such as "guys", or its place from 0
+            where these are a list; None loads all groups whose elements have a length.
+        elements: `Selection` of the elements of that group that are iced; None means all.
+        direction: direction and factor of the weight, [3], without unit; default (0, 0, -1).
+        gravity: acceleration of gravity, m/s2; default 9.80665.
+
+    Raises:
+        ValueError: wrong shapes, negative thickness, diameter or density (traced ones end in
+            INVALID_INPUT); where a phase is analysed, a group or element that the structure does
+            not have, or a group without length.
+
+    Source: ISO 12494:2001, Atmospheric icing of structures, Table 1 (densities).
+
+    Example:
+        Glaze of 20 mm on a guy of 20 mm: ``9.80665 * 900 * pi * 0.02 * 0.04`` is 22.18 N/m.
+
+        >>> nodes = [[0.0, 0.0, 0.0], [60.0, 0.0, 0.0]]
+        >>> guy = jc.Catenaries([[0, 1]], axial_stiffness=30e6, rest_length=60.0)
+        >>> structure = jc.Structure(nodes, guy, supports=jc.pinned([0, 1]))
+        >>> solution = jc.solve(structure, jc.Phase(loads=jc.IceLoads(0.02, 0.02)))
+        >>> print(solution.status, f"{-solution.load[:, 2].sum() / 60.0:.2f} N/m")
+        0 22.18 N/m
+    """
+
+    thickness: Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"]
+    diameter: Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"]
+    density: Float[ArrayLike, ""] = 900.0
+    on: Key = None
+    elements: Selection | None = None
+    direction: Float[ArrayLike, " 3"] = (0.0, 0.0, -1.0)
+    gravity: Float[ArrayLike, ""] = STANDARD_GRAVITY
+    element_factors: dict[int, Float[Array, " n_elem"]] | None = (
+        None  # by number of group: area of the ice, m2; set by the analysis
+    )
+
+    scales = ("direction",)
+
+    def __post_init__(self):
+        self._check_selection()
+        check_member_values(self, _PER_MEMBER)
+        for name in ("density", "gravity"):
+            set_fields(self, **{name: checks.as_scalar(getattr(self, name), name)})
+        set_fields(self, direction=checks.floats_of_shape(self.direction, "direction", (3,)))
+        refuse_if_broken(self.rules())
+
+    def rules(self) -> list[Rule]:
+        """Return the rules that the numbers of the load must satisfy, a list of `Rule`."""
+        names = ("thickness", "diameter", "density")
+        return [not_negative(name, getattr(self, name)) for name in names]
+
+    def check(self, structure: Structure) -> None:
+        """Raise ValueError if the structure lacks the loaded group, or it has no lengths."""
+        require_members(self, structure, _PER_MEMBER)
+
+    def with_group_numbers(self, structure: Structure) -> Self:
+        """Return the load in the form of an analysis: `on` becomes indices of groups.
+
+        The area of the ice, m2, becomes `element_factors`, zero where the load does not act.
+        """
+        load = super().with_group_numbers(structure)
+        return with_member_factors(load, structure, _PER_MEMBER, _ring_area)
+
+    def element_forces(
+        self,
+        groups: Groups,
+        states: States,
+        nodes: Positions,
+        shape: tuple[int, int],
+        dtype: DTypeLike,
+    ) -> OnEveryNode:
+        """Return forces, N, and zero moments on all nodes, in an array of `shape`.
+
+        `nodes` are initial positions, `shape` is (n_row, 3 or 6), `dtype` that of the result.
+        """
+        total = jnp.zeros(shape[0], dtype)
+        for number in self.on:
+            group, state = groups[number], states[number]
+            if group.has_length:
+                weights = self.apply_factors(number, state.load_bearing_length, state)
+                shares = group.split_among_ends(weights, nodes[group.links])
+                total = total.at[group.links].add(shares.astype(dtype))
+        return pad_moments(jnp.outer(total, self._weight_per_volume().astype(dtype)), shape)
+
+    def load_per_length(
+        self, number: int, group: Element, state: OwnState, nodes: Positions
+    ) -> Float[Array, "n_elem 3"] | None:
+        """Return the load per unstressed length of a group, [n_elem, 3], N/m; None without any."""
+        if number not in self.on or not group.has_length:
+            return None
+        areas = self.apply_factors(number, state.load_bearing_length, state) / state.rest_length
+        return jnp.outer(areas, self._weight_per_volume())
+
+    def _weight_per_volume(self):
+        """Return the weight of the ice per volume as a vector, [3], N/m3."""
+        return self.density * self.gravity * self.direction
+
+    def __str__(self) -> str:
+        return self.describe()
+
+    def describe(self, units: Units = SI) -> str:
+        """Return thickness and density of the ice, in `units`, as text."""
+        where = "" if self.on is None or isinstance(self.on, tuple) else f" on {self.on}"
+        thickness, density = map(checks.array_if_known, (self.thickness, self.density))
+        if thickness is None or density is None or density.ndim:
+            return f"IceLoads{where}"
+        small, factor = units.small_length
+        thick = units.from_si(float(thickness.max()), "m") * float(factor)
+        return f"IceLoads{where}: {thick:.6g} {small} of {units.text(float(density), 'kg/m3')}"
+
+
+def _ring_area(load: Any) -> Any:
+    """Return the cross-sectional area of the ice around members, a scalar or [n_elem], m2."""
+    return np.pi * load.thickness * (load.diameter + load.thickness)

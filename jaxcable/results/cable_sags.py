@@ -1,0 +1,395 @@
+"""Sags and lowest points of cables: catenaries, and chains of elements between named nodes."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..common import checks
+from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Float, Int, PyTree
+from ..elements.abilities import Sagging
+from ..loads.groups import group_numbers
+from ..model.structure import Structure
+from ..numerics import scaled
+from ..numerics.roots import bracketed_root
+from ..numerics.vectors import scalar_product
+from .element_shapes import (
+    StateOrPhase,
+    known_results,
+    map_shapes,
+    shapes_of_groups,
+    straight_shapes,
+)
+
+
+@pytree
+class Sag:
+    """How far a cable hangs below the chord between its ends: the result of `sags`.
+
+    Axes are [n_elem] for the elements of a group, none for a chain; batches have theirs in front.
+
+    Attributes:
+        midspan: vertical distance below the chord at midspan, half of the horizontal distance of
+            the ends, m; negative above the chord, as under wind from below. It says little where
+            the chord is nearly upright: take `deflection`.
+        largest: largest vertical distance below the chord, m.
+        largest_at: where it is on the cable, [..., 3], m.
+        deflection: largest distance from the chord, at right angles to it and in any direction, m:
+            under wind that of the whole load, of which the sag is the vertical part.
+        deflection_at: where it is on the cable, [..., 3], m.
+        lowest: lowest point, [..., 3], m; it may be an end.
+        span: horizontal distance of the ends, m.
+
+    Example:
+        >>> line = jc.Catenaries([[0, 1]], axial_stiffness=33e6, weight=16.0)
+        >>> nodes = [[0.0, 0.0, 0.0], [300.0, 0.0, 0.0]]
+        >>> structure = jc.Structure(nodes, line, supports=jc.pinned([0, 1]))
+        >>> strung = jc.solve(structure, jc.Phase(sag=8.0, loads=jc.SelfWeight()))
+        >>> sag = jc.results.sags(structure, strung)
+        >>> print(strung.status, sag.midspan.round(6), sag.lowest.round(6))
+        0 [8.] [[150.   0.  -8.]]
+    """
+
+    midspan: Float[Array, " *case"]
+    largest: Float[Array, " *case"]
+    largest_at: Float[Array, "*case 3"]
+    deflection: Float[Array, " *case"]
+    deflection_at: Float[Array, "*case 3"]
+    lowest: Float[Array, "*case 3"]
+    span: Float[Array, " *case"]
+
+
+def sags(
+    structure: Structure,
+    state: StateOrPhase,
+    chains: Mapping[str, Int[ArrayLike, " n"]] | None = None,
+) -> Any:
+    """Find sags, deflections and lowest points of catenaries, or of chains of elements.
+
+    A sag is vertical: the distance of the cable from its chord, the straight line between its ends.
+    `Sag.deflection` is the distance at right angles to the chord, in the direction of all loads.
+
+    Catenaries are exact, under the whole load along them. In a chain each pair of neighbors is
+    joined by its active catenary, if there is one, and otherwise by a straight line: beams count by
+    their nodes. (Of two catenaries between the same nodes the last one counts.)
+
+    Pure functions, differentiable like the solution; of a chain the derivatives of `largest` and
+    `deflection` have kinks where another node becomes the farthest one, and those of `largest_at`
+    and `lowest` jump there. Where the lowest point reaches an end, its height has a derivative, its
+    place has one-sided ones.
+
+    Args:
+        structure: the `Structure` that was analysed.
+        state: `Solution` (its last converged state is used) or `State`, or one of
+            ``solution.phases`` for the end of that phase; batches have leading axes.
+        chains: node numbers from end to end, [n], of every chain, by its name; `nodes_along` has
+            those of elements. None: the catenaries, each between its own ends.
+
+    Returns:
+        `Sag` of each chain, a dict by name; without chains a pytree like the structure's
+        `elements`, `Sag` for catenaries and None for other groups. NaN where elements are not
+        active, and for `midspan` and `largest` where the ends lie above each other.
+
+    Raises:
+        ValueError: not a state; no catenaries, and no chains; nodes that do not exist, or that no
+            element joins.
+
+    Example:
+        A cable of a net, three links long, by its nodes:
+
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> solution = jc.solve(structure, phases)
+        >>> found = jc.results.sags(structure, solution, {"x": [2, 3, 4, 5]})["x"]
+        >>> print(solution.status, f"{found.midspan:.6f} m")
+        0 0.012838 m
+    """
+    if chains is not None:
+        if not isinstance(chains, Mapping):
+            raise ValueError(
+                "chains: expected a dict of node numbers by the name of each chain, such as "
+                f'{{"main": [0, 1, 2]}}, got {type(chains).__name__}'
+            )
+        positions = known_results(structure, state).positions
+        every = shapes_of_groups(structure, state)
+        return {
+            name: _chain_sag(_chain_shapes(structure, positions, every, name, nodes))
+            for name, nodes in chains.items()
+        }
+    if not any(isinstance(group, Sagging) for group in structure.groups):
+        raise ValueError(
+            "structure: has no catenaries; for the sag of a chain of other elements give "
+            'chains={"name": nodes}'
+        )
+    found: list[Any] = []
+    for group, (shapes, there) in zip(
+        structure.groups, shapes_of_groups(structure, state), strict=True
+    ):
+        if not isinstance(group, Sagging):
+            found.append(None)
+            continue
+        own = map_shapes(_element_sag, shapes)
+        found.append(jax.tree.map(lambda x, there=there: _nan_unless(there, x), own))
+    return structure.arrange(found)
+
+
+def horizontal_tensions(
+    structure: Structure, state: StateOrPhase
+) -> PyTree[Float[Array, " n_elem"] | None]:
+    """Return the horizontal parts of the tensions of cables, along the plan of their chords.
+
+    Of a catenary it is that in the middle of its unstressed length. Under vertical load, and under
+    wind at right angles to the chord, it is the same all along it: the H of the parabola
+    ``w l^2 / (8 f)``. Of a straight element it is the axial force times the slope's cosine.
+
+    Args:
+        structure: the `Structure` that was analysed.
+        state: `Solution` (its last converged state is used) or `State`, or one of
+            ``solution.phases`` for the end of that phase; batches have leading axes.
+
+    Returns:
+        Forces in the shape of `elements`, each [n_elem], N, positive in tension and zero for
+        elements that are not active; None for groups without an axial force or with more than two
+        nodes an element. NaN where the ends lie above each other.
+
+    Raises:
+        ValueError: not a state, or of another structure.
+
+    Example:
+        >>> line = jc.Catenaries([[0, 1]], axial_stiffness=33e6, weight=16.0)
+        >>> nodes = [[0.0, 0.0, 0.0], [300.0, 0.0, 0.0]]
+        >>> structure = jc.Structure(nodes, line, supports=jc.pinned([0, 1]))
+        >>> strung = jc.solve(structure, jc.Phase(sag=8.0, loads=jc.SelfWeight()))
+        >>> force = jc.results.horizontal_tensions(structure, strung)  # w l^2 / (8 f) = 22.5 kN
+        >>> print(strung.status, f"{force[0] / 1e3:.3f} kN")
+        0 22.506 kN
+    """
+    found: list[Any] = []
+    forces = structure.group_tree.flatten_up_to(known_results(structure, state).tension)
+    every = shapes_of_groups(structure, state)
+    for group, force, (shapes, there) in zip(structure.groups, forces, every, strict=True):
+        if force is None or group.links.shape[1] != 2:
+            found.append(None)
+            continue
+        own = map_shapes(_horizontal_part, shapes)
+        own = jnp.where(shapes.hangs, own, own * force)
+        found.append(jnp.where(there, own, 0.0))
+    return structure.arrange(found)
+
+
+def nodes_along(structure: Structure, elements: Sequence[int], on: Any = None) -> list[int]:
+    """Return the nodes along a chain of elements, from end to end.
+
+    Args:
+        structure: `Structure`.
+        elements: numbers of the elements in order, each joined to the next one.
+        on: the group that has them, its key in the structure's elements; None if there is one
+            group.
+
+    Raises:
+        ValueError: no such group or element, or an element that does not join the one before it.
+
+    Example:
+        >>> cables = jc.Cables([[1, 0], [1, 2], [3, 2]], axial_stiffness=1e6)
+        >>> nodes = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0]]
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 3]))
+        >>> jc.results.nodes_along(structure, [0, 1, 2])
+        [0, 1, 2, 3]
+    """
+    numbers = group_numbers(on, structure)
+    if len(numbers) != 1:
+        raise ValueError(f"on = {on!r}: means {len(numbers)} groups; give the key of one group")
+    owner = structure.groups[numbers[0]]
+    if owner.face is not None:
+        raise ValueError(f"on = {on!r}: its elements are faces, along which no chain goes")
+    links = _nodes_in_order(owner)
+    chosen = checks.as_indices(elements, "elements", things="element").tolist()
+    wrong = [k for k in chosen if k >= len(links)]
+    if wrong or not chosen:
+        what = f"no element {wrong[0]}" if wrong else "none; a chain has at least one"
+        raise ValueError(f"elements: {what}; the group has {len(links)}")
+    # (shorter chains of pulleys are filled up by their last node)
+    rows = [list(dict.fromkeys(links[k].tolist())) for k in chosen]
+    first = rows[0]
+    if len(rows) > 1 and first[0] in (rows[1][0], rows[1][-1]):
+        first = first[::-1]
+    nodes = list(first)
+    for k, row in itertools.islice(zip(chosen, rows, strict=True), 1, None):
+        if nodes[-1] not in (row[0], row[-1]):
+            ends = [row[0], row[-1]]
+            raise ValueError(
+                f"elements: element {k} has the nodes {ends}, and does not go on from node "
+                f"{nodes[-1]}"
+            )
+        nodes += row[1:] if row[0] == nodes[-1] else row[-2::-1]
+    return nodes
+
+
+def _nan_unless(there, values):
+    """Return values [..., n_elem, ...] with NaN for elements that are not active."""
+    there = there.reshape(*there.shape, *(1,) * (values.ndim - there.ndim))
+    return jnp.where(there, values, jnp.nan)
+
+
+def _chain_shapes(structure, positions, every, name, nodes):
+    """Return the `ElementShapes` of the pieces of a chain, with the pieces on the first axis.
+
+    `every` is from `shapes_of_groups`; `name` and `nodes` are those of the chain.
+    """
+    nodes = checks.as_indices(nodes, f"chains[{name!r}]")
+    checks.require_known_nodes(nodes, structure.n_node, f"chains[{name!r}]")
+    if len(nodes) < 2:
+        raise ValueError(f"chains[{name!r}]: a chain has at least 2 nodes, got {len(nodes)}")
+    positions, pieces = jnp.asarray(positions), []
+    # catenaries last: where they join nodes that another element joins, too, they count
+    groups = sorted(
+        zip(structure.groups, every, strict=True), key=lambda pair: isinstance(pair[0], Sagging)
+    )
+    joined = [(group, _elements_by_pair(group), *own) for group, own in groups]
+    for a, b in itertools.pairwise(nodes.tolist()):
+        if not any((a, b) in pairs for _, pairs, *_ in joined):
+            raise ValueError(f"chains[{name!r}]: no element joins the nodes {a} and {b}")
+        straight = straight_shapes(positions[..., a, :], positions[..., b, :])
+        piece = jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), straight)  # none is active
+        for group, pairs, shapes, there in joined:
+            for k, backward in pairs.get((a, b), ()):
+                one = straight
+                if isinstance(group, Sagging):
+                    axis = shapes.rest_length.ndim - 1
+                    one = jax.tree.map(lambda x, k=k, axis=axis: jnp.take(x, k, axis), shapes)
+                    one = one.reversed() if backward else one
+                piece = _select_shapes(jnp.take(there, k, -1), one, piece)
+        pieces.append(piece)
+    axis = positions.ndim - 2
+    return jax.tree.map(lambda *x: jnp.stack(x, axis), *pieces)
+
+
+def _elements_by_pair(group):
+    """Return the elements that join two successive nodes: pair -> [(number, whether backwards)]."""
+    found: dict[tuple[int, int], list[tuple[int, bool]]] = {}
+    for k, nodes in enumerate(_nodes_in_order(group).tolist()):
+        for a, b in itertools.pairwise(nodes):
+            if a != b:  # chains that are shorter than others end with the same node
+                found.setdefault((a, b), []).append((k, False))
+                found.setdefault((b, a), []).append((k, True))
+    return found
+
+
+def _nodes_in_order(group):
+    """Return the nodes along the elements of a group, or around its faces, [n_elem, n]."""
+    links = group.links.array
+    if isinstance(group, Sagging):
+        return links[:, [0, -1]]
+    if group.outline is not None:
+        return links[:, list(group.outline)]
+    return links if group.face is None else links[:, [*group.face, group.face[0]]]
+
+
+def _select_shapes(chosen, one, other):
+    """Return the shapes of `one` where `chosen`, else those of `other`."""
+
+    def select(x, y):
+        return jnp.where(chosen.reshape(*chosen.shape, *(1,) * (x.ndim - chosen.ndim)), x, y)
+
+    return jax.tree.map(select, one, other)
+
+
+@jax.jit
+def _chain_sag(pieces):
+    """Return the `Sag` of a chain; arrays of `pieces` have axes [..., n_piece]; compiled."""
+    function = _sag_of_pieces
+    for _ in range(pieces.rest_length.ndim - 1):
+        function = jax.vmap(function)
+    return function(pieces)
+
+
+def _element_sag(shape):
+    """Return the `Sag` of one element."""
+    return _sag_of_pieces(jax.tree.map(lambda x: x[None], shape))
+
+
+def _sag_of_pieces(pieces):
+    """Return the `Sag` of a chain of pieces, `ElementShapes` with arrays [n_piece, ...]."""
+    begin, end = pieces.first[0], pieces.last[-1]
+    chord = end - begin
+    span = jnp.sqrt(scalar_product(chord[:2], chord[:2]))
+    level = chord * np.array([1.0, 1.0, 0.0]) / span
+    up = jnp.array([0.0, 0.0, 1.0], chord.dtype)
+    below = (
+        chord[2] / span * level - up
+    )  # vertical distance below the chord, for a point from begin
+    largest_at = _farthest(pieces, below)
+    middle = _at_station(pieces, begin, level, 0.5 * span)
+    deflection, deflection_at = _deflection(pieces, begin, chord)
+    return Sag(
+        midspan=scalar_product(middle - begin, below),
+        largest=scalar_product(largest_at - begin, below),
+        largest_at=largest_at,
+        deflection=deflection,
+        deflection_at=deflection_at,
+        lowest=_farthest(pieces, -up),
+        span=span,
+    )
+
+
+def _deflection(pieces, begin, chord):
+    """Return the largest distance of a chain from its chord, m, and its place, [3].
+
+    A single catenary lies in a plane with its chord, so that the direction is known. `begin` is the
+    first end, `chord` the vector to the last one.
+    """
+    along = chord / jnp.sqrt(scalar_product(chord, chord))
+
+    def across(point):
+        return point - begin - scalar_product(point - begin, along) * along
+
+    if len(pieces.hangs) == 1:
+        one = jax.tree.map(lambda x: x[0], pieces)
+        aside = across(one.point(jnp.full((), 0.5, chord.dtype)))
+        place = _farthest(pieces, aside)
+    else:
+
+        def nearness(point):
+            return -scalar_product(across(point), across(point))
+
+        parts = jax.vmap(lambda one: one.lowest_part_of(nearness))(pieces)
+        points = jax.vmap(lambda one, part: one.point(part))(pieces, parts)
+        place = points[jnp.argmin(jax.lax.stop_gradient(jax.vmap(nearness)(points)))]
+    return scaled.safe_norm(across(place)), place  # zero of straight lines
+
+
+def _farthest(pieces, direction):
+    """Return the point of a chain that is farthest along a direction, [3], m."""
+    ends = jnp.zeros((), direction.dtype), jnp.ones((), direction.dtype)
+    parts = jax.vmap(lambda one: one.highest_part(direction, *ends))(pieces)
+    points = jax.vmap(lambda one, part: one.point(part))(pieces, parts)
+    return points[jnp.argmax(jax.lax.stop_gradient(points @ direction))]
+
+
+def _at_station(pieces, begin, level, station):
+    """Return the point of a chain at a horizontal distance `station` from `begin`, [3], m."""
+    first, last = (ends @ level - begin @ level for ends in (pieces.first, pieces.last))
+    k = jnp.argmax(jax.lax.stop_gradient((first <= station) & (station <= last)))
+    one = jax.tree.map(lambda x: x[k], pieces)
+    guess = (station - first[k]) / (last[k] - first[k])
+
+    def balance(part):
+        return (scalar_product(one.point(part) - begin, level) - station) / station
+
+    # beyond its ends a catenary goes on, so that a root at an end is inside of the bracket
+    bracket = jnp.full_like(guess, -0.25), jnp.full_like(guess, 1.25)
+    return one.point(bracketed_root(balance, guess, *bracket))
+
+
+def _horizontal_part(shape):
+    """Return the tension of a catenary along its chord in plan; of others the slope's cosine."""
+    chord = shape.last - shape.first
+    span = jnp.sqrt(scalar_product(chord[:2], chord[:2]))
+    pull = shape.tangent(jnp.full((), 0.5, chord.dtype))
+    size = jnp.where(shape.hangs, 1.0, jnp.sqrt(scalar_product(chord, chord)))
+    return scalar_product(pull[:2], chord[:2]) / span / size

@@ -1,0 +1,228 @@
+"""Shapes of elements at the end of an analysis or of a phase: straight lines and catenaries."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import jax
+import jax.numpy as jnp
+
+from ..analysis.phase_results import PhaseResult
+from ..analysis.results import Results
+from ..analysis.solution import Solution, State
+from ..common.tree import copy_with, pytree
+from ..common.types import Array, Bool, Float, PyTree
+from ..elements import hanging
+from ..elements.abilities import END_PULL, Sagging
+from ..elements.element import Scalar
+from ..model.result_parts import items_per_group
+from ..model.structure import Structure
+from ..model.topology import require_same_topology
+from ..numerics.roots import bracketed_root
+from ..numerics.vectors import scalar_product
+
+_SAMPLES = 16
+"""Parts into which an element is divided to find the one with the extreme point of a function."""
+
+StateOrPhase: TypeAlias = "Solution | State | PhaseResult"
+
+
+@pytree
+class ElementShapes:
+    """Shapes of elements: each is a straight line or an elastic catenary; axes [..., n_elem].
+
+    Along the unstressed length the tension is ``T(s) = T1 - q s``, and the tangent has its
+    direction. Inside of `map_shapes` the same object stands for one element.
+
+    Attributes:
+        first, last: positions of the ends, [..., n_elem, 3], m.
+        pull: force of the element on its first node, T1, [..., n_elem, 3], N; of a straight element
+            its chord, m.
+        load: whole load along the element, ``q L0``, [..., n_elem, 3], N; zero of straight ones.
+        rest_length: unstressed length, [..., n_elem], m.
+        stiffness: axial stiffness, [..., n_elem], N.
+        hangs: whether the element is a catenary, [..., n_elem] bool.
+    """
+
+    first: Float[Array, "n_elem 3"]
+    last: Float[Array, "n_elem 3"]
+    pull: Float[Array, "n_elem 3"]
+    load: Float[Array, "n_elem 3"]
+    rest_length: Float[Array, " n_elem"]
+    stiffness: Float[Array, " n_elem"]
+    hangs: Bool[Array, " n_elem"]
+
+    def point(self, part: Scalar) -> Float[Array, " 3"]:
+        """Return the point of one element at `part` (0 to 1) of its unstressed length, [3], m."""
+        middle = jnp.where(self.hangs, self.pull - 0.5 * self.load, 1.0)
+        args = (middle, jnp.zeros(()), self.load / self.rest_length, self.rest_length)
+        hung = hanging.positions_along(part[None], *args, self.stiffness)[0]
+        return self.first + jnp.where(self.hangs, hung, part * (self.last - self.first))
+
+    def tangent(self, part: Scalar) -> Float[Array, " 3"]:
+        """Return a vector along the tangent of one element at `part` of its length, [3]."""
+        return self.pull - part * self.load
+
+    def highest_part(
+        self, direction: Float[Array, " 3"], low: Scalar, high: Scalar
+    ) -> Float[Array, ""]:
+        """Return where, between the parts `low` and `high`, one element is farthest along a vector.
+
+        Exact: ``direction @ T(s)`` is linear along the element and zero there, or this is an end.
+        """
+        at_first = scalar_product(self.pull, direction)
+        fall = scalar_product(self.load, direction)
+        bent = fall > 0  # the element is concave towards the direction
+        inside = jnp.clip(at_first / jnp.where(bent, fall, 1.0), low, high)
+        rises = scalar_product(self.point(high) - self.point(low), direction) > 0
+        return jnp.where(bent, inside, jnp.where(rises, high, low))
+
+    def reversed(self) -> ElementShapes:
+        """Return the same shapes, run through from the last end to the first."""
+        pull = jnp.where(self.hangs[..., None], self.load - self.pull, self.first - self.last)
+        return copy_with(self, first=self.last, last=self.first, pull=pull)
+
+    def lowest_part_of(self, function: Callable[[Float[Array, " 3"]], Scalar]) -> Float[Array, ""]:
+        """Return where along one element (0 to 1) a smooth function of the position is least.
+
+        The function is evaluated at 17 places; between the neighbors of the least one, the place
+        where its derivative along the element is zero is found to rounding. Of several minima
+        closer than 1/16 of the element it may find another one.
+        """
+        parts = jnp.linspace(0.0, 1.0, _SAMPLES + 1, dtype=self.first.dtype)
+        values = jax.vmap(lambda part: function(self.point(part)))(parts)
+        k = jnp.argmin(jax.lax.stop_gradient(values))
+        low, high = parts[jnp.maximum(k - 1, 0)], parts[jnp.minimum(k + 1, _SAMPLES)]
+
+        def slope(part):
+            return scalar_product(jax.grad(function)(self.point(part)), self.tangent(part))
+
+        inside = (slope(low) < 0) & (slope(high) > 0)
+        middle = parts[k]
+
+        def balance(part):  # where there is no root inside: one that is known
+            return jnp.where(inside, slope(part), part - 0.5 * (low + high))
+
+        root = bracketed_root(balance, middle, low, high)
+        return jnp.where(inside, root, middle)
+
+
+def shapes_of_groups(
+    structure: Structure, state: StateOrPhase
+) -> list[tuple[ElementShapes, Bool[Array, " n_elem"]]]:
+    """Return the shapes of all groups, and which elements are active, a list of pairs.
+
+    Elements of three and more nodes are divided into straight lines, so that the arrays of their
+    groups have two axes, [..., n_elem, n_line].
+
+    Args:
+        structure: the `Structure` that was analysed.
+        state: `Solution` (its last converged state is used), `State`, or one of
+            ``solution.phases``; batches have leading axes.
+
+    Raises:
+        ValueError: not a state, or of another structure.
+    """
+    known = known_results(structure, state)
+    pulls = items_per_group(structure, (known.results or {}).get(END_PULL.name))
+    present = items_per_group(structure, known.present)
+    lengths = items_per_group(structure, known.rest_length)
+    found = []
+    for group, pull, there, length in zip(structure.groups, pulls, present, lengths, strict=True):
+        if isinstance(group, Sagging):
+            shapes = _catenary_shapes(group, known.positions, pull, length)
+        else:
+            shapes = _straight_shapes(group, known.positions)
+        if there is None:
+            there = jnp.ones(len(group.links), bool)
+        count = known.positions.ndim - 2
+        there = jnp.broadcast_to(there > 0, (*shapes.hangs.shape[:count], len(group.links)))
+        found.append((shapes, there))
+    return found
+
+
+def known_results(structure: Structure, state: StateOrPhase) -> Results:
+    """Return the results of a state: the last one of a `Solution`; others are returned as they are.
+
+    Raises:
+        ValueError: not a state, or of another structure.
+    """
+    state = state.last if isinstance(state, Solution) else state
+    if not isinstance(state, State | PhaseResult):
+        raise ValueError(
+            "state: expected a Solution, its .last or one of its .phases, got "
+            f"{type(state).__name__}"
+        )
+    if isinstance(state, State):
+        require_same_topology(structure, state.topology, "state")
+    n_node = state.positions.shape[-2]
+    if n_node != structure.n_node:
+        raise ValueError(f"state: has {n_node} nodes, the structure has {structure.n_node}")
+    return state
+
+
+def straight_shapes(first: Float[Array, "... 3"], last: Float[Array, "... 3"]) -> ElementShapes:
+    """Return the `ElementShapes` of straight lines between two ends each, [..., 3], m."""
+    ones = jnp.ones(first.shape[:-1], first.dtype)
+    chord = last - first
+    return ElementShapes(
+        first, last, chord, jnp.zeros_like(chord), ones, ones, jnp.zeros(ones.shape, bool)
+    )
+
+
+def _straight_shapes(group, positions):
+    """Return the shapes of a group of straight elements; of lines [..., n_elem, n_line] if several.
+
+    Chains that are shorter than others end with lines of length zero.
+    """
+    chain = group.links.array
+    if group.face is not None and group.outline is None:
+        chain = chain[:, [*group.face, group.face[0]]]
+    elif group.outline is not None:
+        chain = chain[:, list(group.outline)]
+    ends = chain[:, :-1], chain[:, 1:]
+    if chain.shape[1] == 2:
+        ends = chain[:, 0], chain[:, 1]
+    return straight_shapes(*(jnp.asarray(positions)[..., nodes, :] for nodes in ends))
+
+
+def _catenary_shapes(group, positions, pull, length):
+    """Return the shapes of a group of catenaries from its results; arguments are per group.
+
+    `pull` is the result `END_PULL`, None if no phase has loads along the elements: then they are
+    straight.
+    """
+    ends = group.links.array[:, [0, -1]]
+    positions = jnp.asarray(positions)
+    first, last = positions[..., ends[:, 0], :], positions[..., ends[:, 1], :]
+    if pull is None:
+        if END_PULL not in group.results:
+            raise ValueError(
+                f"elements: {type(group).__name__} has no result {END_PULL.name!r}, from which its "
+                "shape follows; list elements.abilities.END_PULL among its results"
+            )
+        return straight_shapes(first, last)
+    stiffness = jnp.broadcast_to(
+        jnp.asarray(group.stiffness_with_spring, first.dtype), first.shape[:-1]
+    )
+    load = pull[..., 0, :] + pull[..., 1, :]
+    length = jnp.broadcast_to(jnp.asarray(length, first.dtype), first.shape[:-1])
+    # a slack cable without load has no force; its shape is not known, and it is taken as straight
+    hangs = jnp.any(pull[..., 0, :] != 0, axis=-1)
+    chord = last - first
+    own = jnp.where(hangs[..., None], pull[..., 0, :], chord)
+    return ElementShapes(first, last, own, load, length, stiffness, hangs)
+
+
+@functools.partial(jax.jit, static_argnames=("function",))
+def map_shapes(function: Callable[..., Any], shapes: ElementShapes, *others: PyTree[Array]) -> Any:
+    """Call ``function(shape, *others)`` for every element, compiled; results have leading axes.
+
+    `function` is one of a module, because programs are kept by it; `others` are the same for all
+    elements.
+    """
+    for _ in range(shapes.rest_length.ndim):
+        function = jax.vmap(function, in_axes=(0, *(None,) * len(others)))
+    return function(shapes, *others)

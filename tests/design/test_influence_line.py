@@ -1,0 +1,141 @@
+"""Influence lines and trains: closed forms of a two-span beam, unit loads, brute force."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from oracles.taylor import TIGHT, slope
+
+import jaxcable as jc
+from jaxcable import design
+
+SPAN = 10.0
+SECTION = jc.Section.rectangle(0.4, 0.8, jc.Elastic(30e9))
+TWO, STAYED = [0, 1, 2, 3], [4, 5, 6, 7]
+"""Paths: over two spans, where element 1 points backwards, and along a deck with stays."""
+AXLES = jc.loads.Train(TWO, 0.0, [[0.0, 0, -60e3], [0, 0, -100e3]], spacings=[3.0])
+
+
+def structure(stretch=1.0):
+    """A beam of two spans, and beside it a deck with two stays; `stretch` scales their lengths."""
+    along = 5.0 * np.arange(5)
+    decks = [[[x, 20.0 * k, 0.0] for x in along] for k in (0, 1)]
+    nodes = stretch * jnp.array([*decks[0], *decks[1], [10.0, 20.0, 8.0]])
+    links = [[0, 1], [2, 1], [2, 3], [3, 4], [5, 6], [6, 7], [7, 8], [8, 9]]
+    supports = jc.restrained([0], "xyz", "x") + jc.restrained([2, 4], "yz")
+    supports += jc.restrained([5], "xyz", "x") + jc.restrained([9], "yz") + jc.pinned([10])
+    elements = {
+        "deck": jc.Beams(links, section=SECTION),
+        "stays": jc.Bars([[10, 6], [10, 8]], axial_stiffness=200e6),
+    }
+    return jc.Structure(nodes, elements, supports)
+
+
+def moments_and_reaction(solution):
+    """Moment over the middle support, its reaction, moment and shear force of the first span."""
+    forces, reactions = solution.section_forces["deck"], solution.reactions
+    parts = forces[2, 0, 4], reactions[2, 2], forces[0, 2, 4], forces[0, 0, 2]
+    return jnp.stack(parts)
+
+
+def of_stayed(solution):
+    """Moment at a stay, tension of a stay, deflection and moment within an element."""
+    forces = solution.section_forces["deck"]
+    parts = forces[5, 0, 4], solution.tension["stays"][0], forces[6, 1, 4], forces[4, 0, 2]
+    return jnp.stack(parts)
+
+
+@functools.lru_cache
+def begun():
+    """The state before loads: prestressed stays."""
+    found = jc.solve(structure(), jc.Phase(pretension={"deck": None, "stays": 50e3}), TIGHT)
+    assert int(found.status) == 0
+    return found
+
+
+@functools.lru_cache
+def line(path, of):
+    return design.influence_line(structure(), begun(), path, of, on="deck", method=TIGHT)
+
+
+def closed_form(x):
+    """The four lines of `moments_and_reaction` in the signs of `section_forces`: sagging is < 0."""
+    ratio = np.where(x <= SPAN, x, 2 * SPAN - x) / SPAN
+    support = -SPAN / 4 * ratio * (1 - ratio**2)
+    simple = np.where(x <= SPAN, np.minimum(x, SPAN - x) / 2, 0.0)
+    shear = np.where(x <= SPAN, 1 - ratio, 0.0) + support / SPAN
+    reaction = ratio - 2 * support / SPAN
+    return np.stack([-support, reaction, -(simple + support / 2), -shear])
+
+
+def test_lines_of_two_spans_are_closed_forms():
+    found = line(tuple(TWO), moments_and_reaction)
+    x = np.linspace(0.0, 2 * SPAN, 161)
+    wanted = closed_form(x)
+    wanted[3, 0] = -1.0  # the load at the first node is beyond the section there
+    # residuals of 1e-13 of the forces
+    assert np.abs(np.asarray(found.at(x)) - wanted)[:3].max() < 1e-10 * SPAN
+    assert np.abs(np.asarray(found.at(x[1:])) - wanted[:, 1:])[3].max() < 1e-10
+    # q L^2/8 over the support, 5/4 q L, q L^2/16 in the span (both loaded), 3/8 q L
+    both = np.array([12.5, 12.5, -6.25, -3.75])
+    assert np.abs(np.asarray(found.area()) - both).max() < 1e-10 * 12.5
+    (parts, area), (other, rest) = found.adverse_parts(-1)[2], found.adverse_parts(1)[2]
+    assert np.abs(parts - [[0.0, SPAN]]).max() < 1e-9 and area == pytest.approx(-9.375, rel=1e-10)
+    assert np.abs(other - [[SPAN, 2 * SPAN]]).max() < 1e-9
+    assert rest == pytest.approx(3.125, rel=1e-10)
+
+
+def test_lines_are_unit_loads_one_by_one():
+    """Of a beam that responds linearly, and of a stayed deck, whose response to 1 N is linear."""
+    x = np.array([0.7, 3.3, 7.5, 9.9, 12.5, 16.6, 19.0])
+    for path, of in ((TWO, moments_and_reaction), (STAYED, of_stayed)):
+        found = np.asarray(line(tuple(path), of).at(x))
+        change = []
+        for force in (1.0, -1.0):  # what is of second order cancels
+            unit = jc.loads.Train(path, 0.0, (0.0, 0.0, -force), on="deck")
+            every = design.moving_load(structure(), begun(), unit, x, TIGHT)
+            assert (np.asarray(every.status) == 0).all()
+            change.append(np.asarray(jax.vmap(of)(every)).T)
+        size = np.abs(found).max(axis=1, keepdims=True)
+        # the stays pull with 5e4 N: rounding of results of 4e4 in the change by 1 N
+        tol = 1e-10 if path is TWO else 1e-7
+        assert (np.abs(0.5 * (change[0] - change[1]) - found) / size).max() < tol
+
+
+def test_worst_positions_are_those_of_brute_force():
+    found = line(tuple(TWO), moments_and_reaction)
+    for largest in (True, False):
+        worst = design.worst_position(found, AXLES, largest=largest)
+        x = np.concatenate([np.linspace(0.0, 23.0, 23001), np.asarray(worst.position)])
+        every = 60e3 * np.asarray(found.at(x)) + 100e3 * np.asarray(found.at(x - 3.0))
+        sign = 1 if largest else -1
+        best = (sign * every[:, :-4]).max(axis=1)
+        # the grid of 1 mm misses a smooth peak by 1e-8, and nothing is above the exact one
+        assert (sign * worst.value >= best - 1e-9 * 1e6).all()
+        assert (np.abs(sign * worst.value - best) < 1e-6 * np.abs(every).max()).all()
+        # at the position, beside a jump on its better side
+        at = every[np.arange(4), -4 + np.arange(4)]
+        assert np.abs(at - worst.value).max() < 1e-6 * np.abs(every).max()
+
+
+def test_the_worst_position_holds_for_the_analysis_and_its_gradient():
+    """The moment in the span: smallest by the line, analysed, and its derivative by the size."""
+    worst = design.worst_position(line(tuple(TWO), moments_and_reaction), AXLES, largest=False)
+    position = float(worst.position[2])
+    train = jc.replace(AXLES, position=position, on="deck")
+    start = jc.Phase(pretension={"deck": None, "stays": 50e3})
+
+    def moment(p):
+        phases = [start, jc.Phase(loads=jc.replace(train, forces=p[1] * AXLES.forces))]
+        solution = jc.solve(structure(p[0]), phases, TIGHT)
+        return moments_and_reaction(solution)[2] / 1e5, solution.status
+
+    p = np.array([1.0, 1.0])
+    (value, code), gradient = jax.value_and_grad(moment, has_aux=True)(jnp.asarray(p))
+    # the beam responds linearly but for its deflection of millimeters
+    assert int(code) == 0 and float(value) == pytest.approx(worst.value[2] / 1e5, rel=1e-4)
+    assert abs(slope(lambda x: moment(jnp.asarray(x))[0], p, gradient) - 2) < 0.1
+    corrupted = 1.1 * np.asarray(gradient)
+    assert slope(lambda x: moment(jnp.asarray(x))[0], p, corrupted) < 1.5

@@ -1,0 +1,277 @@
+"""Shear flexibility of beams: closed forms, locking, a rod by shooting, columns, fibre sections."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from oracles import taylor
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+import jaxcable as jc
+from jaxcable.common.tree import copy_with
+
+LENGTH = 2.0
+EA, EIY, EIZ, GJ, GAY, GAZ = 8e7, 8e4, 3e4, 6e4, 2e6, 5e5
+SECTION = jc.Section.linear(EA, EIY, EIZ, GJ, GAY, GAZ)
+SMALL = 1e-3
+"""Forces, N, that deflect by 1e-8 of the length: what is not linear is below 1e-15."""
+CURVE = jc.Polygonal([-0.05, -2e-3, 0.0, 2e-3, 0.05], [-580e6, -420e6, 0.0, 420e6, 580e6])
+
+
+def line(n, section=SECTION, length=LENGTH, supports=None, **options):
+    """A beam along x in n elements, clamped at its start unless told otherwise."""
+    nodes = np.zeros((n + 1, 3))
+    nodes[:, 0] = np.linspace(0, length, n + 1)
+    links = np.column_stack([np.arange(n), np.arange(1, n + 1)])
+    group = jc.Beams(links, section=section, **options)
+    return jc.Structure(nodes, group, jc.clamped([0]) if supports is None else supports)
+
+
+def solved(structure, loads, **options):
+    solution = jc.solve(structure, jc.Phase(loads=loads, **options))
+    assert solution.status == 0
+    return solution
+
+
+def rotation_of(solution, node):
+    """Rotation vector of a node, rad."""
+    return Rotation.from_quat(np.asarray(solution.rotation[node]), scalar_first=True).as_rotvec()
+
+
+# --- linear theory, exact with the fewest elements; rounding of some 1e-13 is divided by 1e-8
+
+
+def test_a_cantilever_of_one_element():
+    """P L^3 / 3 EI + P L / GA in both planes, each with its own EI and GA."""
+    at = solved(line(1), jc.NodalLoads([1], (0.0, SMALL, -2 * SMALL))).displacement[1]
+    bent, sheared = SMALL * LENGTH**3 / 3, SMALL * LENGTH
+    assert at[1] == pytest.approx(bent / EIZ + sheared / GAY, rel=1e-9)
+    assert at[2] == pytest.approx(-2 * (bent / EIY + sheared / GAZ), rel=1e-9)
+
+
+def test_a_cantilever_of_one_element_under_a_uniform_load():
+    solution = solved(line(1), jc.LineLoads((0.0, SMALL, -2 * SMALL)))
+    bent, sheared = SMALL * LENGTH**4 / 8, SMALL * LENGTH**2 / 2
+    at, turned = solution.displacement[1], SMALL * LENGTH**3 / 6
+    assert at[1] == pytest.approx(bent / EIZ + sheared / GAY, rel=1e-9)
+    assert at[2] == pytest.approx(-2 * (bent / EIY + sheared / GAZ), rel=1e-9)
+    assert rotation_of(solution, 1)[1:] == pytest.approx([2 * turned / EIY, turned / EIZ], rel=1e-9)
+    moment = SMALL * LENGTH**2 / 2
+    assert solution.reaction_moments[0, 1] == pytest.approx(-2 * moment, rel=1e-9)
+
+
+@pytest.mark.parametrize("clamps", [[0, 2], []])
+def test_a_beam_between_two_supports(clamps):
+    """Uniform and point load: q L^4/384 EI + q L^2/8 GA clamped, P L^3/48 EI + P L/4 GA hinged."""
+    supports = jc.clamped(clamps) if clamps else jc.restrained([0, 2], "xyz", "x")
+    structure = line(2, supports=supports)
+    q = solved(structure, jc.LineLoads((0.0, 0.0, -SMALL)))
+    p = solved(structure, jc.NodalLoads([1], (0.0, 0.0, -SMALL)))
+    four, three = SMALL * LENGTH**4 / 384 / EIY, SMALL * LENGTH**3 / 48 / EIY
+    four, three = (four, three / 4) if clamps else (5 * four, three)
+    sag = four + SMALL * LENGTH**2 / 8 / GAZ
+    assert q.displacement[1, 2] == pytest.approx(-sag, rel=1e-9)
+    assert p.displacement[1, 2] == pytest.approx(-three - SMALL * LENGTH / 4 / GAZ, rel=1e-9)
+    if clamps:
+        moments = q.reaction_moments[jnp.array([0, 2]), 1]
+        expected = SMALL * LENGTH**2 / 12 * np.array([-1, 1])
+        assert np.asarray(moments) == pytest.approx(expected, rel=1e-9)
+
+
+def test_slender_and_stocky_beams_do_not_lock():
+    """A clamped beam of two elements whose length is 1 to 1000 times its depth of 1 m."""
+    E, G = 30e9, 12.5e9
+    for length in (1.0, 10.0, 100.0, 1000.0):
+        I, GA, force = 1 / 12, 5 / 6 * G, 1 / length**2  # no membrane forces
+        section = jc.Section.linear(E, E * I, E * I, G * 0.14, GA, GA)
+        structure = line(2, section, length, jc.clamped([0, 2]))
+        sag = solved(structure, jc.NodalLoads([1], (0.0, 0.0, -force))).displacement[1, 2]
+        expected = force * length**3 / 192 / (E * I) + force * length / 4 / GA
+        # stiffnesses from EA / L to EI / L^3 differ by (L/d)^2 = 1e6: of rounding 1e-10 is left
+        assert sag == pytest.approx(-expected, rel=1e-9)
+
+
+def test_a_stepped_cantilever_of_two_sections():
+    """Groups of sections by numbers become one bundle, each element with its own numbers."""
+    weak = jc.Section.linear(EA, EIY / 2, EIZ, GJ, GAY, GAZ / 3)
+    nodes = [[0.0, 0.0, 0.0], [LENGTH / 2, 0.0, 0.0], [LENGTH, 0.0, 0.0]]
+    groups = [jc.Beams([[0, 1]], section=SECTION), jc.Beams([[1, 2]], section=weak)]
+    structure = jc.Structure(nodes, groups, jc.clamped([0]))
+    tip = solved(structure, jc.NodalLoads([2], (0.0, 0.0, -SMALL))).displacement[2, 2]
+    bent = SMALL * LENGTH**3 / 24 * (7 / EIY + 2 / EIY)
+    sheared = SMALL * LENGTH / 2 * (1 / GAZ + 3 / GAZ)
+    assert tip == pytest.approx(-bent - sheared, rel=1e-9)
+
+
+def test_an_axis_off_the_centroid_under_a_load_along_it():
+    """Shear and axial strain are coupled; linear theory by statics, integrated by hand."""
+    z, q = 0.3, SMALL
+    tip = solved(line(1, SECTION.shifted(z=z)), jc.LineLoads((q, 0.0, 0.0))).displacement[1]
+    # N = q (L - x) in the node axis, hence M = -N z about the centroid; no shear force across
+    assert tip[2] == pytest.approx(q * z * LENGTH**3 / 3 / EIY, rel=1e-9)
+    along = q * LENGTH**2 / 2 * (1 / EA + z**2 / EIY)
+    assert tip[0] == pytest.approx(along, rel=1e-9)
+
+
+def test_frequencies_of_a_beam_with_shear():
+    """w^2 = EI k^4 / m / (1 + EI k^2 / GA): Timoshenko's beam without rotary inertia.
+
+    The error is (k h)^2/12 of the share of shear, which extrapolation takes away.
+    """
+    mass, found = 40.0, []
+    for n in (8, 16):
+        supports = jc.restrained([0, n], "xyz", "x")
+        structure = line(n, weight=mass * 9.80665, supports=supports)
+        state = jc.solve(structure, jc.Phase())
+        assert state.status == 0
+        found.append(np.asarray(jc.stiffness.natural_frequencies(structure, state, 2).squared))
+    k = np.pi / LENGTH
+    squared = [ei * k**4 / mass / (1 + ei * k**2 / ga) for ei, ga in ((EIZ, GAY), (EIY, GAZ))]
+    assert found[1] == pytest.approx(sorted(squared), rel=1e-3)
+    assert (4 * found[1] - found[0]) / 3 == pytest.approx(sorted(squared), rel=1e-4)
+
+
+# --- large rotations, against a rod integrated by shooting
+
+
+def rod_tip(ei, ga, ea, force):
+    """Tip of a plane rod of length 1, clamped along x, under a dead force (Fx, Fz) at its tip.
+
+    Stretch e along the tangent, angle g between tangent and cross-section, bending k = t', with the
+    energy ``EA e^2 + GA g^2 + EI k^2`` over 2; the equations are those of its stationary points.
+    """
+    force = np.asarray(force)
+
+    def strains(turn):
+        """Stretch and tangent at a rotation of the cross-section; Newton's method for g."""
+        g = 0.0
+        for _ in range(12):
+            tangent = np.array([np.cos(turn + g), np.sin(turn + g)])
+            along, across = force @ tangent, force @ np.array([-tangent[1], tangent[0]])
+            e = along / ea
+            g -= (ga * g - (1 + e) * across) / (ga + (1 + e) * along - across**2 / ea)
+        return e, tangent
+
+    def slope(_, v):
+        e, tangent = strains(v[2])
+        across = np.array([-tangent[1], tangent[0]])
+        return [*((1 + e) * tangent), v[3] / ei, -(1 + e) * force @ across]
+
+    def end(moment):
+        found = solve_ivp(slope, (0, 1), [0, 0, 0, moment], rtol=1e-11, atol=1e-13)
+        return found.y[:, -1]
+
+    low, high = 0.0, np.linalg.norm(force)
+    moment = brentq(lambda m: end(m)[3], low, high, xtol=1e-13)
+    return end(moment)[:3]
+
+
+def test_a_rod_that_turns_far_converges_with_second_order():
+    """Tip of a cantilever that turns by more than 60 degrees; shear angles reach 0.3 rad."""
+    ei, ga, ea, force = 1.0, 12.0, 60.0, (-0.5, 4.0)
+    x, z, turn = rod_tip(ei, ga, ea, force)
+    assert turn > 1.0
+    section = jc.Section.linear(ea, ei, ei, 1.0, ga, ga)
+    errors = []
+    for n in (2, 4, 8, 16):
+        structure = line(n, section, 1.0)
+        loads = jc.NodalLoads([n], (force[0], 0.0, force[1]))
+        solution = solved(structure, loads, increments=4)
+        tip = solution.displacement[n]
+        error = [tip[0] + 1 - x, tip[2] - z, -rotation_of(solution, n)[1] - turn]
+        errors.append(float(np.abs(np.array(error)).max()))
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders[1:] == pytest.approx(2.0, abs=0.2), errors
+    assert errors[-1] < 2e-3
+
+
+# --- columns
+
+
+@pytest.mark.parametrize("ratio", [0.05, 0.5])
+def test_a_column_buckles_at_engessers_load(ratio):
+    """P = PE / (1 + PE / GA); Haringx's load would be 10 % larger at PE / GA = 0.5.
+
+    The error is of second order in the length of elements, which extrapolation takes away.
+    """
+    euler, found = np.pi**2 * EIY / LENGTH**2, []
+    ga = euler / ratio
+    section = jc.Section.linear(1e6 * EA, EIY, 4 * EIY, GJ, ga, ga)  # no shortening
+    for n in (8, 16):
+        supports = jc.restrained([0], "xyz", "x") + jc.restrained([n], "yz")
+        structure = line(n, section, supports=supports)
+        state = solved(structure, jc.NodalLoads([n], (-1.0, 0.0, 0.0)))
+        found.append(float(jc.stiffness.buckling_factor(structure, state).factor[0]))
+    engesser = euler / (1 + euler / ga)
+    assert found[1] == pytest.approx(engesser, rel=1e-3)
+    assert (4 * found[1] - found[0]) / 3 == pytest.approx(engesser, rel=1e-4)
+
+
+# --- fibre sections
+
+
+def test_a_fibre_section_within_its_linear_range_is_the_linear_one():
+    """Mean shear angles are unknowns of the analysis there, and follow in closed form here."""
+    fibres = jc.Section.rectangle(0.1, 0.2, CURVE, (4, 8))
+    ga = (4e8, 7e8)
+    EA, EIy, EIz = np.diag(fibres.stiffness())  # sums over fibres as points
+    numbers = jc.Section.linear(EA, EIy, EIz, float(fibres.torsional_stiffness()), *ga)
+    tips = []
+    for section in (fibres.with_shear(*ga), numbers):
+        loads = [
+            jc.LineLoads((0.0, 1.0, -2.0), per="initial"),
+            jc.NodalLoads([1], (0.0, 5.0, -3.0)),
+        ]
+        solution = solved(line(2, section, supports=jc.clamped([0, 2]), points=5), loads)
+        tips.append(np.append(solution.displacement[1], solution.reaction_moments[0]))
+    size = np.abs(tips[1]).max()
+    assert np.abs(tips[0] - tips[1]).max() < 1e-9 * size
+
+
+def test_a_yielding_cantilever_with_shear():
+    """A nonlinear law: curvatures of an independent fibre integration, shear angle V / GA."""
+    fibres, n, force, ga = jc.Section.rectangle(0.1, 0.2, CURVE, (2, 8)), 16, 200e3, 2e7
+    middles = (np.arange(8) + 0.5) * 0.025 - 0.1
+
+    def moment(curvature):
+        return 0.1 * 0.025 * middles @ np.interp(curvature * middles, CURVE.strain, CURVE.stress)
+
+    places, weights = np.polynomial.legendre.leggauss(400)
+    x = LENGTH / 2 * (1 + places)
+    bent = [brentq(lambda k, at=at: moment(k) - force * (LENGTH - at), 0, 0.4) for at in x]
+    assert max(bent) > 2 * 2e-3 / 0.1  # well beyond the corner of the law
+    bending = LENGTH / 2 * weights @ (np.array(bent) * (LENGTH - x))
+    tips = []
+    for section in (fibres, fibres.with_shear(GAz=ga)):
+        solution = solved(line(n, section), jc.NodalLoads([n], (0.0, 0.0, -force)), increments=4)
+        tips.append(float(solution.displacement[n, 2]))
+    turned = float(np.linalg.norm(rotation_of(solution, n)))
+    steepest = turned + force / ga  # slope of the axis at the tip
+    assert turned < 0.04
+    # lever arms are shorter by the square of slopes over two, and with them yielding curvatures
+    assert tips[0] == pytest.approx(-bending, rel=turned**2)
+    assert tips[1] - tips[0] == pytest.approx(-force * LENGTH / ga, rel=2 * steepest**2)
+
+
+@pytest.mark.parametrize("kind", ["numbers", "fibres"])
+def test_gradients_by_shear_stiffnesses(kind):
+    """A cantilever that bends far in both planes."""
+    base, size = SECTION, 1e4
+    if kind == "fibres":
+        base, size = jc.Section.rectangle(0.1, 0.2, CURVE, (2, 6)), 4e4
+    structure = line(2, base)
+
+    def tip(shear):
+        section = copy_with(base, GAy=shear[0], GAz=shear[1])
+        made = copy_with(structure, elements=copy_with(structure.elements, section=section))
+        phase = jc.Phase(loads=jc.NodalLoads([2], (0.0, size, -2 * size)))
+        moved = jc.solve(made, phase, taylor.TIGHT).displacement[2]
+        return moved @ jnp.array([1.0, 0.7, 0.4])
+
+    at = jnp.array([2e6, 5e5])
+    value, gradient = jax.jit(tip), jax.jit(jax.grad(tip))(at)
+    assert np.isfinite(gradient).all() and np.abs(gradient).min() > 0
+    assert taylor.slope(value, at, gradient, 20.0) > 1.9
+    assert taylor.slope(value, at, gradient * 1.1, 20.0) < 1.2

@@ -1,0 +1,238 @@
+"""Weight of ice and of masses at nodes, and wind among phases, groups and files.
+
+Weights are computed here by hand, wind by the closed form of members across it.
+"""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import jsonschema
+import numpy as np
+import pytest
+from oracles.taylor import TIGHT, slope
+
+import jaxcable as jc
+from jaxcable.cli import parser
+
+# cables from the corners of a sloping square to its middle, in two groups of one kind
+SQUARE = np.array([[0.0, 0, 0], [3, 0, 0], [3, 4, 3.0], [0, 4, 3.0], [1.5, 2, 1.5]])
+HUB = np.array([[k, 4] for k in range(4)])
+CHORD = SQUARE[HUB[:, 1]] - SQUARE[HUB[:, 0]]
+LENGTH = np.linalg.norm(CHORD, axis=1)
+REST = LENGTH / 1.02
+TAUT = jc.Phase(prestrain=0.02)
+TABLE = jc.WindTable([0.0, 3.0], pressures=[300.0, 600.0])
+
+
+def hub(**group):
+    elements = {
+        name: jc.Cables(links, axial_stiffness=1e5, **group)
+        for name, links in (("front", HUB[:2]), ("back", HUB[2:]))
+    }
+    return jc.Structure(SQUARE, elements, jc.pinned([0, 1, 2, 3]))
+
+
+def by_hand(amounts):
+    """Force of a wind downwards, of `TABLE`, on each cable; amounts are drag times width, m."""
+    wind = np.array([0.0, 0.0, -1.0])
+    along = CHORD / LENGTH[:, None]
+    normal = wind - (along @ wind)[:, None] * along
+    mean = 300.0 + 100.0 * (SQUARE[HUB[:, 0], 2] + SQUARE[HUB[:, 1], 2]) / 2
+    return (mean * LENGTH * amounts * np.linalg.norm(normal, axis=1))[:, None] * normal
+
+
+def test_iced_weight_by_hand():
+    """9.80665 m/s2 times 900 kg/m3 on (40^2 - 20^2) pi / 4 mm2 = 942.478 mm2: 8.318295 N/m."""
+    ice = jc.IceLoads(0.01, [0.02, 0.04], on="back", elements=jc.only([0]))
+    solution = jc.solve(hub(), [TAUT, jc.Phase(loads=ice)])
+    assert int(solution.status) == 0
+    load = np.asarray(solution.load)
+    half = 0.5 * 8.318295 * REST[2]
+    np.testing.assert_allclose(load[[2, 4], 2], -half, rtol=1e-7)  # of the digits above
+    assert (load[[0, 1, 3]] == 0).all() and (load[:, :2] == 0).all()
+
+
+def test_groups_phases_and_elements_that_come_and_go():
+    """Two groups of one kind, evaluated as one; three profiles in phases that others precede."""
+    law = jc.WindPowerLaw(20.0, 0.2)
+    down = (0.0, 0.0, -2.0)
+    phases = [
+        TAUT,
+        jc.Phase(loads=jc.WindLoads(down, TABLE, 1.0, 0.5, factor=0.2)),
+        jc.Phase(loads=jc.WindLoads(down, TABLE, [1.0, 2.0], 0.04, on="back", ice=[0.03, 0.0])),
+        jc.Phase(
+            loads=[
+                jc.WindLoads(down, law, 1.0, 1e-9, on="front"),
+                jc.WindLoads(down, jc.EurocodeWind(20.0, "II"), 1.0, 1e-9),
+                jc.WindLoads(down, TABLE, 1.0, 0.1, elements=jc.only([1]), on="front"),
+            ]
+        ),
+        jc.Phase(removes={"front": jc.only([1]), "back": None}),
+    ]
+    solution = jc.solve(hub(), phases)
+    assert int(solution.status) == 0
+    steps = np.diff([np.asarray(phase.load) for phase in solution.phases], axis=0)
+    for step, amounts in zip(
+        steps,
+        ([0.1] * 4, [0, 0, 0.1, 0.08], [0, 0.1, 0, 0], [0, -0.2, 0, 0]),
+        strict=True,
+    ):
+        expected = by_hand(np.array(amounts))
+        # 1e-9 m of other profiles
+        np.testing.assert_allclose(step[4], at_hub(amounts), rtol=1e-6, atol=1e-5)
+        np.testing.assert_allclose(step.sum(axis=0), expected.sum(axis=0), rtol=1e-6, atol=1e-5)
+
+
+def at_hub(amounts):
+    """The wind at the middle node: half of the load, with pressures at two thirds of the way."""
+    height = SQUARE[HUB[:, 0], 2], SQUARE[HUB[:, 1], 2]
+    mean = 300.0 + 100.0 * (height[0] + height[1]) / 2
+    share = (300.0 + 100.0 * (height[0] + 2 * height[1]) / 3) / mean / 2
+    return (share[:, None] * by_hand(np.array(amounts))).sum(axis=0)
+
+
+def test_wind_in_the_geometry_where_its_phase_begins():
+    nodes = [[0.0, 0, 0], [0.0, 0, 4.0]]
+    structure = jc.Structure(nodes, jc.Cables([[0, 1]], 1e3), jc.pinned([0, 1]))
+    moved = jc.Phase(loads=jc.SupportMovement([1], (3.0, 0.0, 0.0)))
+    wind = jc.WindLoads((1.0, 0, 0), jc.WindTable(pressures=100.0), 1.0, 0.1, geometry="begun")
+    solution = jc.solve(structure, [moved, jc.Phase(loads=wind)])
+    assert int(solution.status) == 0
+    # 5 m at an angle of sine 4/5, normal (4, 0, -3) / 5
+    half = 0.5 * 10.0 * 5.0 * 0.64 * np.array([0.8, 0.0, -0.6])
+    np.testing.assert_allclose(solution.load, [half, half], rtol=1e-12)
+
+
+def test_a_batch_of_patches_is_one_program():
+    patches = np.array([[1.0, 1.0], [0.0, 1.5], [1.5, 0.0]])
+
+    def analyse(factor):
+        wind = jc.WindLoads((0, 0, -1.0), TABLE, 1.0, 0.1, on="back", factor=factor)
+        return jc.solve(hub(), [TAUT, jc.Phase(loads=wind)])
+
+    batch = jax.vmap(analyse)(patches)
+    assert (np.asarray(batch.status) == 0).all()
+    for load, patch in zip(batch.load, patches, strict=True):
+        expected = by_hand(0.1 * np.concatenate([[0, 0], patch]))
+        np.testing.assert_allclose(load.sum(axis=0), expected.sum(axis=0), rtol=1e-12, atol=1e-12)
+    # single factors are scaled by combinations, those of elements as well
+    loads = jc.combine([jc.WindLoads((1.0, 0, 0), TABLE, 1.0, 0.1, "back", factor=[1.0, 3.0])], [2])
+    assert loads[0].factor.tolist() == [2.0, 6.0]
+    assert jc.combine([jc.IceLoads(0.01, 0.02)], [3.0])[0].direction.tolist() == [0, 0, -3.0]
+
+
+# --- masses
+
+
+def test_weights_and_accelerations_of_masses():
+    masses = jc.PointMasses([4, 4], [100.0, 50.0])
+    quake = jc.PointMasses([4], 150.0, direction=(0.2, 0.0, -0.1))
+    solution = jc.solve(hub(), [TAUT, jc.Phase(loads=masses), jc.Phase(loads=quake)])
+    assert int(solution.status) == 0
+    np.testing.assert_allclose(solution.phases[1].load[4], [0, 0, -1470.9975], rtol=1e-14)
+    np.testing.assert_allclose(solution.load[4], [294.1995, 0, -1618.09725], rtol=1e-14)
+    assert (np.asarray(solution.load[:4]) == 0).all()
+
+
+def test_frequencies_take_the_same_object():
+    heavy = hub(weight=20.0)
+    solution = jc.solve(heavy, TAUT)
+    added = jc.PointMasses([4, 4], [100.0, 50.0])
+    found = jc.stiffness.natural_frequencies(heavy, solution, n=3, masses=added)
+    by_array = np.array([0, 0, 0, 0, 150.0])
+    known = jc.stiffness.natural_frequencies(heavy, solution, n=3, masses=by_array)
+    assert (found.squared == known.squared).all()
+    # the tangent stiffness of four taut cables over the mass, with a share of theirs
+    way = CHORD / LENGTH[:, None]
+    force = 0.02 * 1e5
+    stiffness = sum(
+        1e5 / r * np.outer(e, e) + force / s * (np.eye(3) - np.outer(e, e))
+        for e, r, s in zip(way, REST, LENGTH, strict=True)
+    )
+    own = 20.0 * REST.sum() / 9.80665 * (1 / 2 + 1 / 3) / 2  # mean of lumped and consistent
+    squared = np.linalg.eigvalsh(stiffness) / (150.0 + own)
+    np.testing.assert_allclose(np.sort(found.squared), squared, rtol=1e-9)
+    with pytest.raises(ValueError, match=r"load nodes\[0\] = 9: the structure has nodes 0 to 4"):
+        jc.stiffness.natural_frequencies(heavy, solution, masses=jc.PointMasses([9], 1.0))
+
+
+def test_form_finding_takes_masses():
+    weights = jc.NodalLoads([4], (0.0, 0.0, -100.0 * 9.80665))
+    one, other = (
+        jc.force_density(hub(), 300.0, loads) for loads in (weights, jc.PointMasses([4], 100.0))
+    )
+    np.testing.assert_allclose(one, other, rtol=1e-14)
+
+
+AT = {"thickness": 0.02, "diameter": 0.03, "density": 700.0, "masses": 80.0, "gravity": 9.8}
+
+
+@jax.jit
+@jax.value_and_grad
+def sunk(p):
+    """The middle node, mm upwards, under ice and a mass."""
+    ice = jc.IceLoads(p["thickness"], p["diameter"], p["density"], gravity=p["gravity"])
+    mass = jc.PointMasses([4], p["masses"], gravity=p["gravity"])
+    solution = jc.solve(hub(), [TAUT, jc.Phase(loads=[ice, mass])], TIGHT)
+    return jnp.where(solution.status == 0, 1e3 * solution.displacement[4, 2], jnp.nan)
+
+
+@pytest.mark.parametrize("name", AT)
+def test_taylor(name):
+    at = {key: jnp.array(number) for key, number in AT.items()}
+    gradient = sunk(at)[1][name]
+
+    def measured(x):
+        return sunk(at | {name: x})[0]
+
+    assert abs(slope(measured, at[name], gradient, 100) - 2) < 0.1
+    assert abs(slope(measured, at[name], 1.02 * gradient, 100) - 1) < 0.2
+
+
+# --- files
+
+
+def test_files_hold_them_with_their_profiles(tmp_path, capsys):
+    own = jc.EurocodeWind(25.0, roughness_length=0.1, lowest_height=3.0, pressure="mean")
+    loads = [
+        jc.WindLoads((1.0, 0, 0), jc.EurocodeWind(25.0, "II"), 1.2, 0.1, on="front"),
+        jc.WindLoads((1.0, 0, 0), own, [1.2, 1.3], 0.1, on="back", ice=0.02, ground=-2.0),
+        jc.WindLoads((0, 1.0, 0), TABLE, 1.2, 0.1, elements=jc.only([1]), on="back"),
+        jc.WindLoads((0, 1.0, 0), jc.WindPowerLaw(20.0, 0.16), 1.2, 0.1, geometry="begun"),
+        jc.WindLoads((0, 1.0, 0), jc.WindTable(velocities=20.0), 1.2, 0.1, factor=1.5),
+        jc.IceLoads(0.02, [0.02, 0.03], on="back"),
+        jc.PointMasses([4], [120.0]),
+    ]
+    path = tmp_path / "scene.json"
+    phases = [TAUT, jc.Phase(loads=loads)]
+    jc.save_scene(path, (hub(), phases))
+    scene = jc.load_scene(path)
+    one, other = jc.solve(hub(), phases), jc.solve(*scene)
+    assert int(one.status) == 0
+    np.testing.assert_array_equal(one.load, other.load)
+    assert scene.phases[1].loads[0].profile.terrain == "II"
+    data = json.loads(path.read_text())
+    jsonschema.validate(data, jc.files.scene_schema())
+    parser.main(["info", str(path)])
+    told = capsys.readouterr().out
+    assert "WindLoads on front towards (1, 0, 0): EN 1991-1-4 of 25 m/s, terrain II, peak" in told
+    assert "IceLoads on back: 20 mm of 900 kg/m3" in told
+    assert "PointMasses on 1 nodes, sum 120 kg" in told
+    for wrong, message in (
+        ({"terrain": "V"}, "terrain = 'V': expected one of 0, I, II, III, IV"),
+        ({"velocity": -1.0}, "velocity = -1.0: must not be negative"),
+        ({"type": None}, '"type" is missing; it names the class of a wind profile'),
+    ):
+        scene = json.loads(path.read_text())
+        profile = scene["phases"][1]["loads"][0]["profile"]
+        profile.update(wrong)
+        if wrong == {"type": None}:
+            del profile["type"]
+        bad = tmp_path / "bad.json"
+        bad.write_text(json.dumps(scene))
+        with pytest.raises(jc.files.FileError) as caught:
+            jc.load_scene(bad)
+        assert message in str(caught.value)
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(scene, jc.files.scene_schema())
