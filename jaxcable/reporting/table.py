@@ -130,13 +130,17 @@ def _cell_values(values):
 
 def table_in_units(table: Table, units: Units) -> Table:
     """Return a table in SI units with its numbers and its units converted to other ones."""
-    rows = [
-        [
-            units.from_si(value, unit) if isinstance(value, float) else value
-            for value, unit in zip(row, table.units, strict=True)
+    at = table.columns.index("unit") if "unit" in table.columns else None
+    rows = []
+    for row in table.rows:  # each has a unit of its own where a column names it
+        own = table.units if at is None else [row[at] if u == "" else u for u in table.units]
+        cells = [
+            units.from_si(value, str(unit)) if isinstance(value, float) else value
+            for value, unit in zip(row, own, strict=True)
         ]
-        for row in table.rows
-    ]
+        if at is not None:
+            cells[at] = units.shown(str(row[at]))
+        rows.append(cells)
     names = tuple(units.shown(unit) for unit in table.units)
     return dataclasses.replace(table, units=names, rows=rows)
 

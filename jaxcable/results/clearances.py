@@ -339,7 +339,7 @@ def _height_over_piece(shape, half, begin, step):
     below = step[2] / length * along - up
     place = shape.point(shape.highest_part(below, jnp.minimum(*parts), jnp.maximum(*parts)))
     height = -scalar_product(place - begin, below)
-    return jnp.where(beside & (high > low), height, jnp.inf), place
+    return jnp.where(beside & (high > low), height, jnp.inf + 0 * length), place  # NaN stays NaN
 
 
 def _line_distance(shape, begin, step):

@@ -59,7 +59,21 @@ def examples():
         marks={"layer": np.array([1, 2])},
     )
     structure = jc.Structure(NODES, groups, clamps)
+    table = jc.WindTable([5.0, 20.0], velocities=[10.0, 20.0])
+    eurocode = jc.EurocodeWind(np.array(24.0), roughness_length=0.1, lowest_height=np.array(2.0))
+    linear = jc.Section.linear(*(np.array(x) for x in (1e8, 2e6, 3e6, 1e6, 4e7, 5e7, 1e5)))
+    axes = np.tile(np.eye(3), (2, 1, 1))
+    springs = jc.Springs([[0], [1]], [[1e3] * 3] * 2, [[1e2] * 3] * 2, axes, [[1.0, 0, 0]] * 2)
     return [
+        *(linear, springs, jc.Bearings([[0], [1]], [1e3] * 2, [[0, 0, 1.0]] * 2, [0.1] * 2)),
+        jc.Contacts(LINKS, axial_stiffness=[1e5] * 4, gap=[0.01] * 4, strength=[1e4] * 4),
+        *(table, eurocode, jc.WindPowerLaw(np.array(20.0), np.array(0.2))),
+        jc.WindLoads([1.0, 0, 0], table, [1.2] * 4, [0.1] * 4, ice=[0.01] * 4, factor=[1.0] * 4),
+        jc.IceLoads([0.01] * 4, [0.1] * 4),
+        jc.PointMasses([3, 4], [1.0, 2.0]),
+        jc.PointLoads([0, 1], [0.2, 0.7], [[0, 0, -1.0]] * 2, moments=[[0, 1.0, 0]] * 2),
+        jc.loads.Train([0, 1], np.array(0.5), [[0, 0, -1.0]] * 2, [0.3]),
+        jc.loads.Crowd([0, 1], [0, 0, -1.0], [0.1, 0.6], [0.3, 0.9]),
         *(beams, chains, bars, CABLES, clamps, jc.Supports(mask), rigid, structure),
         *(jc.Catenaries(LINKS, [1e5] * 4, weight=[5.0] * 4), nodal, line, phase),
         *(jc.AreaLoads(faces, [0.0, 0.0, -1.0]), jc.FacePressure(faces, [5.0, 6.0]), parallel),
@@ -135,7 +149,7 @@ def test_every_class_that_users_construct_is_among_the_examples():
     shipped = {one for one in TYPES.values() if one.__module__.startswith("jaxcable.")}
     assert shipped <= known  # others are registered by other tests of this process
     made_by_the_package = {"Scene", "Study", "Report", "Table", "Increment", "Step", "Trial"}
-    made_by_the_package |= {"Omission", "Cases", "ChunkReport"}
+    made_by_the_package |= {"Omission", "Cases", "ChunkReport", "CableData", "ProfileData", "Units"}
     # declarations in the bodies of own classes, texts and functions: no arrays
     made_by_the_package |= {"Statement", "Result", "Rule"}
 

@@ -425,9 +425,10 @@ def test_reports_have_the_stated_units(name, system, solved):
             assert (other.units[k] == unit) == (
                 unit in ("", "-", "%", "deg") or unit in system.split(", ")
             )
+            own = table.columns.index("unit") if "unit" in table.columns else None
             for row, new in zip(table.rows, other.rows, strict=True):
                 if isinstance(row[k], float):
-                    expected = row[k] / factors.get(unit, 1.0)
+                    expected = row[k] / factors.get(row[own] if own else unit, 1.0)
                     assert new[k] == pytest.approx(expected, rel=1e-14, abs=0.0), (key, unit)
                     compared += 1
     assert compared > 40
@@ -465,7 +466,7 @@ def test_csv_and_vtk_results_have_the_stated_units(solved, tmp_path):
     paths = jc.files.save_result(tmp_path / "r.csv", structure, solution, units="kip, ft")
     text = paths[1].read_text("utf-8").splitlines()
     assert text[0].startswith("group,element,first,last,tension (kip),unstressed length (ft)")
-    value = float(text[1].split(",")[4])
+    value = float(next(line for line in text if line.startswith("ropes,0,")).split(",")[4])
     assert value == pytest.approx(float(solution.tension["ropes"][0]) / 4448.2216152605, rel=1e-14)
     assert "(N)" not in "".join(p.read_text("utf-8") for p in paths)
     (path,) = jc.files.save_vtk(tmp_path / "r.vtk", structure, solution, units="kip, ft")

@@ -309,7 +309,7 @@ jc.catalogue.cable("Drake", count=0)  # count = 0: expected a whole number
 jc.catalogue.cable_names("chain")  # kind = 'chain': expected one of
 jc.catalogue.rope("6x36", 0.02)  # construction = '6x36': expected one of
 jc.catalogue.rope("6x36 IWRC", -0.02)  # diameter = -0.02: must be positive
-jc.catalogue.rope("6x36 IWRC", 0.02, grade=0.0)  # grade = 0.0: must be positive
+jc.catalogue.rope("6x36 IWRC", 0.02, grade=0.0)  # grade = 0: must be positive
 jc.catalogue.rope("6x36 IWRC", 20.0)  # diameter = 20: is in m
 jc.catalogue.rope("6x36 IWRC", 0.02, grade=1770.0)  # grade = 1770: is in Pa
 jc.catalogue.rope("6x36 IWRC", 0.02, layers=2)  # layers: are those of spiral strands
@@ -407,7 +407,7 @@ jc.EurocodeWind(25.0, "II", "gust")  # pressure = 'gust': expected one of peak, 
 jc.IceLoads(np.ones((1, 1)), 0.1)  # thickness: expected a scalar or shape [n_elem], got (1, 1)
 jc.IceLoads(0.1, 0.1, [900.0])  # density: expected a scalar
 framed(jc.IceLoads([0.1] * 3, 0.1, on="beam"))
-    # ...thickness: expected a scalar or shape (2,), got (3,); elements['beam'] has 2 elements
+    # ...thickness: expected shape (2,), got (3,); elements['beam'] has 2 elements
 jc.IceLoads(0.1, 0.1, direction=-1.0)  # direction: expected shape (3,), got ()
 jc.PointMasses([1, 2], [1.0])  # masses: expected a scalar or shape (2,), got (1,)
 jc.PointMasses([1], 1.0, -1.0)  # direction: expected shape (3,), got ()
@@ -534,7 +534,7 @@ jc.report(HUNG, solution(), energy=True)  # energy: the balance needs the phases
 
 jc.results.sags(net(), 0)  # structure: has no catenaries; for the sag of a chain
 jc.results.sags(net(), 0, {"x": [0, 1]})  # state: expected a Solution, its .last or one
-jc.results.sags(net(), solution(), {"x": [0, 2]})
+jc.results.sags(net(), jc.solve(net(), jc.Phase(pretension=1.0)), {"x": [0, 2]})
     # chains['x']: no element joins the nodes 0 and 2
 jc.results.sags(net(), 0, [0, 1])  # chains: expected a dict of node numbers by the name of each
 jc.results.nodes_along(net(), [0, 2, 1])  # elements: element 1 has the nodes [1, 2]

@@ -247,6 +247,10 @@ def weighed(v):
     return jc.PointMasses([1], v).nodal_forces((3, 3), float)
 
 
+def lined(v):
+    return jc.design.influence_line(frame(), jc.Phase(), [0], "reactions", direction=v).coefficients
+
+
 def above(v):
     plane = jc.results.clearance_to_plane
     return plane(frame(), unstrained(frame()), np.zeros(3), v).least
@@ -519,6 +523,8 @@ lambda v: jc.design.Target("tension", within=v).within, 1.0, 0.0  # within: with
 adjusted, 0.1, 1.0  # rcond: rcond = 1.0
 adjusted, 0.1, -1.0  # rcond: rcond = -1.0: must
 scattered, [1.0, 1.0], [1.0, -1.0]  # tolerance: tolerance[1] = -1.0: must not be negative
+## design/influence_line.py
+lined, AXIS, NOWHERE  # direction: direction: is zero; give the direction of the unit force
 ## design/objectives.py
 used,  # material_use: ...stress = -1.0
 used, 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
