@@ -396,7 +396,7 @@ def test_moments_at_a_free_end_are_semi_tangential(kind):
         found = buckling_factor(structure, after, before)
     assert bool(found.semi_tangential)
     own, apart = factors_of_determinant(structure, before, after)
-    assert apart > 0.1
+    assert apart > 1e-3  # that of forks is below 1e-6
     assert len(own) == 0 or own.min() * size > 5 * exact
     # second order in the size of elements, and fibres
     assert float(found.factor[0]) * size == pytest.approx(exact, rel=0.02)
