@@ -76,14 +76,14 @@ def test_a_level_catenary_by_its_closed_form():
     """``H/w (cosh(w l/2H) - 1)`` for EA that is nearly infinite; H all along."""
     H = 6e3
     length = 2 * H / WEIGHT * np.sinh(WEIGHT * SPAN / 2 / H)
-    cable = jc.Catenaries([[0, 1]], axial_stiffness=1e13, weight=WEIGHT, rest_length=length)
+    cable = jc.Catenaries([[0, 1]], axial_stiffness=1e14, weight=WEIGHT, rest_length=length)
     nodes = [[0.0, 0, 0], [SPAN, 0, 0]]
     structure = jc.Structure(nodes, cable, supports=jc.pinned([0, 1]))
     solution = jc.solve(structure, PHASES[0])
     assert int(solution.status) == 0
     sag = H / WEIGHT * (np.cosh(WEIGHT * SPAN / 2 / H) - 1)
     found = results.sags(structure, solution)
-    # a strain of H / EA = 6e-10
+    # a strain of H / EA = 6e-11, which the sag enlarges by 3/16 (l/f)^2 = 18
     np.testing.assert_allclose(
         [found.midspan[0], found.largest[0], found.deflection[0], -found.lowest[0, 2]],
         sag,
@@ -172,7 +172,8 @@ def test_a_chain_of_catenaries_and_bars_against_its_points():
     told = [found.midspan, found.largest, found.deflection, found.lowest[2]]
     want = [middle, below.max(), apart.max(), points[:, 2].min()]
     np.testing.assert_allclose(told, want, atol=1e-8)
-    np.testing.assert_allclose(jax.tree.leaves(back), jax.tree.leaves(found), atol=1e-9)
+    for one, other in zip(jax.tree.leaves(back), jax.tree.leaves(found), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
     assert results.nodes_along(structure, [0, 1], on="cables") == [0, 1, 2]
 
 
@@ -292,7 +293,8 @@ def test_a_kink_has_the_derivative_of_each_side():
     def least(z):
         nodes = jnp.array([[0.0, 0.0, 0.0], [SPAN, 0.0, 0.0]]).at[1, 2].set(z)
         bar = jc.Bars([[0, 1]], axial_stiffness=EA)
-        structure = jc.Structure(nodes, bar, supports=jc.pinned([0, 1]))
+        held = jc.pinned([0]) + jc.restrained([1], "yz")
+        structure = jc.Structure(nodes, bar, supports=held)
         solution = jc.solve(structure, jc.Phase())
         return results.clearance_to_plane(structure, solution, (0.0, 0.0, -5.0)).least
 
