@@ -180,6 +180,7 @@ def _best_position(stations, own, forces, behind):
         values += force * _line_at(stations, own, at - back)
     cubics = values @ TO_CUBIC.T
     places = [np.zeros(len(begin)), np.ones(len(begin)), *_stationary(cubics)]
+    # places are NaN where a cubic has fewer stationary points: these are left out below
     reached = [_cubic_at(cubics, np.nan_to_num(x)) for x in places]
     reached = np.where(np.isnan(places), -np.inf, reached)
     kind, k = np.unravel_index(int(reached.argmax()), reached.shape)
