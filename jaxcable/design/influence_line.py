@@ -26,6 +26,7 @@ from ..elements.bending import gauss_lobatto
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..loads import PointLoads
+from ..loads.groups import Key
 from ..loads.path_loads import ROUNDING, path_of
 from ..model.structure import Structure
 from .arguments import require_structure
@@ -61,7 +62,7 @@ class InfluenceLine:
     coefficients: Float[ArrayLike, "... n_piece 4"]
     direction: Float[ArrayLike, " 3"]
     path: Int[ArrayLike, " n"] | None
-    on: Any = None
+    on: Key = None
 
     def at(self, distances: Float[ArrayLike, " n"]) -> Float[Array, "... n"]:
         """Return the line at distances from the beginning of the path, [..., n]; zero beyond it.
@@ -128,7 +129,7 @@ def influence_line(
     *,
     direction: Float[ArrayLike, " 3"] = (0.0, 0.0, -1.0),
     breaks: Float[ArrayLike, " n_break"] | None = None,
-    on: Any = None,
+    on: Key = None,
     method: Newton | Incremental | None = None,
 ) -> InfluenceLine:
     """Compute influence lines: results by the place of a unit force on a path of beams.

@@ -31,7 +31,7 @@ class WithinElements(Acting):
 
     on: Key
 
-    def group_index(self, structure):
+    def group_index(self, structure: Structure) -> int:
         """Return the index of the group of beams that `on` names, or of the only one.
 
         ValueError if there is no such group, or several, or its elements take no such loads.
