@@ -18,19 +18,20 @@ from ..common.compile_notice import announce_compilation
 from ..common.selection import Only
 from ..common.tree import replace
 from ..common.units import SI
+from ..elements.straight import Straight
 from ..files import save_scene
 from ..files.omissions import Omissions
 from ..files.reading import parse_integer
 from ..forms import find_form, force_density
-from ..loads import AreaLoads, LineLoads, Load, NodalLoads, PointMasses, SelfWeight, as_list
+from ..loads import Load, SupportMovement, Varying, as_list
 from ..model.result_parts import named_groups_of
 from ..model.supports import pinned
 from ..scenes import Scene
 from . import inputs, outputs
 from .guard import BadInput
 
-FORM_LOADS = (NodalLoads, PointMasses, SelfWeight, LineLoads, AreaLoads)
-"""Classes of loads that form finding takes."""
+NOT_IN_FORM = (SupportMovement, Varying)
+"""Classes of loads that act after the form: they depend on a history, or move what it has moved."""
 
 
 class _FormLoads(NamedTuple):
@@ -60,14 +61,13 @@ def run(options: Namespace) -> None:
     densities = _form_force_densities(options, scene, lengths, table)
     print(f"loads in the form: {acting.description}")
     stated: dict[str, Any]
+    given: dict[str, Any] = {}
+    bends = not all(isinstance(group, Straight) for group in structure.groups)
     try:
         with announce_compilation():
-            if options.tension is not None:
-                read = inputs.reader_of_numbers(units, "N")
-                tension = inputs.parse_group_values(
-                    options.tension, structure, "--tension", read=read
-                )
-                form = find_form(structure, tension, acting.loads, length=lengths)
+            if options.tension is not None or options.free is not None:
+                given = _values_by_group(options, structure, units, densities, lengths)
+                form = find_form(structure, loads=acting.loads, **given)
             elif lengths is not None:
                 form = _find_form_with_lengths(structure, densities, lengths, acting.loads)
             else:
@@ -79,24 +79,28 @@ def run(options: Namespace) -> None:
     if form is not None:
         status.raise_if_failed(form)
         positions, stated = form.positions, {"pretension": form.tension}
+        if bends:
+            lengths = _lengths_to_cut(structure, form, given)
+            positions, stated = structure.nodes, {"rest_length": lengths}
         print(
             f"status {int(form.status)}: {status.describe(form.status)}, "
             f"{int(form.iterations)} iterations, relative residual "
             f"{float(form.relative_residual):.1e}"
         )
-    moved = np.linalg.norm(np.asarray(positions) - np.asarray(structure.nodes), axis=1)
+    shape = positions if form is None else form.positions
+    moved = np.linalg.norm(np.asarray(shape) - np.asarray(structure.nodes), axis=1)
     found = replace(structure, nodes=np.asarray(positions))
-    flat = (
-        "" if acting.loads or not _is_planar(positions) else "; it lies in a plane, without loads"
-    )
+    flat = "" if acting.loads or not _is_planar(shape) else "; it lies in a plane, without loads"
     print(f"nodes moved by up to {inputs.number_text(moved.max(), 'm', units)}{flat}")
-    _print_group_tensions(found, stated, units)
+    forces = stated if form is None else {"pretension": form.tension}
+    _print_group_tensions(replace(structure, nodes=np.asarray(shape)), forces, units)
     first = Phase(**stated, loads=acting.loads or None, increments=phases[0].increments)
     table.warn()
     if options.save is not None:
         formed = Scene(found, [first, *_phases_after_form(phases, acting.remaining)])
         save_scene(options.save, formed, units=units)
-        print(f"wrote {options.save}: the form, its prestress and loads, and the other phases")
+        what = "the structure as drawn, unstressed lengths" if bends else "the form, its prestress"
+        print(f"wrote {options.save}: {what} and loads, and the other phases")
 
 
 def _select_form_loads(options, scene, table):
@@ -113,16 +117,13 @@ def _select_form_loads(options, scene, table):
         chosen, text = [], "none"
     else:
         chosen, text = _parse_phase_numbers(words, len(phases)), "those of {}"
-    kinds = FORM_LOADS if options.length is None else (NodalLoads, PointMasses)
     acting, remaining = [], []
     for k, loads in enumerate(per_phase):
-        taken = [load for load in loads if k in chosen and isinstance(load, kinds)]
+        taken = [load for load in loads if k in chosen and not isinstance(load, NOT_IN_FORM)]
         remaining.append([load for load in loads if not any(load is other for other in taken)])
         acting += taken
         for load in remaining[-1] if k in chosen else ():
             why = "form finding cannot take it; it acts after the form, in its phase"
-            if isinstance(load, FORM_LOADS):
-                why = "with --length the form is found for nodal loads only; it acts after the form"
             table.add(type(load).__name__, f"phase {k + 1}", why)
     told = ["; ".join(load.describe(units) for load in loads) for loads in per_phase]
     where = ", ".join(f"phase {k + 1} ({told[k]})" for k in chosen)
@@ -160,7 +161,7 @@ def _form_force_densities(options, scene, lengths, table):
         given = inputs.parse_group_values(
             options.force_density, structure, "--force-density", read=read
         )
-    elif own is None and options.tension is None:
+    elif own is None and options.tension is None and options.free is None:
         raise BadInput(
             f"{options.scene}: no phase has force densities; give --force-density or --tension"
         )
@@ -177,12 +178,58 @@ def _form_force_densities(options, scene, lengths, table):
         print(f"force densities: those of phase {own + 1}{some}")
     whole_phase = used == [q is not None for q in scene]
     _count_replaced_inputs(phases, own if whole_phase else None, table)
-    if options.tension is not None:
-        return None
     if not any(used):
         return given
     return structure.arrange(
         [q if use else word for use, q, word in zip(used, scene, words, strict=True)]
+    )
+
+
+def _values_by_group(options, structure, units, densities, lengths):
+    """Return tensions, force densities and lengths in the shape of the elements, as a dict by name.
+
+    One number is for all groups of straight elements that have no other value and are not free.
+    Raise BadInput for a group with several of them, or with none that is not free.
+    """
+    names = [name for name, _ in named_groups_of(structure)]
+    free = options.free or []
+    for name in free:
+        if name not in names:
+            raise BadInput(f"--free: no group {name!r}; there are {', '.join(names)}")
+    tension = None
+    if options.tension is not None:
+        read = inputs.reader_of_numbers(units, "N")
+        tension = inputs.parse_group_values(options.tension, structure, "--tension", read=read)
+    given = {"tension": tension, "force_density": densities, "length": lengths}
+    found = {key: value_per_group(value, structure, key) for key, value in given.items()}
+    for key, value in given.items():
+        if isinstance(value, float):
+            others = [found[other] for other in given if not isinstance(given[other], float)]
+            for k, name in enumerate(names):
+                if name in free or any(other[k] is not None for other in others):
+                    found[key][k] = None
+    for k, name in enumerate(names):
+        count = sum(values[k] is not None for values in found.values())
+        if count != (name not in free):
+            what = "none" if count == 0 else "more than one"
+            hint = "; --free lets it keep its stiffness" if count == 0 else "; give one"
+            if name in free:
+                what, hint = "one", ", and is named by --free"
+            raise BadInput(
+                f"group {name!r} has {what} of --tension, --force-density and --length{hint}"
+            )
+    return {key: structure.arrange(values) for key, values in found.items()}
+
+
+def _lengths_to_cut(structure, form, given):
+    """Return unstressed lengths of the groups with a value in `given`, in the shape of elements."""
+    trees = (form.rest_length, *given.values())
+    per_group = zip(*map(structure.group_tree.flatten_up_to, trees), strict=True)
+    return structure.arrange(
+        [
+            None if all(value is None for value in values) else np.asarray(rest)
+            for rest, *values in per_group
+        ]
     )
 
 
@@ -299,6 +346,8 @@ def _print_group_tensions(found, stated, units):
     given = value_per_group(values, found, "form")
     named = named_groups_of(found)
     for (name, _), length, value in zip(named, inputs.element_lengths(found), given, strict=True):
+        if value is None:  # elements without an axial force
+            continue
         force = np.asarray(value) * (length if "force_density" in stated else 1.0)
         print(
             f"{name or 'all'}: tension {inputs.range_text(force, 'N', units)}, lengths "

@@ -254,19 +254,20 @@ def _add_form(commands):
     """Add the command ``form`` and its options."""
     command = _add_command(commands, form, "net.json --force-density 50 --save formed.json")
     _add_input_files(command)
-    method = command.add_mutually_exclusive_group()
     text = (
         "force density, N/m: a number, or group=number for each group (default: the values in the "
-        "first phase that has them)"
+        "first phase that has them, unless --tension is given)"
     )
-    method.add_argument("--force-density", nargs="+", metavar="Q", help=text)
+    command.add_argument("--force-density", nargs="+", metavar="Q", help=text)
     text = "tension of all cables in the form, N: a number, or group=number for each group"
-    method.add_argument("--tension", nargs="+", metavar="T", help=text)
+    command.add_argument("--tension", nargs="+", metavar="T", help=text)
     text = (
         "length of groups without given force density or tension, such as masts and guys: "
         "group=drawn for the length in the scene, or group=number, m; their forces are found"
     )
     command.add_argument("--length", nargs="+", metavar="L", help=text)
+    text = "groups that keep their stiffness, unstressed as drawn, such as beams or a mast of bars"
+    command.add_argument("--free", nargs="+", metavar="GROUP", help=text)
     text = (
         "phases (1, 2, ...) whose loads act in the form, or none (default: the first phase with "
         "loads)"

@@ -34,6 +34,7 @@ from ..numerics import implicit
 from ..spaces.dof_map import make_dof_map
 from .force_elements import ForceElementNet
 from .form_dependent_loads import FormDependentLoads, nodes_coupled_by_loads, split_loads
+from .forms_by_analysis import force_density_by_analysis, needs_analysis
 from .input_checks import (
     input_status,
     require_single_input,
@@ -61,25 +62,27 @@ def force_density(
 
     Args:
         structure: `Structure` of cables and bars. Of its nodes only the held coordinates count.
+            Supports may hold any directions (`restrained`), such as radial bearings of a ring.
         q: force over length, N/m: a scalar, [n_elem], or a prefix pytree of the elements. Negative
             in struts, which must be `Bars`.
-        loads: `NodalLoads`, `PointMasses`, `SelfWeight`, `LineLoads` and `AreaLoads`, one or a
-            list of them. Loads along elements and on areas refer to the lengths and areas of the
-            form found, and to the unstressed lengths that follow from its forces, as in an analysis
-            that begins with the form. With them the problem is not linear, and Newton's method
+        loads: any loads that `solve` takes except `Varying`, one or a list of them. Dead loads
+            along elements and on areas refer to the lengths and areas of the form found, and to the
+            unstressed lengths that follow from its forces, as in an analysis that begins with the
+            form. With loads that depend on the form the problem is not linear, and Newton's method
             solves it.
         linear_solver: "dense", "superlu" or "pardiso"; None chooses by size, as `Newton` does.
 
     Returns:
         Positions of all nodes, [n_node, 3], m. If the matrix of a direction is singular, its free
         coordinates are NaN, with NaN derivatives: supports do not hold the net, all elements at a
-        node have the force density zero, or struts and cables cancel each other. With loads along
-        elements or on areas, all free coordinates are NaN if there is no form, or if the law of an
-        element cannot carry its force.
+        node have the force density zero, or struts and cables cancel each other. With loads other
+        than those on nodes, all free coordinates are NaN if there is no form, or if the law of an
+        element cannot carry its force. With them, or supports along other directions than x, y, z,
+        all coordinates may be.
 
     Raises:
-        ValueError: elements that are not straight, other loads, a negative force density in a
-            cable, an element without a force density.
+        ValueError: elements that are not straight, a load that varies, a negative force density in
+            a cable, an element without a force density.
 
     Source: Schek (1974), after Linkwitz.
 
@@ -131,15 +134,18 @@ def force_density(
     require_straight_elements(structure)
     plausibility.warn_of_lost_precision(structure.nodes)
     linear.check_solver_name(linear_solver)
-    loads, others = split_loads(structure, loads)
     densities, chosen = values_by_group(q, structure, "q")
     missing = "has no force density; every element needs one"
     require_single_input(structure, ["q"], [chosen], missing)
+    if needs_analysis(structure, loads):
+        return force_density_by_analysis(structure, densities, loads, linear_solver)
+    loads, others = split_loads(structure, loads)
     fixed = FixedDofs(structure.held_displacements())
     links = tuple(group.links for group in structure.groups)
     numbering = number_unknowns_by_axis(fixed, links, linear_solver)
     if others:
-        coupled = (*((ends, 3, ()) for ends in links), *nodes_coupled_by_loads(structure, others))
+        loaded = nodes_coupled_by_loads(structure.groups, others)
+        coupled = (*((ends, 3, ()) for ends in links), *loaded)
         dof_map = make_dof_map(fixed, None, coupled, linear_solver, False)
         problem = split_indices((structure.nodes, densities, loads, structure.groups, others))
         method = Newton(linear_solver=linear_solver)

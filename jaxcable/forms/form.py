@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 from jax import lax
@@ -23,15 +23,24 @@ class Form:
 
     An analysis of ``jc.replace(structure, nodes=form.positions)`` begins in equilibrium with
     ``jc.Phase(pretension=form.tension, loads=loads)``, and so it does with
-    ``rest_length=form.rest_length``. Unless the status is OK, all fields but the status, the
-    residuals, the iterations and `nearest` are NaN, with NaN derivatives.
+    ``rest_length=form.rest_length``. Beams that have bent cannot begin so: analyse the structure as
+    drawn, with a phase that states the `rest_length` of the groups with prescribed values
+    (``rest_length={name: form.rest_length[name] ...}``) and has the loads. It leads to the form, as
+    does ``jacking`` with their tensions, and later analyses go on from it by ``start=``. Loads that
+    refer to drawn lengths or areas differ then: state line loads per "unstressed" length.
+
+    Unless the status is OK, all fields but the status, the residuals, the iterations and `nearest`
+    are NaN, with NaN derivatives.
 
     Attributes:
         positions: positions of all nodes, [n_node, 3], m.
-        tension: axial force per element in the shape of `elements`, each [n_elem], N.
-        length: distance of an element's ends, in the shape of `elements`, m.
+        tension: axial force per element in the shape of `elements`, each [n_elem], N; None for a
+            group of elements without one.
+        length: distance of an element's ends, along all its nodes if it has more, in the shape of
+            `elements`, m; None for elements of one node, and faces.
         rest_length: unstressed length, in the shape of `elements`, m: `length` over one plus the
-            strain that the group's law gives for the tension.
+            strain that the group's law gives for the tension; of a group without prescribed values
+            the one that it has.
         force_density: tension over length, in the shape of `elements`, N/m.
         status: status code; `describe` has the texts.
         residual: largest unbalanced force at a free degree of freedom, N.
@@ -86,16 +95,17 @@ def most_shortened_element(
 
 
 def make_form(
-    groups: Sequence[Straight],
+    groups: Sequence[Any],
     positions: Float[Array, "n_node 3"],
-    tensions: Sequence[Float[Array, " n_elem"]],
+    tensions: Sequence[Any],
     code: Int[Array, ""],
     residual: Float[Array, ""],
     scale: Float[Array, ""],
     iterations: Int[Array, ""],
     parameters: PyTree[Array],
     met: Int[Array, " 2"],
-    rests: Sequence[Float[Array, " n_elem"]] | None = None,
+    rests: Sequence[Any] | None = None,
+    follows_law: Sequence[bool] | None = None,
 ) -> Form:
     """Make a `Form` from a shape and its forces, whose values per element are lists of groups.
 
@@ -105,33 +115,54 @@ def make_form(
     Args:
         groups: element groups, with links as arrays.
         positions: positions of all nodes, [n_node, 3], m.
-        tensions: axial forces per group, [n_elem], N.
+        tensions: axial forces per group, [n_elem], N; None for a group without axial forces.
         code: status of the search.
         residual, scale: largest unbalanced force, and the force that it is compared with, N.
         iterations: number of linear solves or time steps.
         parameters: everything that the form depends on; its derivatives are NaN if the form failed.
         met: from `most_shortened_element`, [2].
         rests: unstressed lengths per group, [n_elem], m; None: they follow from the tensions.
+        follows_law: for each group whether its unstressed lengths follow from its tensions, by a
+            law that must carry them, in spite of `rests`; None: as `rests` says.
     """
-    carried = laws_can_carry_tensions(*lax.stop_gradient((groups, tensions)))
+    judged = [True] * len(groups) if follows_law is None else follows_law
+    by_law = [group for group, own in zip(groups, judged, strict=True) if own]
+    forces = [force for force, own in zip(tensions, judged, strict=True) if own]
+    carried = laws_can_carry_tensions(*lax.stop_gradient((by_law, forces)))
     law_code = jnp.where(carried, status.OK, status.MATERIAL_FAILURE)
     code = status.first_failure(code, law_code).astype(jnp.int32)
     ok = code == status.OK
     # forces beyond the curve of a law, or NaN, must not make other cases of a batch NaN
     groups, positions, tensions = implicit.stop_gradient_unless(ok, (groups, positions, tensions))
-    lengths = [group.chord(positions[group.links]) for group in groups]
+    lengths = [_length(group, positions[group.links]) for group in groups]
     pairs = list(zip(lengths, tensions, strict=True))
-    densities = [force / length for length, force in pairs]
-    if rests is None:
+    densities = [
+        None if force is None or length is None else force / length for length, force in pairs
+    ]
+    if rests is None or follows_law is not None:
+        known = [None] * len(groups) if rests is None else rests
         rests = [
-            length / (1 + group.strain_at(force, group.initial_memory()))
-            for group, (length, force) in zip(groups, pairs, strict=True)
+            length / (1 + group.strain_at(force, group.initial_memory())) if own else rest
+            for group, (length, force), own, rest in zip(groups, pairs, judged, known, strict=True)
         ]
     values = positions, tensions, lengths, rests, densities
     positions, tensions, lengths, rests, densities = implicit.nan_unless(ok, values, parameters)
     relative = scaled.relative_residual(residual, scale)
     arrays = positions, tensions, lengths, rests, densities
     return Form(*arrays, code, residual, relative, iterations, met)
+
+
+def _length(group, ends):
+    """Return the length of every element along its nodes at positions `ends`, [n_elem, n_end, 3].
+
+    None for faces, and elements of one node.
+    """
+    n_end = ends.shape[1]
+    if n_end == 2:
+        return group.chord(ends)
+    if n_end == 1 or group.face is not None:
+        return None
+    return jnp.sum(jnp.linalg.norm(ends[:, 1:] - ends[:, :-1], axis=-1), axis=1)
 
 
 def arrange_form_as_elements(form: Form, structure: Structure) -> Form:

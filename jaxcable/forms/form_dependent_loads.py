@@ -61,7 +61,7 @@ def split_loads(
 
 
 def nodes_coupled_by_loads(
-    structure: Structure, others: Sequence[Load]
+    groups: Sequence[Element], others: Sequence[Load]
 ) -> tuple[tuple[Indices, int, tuple[()]], ...]:
     """Return, for each load in `others`, the nodes whose positions determine its nodal forces.
 
@@ -75,7 +75,7 @@ def nodes_coupled_by_loads(
         if isinstance(load, AreaLoads):
             nodes.append(load.faces)
         else:
-            nodes += [group.links for _, group in _loaded_groups(load, structure.groups)]
+            nodes += [group.links for _, group in _loaded_groups(load, groups)]
     return tuple((ends if isinstance(ends, Indices) else Indices(ends), 3, ()) for ends in nodes)
 
 
@@ -187,6 +187,11 @@ def _element_force_function(load, index, group):
         )
         state = AxialState(rest_length, length[None] - rest_length)
         acting = load if part is None else copy_with(load, element_factors={index: part[None]})
+        if not isinstance(load, SelfWeight | LineLoads):  # wind need not be even along an element
+            acting, shape = copy_with(acting, on=(0,)), (2, 3)
+            if part is not None:
+                acting = copy_with(acting, element_factors={0: part[None]})
+            return acting.element_forces([alone], [state], ends, shape, ends.dtype)
         whole = rest_length * acting.load_per_length(index, alone, state, ends)[0]
         return jnp.stack([0.5 * whole, 0.5 * whole])
 

@@ -187,7 +187,7 @@ class SaddlePointSystem:
         """
         system, motion = self.system_with_forces(z)
         errors = [
-            self.unit * jax.vmap(_length_error)(*data)
+            self.unit * jax.vmap(length_error)(*data)
             for *data, _ in self._given_length_groups(motion)
         ]
         return jnp.concatenate([system.residual(motion), *errors])
@@ -202,7 +202,7 @@ class SaddlePointSystem:
         """
         system, motion = self.system_with_forces(z)
         errors = [
-            jax.vmap(_length_error)(*data) / data[2]
+            jax.vmap(length_error)(*data) / data[2]
             for *data, _ in self._given_length_groups(motion)
         ]
         return *system.residual_and_scale(motion), jnp.concatenate(errors)
@@ -251,7 +251,7 @@ class SaddlePointSystem:
         return z.at[n_free:].set(jnp.where(regular, found[n_free:], 0.0))
 
 
-def _length_error(ends, moved, length):
+def length_error(ends, moved, length):
     """Return an element's length minus its given `length`, m, without cancellation at the start."""
     _, _, change, start = measure_chord(ends, moved)
     return (start - length) + change
@@ -264,7 +264,7 @@ def _constraint_hessian(unit, ends, moved, length):
     """
 
     def lagrangian(u):
-        return unit * u[6] * _length_error(ends, u[:6].reshape(2, 3), length)
+        return unit * u[6] * length_error(ends, u[:6].reshape(2, 3), length)
 
     return jax.hessian(lagrangian)(jnp.append(moved.reshape(-1), 0.0))
 

@@ -23,22 +23,38 @@ from ..spaces import Translations
 from ..spaces.dof_map import DofMap
 
 
-def require_straight_elements(structure: Structure) -> None:
-    """Raise ValueError unless `structure` consists of straight elements (cables, bars) only."""
-    if not isinstance(structure, Structure):
-        raise ValueError(f"structure: expected a Structure, got {type(structure).__name__}")
-    for where, group in structure.named_groups():
+def require_straight_elements(structure: Structure, of: Sequence[bool] | None = None) -> None:
+    """Raise ValueError unless `structure` consists of straight elements (cables, bars) only.
+
+    `of` says for each group whether it must be straight; None: all must.
+    """
+    require_structure(structure)
+    named = structure.named_groups()
+    for (where, group), asked in zip(named, of or [True] * len(named), strict=True):
+        if not asked:
+            continue
         if group.compression_only:
             raise ValueError(
                 f"elements{where} ({type(group).__name__}) only presses; form finding takes Bars "
                 "in its place: exchange them for the analysis"
             )
-        if not isinstance(group, Straight) or group.links.shape[1] != 2:
+        if not is_straight(group):
             raise ValueError(
                 f"elements{where} ({type(group).__name__}) is not made of straight elements with "
                 "two ends; form finding takes Cables, Bars, and classes that derive from "
                 "`elements.straight.Straight`"
             )
+
+
+def require_structure(structure: Structure) -> None:
+    """Raise ValueError unless `structure` is a `Structure`."""
+    if not isinstance(structure, Structure):
+        raise ValueError(f"structure: expected a Structure, got {type(structure).__name__}")
+
+
+def is_straight(group: Element) -> bool:
+    """Return whether a group is one of straight elements with two ends: cables or bars."""
+    return isinstance(group, Straight) and group.links.shape[1] == 2
 
 
 def input_status(
@@ -124,6 +140,7 @@ def require_single_input(
     names: Sequence[str],
     chosen: Sequence[Sequence[Bool[np.ndarray, " n_elem"]]],
     missing: str | None = None,
+    of: Sequence[bool] | None = None,
 ) -> None:
     """Raise ValueError if an element has several of some inputs (tension, length ...), or none.
 
@@ -132,8 +149,11 @@ def require_single_input(
         names: names of the inputs.
         chosen: for each input and group, which elements have it, [n_elem] bool.
         missing: end of the message for an element without input; None if elements may have none.
+        of: for each group whether it is asked; None: all are.
     """
     for k, masks in enumerate(zip(*chosen, strict=True)):
+        if of is not None and not of[k]:
+            continue
         count = np.sum(masks, axis=0)
         wrong = count > 1 if missing is None else count != 1
         if not wrong.any():

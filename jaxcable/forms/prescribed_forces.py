@@ -2,18 +2,21 @@
 
 Forces ``T`` and loads ``p`` are given, positions are sought: ``sum_j T_ij (x_i - x_j)/l_ij = p_i``.
 They are a stationary point of ``sum T l - p.x``, which is convex where all forces are tensions
-(a sum of norms). With equal tensions the form is a minimal net. Where the length of an element is
-given instead, its force is an unknown: the Lagrange multiplier of that condition (`given_lengths`).
+(a sum of norms). With equal tensions the form is a minimal net. A force density q adds
+``q l^2 / 2``. Where the length of an element is given instead, its force is an unknown: the
+Lagrange multiplier of that condition (`given_lengths`).
 
 `newton.equilibrate` iterates, with a tangent by autodiff and a line search, on elements that keep
 their force whatever their length (`force_elements`). The derivative follows from the implicit
-function theorem.
+function theorem. Where elements keep their own law, a support holds another direction than x, y,
+z, or other loads act, the form is that of an analysis (`forms_by_analysis`).
 """
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,29 +24,25 @@ from jax import lax
 
 from ..common import status
 from ..common.selection import Only
-from ..common.tree import Indices, cast_floats, copy_with, merge_indices, split_indices
+from ..common.tree import cast_floats, copy_with, merge_indices, split_indices
 from ..common.types import ArrayLike, Float, PyTree
 from ..equilibrium import newton
 from ..equilibrium.newton import Newton
 from ..loads import Load
 from ..model import plausibility
-from ..model.result_parts import path_of_group
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from ..numerics import implicit
+from ..numerics.vectors import chord_lengths
 from ..spaces.dof_map import make_dof_map
 from . import given_lengths
 from .force_density import number_unknowns_by_axis, start_displacements_by_force_density
 from .force_elements import ForceElementNet
 from .form import Form, arrange_form_as_elements, make_form, most_shortened_element
 from .form_dependent_loads import FormDependentLoads, nodes_coupled_by_loads, split_loads
-from .input_checks import (
-    input_status,
-    require_single_input,
-    require_straight_elements,
-    sum_nodal_loads,
-    values_by_group,
-)
+from .forms_by_analysis import find_form_by_analysis, needs_analysis
+from .input_checks import input_status, require_structure, sum_nodal_loads
+from .prescribed_values import read_prescribed_values
 
 # Stiffness times length of the springs that nearly keep lengths, over the largest force. Where a
 # third of the elements of a saddle net of 64 free nodes has given lengths, 43 steps lead to the
@@ -61,14 +60,18 @@ def find_form(
     *,
     length: PyTree[Float[ArrayLike, " ..."] | Only] | None = None,
     stress: PyTree[Float[ArrayLike, " ..."] | Only] | None = None,
+    force_density: PyTree[Float[ArrayLike, " ..."] | Only] | None = None,
     method: Newton | None = None,
 ) -> Form:
-    """Find the shape in which prescribed forces, and lengths of other elements, are in equilibrium.
+    """Find the shape in which prescribed forces, force densities and lengths are in equilibrium.
 
-    Every element has exactly one of `tension`, `stress` and `length`. Each of these is a scalar,
-    [n_elem], `selection.only(elements, values)`, or a prefix pytree of the structure's elements
-    with such leaves and None. This is a pure function of pytrees: jit, vmap, grad, jvp, jacfwd and
-    hessian work on it, with respect to forces, lengths, supports and loads.
+    Every element of a group of cables or bars has one of `tension`, `stress`, `force_density` and
+    `length`, or the whole group has none. Each of these is a number for all such groups, [n_elem],
+    `selection.only(elements, values)`, or a prefix pytree of the structure's elements with such
+    leaves and None. Groups without any of them belong to the structure as they are: bars, beams,
+    cables and all other elements, with the drawn geometry (or their `rest_length`) as their
+    unstressed shape. This is a pure function of pytrees: jit, vmap, grad, jvp, jacfwd and hessian
+    work on it, with respect to forces, densities, lengths, supports, loads and stiffnesses.
 
     If every force is a tension and no length is given, the form minimises ``sum T l - p.x`` and is
     found from any sensible start. It need not exist: forces that are not in equilibrium in any
@@ -84,19 +87,22 @@ def find_form(
     ``tension = q l`` of that shape. help(force_density) has an example with masts and guys.
 
     Args:
-        structure: `Structure` of cables and bars; its nodes are the supports and the start.
+        structure: `Structure`; its nodes are the supports and the start. Supports may hold any
+            directions (`restrained`), such as radial bearings of a ring.
         tension: axial force, N; negative in struts, which must be `Bars`.
-        loads: `NodalLoads`, `PointMasses`, `SelfWeight`, `LineLoads` and `AreaLoads`, one or a
-            list of them. Loads along elements and on areas refer to the lengths and areas of the
+        loads: any loads that `solve` takes except `Varying`, one or a list of them. Dead loads on
+            areas and along elements with prescribed values refer to the areas and lengths of the
             form found, and to the unstressed lengths that follow from its forces, as in an analysis
             that begins with the form. (They depend on the positions of nodes; the problem is no
-            longer strictly convex.)
+            longer strictly convex.) On other groups they are those of `solve`.
 
     Options:
         length: distance of an element's ends in the form, under force, m.
         stress: tension over area, Pa, of groups with an area or a section.
+        force_density: tension over length, N/m.
         method: `Newton`, as for `solve`, with the same meaning of `tol`. Relative errors of lengths
-            are at most `tol`. Given lengths exclude the solver PARDISO (default: SuperLU).
+            are at most `tol`. Where nothing but forces, densities and lengths is in the problem,
+            given lengths exclude the solver PARDISO (default: SuperLU).
 
     Returns:
         `Form`; check its `status`, or call `raise_if_failed`. The status is PUSHING_CABLE if a
@@ -104,9 +110,11 @@ def find_form(
         curve of a law.
 
     Raises:
-        ValueError: elements that are not straight, an element with two of these inputs or none,
-            other loads, lengths together with loads that depend on the form, a negative tension in
-            a cable, a length that is not positive.
+        ValueError: values for elements that are not straight, an element with two of these values,
+            or with none although others of its group have one, nothing prescribed, a load that
+            varies, a load that names groups with and without values, a pressure per unstressed
+            length on elements with values, a negative tension in a cable, a length that is not
+            positive.
 
     Source: Linkwitz and Schek (1971) for nets with prescribed forces and lengths. Convexity, and
     nodes that meet, are known from Weber's problem.
@@ -128,76 +136,61 @@ def find_form(
         >>> solution = jc.solve(found, jc.Phase(pretension=form.tension, loads=weight))
         >>> print(solution.status, f"{jnp.abs(solution.displacement).max():.6f} m")
         0 0.000000 m
+
+        Two guys of 20 kN at an elastic mast, which gets shorter, and a cable of 500 N/m beside it:
+
+        >>> nodes = [[0.0, 0, 0], [0, 0, 3], [-4, 0, 0], [4, 0, 0], [0, 4, 3], [0, 2, 3]]
+        >>> elements = {
+        ...     "mast": jc.Bars([[0, 1]], axial_stiffness=1e6),
+        ...     "guys": jc.Cables([[1, 2], [1, 3]], axial_stiffness=2e6),
+        ...     "cable": jc.Cables([[1, 5], [5, 4]], axial_stiffness=2e6),
+        ... }
+        >>> ground = jc.pinned([0, 2, 3, 4]) + jc.restrained([1], along="xy")
+        >>> roof = jc.Structure(nodes, elements, supports=ground)
+        >>> weight = jc.NodalLoads([5], (0.0, 0.0, -300.0))
+        >>> form = jc.find_form(roof, {"guys": 20e3}, weight, force_density={"cable": 500.0})
+        >>> print(form.status, form.positions[1, 2].round(4), form.tension["mast"].round(1))
+        0 2.9287 [-23762.5]
+
+        What is bent or strained is built from the drawn shape, with the lengths of the form:
+
+        >>> rest = {name: form.rest_length[name] for name in ("guys", "cable")}
+        >>> built = jc.solve(roof, jc.Phase(rest_length=rest, loads=weight))
+        >>> print(built.status, bool(jnp.abs(built.positions - form.positions).max() < 1e-9))
+        0 True
     """
-    require_straight_elements(structure)
+    require_structure(structure)
     plausibility.warn_of_lost_precision(structure.nodes)
     method = Newton() if method is None else method
     if not isinstance(method, Newton):
         raise ValueError(f"method: expected Newton, got {type(method).__name__}")
+    prescribed = read_prescribed_values(structure, tension, stress, length, force_density)
+    if needs_analysis(structure, loads, prescribed.has_lengths, all(prescribed.is_prescribed)):
+        return find_form_by_analysis(structure, prescribed, loads, method)
     loads, others = split_loads(structure, loads)
-    tensions, sought, given = tensions_and_lengths(structure, tension, stress, length)
-    mixed = any(mask.any() for mask in sought)
-    if mixed and others:
-        raise ValueError(
-            f"loads: {type(others[0]).__name__} depends on the shape and the unstressed lengths of "
-            "the form, which cannot be combined with given lengths (`length`); give tensions "
-            "instead, or NodalLoads"
-        )
+    tensions: Any = prescribed.forces
     fixed = FixedDofs(structure.held_displacements())
     links = tuple(group.links for group in structure.groups)
     solver = method.linear_solver
-    coupled = (*((ends, 3, ()) for ends in links), *nodes_coupled_by_loads(structure, others))
+    loaded = nodes_coupled_by_loads(structure.groups, others)
+    coupled = (*((ends, 3, ()) for ends in links), *loaded)
     dof_map = make_dof_map(fixed, None, coupled, solver, not others)
+    mixed = prescribed.has_lengths
+    given, sought = prescribed.given_lengths, prescribed.sought
     saddle_numbering = (
-        given_lengths.number_saddle_point_unknowns(
-            fixed, links, tuple(map(Indices, sought)), solver
-        )
-        if mixed
-        else None
+        given_lengths.number_saddle_point_unknowns(fixed, links, sought, solver) if mixed else None
     )
     convex = not mixed and all(group.tension_only for group in structure.groups)
     axis_numbering = number_unknowns_by_axis(fixed, links, solver) if convex else None
-    problem = (structure.nodes, structure.groups, tensions, given, loads, others or None)
+    problem = (
+        *(structure.nodes, structure.groups, tensions, prescribed.densities, given, loads),
+        others or None,
+    )
     without_indices, index_arrays = split_indices(problem)
     numberings = dof_map, saddle_numbering, axis_numbering
     return arrange_form_as_elements(
         _solve_form(without_indices, index_arrays, *numberings, method, convex), structure
     )
-
-
-def tensions_and_lengths(structure, tension, stress, length):
-    """Check that every element has one of tension, stress and length; return forces and lengths.
-
-    Returns:
-        tensions: for each group the prescribed forces, [n_elem], N; zero where the length is given.
-        sought: for each group whether the length is given and the force sought, [n_elem] bool,
-            NumPy.
-        given: for each group the pair (lengths [n_elem], m, with 1 where none is given; whether the
-            length is given, [n_elem] bool), or None for a group without lengths.
-    """
-    (pulls, pulled), (stresses, stressed), (wanted, sought) = (
-        values_by_group(tension, structure, "tension"),
-        values_by_group(stress, structure, "stress"),
-        values_by_group(length, structure, "length", is_length=True),
-    )
-    names, chosen = ("tension", "stress", "length"), (pulled, stressed, sought)
-    require_single_input(structure, names, chosen, "has neither tension, stress nor length")
-    tensions, given = [], []
-    for k, group in enumerate(structure.groups):
-        forces = jnp.zeros(len(group.links))
-        if pulls[k] is not None:
-            forces = jnp.where(pulled[k], pulls[k], forces)
-        if stressed[k].any():
-            area = group._axial_section()[2]
-            if area is None:
-                raise ValueError(f"stress: {path_of_group(structure, k)} has no area; give tension")
-            forces = jnp.where(stressed[k], stresses[k] * area, forces)
-        tensions.append(forces)
-        if wanted[k] is None:
-            given.append(None)
-        else:
-            given.append((jnp.where(sought[k], wanted[k], 1.0), sought[k]))
-    return tensions, sought, given
 
 
 @functools.partial(jax.jit, static_argnames=("convex",))
@@ -211,12 +204,12 @@ def _solve_form(
     """
     parameters = merge_indices(without_indices, index_arrays)
     dtype = parameters[0].dtype
-    nodes, groups, tensions, given, loads, others = cast_floats(parameters, dtype)
+    nodes, groups, tensions, densities, given, loads, others = cast_floats(parameters, dtype)
     force_net = ForceElementNet(
         nodes,
         [group.links for group in groups],
         tensions,
-        [None] * len(groups),
+        [None if q is None else (q, jnp.zeros_like(q)) for q in densities],
         sum_nodal_loads(loads, nodes.shape, dtype),
         None if others is None else FormDependentLoads(groups, others),
         convex,
@@ -230,10 +223,10 @@ def _solve_form(
             return still
         links = axis_numbering[0]
 
-        def densities(x):
-            return _force_densities(frozen.forces, x[links])
+        def densities_at(x):
+            return _force_densities(frozen, x[links])
 
-        return start_displacements_by_force_density(system, densities, axis_numbering)
+        return start_displacements_by_force_density(system, densities_at, axis_numbering)
 
     if saddle_numbering is None:
         found, code, attached, motion = force_net.find_equilibrium(begin, method, dof_map, allowed)
@@ -254,6 +247,10 @@ def _solve_form(
         z = given_lengths.attach_saddle_point_derivative(saddle, z, valid)
         forces, motion = saddle.axial_forces(z), saddle.nodal_motion(z)
         attached = saddle.system
+    for k, spring in enumerate(force_net.springs):
+        if spring is not None:
+            ends = attached.nodes + motion
+            forces[k] = _with_force_density(attached.states[k], forces[k], ends[groups[k].links])
     # without a form take the start, so that lengths and their derivatives stay finite
     positions = jnp.where(valid, attached.nodes + motion, nodes)
     pushing = [
@@ -268,14 +265,28 @@ def _solve_form(
     return make_form(groups, positions, forces, code, worst, scale, steps, parameters, met)
 
 
-def _force_densities(forces, ends):
-    """Return the force densities T/l of all elements, [n_elem], N/m, for given end positions.
+def _with_force_density(state, force, ends):
+    """Return `force` [n_elem], N, plus force density times length between `ends`, [n_elem, 2, 3].
+
+    `state` is a `ForceElementState`, whose springs are force densities.
+    """
+    return force + state.stiffness * chord_lengths(ends)
+
+
+def _force_densities(net, ends):
+    """Return the force densities T/l + q of all elements, [n_elem], N/m, for given end positions.
 
     The form with these force densities minimises a parabola that lies above ``sum T l - p.x`` and
     touches it at these ends (Weiszfeld 1937): it decreases this function from any shape. Newton's
     method is faster near the minimum.
     """
-    return jnp.concatenate(forces) / jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
+    found = jnp.concatenate(net.forces) / jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
+    if all(spring is None for spring in net.springs):
+        return found
+    pairs = zip(net.forces, net.springs, strict=True)
+    return found + jnp.concatenate(
+        [jnp.zeros_like(force) if spring is None else spring[0] for force, spring in pairs]
+    )
 
 
 def _make_saddle_point_system(force_net, given, dof_map, saddle_numbering):
@@ -290,9 +301,30 @@ def _make_saddle_point_system(force_net, given, dof_map, saddle_numbering):
 
 
 def _force_scale(force_net):
-    """Return the largest absolute prescribed force or load, N; 1 if there are none."""
-    force = jnp.max(jnp.abs(jnp.concatenate([*force_net.forces, force_net.load.reshape(-1)])))
+    """Return the largest absolute prescribed force or load, N; 1 if there are none.
+
+    Force densities count by the lengths at the start.
+    """
+    forces = [*force_net.forces, force_net.load.reshape(-1)]
+    for links, spring in zip(force_net.links, force_net.springs, strict=True):
+        if spring is not None:
+            forces.append(spring[0] * chord_lengths(force_net.nodes[links]))
+    force = jnp.max(jnp.abs(jnp.concatenate(forces)))
     return jnp.where(force > 0, force, 1.0)
+
+
+def _springs_for_lengths(force, pair, density):
+    """Return stiffness and natural length of springs in place of the given lengths of a group.
+
+    `force` is stiffness times length, N; `pair` has the lengths and where they are given, or is
+    None; `density` are the springs of its force densities, or None.
+    """
+    if pair is None:
+        return density
+    length, mask = pair
+    if density is None:
+        return jnp.where(mask, force / length, 0.0), length
+    return jnp.where(mask, force / length, density[0]), jnp.where(mask, length, 0.0)
 
 
 def _solve_with_lengths(force_net, given, start, dof_map, saddle_numbering, method, struts):
@@ -304,8 +336,8 @@ def _solve_with_lengths(force_net, given, start, dof_map, saddle_numbering, meth
     forces that leave the smallest residual at the start, and springs are used only if that fails.
 
     Args:
-        force_net: `ForceElementNet` without springs.
-        given: for each group lengths and where they are given, from `tensions_and_lengths`.
+        force_net: `ForceElementNet`, whose springs are force densities.
+        given: for each group lengths and where they are given (`PrescribedValues.given_lengths`).
         start: displacements at the start, [n_node, 3], m.
         dof_map: numbering of the free displacements.
         saddle_numbering: `SaddlePointNumbering`.
@@ -326,8 +358,7 @@ def _solve_with_lengths(force_net, given, start, dof_map, saddle_numbering, meth
         known = first[1] == status.OK
     force = _SPRING_FORCE_RATIO * _force_scale(force_net)
     springs = [
-        pair and (jnp.where(pair[1], force / pair[0], 0.0), pair[0])  # None if no length is given
-        for pair in given
+        _springs_for_lengths(force, *both) for both in zip(given, force_net.springs, strict=True)
     ]
     sprung = copy_with(force_net, springs=springs).make_system(dof_map)
     near, _ = newton.equilibrate(sprung, start, copy_with(method, tol=_SPRING_TOLERANCE), ~known)

@@ -340,7 +340,8 @@ class Structure:
         fixed = self.fixed(self.supports)
         if fixed.axes is not None:
             raise ValueError(
-                "supports: form finding takes supports along x, y, z only, not along other axes"
+                "supports: this function takes supports along x, y, z only, not along other axes; "
+                "find_form and force_density take any"
             )
         return fixed.array
 

@@ -255,6 +255,45 @@ def test_form_finds_forces_in_masts_and_guys(scene, capsys, refused):
         assert message in refused(f"{words} {more}")
 
 
+def test_form_beside_groups_that_keep_their_stiffness(scene, capsys, refused):
+    """Forces, densities and lengths together; with beams the scene is as drawn, with lengths."""
+    nodes = [[-4.0, 0, 0], [0, 0, 0], [0, 0, 3], [4, 0, 4], [4, 4, 0]]
+    elements = {
+        "guy": jc.Cables([[0, 2]], 1e6, weight=20.0),
+        "net": jc.Cables([[2, 3]], 1e6),
+        "tie": jc.Cables([[2, 4]], 1e6),
+    }
+    phase = jc.Phase(loads=[jc.SelfWeight(), jc.SupportMovement([0], (0.0, 0.0, -0.1))])
+    held = jc.pinned([0, 3, 4]) + jc.restrained([2], "y")
+    section = jc.Section.linear(1e8, 1e6, 1e6, 1e6)
+    bars, beams = jc.Bars([[1, 2]], 1e5), jc.Beams([[1, 2]], section=section)
+    for mast, foot in ((bars, jc.pinned([1])), (beams, jc.clamped([1]))):
+        structure = jc.Structure(nodes, elements | {"mast": mast}, held + foot)
+        jc.save_scene("mast.json", (structure, [phase]))
+        words = "form mast.json --tension guy=2000 --force-density net=200 --save form.json"
+        assert command(f"{words} --length tie=6.4 --free mast") == 0
+        out, err = capsys.readouterr()
+        assert "guy: tension 2000 N" in out and "tie: tension " in out and "lengths 6.4 m" in out
+        assert "SupportMovement (1), phase 1: form finding cannot take it" in err
+        found, (prestress, *_) = jc.load_scene("form.json")
+        solution = jc.solve(found, prestress)
+        assert int(solution.status) == 0
+        assert float(solution.tension["guy"][0]) == pytest.approx(2000.0, rel=1e-6)
+        ends = np.diff(np.asarray(solution.positions)[[2, 3]], axis=0)
+        force = 200 * np.linalg.norm(ends)
+        assert float(solution.tension["net"][0]) == pytest.approx(force, rel=1e-6)
+        drawn = np.abs(found.nodes - np.asarray(nodes)).max() == 0
+        assert drawn == isinstance(mast, jc.Beams)
+        assert ("the structure as drawn, unstressed lengths" in out) == drawn
+    for more, message in (
+        ("--free mast", "group 'tie' has none of --tension, --force-density and --length; --free"),
+        ("--free mast tie net", "group 'net' has one of --tension, --force-density and --length, "),
+        ("--free post", "--free: no group 'post'; there are guy, mast, net, tie"),
+        ("--free mast --length tie=6 net=4", "group 'net' has more than one of --tension"),
+    ):
+        assert message in refused(f"{words} {more}")
+
+
 # --- optimize
 
 

@@ -54,7 +54,7 @@ OTHERS = {  # what a variable of this name is besides, here
     "load": {"ndim", "shape", "at"},
     "group": {"_index_fields", "_static_fields"},  # of every `pytree`
 }
-STRAIGHT = ("forms/prescribed_forces.py", "files/opensees.py")
+STRAIGHT = ("forms/prescribed_values.py", "files/opensees.py")
 """Modules that refuse all groups but those that derive from `Straight` first."""
 
 

@@ -122,7 +122,7 @@ def test_what_own_elements_cannot_do_is_refused_by_name():
         return lambda: jc.solve(plain, jc.Phase(**phase), method)
 
     for text, call in (
-        (rf"{hooks} is not made of straight", lambda: jc.find_form(plain, tension=1.0)),
+        (rf"{hooks} is not made of straight", lambda: jc.find_form(plain, tension={"hooks": 1.0})),
         (rf"{hooks} is not made of straight", lambda: jc.forms.self_stress(plain)),
         (
             rf"{hooks} has no strain along an axis \(ability `Uniaxial`\)",

@@ -356,7 +356,8 @@ GUYED = jc.Structure(  # a mast with guys on both sides, whose head holds a cabl
 )
 Q = {"GUY": 1.0, "MAST": None, "NET": 1.0}
 ONE_PULLS = np.array([1.0, -1.0])
-PRESSURE = jc.CablePressure(1.0, (0.0, 1.0, 0.0))
+PRESSURE = jc.CablePressure(1.0, (0.0, 1.0, 0.0), per="unstressed")
+SLOWLY = jc.Varying(jc.SelfWeight(), [0.0, 1.0], [0.0, 1.0])
 
 
 def density(q):
@@ -379,12 +380,17 @@ def form_of(structure, *args, **options):
         ),
         (form_of(WEBER, stress=1.0), "stress: elements has no area; give tension"),
         (form_of(WEBER, 1.0, method=jc.Incremental()), "method: expected Newton, got Incremental"),
-        (form_of(WEBER, 1.0, PRESSURE), r"loads\[0\]: CablePressure is not known"),
+        (form_of(WEBER, None), "tension: nothing is prescribed"),
+        (form_of(WEBER, 1.0, PRESSURE), r"loads\[0\]: CablePressure per \"unstressed\" length is"),
+        (form_of(WEBER, 1.0, SLOWLY), r"loads\[0\]: Varying follows the load factor"),
         (form_of(WEBER, only([7], 1.0)), r"elements\[0\] = 7: the group has elements 0 to 2"),
         # groups are named
         (density(Q), r"q: element 0 of elements\['MAST'\] has no force density"),
         (density(Q | {"MAST": 1.0, "NET": -2.0}), r"q\['NET'\]\[0\] = -2.0: a cable carries"),
-        (form_of(GUYED, Q), r"tension: element 0 of elements\['MAST'\] has neither"),
+        (
+            form_of(GUYED, Q | {"GUY": only([0], 1.0)}),
+            r"tension: element 1 of elements\['GUY'\] has neither",
+        ),
         (form_of(GUYED, Q | {"MAST": -1.0, "GUY": ONE_PULLS}), r"tension\['GUY'\]\[1\] = -1.0: a"),
         (
             form_of(GUYED, Q, length={"GUY": None, "MAST": 0.0, "NET": None}),

@@ -129,14 +129,6 @@ def test_gradient(find, solver):
     ("ask", "said"),
     [
         (
-            lambda: jc.force_density(NET, 1e3, [jc.SelfWeight(), jc.FacePressure(FACES, 1.0)]),
-            r"loads\[1\]: FacePressure is not known before the form",
-        ),
-        (
-            lambda: jc.find_form(NET, length=2.0, loads=jc.SelfWeight()),
-            "SelfWeight depends on the shape and the unstressed lengths",
-        ),
-        (
             lambda: jc.forms.dynamic_relaxation(NET, loads=jc.SelfWeight()),
             r"loads\[0\]: SelfWeight is not known .* takes NodalLoads",
         ),

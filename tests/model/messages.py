@@ -545,6 +545,27 @@ jc.results.clearance_over_ground(net(), 0, [[0.0, 0, 0]])  # profile: expected s
 jc.results.distance_to_line(net(), 0, [[0.0, 0], [1.0, 0]])  # points: expected shape [n, 3] with at
 jc.results.rotation_vectors(net(), None)  # state: expected a Solution, its .last or one of its
 jc.results.node_tilts(net(), None, (0.0, 0.0))  # axis: expected shape (3,), got (2,)
+## forms
+jc.find_form(1.0, 5.0)  # structure: expected a Structure, got float
+jc.find_form(net())  # tension: nothing is prescribed; give tension, stress, force_density or length
+jc.find_form(net(elements=TWO), {"net": jc.only([0], 5.0)})
+    # tension: element 1 of elements['net'] has neither tension, stress, force_density nor length
+jc.find_form(net(elements=TWO), 5.0, force_density={"tie": 2.0})
+    # tension, force_density: element 0 of elements['tie'] has more than one of them; give one
+jc.find_form(net(elements=TWO), force_density={"net": [1.0, -5.0]})
+    # force_density['net'][1] = -5.0: a cable carries tension only
+jc.find_form(frame(), {"beam": 5.0})  # elements['beam'] (Beams) is not made of straight elements
+jc.find_form(net(), 5.0, jc.Varying(push(), HALF, HALF))  # loads[0]: Varying follows the load
+jc.find_form(net(elements=TWO), {"net": 5.0}, jc.CablePressure(1.0, AXIS, per="unstressed"))
+    # loads[0]: CablePressure per "unstressed" length is not known on elements of given force
+jc.find_form(net(elements={"all": TWO}), {"all": {"net": 5.0}}, jc.LineLoads(UP, on="all"))
+    # loads[0]: on = 'all' means groups with prescribed values and groups without
+jc.find_form(frame(), {"stay": 5.0}, jc.SupportMovement([2], UP))
+    # phases[0].loads[0]: ...
+jc.force_density(frame(), 5.0)  # elements['beam'] (Beams) is not made of straight elements
+jc.forms.dynamic_relaxation(net(supports=jc.restrained([0, 2, 3], "x", axes=(1.0, 1.0, 0))), 5.0)
+    # supports: this function takes supports along x, y, z only
+
 ## design
 jc.minimize(lambda T: None, np.ones(2))
     # loss: expected a scalar float, ... got None; it needs a return

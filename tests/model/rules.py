@@ -281,11 +281,16 @@ def relaxed(v):
 
 
 def formed(name, **numbers):
-    nothing = {"tension": None, "stress": None, "length": None}
-    which = 2 if name == "length" else 0
-    return lambda v: forms.prescribed_forces.tensions_and_lengths(
-        net(**numbers), **nothing | {name: v}
-    )[which]
+    which = {"length": "lengths", "force_density": "densities"}.get(name, "forces")
+    nothing = {"tension": None}
+
+    def read(v):
+        found = forms.prescribed_values.read_prescribed_values(
+            net(**numbers), **nothing | {name: v}
+        )
+        return getattr(found, which)
+
+    return read
 
 
 def chain(v):
@@ -503,6 +508,7 @@ relaxed, [5.0, 1.0, 1e-9], [5.0, -1.0, 1e-9]  # values_by_group: rest_length... 
 formed("tension"),  # values_by_group: tension[0] = -1.0
 formed("stress", area=1.0, law=jc.Elastic(1e3)),  # values_by_group: stress[0] = -1.0
 formed("length"),  # values_by_group: length[0] = -1.0
+formed("force_density"),  # values_by_group: force_density[0] = -1.0
 lambda v: jc.force_density(net(), v, PULL),  # values_by_group: q[0] = -1.0
 ## forms/hanging_cables.py
 chain, [0.1, 1.0, 1e6], [-1.0, 1.0, 1e6]  # hanging_chain: sag = -1.0

@@ -1,0 +1,135 @@
+"""What is prescribed of elements in a form: forces, stresses, densities or lengths, by group."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..analysis.group_values import is_single_number
+from ..common.selection import Only
+from ..common.tree import Indices, pytree
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..model.result_parts import path_of_group
+from ..model.structure import Structure
+from .input_checks import (
+    is_straight,
+    require_single_input,
+    require_straight_elements,
+    values_by_group,
+)
+
+_NAMES = ("tension", "stress", "force_density", "length")
+
+
+@pytree(static=("sought",))
+class PrescribedValues:
+    """What is prescribed of the elements in a form, in lists with an item for each group.
+
+    Of a group either all elements have a prescribed value or none: then its items are None, and the
+    group keeps its own law.
+
+    Attributes:
+        forces: prescribed forces, [n_elem], N; zero where something else is prescribed.
+        densities: force densities, [n_elem], N/m, zero where none is prescribed; None without any.
+        lengths: given lengths, [n_elem], m, with 1 where none is prescribed; None without any.
+        sought: whether the length is given and the force sought, `Indices` [n_elem] of bool.
+    """
+
+    forces: list[Float[Array, " n_elem"] | None]
+    densities: list[Float[Array, " n_elem"] | None]
+    lengths: list[Float[Array, " n_elem"] | None]
+    sought: tuple[Indices, ...]
+
+    @property
+    def is_prescribed(self) -> list[bool]:
+        """Whether anything is prescribed of a group, for every group."""
+        return [force is not None for force in self.forces]
+
+    @property
+    def has_lengths(self) -> bool:
+        """Whether any length is given."""
+        return any(mask.array.any() for mask in self.sought)
+
+    @property
+    def given_elements(self) -> list[Int[np.ndarray, " n_given"]]:
+        """Numbers of the elements of given length of each group, NumPy."""
+        return [np.flatnonzero(mask.array) for mask in self.sought]
+
+    @property
+    def given_lengths(
+        self,
+    ) -> list[tuple[Float[Array, " n_elem"], Bool[np.ndarray, " n_elem"]] | None]:
+        """For each group the pair of lengths, m, and whether they are given; None without any."""
+        pairs = zip(self.lengths, self.sought, strict=True)
+        return [None if length is None else (length, mask.array) for length, mask in pairs]
+
+
+def read_prescribed_values(
+    structure: Structure,
+    tension: PyTree[Float[ArrayLike, " ..."] | Only] | None,
+    stress: PyTree[Float[ArrayLike, " ..."] | Only] | None = None,
+    length: PyTree[Float[ArrayLike, " ..."] | Only] | None = None,
+    force_density: PyTree[Float[ArrayLike, " ..."] | Only] | None = None,
+) -> PrescribedValues:
+    """Check what `find_form` is told of elements, and return the `PrescribedValues`.
+
+    A single number is for all groups of straight elements with two ends.
+
+    Raises:
+        ValueError: nothing is prescribed; an element has two values, or none although others of its
+            group have one; a value of elements that are not straight; wrong values.
+    """
+    values, chosen = {}, {}
+    given = (tension, stress, force_density, length)
+    for name, value in zip(_NAMES, given, strict=True):
+        if value is not None and is_single_number(value):
+            kinds = [value if is_straight(group) else None for group in structure.groups]
+            value = structure.arrange(kinds)
+        is_length = name == "length"
+        values[name], chosen[name] = values_by_group(value, structure, name, is_length)
+    prescribed = [any(mask.any() for mask in masks) for masks in zip(*chosen.values(), strict=True)]
+    if not any(prescribed):
+        raise ValueError(
+            "tension: nothing is prescribed; give tension, stress, force_density or length of one "
+            "or more groups"
+        )
+    require_straight_elements(structure, prescribed)
+    missing = "has neither tension, stress, force_density nor length"
+    masks = [chosen[name] for name in _NAMES]
+    require_single_input(structure, _NAMES, masks, missing, prescribed)
+    return PrescribedValues(
+        _prescribed_forces(structure, values, chosen, prescribed),
+        _where_chosen(values["force_density"], chosen["force_density"], 0.0),
+        _where_chosen(values["length"], chosen["length"], 1.0),
+        tuple(map(Indices, chosen["length"])),
+    )
+
+
+def _where_chosen(values, chosen, otherwise):
+    """Return values per group where they are `chosen`, else a number; None for groups without."""
+    return [
+        None if value is None else jnp.where(mask, value, otherwise)
+        for value, mask in zip(values, chosen, strict=True)
+    ]
+
+
+def _prescribed_forces(structure, values, chosen, prescribed):
+    """Return forces by tensions and stresses, per group, [n_elem], N; None unless `prescribed`.
+
+    `values` and `chosen` are dicts of the values and of where they are given, by name.
+    """
+    found = []
+    for k, group in enumerate(structure.groups):
+        if not prescribed[k]:
+            found.append(None)
+            continue
+        forces = jnp.zeros(len(group.links))
+        if values["tension"][k] is not None:
+            forces = jnp.where(chosen["tension"][k], values["tension"][k], forces)
+        if chosen["stress"][k].any():
+            area = group._axial_section()[2]
+            if area is None:
+                raise ValueError(f"stress: {path_of_group(structure, k)} has no area; give tension")
+            forces = jnp.where(chosen["stress"][k], values["stress"][k] * area, forces)
+        found.append(forces)
+    return found
