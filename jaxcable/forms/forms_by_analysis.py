@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .. import linear
 from ..analysis.phases import Phase
 from ..analysis.solver import solve
 from ..common import status
@@ -354,8 +355,9 @@ def _find_multipliers(analyse, groups, prescribed, nodes, method):
         return errors(analyse(forces, springs)) / wanted
 
     def tangent_solve(linearized, rhs):
-        matrix = jax.vmap(linearized, 1, 1)(jnp.eye(len(rhs), dtype=rhs.dtype))
-        return jnp.linalg.solve(jnp.where(valid, matrix, jnp.eye(len(rhs))), rhs)
+        one = jnp.eye(len(rhs), dtype=rhs.dtype)
+        matrix = jax.vmap(linearized, 1, 1)(one)
+        return linear.solve_general(jnp.where(valid, matrix, one), rhs)[0]
 
     found = lax.custom_root(residual, lax.stop_gradient(forces), lambda _, x: x, tangent_solve)
     return (implicit.stop_gradient_unless(valid, found), springs), code, steps
