@@ -25,9 +25,11 @@ from .statements import check_statements
 
 PLACEMENTS = "drawn", "attached"
 """Where the nodes that new elements bring are placed."""
+TENSION_ENDS = "lower", "upper", "first", "second"
+"""Ends at which `Phase(tension_at=...)` can say that an end tension is."""
 
 
-@pytree(static=("increments", "placed"))
+@pytree(static=("increments", "placed", "tension_at"))
 class Phase:
     """One phase of the analysis: everything in it is scaled by a load factor from 0 to 1.
 
@@ -42,8 +44,7 @@ class Phase:
     initial nodes; an element has one at most:
 
     - pretension: axial force in the initial geometry, N. In equilibrium it is another one, less
-      where beams and struts give way: `jacking` keeps a force, and `design.tune` finds what ends
-      in it.
+      where beams and struts give way: `end_tension` and `jacking` state that one.
     - force_density: pretension over initial length, N/m.
     - prestrain: strain in the initial geometry, on the unstressed length, without unit.
     - rest_length: unstressed length, m (has only the digits of a length: a relative error of
@@ -52,7 +53,20 @@ class Phase:
       distance of the ends), m, under the whole weight of the group along -z, whatever loads act.
     - jacking: force that a jack keeps in the element during this phase whatever its length, N: the
       force in equilibrium. At the end of the phase the jack is anchored: the unstressed length is
-      locked in, and the force follows later loads.
+      locked in, and the force follows later loads. For catenaries the same as `end_tension`.
+
+    As-built statements hold in equilibrium, at the end of this phase, with all loads and
+    temperatures that there are then, wherever nodes have moved to. The unstressed length with which
+    this is so is found by Newton's method, which analyses the phases some times; the phase applies
+    it as it does a prestrain, and later phases keep it:
+
+    - end_tension: tension at one end of a catenary, N: at its lower end, where guys and stays are
+      jacked and measured, or at the end that `tension_at` names. For straight cables, bars and
+      sliding cables, which have one force, the same as `jacking`.
+    - horizontal_tension: of catenaries, horizontal force H, N: the part of the tension in the
+      middle of the unstressed length along the chord in plan (`results.horizontal_tensions`).
+    - built_sag: of catenaries with a weight, vertical distance below the chord at midspan, m, under
+      all loads along the cable (`results.sags`).
 
     Increments may be combined with absolute statements, and those of all phases add:
 
@@ -101,6 +115,9 @@ class Phase:
             that their first element joins them to, as if rigidly, with its rotation.
         own: statements of your own classes of elements, by name: ``{"clamped": {"saddles": 1}}``;
             each in the unit of what is stated, that of its `Statement`.
+        tension_at: where `end_tension` and the `jacking` of catenaries are: at the "lower" or the
+            "upper" end of each element in the geometry as drawn (of ends at one level the first is
+            the lower one), or at its "first" or "second" end, in the order of its nodes.
 
     Raises:
         ValueError: `increments` is no positive integer, `loads` has something else than loads,
@@ -150,12 +167,19 @@ class Phase:
     own: Mapping[str, PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only]] | None = (
         None
     )
+    end_tension: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    horizontal_tension: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = (
+        None
+    )
+    built_sag: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    tension_at: Literal["lower", "upper", "first", "second"] = "lower"
 
     def __post_init__(self):
         for name in ("adds", "removes"):
             object.__setattr__(self, name, keys_as_whole_groups(getattr(self, name)))
         if self.placed not in PLACEMENTS:
             raise ValueError(f"placed = {self.placed!r}: expected one of {', '.join(PLACEMENTS)}")
+        checks.require_one_of(self.tension_at, "tension_at", TENSION_ENDS)
         if isinstance(self.increments, bool) or not isinstance(self.increments, int | np.integer):
             if isinstance(self.increments, jax.core.Tracer):
                 raise ValueError(

@@ -12,11 +12,17 @@ import numpy as np
 
 from ..common.rules import Rule, are_rules_kept, not_negative, positive
 from ..common.types import Array, ArrayLike, Bool, Float
-from ..elements.abilities import STATEMENTS, statements_of
+from ..elements.abilities import STATEMENTS, Sagging, statements_of
 from ..elements.element import Element
 from ..elements.prestress import StatedValues, call_each_element
 
-_TENSIONS = ("pretension", "force_density", "jacking")
+_TENSIONS = ("pretension", "force_density", "jacking", "end_tension")
+
+_AT_MIDSPAN = {
+    "sag": "middle at which a sag could be measured",
+    "built_sag": "middle at which a sag could be measured",
+    "horizontal_tension": "direction of a horizontal force",
+}
 
 
 def statements_keep_rules(
@@ -67,8 +73,12 @@ def value_rules(
         return [positive(path, values, "an unstressed length must be positive")]
     if name == "prestrain":
         return [Rule(path, values, lambda v: v <= -1, "a prestrain must be above -1")]
-    if name == "sag":
+    if name in ("sag", "built_sag"):
         text = "a sag must be positive; a straight cable has no length of its own"
+        return [positive(path, values, text)]
+    hangs = isinstance(group, Sagging)
+    if name == "horizontal_tension" or (hangs and name in ("jacking", "end_tension")):
+        text = "must be positive: a cable that hangs has a tension"
         return [positive(path, values, text)]
     if name in _TENSIONS and group.tension_only:
         text = "a cable carries tension only; must not be negative (use Bars)"
@@ -88,7 +98,8 @@ def span_rules(
 ) -> list[Rule]:
     """Return the rule that spans with a stated sag have a middle: no node lies above the other.
 
-    The list is empty for other statements.
+    The same holds for a stated horizontal tension, which needs a horizontal direction. The list is
+    empty for other statements.
 
     Args:
         name, group: name of the statement, element group.
@@ -96,7 +107,7 @@ def span_rules(
         chosen: elements that the statement concerns, [n_elem] bool; None for all.
         path: the statement in messages; default its name.
     """
-    if name != "sag":
+    if name not in _AT_MIDSPAN:
         return []
 
     def upright(nodes):
@@ -109,7 +120,7 @@ def span_rules(
     def text(index, *_):
         return (
             f"{path or name}[{index[0]}]: the nodes of the element lie above each other, so that "
-            "the span has no middle at which a sag could be measured; give rest_length instead"
+            f"the span has no {_AT_MIDSPAN[name]}; give rest_length instead"
         )
 
     return [Rule(name, nodes, upright, text)]
@@ -127,7 +138,7 @@ def capacity_rules(
     The list is empty where no force is stated. `capacity` returns the smallest and the largest
     force of every element, `path` is the statement in messages.
     """
-    if name not in ("pretension", "jacking") or not group.has_rupture:
+    if name not in ("pretension", "jacking", "end_tension") or not group.has_rupture:
         return []
     text = "more than the law of the element can carry; must lie within its curve"
 

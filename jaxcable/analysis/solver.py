@@ -6,10 +6,13 @@ from collections.abc import Callable, Sequence
 
 from ..common.compile_notice import show_compilation
 from ..common.progress import Increment, as_listener
+from ..common.status import first_failure
+from ..common.types import Array, Int
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model import plausibility
 from ..model.structure import Structure
+from .as_built import with_lengths_as_built
 from .derivative_programs import Recalled
 from .outside_jit import (
     analyse_apart,
@@ -103,7 +106,10 @@ def solve(
     listen = as_listener(progress)
     if not isinstance(exact_sizes, bool):
         raise ValueError(f"exact_sizes = {exact_sizes!r}: expected True or False")
+    phases, found = phases_with_lengths(structure, phases, method, start)
     task = prepare(structure, phases, method, start, to_end=True)
+    if found is not None:
+        task = task._replace(code=first_failure(task.code, found))
     core = task.without_indices, task.arrays, task.method, task.code
     iterates = isinstance(task.method, Newton) and not differentiate_path
     with show_compilation(progress):
@@ -121,3 +127,20 @@ def solve(
     if task.warns_if_unstable:  # only then: the check waits until the numbers have been computed
         plausibility.warn_if_unstable(solution)
     return arrange_solution(structure, solution, task)
+
+
+def phases_with_lengths(
+    structure: Structure,
+    phases: Phase | Sequence[Phase] | None,
+    method: Newton | Incremental | None,
+    start: Solution | State | None,
+) -> tuple[list[Phase], Int[Array, ""] | None]:
+    """Return phases without prestress as built: with the strains that it comes to, and a status.
+
+    Arguments are as of `solve`, the result is that of `as_built.with_lengths_as_built`.
+    """
+
+    def run(structure, phases, start):
+        return solve(structure, phases, method, start=start)
+
+    return with_lengths_as_built(structure, phases, method, start, run)

@@ -31,7 +31,12 @@ from ..model.structure import Structure
 from .group_values import is_single_number, value_per_group
 from .prestress_rules import capacity_rules, span_rules, value_rules
 
-ABSOLUTE_STATEMENTS = ("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking")
+AS_BUILT_STATEMENTS = ("end_tension", "horizontal_tension", "built_sag")
+"""Statements of what holds in equilibrium, at the end of a phase (`as_built`)."""
+ABSOLUTE_STATEMENTS = (
+    *("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking"),
+    *AS_BUILT_STATEMENTS,
+)
 """Statements that replace the prestress of an element."""
 INCREMENTAL_STATEMENTS = ("shortening", "temperature")
 """Statements that change the prestress of an element."""
@@ -75,6 +80,11 @@ def check_statements(
 def statement_path(name: str) -> str:
     """Return a statement as a user writes it in a phase: ``pretension``, ``own['clamped']``."""
     return name if name in STATEMENTS else f"own[{name!r}]"
+
+
+def are_as_built(phase: Any) -> bool:
+    """Return whether a phase may state something that holds in equilibrium, at its end."""
+    return any(getattr(phase, name) is not None for name in (*AS_BUILT_STATEMENTS, "jacking"))
 
 
 def _values_by_group(given, structure, name, path):
@@ -207,12 +217,18 @@ def _require_ability(group, name, path, structure):
         raise ValueError(f"{path}: a group of {kind} cannot be prestressed")
     if name not in known:
         raise ValueError(f"{path}: {kind} have no {name}; they take {', '.join(known)}")
-    if name == "sag" and (not isinstance(group, Sagging) or group.weight is None):
+    hangs = isinstance(group, Sagging)
+    if name in ("sag", "built_sag") and (not hangs or group.weight is None):
         raise ValueError(
             f"{path}: only catenaries with a weight can have a stated sag; for a chain of straight "
             "elements use forms.hanging_chain"
         )
-    if name == "jacking" and not isinstance(group, Jacked):
+    if name == "horizontal_tension" and not hangs:
+        raise ValueError(
+            f"{path}: only catenaries have a stated horizontal tension; {kind} pull along their "
+            "chord, give end_tension"
+        )
+    if name in ("jacking", "end_tension") and not (hangs or isinstance(group, Jacked)):
         raise ValueError(f"{path}: {kind} cannot be jacked")
     if name == "temperature" and group.expansion is None:
         raise ValueError(

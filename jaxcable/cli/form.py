@@ -30,6 +30,9 @@ from ..scenes import Scene
 from . import inputs, outputs
 from .guard import BadInput
 
+_SETTINGS = ("increments", "placed", "tension_at")
+"""Fields of a phase that do nothing by themselves."""
+
 NOT_IN_FORM = (SupportMovement, Varying)
 """Classes of loads that act after the form: they depend on a history, or move what it has moved."""
 
@@ -272,7 +275,7 @@ def _phases_after_form(phases, remaining_loads):
         gone = dict.fromkeys((*ABSOLUTE_STATEMENTS, "adds", *(("supports",) if k == 0 else ())))
         phase = replace(phase, **gone, loads=loads or None)
         names = [field.name for field in dataclasses.fields(phase)]
-        if any(getattr(phase, n) is not None for n in names if n not in ("increments", "placed")):
+        if any(getattr(phase, n) is not None for n in names if n not in _SETTINGS):
             later.append(phase)
     return later
 

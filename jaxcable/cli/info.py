@@ -150,8 +150,9 @@ def _print_phase(number, phase, structure, units):
     print(f"phase {number}: {pluralize(phase.increments, 'increment')}")
     stated = phase.statements(structure)
     for name in all_statements(phase):
+        place = f" at the {phase.tension_at} end" if name == "end_tension" else ""
         values = [of.get(name) for of in stated]
-        print(f"  {name} {_describe_statement(name, values, structure, units)}")
+        print(f"  {name}{place} {_describe_statement(name, values, structure, units)}")
     for load in as_list(phase.loads):
         print(f"  {_describe_load(load, units)}")
     if phase.supports is not None:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import jax
 
+from ..analysis.as_built import with_guessed_lengths
 from ..analysis.common_sizes import CommonSizes, pad_analysis
 from ..analysis.derivative_programs import compile_adjoint
 from ..analysis.outside_jit import compile_analysis
@@ -59,6 +60,7 @@ def warm_programs(
     tasks = []
     known: set[Any] = set()
     for structure, phases in scenes:
+        phases = with_guessed_lengths(structure, phases)
         task = prepare(structure, phases, None, None, to_end=True)
         core = task.without_indices, task.arrays, task.method, task.code
         padded = pad_analysis(task, core)

@@ -38,6 +38,7 @@ SECTION_UNBALANCED = 24
 BEYOND_PEAK = 25
 STATIONARY = 26
 NEEDS_FALLBACKS = 27
+NOT_AS_BUILT = 28
 
 NAMES: dict[int, str] = {
     code: name
@@ -159,6 +160,13 @@ _TEXTS = {
     NEEDS_FALLBACKS: (
         "an iteration without fallbacks has come to where they are needed; solve goes on with "
         "them, so that its solutions never have this status"
+    ),
+    NOT_AS_BUILT: (
+        "no unstressed lengths are found with which the tensions or sags that a phase states as "
+        "built hold in equilibrium: there may be none (more tensions than equilibrium leaves free, "
+        "a tension below the least that weight alone gives), or they are far from those of the "
+        "structure as drawn; state fewer, or lengths of the others (rest_length), or look for "
+        "near ones with design.tune"
     ),
     INVALID_INPUT: (
         "a number is not allowed, such as a negative stiffness, the compression of a cable or a "

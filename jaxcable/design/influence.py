@@ -58,7 +58,7 @@ def influence(
 
             - "shortening" or "temperature": of every element, added to what the phases have; m, K.
               By default after the last phase, as turnbuckles adjusted in the final state.
-            - "pretension", "jacking", "force_density", "prestrain", "rest_length" or a name in
+            - "pretension", "jacking", "end_tension" or another prestress of `Phase`, or a name in
               `Phase.own`: of every element for which a phase gives it; by default in the first
               phase that does.
             - "load": force on every node, [n_node, 3], N; by default in the last phase.

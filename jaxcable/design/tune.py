@@ -12,7 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
+from ..analysis.as_built import refuse_as_built
 from ..analysis.phases import Phase, all_statements, as_phases, with_statement
+from ..analysis.sensitivity import measured_results_and_jacobian
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, status
@@ -28,7 +30,6 @@ from ..model.result_parts import named_groups_of, values_per_group
 from ..model.structure import Structure
 from .bars_for_cables import replace_cables_by_bars, solve_with_bars_if_taut
 from .fit import fit, fit_on_host
-from .sensitivity import measured_results_and_jacobian
 from .targets import Target, deviations, require_targets, result_names_for_targets
 from .trials import Evaluation
 
@@ -187,6 +188,7 @@ def tune(
         0.07 mm ()
     """
     phases = as_phases(structure, phases)
+    refuse_as_built(structure, phases, "tune")
     if not isinstance(targets, Target | list | tuple):
         given = checks.describe_type(targets, "Target(...)")
         raise ValueError(f"targets: expected a list of Target, got {given}")

@@ -47,6 +47,7 @@ STATEMENTS = {
     for name, unit in (
         *(("pretension", "N"), ("force_density", "N/m"), ("prestrain", "-"), ("rest_length", "m")),
         *(("shortening", "m"), ("temperature", "K"), ("sag", "m"), ("jacking", "N")),
+        *(("end_tension", "N"), ("horizontal_tension", "N"), ("built_sag", "m")),
     )
 }
 """The statements of prestress that `Phase` has as arguments, by name."""

@@ -16,6 +16,9 @@ from .element_state import OwnState
 from .prestress import call_each_element
 from .statement import StatedValues
 
+_NO_CHANGE_AT_ONCE = ("jacking", "end_tension", "horizontal_tension", "built_sag")
+"""Statements that `apply_statements` never gets: they hold in equilibrium."""
+
 
 def statement_faults(group: Element, state: OwnState, ends: Any) -> Iterator[str]:
     """Yield faults of the state after a statement that selects no element: nothing may change.
@@ -67,7 +70,7 @@ def _can_test_statement(name, group):
         "sag": isinstance(group, Sagging) and group.weight is not None,
         "temperature": group.expansion is not None,
     }
-    return name != "jacking" and needs.get(name, True)
+    return name not in _NO_CHANGE_AT_ONCE and needs.get(name, True)
 
 
 def _describe_state_difference(before, after):

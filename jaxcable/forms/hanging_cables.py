@@ -9,6 +9,12 @@ import jax.numpy as jnp
 from jax import lax
 
 from .. import linear
+from ..analysis.element_shapes import (
+    StateOrPhase,
+    known_results,
+    map_shapes,
+    shapes_of_groups,
+)
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken, positive, refuse_if_broken
 from ..common.types import Array, ArrayLike, Float, PyTree
@@ -16,12 +22,6 @@ from ..elements import hanging, hanging_sag
 from ..elements.abilities import Sagging
 from ..model.result_parts import items_per_group
 from ..model.structure import Structure
-from ..results.element_shapes import (
-    StateOrPhase,
-    known_results,
-    map_shapes,
-    shapes_of_groups,
-)
 
 
 def catenary_curves(

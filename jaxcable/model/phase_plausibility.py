@@ -52,7 +52,7 @@ def warn_of_prestress(
         return
     value = value if stated.chosen is None else np.where(stated.chosen, value, np.nan)
     stiffness = known_axial_stiffness(group)
-    if name in ("pretension", "jacking", "force_density"):
+    if name in ("pretension", "jacking", "force_density", "end_tension", "horizontal_tension"):
         force = value * lengths_over_nodes(group, nodes) if name == "force_density" else value
         strength = array_or_none(group.strength)
         if strength is not None:

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from ..analysis.as_built import refuse_as_built
 from ..analysis.phases import Phase, as_phases
 from ..analysis.preparation import complete_input, prepare, traced_input_status
 from ..analysis.results import fields_of_element_results, fill_peak_tensions, map_element_fields
@@ -131,6 +132,7 @@ def trace_path(
         checks.require_whole_number(count, name, least=2)
     if len(phases) > 1:
         start = solve(structure, phases[:-1], method, start=start)
+    refuse_as_built(structure, phases[-1:], "trace_path", len(phases) - 1)
     task = prepare(structure, phases[-1:], method, start, len(phases) - 1)
     core = task.without_indices, task.arrays, task.method, settings, task.code
     path, n_point, n_event = _trace_compiled(

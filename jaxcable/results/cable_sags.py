@@ -10,6 +10,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..analysis.element_shapes import (
+    ElementShapes,
+    StateOrPhase,
+    known_results,
+    map_shapes,
+    shapes_of_groups,
+    straight_shapes,
+)
 from ..common import checks
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
@@ -19,13 +27,6 @@ from ..model.structure import Structure
 from ..numerics import scaled
 from ..numerics.roots import bracketed_root
 from ..numerics.vectors import scalar_product
-from .element_shapes import (
-    StateOrPhase,
-    known_results,
-    map_shapes,
-    shapes_of_groups,
-    straight_shapes,
-)
 
 
 @pytree
@@ -176,7 +177,7 @@ def horizontal_tensions(
         if force is None or group.links.shape[1] != 2:
             found.append(None)
             continue
-        own = map_shapes(_horizontal_part, shapes)
+        own = map_shapes(ElementShapes.horizontal_part, shapes)
         own = jnp.where(shapes.hangs, own, own * force)
         found.append(jnp.where(there, own, 0.0))
     return structure.arrange(found)
@@ -384,12 +385,3 @@ def _at_station(pieces, begin, level, station):
     # beyond its ends a catenary goes on, so that a root at an end is inside of the bracket
     bracket = jnp.full_like(guess, -0.25), jnp.full_like(guess, 1.25)
     return one.point(bracketed_root(balance, guess, *bracket))
-
-
-def _horizontal_part(shape):
-    """Return the tension of a catenary along its chord in plan; of others the slope's cosine."""
-    chord = shape.last - shape.first
-    span = jnp.sqrt(scalar_product(chord[:2], chord[:2]))
-    pull = shape.tangent(jnp.full((), 0.5, chord.dtype))
-    size = jnp.where(shape.hangs, 1.0, jnp.sqrt(scalar_product(chord, chord)))
-    return scalar_product(pull[:2], chord[:2]) / span / size

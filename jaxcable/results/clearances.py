@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..analysis.element_shapes import StateOrPhase, map_shapes, shapes_of_groups
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken
 from ..common.tree import pytree
@@ -16,7 +17,6 @@ from ..loads.groups import Key, group_numbers
 from ..model.structure import Structure
 from ..numerics.roots import bracketed_root
 from ..numerics.vectors import scalar_product
-from .element_shapes import StateOrPhase, map_shapes, shapes_of_groups
 
 
 @pytree

@@ -24,6 +24,7 @@ import numpy as np
 from ..analysis.phases import Phase
 from ..analysis.preparation import prepare
 from ..analysis.solution import Solution, State
+from ..analysis.solver import phases_with_lengths
 from ..common.checks import without_warnings
 from ..common.tree import pytree
 from ..common.types import Float
@@ -148,6 +149,7 @@ def energy_balance(
     require_single_case(solution)
     require_same_topology(structure, solution.last.topology, "solution")
     with without_warnings():  # the analysis has issued them
+        phases, _ = phases_with_lengths(structure, phases, None, start)
         task = prepare(structure, phases, None, start)
     if task.without_indices[3].present is not None:
         raise ValueError("phases: there is no energy balance where phases add or remove elements")

@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from ..analysis.element_shapes import StateOrPhase, known_results
 from ..analysis.results import Results
 from ..common import checks
 from ..common.rules import Rule, nan_if_broken
@@ -17,7 +18,6 @@ from ..model.result_parts import items_per_group
 from ..model.structure import Structure
 from ..numerics import rotations
 from ..numerics.vectors import scalar_product
-from .element_shapes import StateOrPhase, known_results
 
 
 @pytree

@@ -23,6 +23,7 @@ STATEMENTS = {
     "prestrain": 5e-4,
     "rest_length": 1.99,
     "jacking": 500.0,
+    "end_tension": 500.0,
     "shortening": 1e-3,
     "temperature": -30.0,
 }

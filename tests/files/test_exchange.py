@@ -174,7 +174,13 @@ def test_what_opensees_cannot_do_is_refused(solved, tmp_path):
         (path, structure, failed, {}, "solution: the analysis has failed"),
         (tmp_path / "net.tcl", structure, solution, {}, r"ends with .py"),
         (path, structure, solution, {"steps": 0}, "steps = 0"),
-        (path, jc.replace(structure, elements=hanging), solution, {}, "only Cables, Bars and Contacts"),
+        (
+            path,
+            jc.replace(structure, elements=hanging),
+            solution,
+            {},
+            "only Cables, Bars and",
+        ),
     ):
         with pytest.raises(ValueError, match=message):
             jc.files.save_opensees(name, of, result, **options)

@@ -482,6 +482,14 @@ stated(pretension=1.0, rest_length=1.0)
     # phases[0].pretension, rest_length: both state the prestress of elements;
 stated(jacking=1.0, shortening=0.1)
     # phases[0].jacking, shortening: a jack keeps the force of elements in
+stated(end_tension=1.0, rest_length=1.0)
+    # phases[0].rest_length, end_tension: both state the prestress of elements;
+stated(horizontal_tension=1.0)
+    # phases[0].horizontal_tension: only catenaries have a stated horizontal tension
+stated(built_sag=1.0)
+    # phases[0].built_sag: only catenaries with a weight can have a stated sag
+Phase(end_tension=1.0, tension_at="top")
+    # tension_at = 'top': expected one of lower, upper, first, second
 stated(pretension=[10.0, -10.0, 10.0])
     # phases[0].pretension[1] = -10.0: ... tension only; must not be negative (use Bars
 stated(TWO, pretension={"net": -1.0, "tie": 5.0})

@@ -429,6 +429,12 @@ stated("jacking"), 100.0, -100.0  # value_rules: ...jacking[1] = -100.0
 stated("pretension", jc.Contacts), -1.0, 1.0
     # value_rules: ...pretension[1] = 1.0: a contact carries compression only
 stated("sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # value_rules: ...sag[1] = -0.1
+stated("end_tension"), 100.0, -100.0  # value_rules: ...end_tension[1] = -100.0: a cable carries
+stated("end_tension", jc.Catenaries), 1.0, 0.0
+    # value_rules: ...end_tension[1] = 0.0: must be positive: a cable that hangs has
+stated("horizontal_tension", jc.Catenaries), 1.0, -1.0
+    # value_rules: ...horizontal_tension[1] = -1.0: must be positive
+stated("built_sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # value_rules: ...built_sag[1] = -0.1
 stated("pretension", area=1.0, law=LAW), 1e6, 1000001.0
     # capacity_rules: ...pretension[1] = 1000001.0: more than the law
 stated("jacking", area=1.0, law=LAW), 1e6, 1000001.0

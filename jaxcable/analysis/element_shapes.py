@@ -9,9 +9,6 @@ from typing import Any, TypeAlias
 import jax
 import jax.numpy as jnp
 
-from ..analysis.phase_results import PhaseResult
-from ..analysis.results import Results
-from ..analysis.solution import Solution, State
 from ..common.tree import copy_with, pytree
 from ..common.types import Array, Bool, Float, PyTree
 from ..elements import hanging
@@ -22,6 +19,9 @@ from ..model.structure import Structure
 from ..model.topology import require_same_topology
 from ..numerics.roots import bracketed_root
 from ..numerics.vectors import scalar_product
+from .phase_results import PhaseResult
+from .results import Results
+from .solution import Solution, State
 
 _SAMPLES = 16
 """Parts into which an element is divided to find the one with the extreme point of a function."""
@@ -78,6 +78,34 @@ class ElementShapes:
         inside = jnp.clip(at_first / jnp.where(bent, fall, 1.0), low, high)
         rises = scalar_product(self.point(high) - self.point(low), direction) > 0
         return jnp.where(bent, inside, jnp.where(rises, high, low))
+
+    def horizontal_part(self) -> Float[Array, ""]:
+        """Return the tension of one catenary along its chord in plan, N; else the slope's cosine.
+
+        It is that in the middle of the unstressed length.
+        """
+        chord = self.last - self.first
+        span = jnp.sqrt(scalar_product(chord[:2], chord[:2]))
+        pull = self.tangent(jnp.full((), 0.5, chord.dtype))
+        size = jnp.where(self.hangs, 1.0, jnp.sqrt(scalar_product(chord, chord)))
+        return scalar_product(pull[:2], chord[:2]) / span / size
+
+    def midspan_sag(self) -> Float[Array, ""]:
+        """Return the vertical distance of one element below its chord at midspan, m.
+
+        Midspan is at half of the horizontal distance of the ends.
+        """
+        chord = self.last - self.first
+        span2 = scalar_product(chord[:2], chord[:2])
+
+        def balance(part):
+            moved = self.point(part) - self.first
+            return scalar_product(moved[:2], chord[:2]) / span2 - 0.5
+
+        # beyond its ends a catenary goes on, so that a root at an end is inside of the bracket
+        guess = jnp.full_like(span2, 0.5)
+        part = bracketed_root(balance, guess, guess - 0.75, guess + 0.75)
+        return 0.5 * chord[2] - (self.point(part) - self.first)[2]
 
     def reversed(self) -> ElementShapes:
         """Return the same shapes, run through from the last end to the first."""

@@ -14,18 +14,18 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..analysis.derivative_programs import Recalled, run_change
-from ..analysis.outside_jit import analyse_by_known_programs, without_numbers
-from ..analysis.phases import Phase
-from ..analysis.preparation import prepare
-from ..analysis.solution import Solution, State
-from ..analysis.states import arrange_solution
 from ..common.tree import copy_with
 from ..common.types import Array, Float, Int
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.structure import Structure
 from ..numerics import implicit
+from .derivative_programs import Recalled, run_change
+from .outside_jit import analyse_by_known_programs, without_numbers
+from .phases import Phase
+from .preparation import prepare
+from .solution import Solution, State
+from .states import arrange_solution
 
 _MAX_DIRECTIONS = 32
 """Largest number of directions in one run of the program: their results are in memory together."""

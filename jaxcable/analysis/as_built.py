@@ -1,0 +1,396 @@
+"""Prestress as built: the unstressed lengths with which what phases state holds in equilibrium.
+
+A tension at an end, a horizontal force or a sag of a hanging cable is what gauges read on the
+structure as it stands: under all loads of the phase, where nodes have moved to. The unstressed
+lengths with which this is so are the unknowns of further equations,
+
+    measured at the end of the phase / stated - 1 = 0,
+
+or of sags, which are nearly proportional to the inverse of a force, ``stated / measured - 1 = 0``.
+
+Newton's method solves them: each step analyses the phases, and the Jacobian is exact. The unknown
+of a cable is ``log(L0 / d)`` with its unstressed length L0 and the chord d as drawn: in it forces
+of taut cables are nearly linear, also where guys nearly let a mast sway. The search begins with
+the lengths of parabolas between ends that do not move,
+``L0 = d exp((w l)^2 / (24 t^2)) / (1 + t / EA)`` with the tension t, the span l and the weight w.
+The derivative of the lengths is that of an implicit root. (Derived for this package.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from .. import linear
+from ..common import status
+from ..common.compilation import is_top_level_call
+from ..common.rules import are_rules_kept
+from ..common.selection import only
+from ..common.tree import replace
+from ..common.types import Array, Bool, Float, Int
+from ..elements.abilities import Sagging
+from ..elements.statement import StatedValues
+from ..equilibrium.incremental import Incremental
+from ..equilibrium.newton import Newton
+from ..model.structure import Structure
+from ..numerics.implicit_root import TangentSolver, implicit_root
+from .element_shapes import ElementShapes, map_shapes, shapes_of_groups
+from .phases import Phase, as_phases
+from .prestress_rules import value_rules
+from .recalled_derivative import without_derivatives
+from .sensitivity import measured_results_and_jacobian
+from .solution import Solution, State
+from .statements import AS_BUILT_STATEMENTS, are_as_built
+
+Run = Callable[[Structure, Sequence[Phase], "Solution | State | None"], Solution]
+"""Function of structure, phases in which nothing is stated as built, and start: `solve`."""
+
+_MEASURED = "displacement", "positions", "tension", "rest_length", "results"
+_MAX_STEPS = 40  # analyses; a mast whose guys nearly let it sway takes 7
+_LONGEST_STEP = 0.2  # of logarithms of lengths
+
+
+class Stated(NamedTuple):
+    """What a phase states as built of hanging cables of one group.
+
+    Attributes:
+        phase, group: indices.
+        name: "end_tension", "horizontal_tension" or "built_sag".
+        elements: the cables, [n], NumPy.
+        values: stated values, [n], N or m.
+        at_first: of end tensions, whether they are those of the first end, [n] bool.
+        allowed: whether the values keep their rules, scalar bool.
+    """
+
+    phase: int
+    group: int
+    name: str
+    elements: Int[np.ndarray, " n"]
+    values: Float[Array, " n"]
+    at_first: Bool[Array, " n"]
+    allowed: Bool[Array, ""]
+
+
+class Iterate(NamedTuple):
+    """State of the search for lengths.
+
+    Attributes:
+        unknowns: logarithms of lengths over chords, [n]; the best ones so far.
+        step: Newton's step from them, [n].
+        part: part of it that is tried next.
+        size: largest error there.
+        code: status: that of the analysis of the start, until that has converged.
+        tries: number of analyses.
+        done: whether the search has ended.
+    """
+
+    unknowns: Float[Array, " n"]
+    step: Float[Array, " n"]
+    part: Float[Array, ""]
+    size: Float[Array, ""]
+    code: Int[Array, ""]
+    tries: Int[Array, ""]
+    done: Bool[Array, ""]
+
+
+def with_lengths_as_built(
+    structure: Structure,
+    phases: Phase | Sequence[Phase] | None,
+    method: Newton | Incremental | None,
+    start: Solution | State | None,
+    run: Run,
+) -> tuple[list[Phase], Int[Array, ""] | None]:
+    """Return phases with strains in place of what they state as built, and a status.
+
+    Args:
+        structure, phases, method, start: as for `solve`.
+        run: function that analyses phases without such statements, as `solve` does.
+
+    Returns:
+        The phases, with derivatives by all arguments; and OK, NOT_AS_BUILT if no lengths are found,
+            or the status of the analysis that the search begins with. None if nothing is stated.
+
+    Raises:
+        ValueError: as of `solve`.
+    """
+    phases = as_phases(structure, phases)
+    if not any(map(are_as_built, phases)):
+        return phases, None
+    stated = stated_as_built(structure, phases)
+    if not stated:
+        return _with_strains(structure, phases, stated, jnp.zeros(0)), None
+    arguments = structure, phases, method, start
+    known = without_derivatives(arguments)
+    concrete = is_top_level_call(jax.tree.leaves(known))
+    m, code = _find_unknowns(known, run, concrete)
+    leaves, tree = jax.tree.flatten((structure, phases, start))
+
+    def errors(m, leaves):
+        structure, phases, start = tree.unflatten(leaves)
+        given = structure, phases, stated_as_built(structure, phases)
+        return _errors(run(structure, _with_strains(*given, m), start), *given)
+
+    m = implicit_root(errors, m, leaves, TangentSolver(_solve_dense, _solve_dense))
+    return _with_strains(structure, phases, stated, m), code
+
+
+def with_guessed_lengths(structure: Structure, phases: Sequence[Phase]) -> list[Phase]:
+    """Return phases of the shapes that `with_lengths_as_built` gives, with other numbers."""
+    stated = stated_as_built(structure, phases)
+    return _with_strains(structure, phases, stated, _guess(structure, stated))
+
+
+def refuse_as_built(
+    structure: Structure, phases: Sequence[Phase], function: str, before: int = 0
+) -> None:
+    """Raise ValueError if a phase states something as built of catenaries.
+
+    Args:
+        structure, phases: as for `solve`.
+        function: what does not take it, for the message.
+        before: number of phases before these.
+    """
+    stated = stated_as_built(structure, phases)
+    if stated:
+        raise ValueError(
+            f"phases[{before + stated[0].phase}].{stated[0].name}: {function} takes no prestress "
+            "as built; solve the phases, and state the `rest_length` of the solution"
+        )
+
+
+def stated_as_built(structure: Structure, phases: Sequence[Phase]) -> list[Stated]:
+    """Return what phases state as built of hanging cables; ValueError as of `Phase.statements`."""
+    found = []
+    for k, phase in enumerate(phases):
+        statements = phase.statements(structure, f"phases[{k}].") if are_as_built(phase) else ()
+        for number, own in enumerate(statements):
+            cables: Any = structure.groups[number]
+            if not isinstance(cables, Sagging):
+                continue
+            for name in (*AS_BUILT_STATEMENTS, "jacking"):
+                if name not in own:
+                    continue
+                chosen = _chosen(own[name], len(cables.links))
+                values = jnp.asarray(own[name].values, structure.nodes.dtype)[chosen]
+                allowed = are_rules_kept(value_rules(name, values, cables))
+                name = "end_tension" if name == "jacking" else name
+                first = _is_first_end(phase.tension_at, structure, cables, chosen)
+                found.append(Stated(k, number, name, chosen, values, first, allowed))
+    return found
+
+
+def _chosen(stated, count):
+    """Return numbers of the elements that a statement concerns, [n], NumPy."""
+    return np.arange(count) if stated.chosen is None else np.flatnonzero(stated.chosen)
+
+
+def _is_first_end(tension_at, structure, cables, chosen):
+    """Return whether an end tension is that of the first end of each element, [n] bool."""
+    if tension_at in ("first", "second"):
+        return jnp.full(len(chosen), tension_at == "first")
+    heights = structure.nodes[:, 2][cables.links.array[chosen]]
+    lower = heights[:, 0] <= heights[:, 1]
+    return lower if tension_at == "lower" else ~lower
+
+
+# --- lengths
+
+
+def _with_strains(structure, phases, stated, m):
+    """Return the phases with the strains that follow from unknowns `m`, [n], as statements."""
+    found, at = list(phases), 0
+    for k, phase in enumerate(phases):
+        if not are_as_built(phase):
+            continue
+        every = phase.statements(structure)
+        strains: list[Any] = [own.get("prestrain") for own in every]
+        jacks = [_jacking(g, own) for g, own in zip(structure.groups, every, strict=True)]
+        for one in (one for one in stated if one.phase == k):
+            cables = structure.groups[one.group]
+            values = jnp.expm1(-m[at : at + len(one.elements)])
+            at += len(one.elements)
+            strains[one.group] = _join(strains[one.group], one.elements, values, len(cables.links))
+        found[k] = replace(
+            phase,
+            **dict.fromkeys(AS_BUILT_STATEMENTS),
+            prestrain=_as_argument(structure, strains),
+            jacking=_as_argument(structure, jacks),
+        )
+    return found
+
+
+def _jacking(group, own):
+    """Return the jacking force of a group in which no cable hangs, `StatedValues` or None."""
+    if isinstance(group, Sagging):
+        return None
+    jacks = [own[name] for name in ("jacking", "end_tension") if name in own]
+    if len(jacks) < 2:
+        return jacks[0] if jacks else None
+    count, (first, second) = len(group.links), jacks
+    chosen = _chosen(second, count)
+    return _join(first, chosen, jnp.asarray(second.values)[chosen], count)
+
+
+def _join(stated, elements, values, count):
+    """Return `StatedValues` with further `values` of some elements."""
+    mask = np.zeros(count, bool) if stated is None else _mask(stated, count)
+    before = jnp.zeros(count, values.dtype) if stated is None else jnp.asarray(stated.values)
+    mask[elements] = True
+    return StatedValues(before.at[elements].set(values), mask)
+
+
+def _mask(stated, count):
+    """Return which elements a statement concerns, [n_elem] bool, a new NumPy array."""
+    return np.ones(count, bool) if stated.chosen is None else np.array(stated.chosen)
+
+
+def _as_argument(structure, stated):
+    """Return statements of all groups as an argument of `Phase`; None if there are none."""
+    if all(one is None for one in stated):
+        return None
+    found = [
+        one
+        if one is None or one.chosen is None
+        else only(np.flatnonzero(one.chosen), one.values[np.flatnonzero(one.chosen)])
+        for one in stated
+    ]
+    return structure.arrange([x.values if isinstance(x, StatedValues) else x for x in found])
+
+
+def _spans(structure, cables, elements):
+    """Return chords, horizontal spans, m, EA, N, and weights, N/m, of elements, [n] each."""
+    ends = structure.nodes[cables.links.array[elements]]
+    vector = ends[:, 1] - ends[:, 0]
+    chord, span = jnp.linalg.norm(vector, axis=1), jnp.linalg.norm(vector[:, :2], axis=1)
+    weight = 0.0 if cables.weight is None else cables.weight
+    every = [jnp.broadcast_to(x, len(cables.links)) for x in (cables.stiffness_with_spring, weight)]
+    return chord, span, *(x[elements] for x in every)
+
+
+def _guess(structure, stated):
+    """Return unknowns of cables that do not move, [n], as of parabolas."""
+    parts = []
+    for one in stated:
+        cables = structure.groups[one.group]
+        chord, span, stiffness, weight = _spans(structure, cables, one.elements)
+        tension = one.values
+        if one.name == "horizontal_tension":
+            tension = tension * chord / span
+        if one.name == "built_sag":
+            tension = weight * span * chord / (8 * one.values)
+        parts.append((weight * span / tension) ** 2 / 24 - jnp.log1p(tension / stiffness))
+    return jnp.concatenate([jnp.zeros(0, structure.nodes.dtype), *parts])
+
+
+# --- equations
+
+
+def _errors(solution, structure, phases, stated):
+    """Return the relative errors of what is stated of cables, [n]."""
+    shapes = {one.phase: shapes_of_groups(structure, solution.phases[one.phase]) for one in stated}
+    parts = []
+    for one in stated:
+        tension = structure.group_tree.flatten_up_to(solution.phases[one.phase].tension)
+        own, _ = shapes[one.phase][one.group]
+        own = jax.tree.map(lambda x, k=one.elements: x[k], own)
+        measured = map_shapes(_MEASURES[one.name], own)
+        if one.name == "end_tension":
+            measured = jnp.where(one.at_first, measured[:, 0], measured[:, 1])
+            measured = jnp.where(own.hangs, measured, tension[one.group][one.elements])
+        inverse = one.name == "built_sag"
+        parts.append((one.values / measured if inverse else measured / one.values) - 1)
+    return jnp.concatenate(parts)
+
+
+def _end_tensions(shape: ElementShapes) -> Float[Array, " 2"]:
+    ends = jnp.stack([shape.pull, shape.pull - shape.load])
+    return jnp.sqrt(jnp.sum(ends * ends, axis=1))
+
+
+_MEASURES: dict[str, Callable[[ElementShapes], Any]] = {
+    "end_tension": _end_tensions,
+    "horizontal_tension": ElementShapes.horizontal_part,
+    "built_sag": ElementShapes.midspan_sag,
+}
+
+
+def _solve_dense(_, function, rhs):
+    """Solve a linear function of vectors like `rhs` for it."""
+    matrix = jax.vmap(function, out_axes=1)(jnp.eye(len(rhs), dtype=rhs.dtype))
+    return linear.solve_general(matrix, rhs)[0]
+
+
+# --- Newton's method
+
+
+def _find_unknowns(arguments, run, concrete):
+    """Return the unknowns, [n], without derivatives, and a status.
+
+    `arguments` are structure, phases, method and start. `concrete` says that all numbers are known:
+    then the analyses run one after the other by the compiled programs of `solve`. Otherwise all of
+    it is one loop of the program that is traced.
+    """
+    structure, phases, method, start = arguments
+    stated = stated_as_built(structure, phases)
+    given = structure, phases, stated
+
+    def phases_of(m):
+        return _with_strains(*given, m)
+
+    def evaluate(m):
+        if concrete:
+            return measured_results_and_jacobian(
+                structure, phases_of, lambda s: _errors(s, *given), _MEASURED, m, method, start
+            )
+
+        def errors(m):
+            solution = run(structure, phases_of(m), start)
+            return _errors(solution, *given), solution.status
+
+        found, push, code = jax.linearize(errors, m, has_aux=True)
+        return found, jax.vmap(push, out_axes=1)(jnp.eye(len(m), dtype=m.dtype)), code
+
+    m = _guess(structure, stated)
+    far = jnp.full((), jnp.inf, m.dtype)
+    zero = jnp.zeros((), jnp.int32)
+    state = Iterate(m, jnp.zeros_like(m), jnp.ones_like(far), far, zero, zero, jnp.zeros((), bool))
+
+    def advance(state):
+        return _advance(state, *evaluate(state.unknowns + state.part * state.step))
+
+    if concrete:
+        while not state.done:
+            state = advance(state)
+    else:
+        state = lax.while_loop(lambda state: ~state.done, advance, state)
+    allowed = jnp.all(jnp.stack([one.allowed for one in stated]))
+    return state.unknowns, jnp.where(allowed, state.code, status.INVALID_INPUT)
+
+
+def _advance(state, errors, jacobian, code):
+    """Return the next `Iterate` after an analysis of unknowns, with its errors and its status."""
+    newton, _ = linear.solve_general(jacobian, -errors)
+    size, longest = jnp.max(jnp.abs(errors)), jnp.max(jnp.abs(newton))
+    good = jnp.isfinite(longest) & (code == status.OK) & (size <= state.size)
+    # quadratic convergence: what is left after this step is its square
+    close = good & (size < 8 * jnp.sqrt(jnp.finfo(errors.dtype).eps))
+    failed = ~good & (state.tries == 0)
+    tries = state.tries + 1
+    wrong = jnp.where(failed & (code != status.OK), code, status.NOT_AS_BUILT)
+    done = close | failed | (tries >= _MAX_STEPS)
+    tried = state.unknowns + state.part * state.step
+    unknowns = jnp.where(good, tried, state.unknowns)
+    return Iterate(
+        jnp.where(close, tried + newton, unknowns),
+        jnp.where(good, newton, state.step),
+        jnp.where(good, jnp.minimum(1.0, _LONGEST_STEP / longest), 0.5 * state.part),
+        jnp.where(good, size, state.size),
+        jnp.where(close, status.OK, jnp.where(done, wrong, state.code)).astype(jnp.int32),
+        tries,
+        done,
+    )

@@ -1,0 +1,268 @@
+"""Prestress stated as built: tensions and sags that hold in equilibrium, under the loads."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from tests.oracles import elastic_cable, taylor
+
+SPAN, WEIGHT = 100.0, 10.0  # m, N/m
+DOWN = np.array([0.0, 0.0, -1.0])
+WIND, ICE = np.array([1.0, 6.0, 0.0]), np.array([0.0, 0.0, -4.0])  # N/m
+
+# rise over span, statement, its value in units of w l (N) or l (m), EA in units of w l
+CASES = [
+    (0.0, "end_tension", 12.0, 5e3),
+    (1.0, "end_tension", 6.0, 5e3),
+    (-1.0, "end_tension", 2.0, 5e3),
+    (0.3, "end_tension", 1.8, 50.0),
+    (0.0, "end_tension", 500.0, 1e6),
+    (0.0, "horizontal_tension", 12.0, 5e3),
+    (1.0, "horizontal_tension", 3.0, 5e3),
+    (-0.5, "horizontal_tension", 0.4, 5e3),
+    (0.0, "horizontal_tension", 500.0, 1e6),
+    (0.0, "built_sag", 0.01, 5e3),
+    (0.0, "built_sag", 0.3, 5e3),
+    (1.0, "built_sag", 0.05, 5e3),
+    (-0.5, "built_sag", 0.3, 50.0),
+]
+
+
+def spans():
+    """Spans between fixed ends, each turned in plan; the phase that states all `CASES`."""
+    n = len(CASES)
+    turn = np.linspace(0.0, 5.0, n)
+    nodes = np.zeros((n, 2, 3))
+    nodes[:, :, 0] += 300.0 * np.arange(n)[:, None]
+    nodes[:, 1] += SPAN * np.stack([np.cos(turn), np.sin(turn), [c[0] for c in CASES]], 1)
+    stiffness = np.array([c[3] for c in CASES]) * WEIGHT * SPAN
+    links = np.arange(2 * n).reshape(n, 2)
+    cables = jc.Catenaries(links, axial_stiffness=stiffness, weight=WEIGHT)
+    return jc.Structure(nodes.reshape(-1, 3), cables, jc.pinned(range(2 * n)))
+
+
+def size_of(case, loads):
+    """What is stated of a case, N or m; under wind all forces twice as large, which can be had."""
+    if case[1] == "built_sag":
+        return case[2] * SPAN
+    return case[2] * WEIGHT * SPAN * (2.0 if loads == "wind" else 1.0)
+
+
+def stated(loads, **others):
+    """The phase of `CASES`, with `others` as arguments."""
+    values = {}
+    for name in dict.fromkeys(c[1] for c in CASES):
+        chosen = [k for k, c in enumerate(CASES) if c[1] == name]
+        values[name] = jc.only(chosen, [size_of(CASES[k], loads) for k in chosen])
+    return jc.Phase(**values, loads=LOADS[loads], **others)
+
+
+LOADS = {
+    "weight": [jc.SelfWeight()],
+    "ice": [jc.SelfWeight(), jc.LineLoads(ICE, per="initial")],
+    "wind": [jc.SelfWeight(), jc.LineLoads(WIND), jc.LineLoads(ICE, per="initial")],
+}
+
+
+@pytest.mark.parametrize("loads", LOADS)
+@pytest.mark.parametrize("at", ["lower", "upper", "first"])
+def test_spans_are_built_as_stated(loads, at):
+    """Level, inclined to 45 degrees, taut and slack, against a cable integrated apart.
+
+    Weight per unstressed length follows the length; ice per initial length does not.
+    """
+    structure = spans()
+    phases = [stated(loads, tension_at=at), jc.Phase()]
+    solution = jc.solve(structure, phases)
+    assert solution.status == jc.status.OK
+    ends = np.asarray(structure.nodes).reshape(-1, 2, 3)
+    forces = np.asarray(solution.reactions).reshape(-1, 2, 3)
+    lengths = np.asarray(solution.rest_length)
+    wind = WIND if loads == "wind" else np.zeros(3)
+    ice = np.zeros(3) if loads == "weight" else ICE
+    for k, case in enumerate(CASES):
+        rise, name, *_ = case
+        value = size_of(case, loads)
+        chord = ends[k, 1] - ends[k, 0]
+        kind = {"horizontal_tension": "horizontal", "built_sag": "sag"}.get(name, name)
+        if name == "end_tension":
+            lower = "first" if rise >= 0 else "second"
+            upper = "second" if rise >= 0 else "first"
+            kind = {"lower": lower, "upper": upper, "first": "first"}[at]
+        given = wind + WEIGHT * DOWN, np.linalg.norm(chord) * ice
+        stiffness = float(structure.elements.axial_stiffness[k])
+        # the guess is the solution itself: the oracle moves it to the root of its own equations
+        guess = np.hypot(*forces[k, 0, :2]), lengths[k]
+        length, first, second = elastic_cable.cable(chord, *given, stiffness, kind, value, guess)
+        assert abs(lengths[k] / length - 1) < 1e-11
+        size = np.linalg.norm(second)
+        # EA eps of the length in a stiff cable, and the error of the oracle
+        assert np.abs(forces[k] - [first, second]).max() < 1e-9 * size
+    assert np.isfinite(forces).all()
+
+
+# --- a mast that moves: a post with three guys at its top
+
+HEIGHT, REACH = 40.0, np.array([30.0, 35.0, 40.0])  # m
+ANGLES = np.radians([0.0, 110.0, 250.0])
+FEET = np.stack([REACH * np.cos(ANGLES), REACH * np.sin(ANGLES), [0.0, 3.0, -4.0]], axis=1)
+STRENGTH = np.array([150e3, 180e3, 160e3])  # N
+
+
+def mast(stiffness=15e6, **more):
+    """The mast: node 0 its foot, 1 its top, then the anchors; guys from the anchors upwards.
+
+    Two level bars are its stiffness sideways: three constant tensions alone need not be in balance.
+    """
+    elements = {
+        "mast": jc.Bars([[0, 1], [5, 1], [6, 1]], axial_stiffness=[60e6, 2e6, 2e6]),
+        "guys": jc.Catenaries(
+            [[2, 1], [3, 1], [4, 1]],
+            axial_stiffness=stiffness,
+            weight=12.0,
+            expansion=1.2e-5,
+            strength=STRENGTH,
+            **more,
+        ),
+    }
+    sides = [[-10.0, 0.0, HEIGHT], [0.0, 10.0, HEIGHT]]
+    nodes = [[0.0, 0.0, 0.0], [0.2, -0.1, HEIGHT], *FEET, *sides]
+    return jc.Structure(nodes, elements, jc.pinned([0, 2, 3, 4, 5, 6]))
+
+
+def end_forces(solution):
+    """Force of the lower supports on the guys, [3, 3], N."""
+    return np.asarray(solution.reactions)[2:5]
+
+
+TENSIONS = jnp.array([15e3, 18e3, 16e3])  # N
+SIDE = jc.NodalLoads([1], (900.0, 400.0, -5e3))  # N
+
+
+def built(name, values, **more):
+    """Prestress with a stated quantity and loads; then nothing; then warmth, with a wind."""
+    first = jc.Phase(**{name: {"guys": values}}, loads=[jc.SelfWeight(), SIDE], **more)
+    wind = jc.LineLoads((0.0, 3.0, 0.0), on="guys")
+    return [first, jc.Phase(), jc.Phase(temperature={"guys": -25.0}, loads=wind)]
+
+
+def test_a_mast_that_moves_ends_in_the_stated_tension():
+    """In equilibrium with all loads, to 1e-10; later phases keep the lengths.
+
+    With the lengths that were found, stated in another analysis, the forces are the same.
+    """
+    structure = mast()
+    solution = jc.solve(structure, built("end_tension", TENSIONS))
+    assert solution.status == jc.status.OK
+    first, second, third = solution.phases
+    size = np.linalg.norm(np.asarray(first.reactions)[2:5], axis=1)
+    np.testing.assert_allclose(size, TENSIONS, rtol=1e-10)  # tol of Newton, over the forces
+    assert np.abs(first.displacement[1]).max() > 1e-3  # the top has moved
+    lengths = first.rest_length["guys"]
+    np.testing.assert_array_equal(second.rest_length["guys"], lengths)
+    np.testing.assert_allclose(second.reactions[2:5], first.reactions[2:5], atol=1e-6)
+    np.testing.assert_allclose(third.rest_length["guys"], lengths * (1 - 25 * 1.2e-5), rtol=1e-14)
+    again = jc.solve(structure, built("rest_length", lengths))
+    assert again.status == jc.status.OK
+    # EA eps of the lengths
+    np.testing.assert_allclose(again.reactions, solution.reactions, atol=1e-6)
+    np.testing.assert_allclose(again.displacement, solution.displacement, atol=1e-11)
+    # the control: a pretension of this size, which is that of the straight guy as drawn
+    plain = jc.solve(structure, built("pretension", TENSIONS)[0])
+    other = np.linalg.norm(end_forces(plain), axis=1)
+    assert np.abs(other / np.asarray(TENSIONS) - 1).max() > 0.05
+
+
+def test_a_mast_whose_guys_nearly_let_it_sway():
+    """A post on a hinge, pushed sideways: it leans until three equal tensions are in balance.
+
+    Moments about the foot, of forces in the positions found, are zero to the tolerance.
+    """
+    elements = {
+        "mast": jc.Bars([[0, 1]], axial_stiffness=60e6),
+        "guys": jc.Catenaries([[2, 1], [3, 1], [4, 1]], axial_stiffness=15e6, weight=12.0),
+    }
+    feet = [[30.0, 0.0, 0.0], [-15.0, 26.0, 0.0], [-15.0, -26.0, 0.0]]
+    nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 40.0], *feet]
+    post = jc.Structure(nodes, elements, jc.pinned([0, 2, 3, 4]))
+    loads = [jc.SelfWeight(), jc.NodalLoads([1], (500.0, 200.0, -5e3))]
+    solution = jc.solve(post, jc.Phase(end_tension={"guys": 15e3}, loads=loads))
+    assert solution.status == jc.status.OK
+    pulls = np.asarray(solution.reactions[2:])
+    np.testing.assert_allclose(np.linalg.norm(pulls, axis=1), 15e3, rtol=1e-10)
+    top = np.asarray(solution.positions[1])
+    assert np.hypot(*top[:2]) > 0.5  # m
+    # each guy pulls the top with what its weight and its anchor leave
+    weight = 12.0 * np.asarray(solution.rest_length["guys"])[:, None] * DOWN
+    force = -np.sum(-pulls - weight, axis=0) + np.array([500.0, 200.0, -5e3])
+    assert np.abs(np.cross(top, force)).max() < 1e-6 * 40.0 * 15e3
+
+
+def moved(name, values):
+    """How far the top moves in all phases, m, and the last tensions, as one number."""
+    solution = jc.solve(mast(), built(name, values), taylor.TIGHT)
+    last = jnp.sum(jnp.array([1.0, 2.0, 3.0]) * solution.tension["guys"]) / 1e5
+    return jnp.sum(jnp.array([3.0, -2.0, 1.0]) * solution.displacement[1]) + last
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("end_tension", TENSIONS),
+        ("horizontal_tension", 0.6 * TENSIONS),
+        ("built_sag", jnp.array([0.25, 0.22, 0.35])),
+    ],
+)
+def test_derivatives_by_what_is_stated(name, values):
+    """Through the lengths that follow, and phases after them; a batch gives the same numbers."""
+    value = jax.jit(lambda v: moved(name, v))
+    gradient = jax.jit(jax.grad(lambda v: moved(name, v)))(values)
+    assert np.isfinite(gradient).all()
+    # remainders of second order; the corrupted gradient leaves one of first order
+    assert taylor.slope(value, values, gradient, size=10.0) > 1.9
+    assert taylor.slope(value, values, 1.01 * gradient, size=10.0) < 1.2
+    batch = jax.jit(jax.vmap(value))(jnp.stack([values, 1.1 * values]))
+    np.testing.assert_allclose(batch, [value(values), value(1.1 * values)], rtol=1e-9)
+
+
+def test_there_is_no_length_for_a_tension_below_the_least():
+    """A level span of an inextensible cable has at least 0.7544 of its weight per span."""
+    cable = jc.Catenaries([[0, 1]], axial_stiffness=1e9, weight=WEIGHT)
+    structure = jc.Structure([[0.0, 0, 0], [SPAN, 0, 0]], cable, jc.pinned([0, 1]))
+
+    def code(share):
+        phase = jc.Phase(end_tension=share * WEIGHT * SPAN, loads=jc.SelfWeight())
+        return int(jc.solve(structure, phase).status)
+
+    # min of cosh(t) / (2 t)
+    assert [code(0.754), code(0.755)] == [jc.status.NOT_AS_BUILT, jc.status.OK]
+
+
+def test_straight_elements_take_an_end_tension_as_a_jack():
+    """Bit by bit what `jacking` is; both in one phase for different elements."""
+    nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+    cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+    structure = jc.Structure(nodes, cables, jc.pinned([0, 2]))
+    load = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+    jack = jc.solve(structure, jc.Phase(jacking=500.0, loads=load))
+    end = jc.solve(structure, jc.Phase(end_tension=500.0, loads=load))
+    both = jc.Phase(jacking=jc.only([0], 500.0), end_tension=jc.only([1], 500.0), loads=load)
+    both = jc.solve(structure, both)
+    for other in (end, both):
+        assert other.status == jc.status.OK
+        np.testing.assert_array_equal(other.rest_length, jack.rest_length)
+        np.testing.assert_array_equal(other.tension, [500.0, 500.0])
+
+
+def test_files_keep_what_is_stated(tmp_path):
+    phase = jc.Phase(end_tension={"guys": TENSIONS}, tension_at="upper", loads=jc.SelfWeight())
+    jc.save_scene(
+        tmp_path / "mast.json", (mast(), [phase, jc.Phase(horizontal_tension={"guys": 1e3})])
+    )
+    _, (first, second) = jc.load_scene(tmp_path / "mast.json")
+    assert (first.tension_at, second.tension_at) == ("upper", "lower")
+    np.testing.assert_array_equal(first.end_tension["guys"], TENSIONS)
+    assert second.horizontal_tension["guys"] == 1e3
