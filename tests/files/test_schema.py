@@ -115,7 +115,7 @@ def fits(example, kind, field=None):
     guys, mast = structure["elements"].values()
     guys |= {"links": [[1, 2], [1, 3]], "expansion": 1e-5, "weight": 5.0}
     mast |= {"up": [1, 0, 0]}
-    if field == "sag":
+    if field in ("sag", "built_sag", "horizontal_tension"):
         guys |= {"type": "Catenaries"}
         mast |= {"hinges": [[False, True]]}
     if kind == "Phase":
