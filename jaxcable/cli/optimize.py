@@ -80,8 +80,10 @@ def run(options: Namespace) -> None:
         warnings.warn(text, InputWarning, stacklevel=1)
     start = inside
     with refuse_value_errors(options.scene):
-        search = _minimize_pretension if options.target is None else _match_target_tension
-        found, description = search(analyse, start, (low, high), options, shown)
+        if options.target is None:
+            found = _minimize_pretension(analyse, start, (low, high), options)
+        else:
+            found, description = _match_target_tension(analyse, start, (low, high), options, shown)
         solution = solve_scene(options, structure, phases_with(pretension_of(found.params)))
     code = int(found.status)
     if code in (status.STATIONARY, status.STALLED) and _target_is_met(found, start, options):
@@ -92,12 +94,15 @@ def run(options: Namespace) -> None:
                 f"{options.save}: not written: the analysis fails with the pretension of the start"
             )
         status.raise_if_failed(solution)
+    limits = _describe_limits(solution, options, shown)
+    if options.target is None:
+        description = _describe_sum(found, start, limits, options, shown)
     lines = [
         f"status {code}: {status.describe(code)}",
         f"{description}, {int(found.evaluations)} analyses",
         f"pretension {inputs.range_text(_zero_rounding_errors(found.params, start), 'N', units)}",
         f"final axial forces {inputs.range_text(solution.last.peak_tension, 'N', units)}",
-        *_describe_limits(solution, options, shown),
+        *limits,
         *_describe_exceeded_strength(structure, solution),
         _MEANING,
     ]
@@ -190,11 +195,11 @@ def _target_is_met(found, start, options):
     return float(found.loss) <= start.size * (_ROUNDING * options.target) ** 2
 
 
-def _minimize_pretension(analyse, start, bounds, options, units):
+def _minimize_pretension(analyse, start, bounds, options):
     """Find the smallest sum of pretensions that keeps deflections and tensions within limits.
 
-    The limits are `options.deflection`, m, and `options.lowest`, N. Other arguments and results are
-    those of `_match_target_tension`.
+    The limits are `options.deflection`, m, and `options.lowest`, N. Other arguments are those of
+    `_match_target_tension`. Return the `Design` found.
     """
     limits = options.deflection, options.lowest
 
@@ -209,15 +214,24 @@ def _minimize_pretension(analyse, start, bounds, options, units):
             broken.append(1.0 - forces / limits[1])
         return jnp.sum(parameters), jnp.concatenate(broken), solution
 
-    found = design.minimize_subject_to(
+    return design.minimize_subject_to(
         problem, start, bounds, steps=options.steps, progress=not options.quiet
     )
+
+
+def _describe_sum(found, start, limits, options, units):
+    """Return the sum of the pretensions of a `Design`, or that there are none, as text.
+
+    `start` has those at the start, [n], N, and `limits` the lines of `_describe_limits`.
+    """
     words = f"sum of the pretensions {units.text(found.loss, 'N')}"
     if float(found.loss) <= _NO_PRESTRESS * float(jnp.abs(start).sum()):
         words = "no pretension is needed: the limits below are met without any"
+        if any("violated" in line for line in limits):
+            words = "the best design found has no pretension"
     if options.details:
         words += f", optimality residual (KKT) {found.kkt_residual:.1e}"
-    return found, words
+    return words
 
 
 def _describe_limits(solution, options, units):

@@ -354,10 +354,10 @@ POINT_LOADS = Result(
     "point_loads",
     "-, N, N m",
     ("place", "Fx", "Fy", "Fz", "Mx", "My", "Mz"),
-    increments=False,
 )
 """Concentrated loads within an element, [n, 7]: the place from 0 to 1, and force and moment along
-the axes of the element where it is. By them pictures show the jumps of section forces."""
+the axes of the element where it is. By them reports and pictures show the jumps of section forces.
+They are kept in every increment for the stresses, whose extremes may be at a load."""
 BEAM_RESULTS = TENSION, PEAK_TENSION, SECTION_STRAIN, SECTION_FORCES, POINT_LOADS
 """Results of elements with section forces."""
 

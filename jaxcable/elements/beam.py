@@ -35,6 +35,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.rotations import cross
 from ..numerics.vectors import scalar_product
 from ..sections import LinearSection, Section
+from ..sections.section import section_hint
 from . import bending
 from .abilities import BEAM_RESULTS, Bending, Rounding
 from .beam_axes import LEANING_SINE, VERTICAL_SINE, is_isotropic, is_known_anisotropic
@@ -127,7 +128,8 @@ class Beams(BeamElement, Prestressed, Bending, Rounding):
         put(self, "links", checked_links(self.links))
         n_elem = len(self.links)
         if not isinstance(self.section, Section | LinearSection):
-            raise ValueError("section: missing; a group of beams needs a Section")
+            text = section_hint(self.section) or ": missing; a group of beams needs a Section"
+            raise ValueError(f"section{text}")
         for name in ("torsional_stiffness", "rest_length", "weight", "expansion", "strength"):
             put(self, name, checks.floats_per_element(getattr(self, name), n_elem, name))
         if self.torsional_stiffness is None and self.section.torsion is None:

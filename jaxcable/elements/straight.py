@@ -23,6 +23,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..materials import Elastic, Parallel
 from ..materials.law import Law, require_law
 from ..sections import LinearSection, Section
+from ..sections.section import section_hint
 from .abilities import Uniaxial
 from .axial import Axial
 from .element import SECTION_STRAIN, TENSION, Ends, Motion, Result, Scalar
@@ -77,7 +78,8 @@ class Straight(Axial, Prestressed, Uniaxial):
         if self.law is not None:
             require_law(self.law, "law")
         if self.section is not None and not isinstance(self.section, Section):
-            text = f"section: {type(self.section).__name__} is not a Section"
+            kind = f": {type(self.section).__name__} is not a Section"
+            text = f"section{section_hint(self.section) or kind}"
             if isinstance(self.section, LinearSection):
                 text = "section: its stiffnesses are for Beams; give axial_stiffness instead"
             raise ValueError(text)

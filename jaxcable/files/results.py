@@ -269,7 +269,9 @@ def result_tables(
         held = "".join(axis for axis, is_held in zip("xyz", fixed[k], strict=True) if is_held)
         nodes.append([k, held, *(float(v) for column in vectors for v in column[k])])
     lengths = ResultColumn(
-        "unstressed length", "m", values_per_group(structure, solution.rest_length)
+        "unstressed length at present temperature",
+        "m",
+        values_per_group(structure, solution.rest_length),
     )
     told = result_columns(structure.groups, solution.element_results)
     told.insert(1 if told and told[0].label == "tension" else len(told), lengths)

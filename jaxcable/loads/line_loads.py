@@ -116,8 +116,8 @@ class LineLoads(AlongElements, Measured):
         if without and (self.on is not None or len(without) == len(numbers)):
             path, kind = path_of_group(structure, without[0]), type(structure.groups[without[0]])
             raise ValueError(
-                f"on = {self.on!r}: {path} ({kind.__name__}) has no length to load; if its "
-                "elements have one, give the class has_length = True"
+                f"on = {self.on!r}: {path} ({kind.__name__}) has no length to load; "
+                "loads per length act along cables, bars, beams and catenaries"
             )
         if self._n_value is not None:
             self._elements_with_values(structure)

@@ -43,8 +43,8 @@ def require_members(load: Any, structure: Structure, names: Sequence[str]) -> No
     if without and (load.on is not None or len(without) == len(numbers)):
         path, kind = path_of_group(structure, without[0]), type(structure.groups[without[0]])
         raise ValueError(
-            f"on = {load.on!r}: {path} ({kind.__name__}) has no length to load; if its elements "
-            "have one, give the class has_length = True"
+            f"on = {load.on!r}: {path} ({kind.__name__}) has no length to load; "
+            "loads per length act along cables, bars, beams and catenaries"
         )
     members = [number for number in numbers if number not in without]
     for name in names:

@@ -134,8 +134,9 @@ class PointLoads(WithinElements):
     without the kink of the curvature: divide the beam at the load where that matters. With shear
     flexibility the second-order effect of the bending between load and nodes is left out.
 
-    Solutions, stresses and reports have section forces at the ends and the middle of elements, or
-    at the `points` of `Beams`; `jaxcable.section_forces` has them at the load.
+    Solutions and `fibre_stress` have section forces and stresses at the ends and the middle of
+    elements, or at the `points` of `Beams`; `jaxcable.section_forces` has forces at the load, and
+    reports have the extremes of both.
 
     Straight cables, bars and catenaries carry forces at their nodes only: give them a node.
 

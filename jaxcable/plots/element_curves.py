@@ -143,7 +143,19 @@ class SolutionCurves:
 
     @functools.cached_property
     def initial_positions(self) -> Float[np.ndarray, "n_node 3"]:
-        """Positions of the nodes before the first phase, [n_node, 3], m."""
+        """Positions from which displacements count in pictures, [n_node, 3], m.
+
+        They are those before the first phase. An analysis with a `start` has left the nodes of the
+        input by then; if there are beams, displacements count from the nodes of the input, as the
+        rotations of their ends do: that at the start is not known.
+        """
+        if any(isinstance(group, Bending) for group in self.groups):
+            return np.asarray(self.structure.nodes, float)
+        return self.positions_before
+
+    @functools.cached_property
+    def positions_before(self) -> Float[np.ndarray, "n_node 3"]:
+        """Positions of the nodes before the first phase of the solution, [n_node, 3], m."""
         for part in (self.solution.phases[0], self.solution.last):
             begin = np.asarray(part.positions) - np.asarray(part.displacement)
             if np.isfinite(begin).all():

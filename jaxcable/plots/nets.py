@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -65,7 +66,9 @@ def net(
             round factor that makes the largest displacement a tenth of the structure. Deflections
             of beams and catenaries from their chords are magnified by the same factor. Before a
             single phase beams are straight; the shape of catenaries is not known there, and they
-            are drawn with the sag of its end, not magnified.
+            are drawn with the sag of its end, not magnified. A single phase after another analysis
+            (`solve` with `start`) counts from the end of that one; with beams from the nodes of the
+            input, as rotations are known from there only.
 
     Options:
         color: values that color the elements:
@@ -231,8 +234,11 @@ def _force_arrows(snapshot, shown, view, links, asked, units):
     """
     pairs = links[0][snapshot.forces.present[links[1]]]
     kinds = ("load", shown.load, True), ("reaction", shown.reactions, False)
+    every = (shown.load, shown.reactions, *jax.tree.leaves((shown.tension, shown.peak_tension)))
+    least = max(float(np.abs(np.asarray(x)).max(initial=0.0)) for x in every)
+    at = snapshot.positions, view, snapshot.points(), pairs
     return [
-        ForceArrows(name, forces, snapshot.positions, view, snapshot.points(), pairs, push, units)
+        ForceArrows(name, forces, *at, push, units, least)
         for name, forces, push in kinds
         if name in asked
     ]

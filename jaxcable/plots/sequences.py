@@ -58,6 +58,8 @@ def sequence(
         path: where to save the picture, in the format of the suffix, or None.
         magnify: factor on the displacement from the initial geometry, and on the bending of beams.
             The sag of catenaries is not magnified, because their initial shape is not known.
+            After another analysis (`solve` with `start`) the initial geometry is that at its end;
+            with beams it is always that of the input, as rotations are known from there only.
 
     Options:
         color, structure: as of `net`.

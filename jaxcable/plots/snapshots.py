@@ -29,8 +29,9 @@ class Snapshot:
         phase: index of the phase, from 0; -1 before the first one.
         increment: index of the increment in it, from 0; None for the end of a phase or a `State`.
         load_factor: load factor in the phase.
-        initial_positions: positions of the nodes before the first phase, [n_node, 3], m.
-        displacement: displacement since then, [n_node, 3], m.
+        initial_positions: positions of the nodes before the first phase, [n_node, 3], m; of the
+            input if there are beams.
+        displacement: displacement from there, [n_node, 3], m.
         element_results: dict from name to results, each in the shape of the elements.
         forces: `ElementForces` at this instant.
         fixed: which degrees of freedom supports hold, [n_node, 3 or 6] bool.
@@ -209,12 +210,8 @@ class Snapshots:
             phase, number = good[j]
             path = jax.tree.map(lambda x, n=number: x[n], paths[phase])
             displacement, element_results = path.displacement, path.element_results
-            if phase > 0:
-                displacement = (
-                    np.asarray(phases[phase - 1].positions)
-                    - self._curves.initial_positions
-                    + displacement
-                )
+            begin = phases[phase - 1].positions if phase > 0 else self._curves.positions_before
+            displacement = np.asarray(begin) - self._curves.initial_positions + displacement
             end: PhaseResult | State | None = None
             if j in last:
                 end = self.solution.last if j + 1 == len(good) else phases[phase]

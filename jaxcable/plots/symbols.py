@@ -107,6 +107,7 @@ class ForceArrows:
             that would lie on an element lies on the other side of its node; if it would lie on one
             there, too, it is drawn under the elements.
         units: `Units` of the largest force in the legend; None for N, kN or MN.
+        least: a force, N; what is smaller by nine orders is rounding, and not drawn.
 
     Attributes:
         tails, vectors: start points and vectors of the arrows, [n_arrow, 3], m.
@@ -126,13 +127,14 @@ class ForceArrows:
         links: Int[np.ndarray, "n_piece 2"],
         push: bool,
         units: Units | None = None,
+        least: float = 0.0,
     ):
         self.units = units
         forces = np.asarray(forces)
         size = np.linalg.norm(forces, axis=1)
         self.name, self.color = name, LOAD if push else REACTION
         self.largest = float(size.max(initial=0.0))
-        node = np.flatnonzero(size > _SMALL * self.largest)
+        node = np.flatnonzero(size > _SMALL * max(self.largest, least))
         self.count = len(node)
         extent = np.ptp(points, axis=0).max()
         if len(node) > _MOST:

@@ -97,15 +97,65 @@ def fit_parabola(
     return np.concatenate([quadratic, np.zeros_like(quadratic[..., :1])], axis=-1)[..., None, :]
 
 
+def cut_places(
+    places: Float[np.ndarray, " 1+n_piece"], cuts: Float[np.ndarray, "*shape n_cut"]
+) -> Float[np.ndarray, "*shape 1+n_more"]:
+    """Return the ends of pieces that are cut at further places, n_more = n_piece + n_cut.
+
+    Args:
+        places: ends of the pieces before, from 0 to 1, ascending.
+        cuts: places in any order; equal ones make pieces without length.
+    """
+    every = np.broadcast_to(places, (*cuts.shape[:-1], len(places)))
+    return np.sort(np.concatenate([every, np.clip(cuts, 0.0, 1.0)], axis=-1), axis=-1)
+
+
+def cut_cubics(
+    cubic: Float[np.ndarray, "*shape n_piece 4"],
+    places: Float[np.ndarray, " 1+n_piece"],
+    ends: Float[np.ndarray, "*#shape 1+n_more"],
+) -> Float[np.ndarray, "*shape n_more 4"]:
+    """Return the coefficients of `hermite_cubics` on pieces of their pieces.
+
+    Args:
+        cubic: coefficients of each piece.
+        places: ends of the pieces.
+        ends: `cut_places` of each element.
+    """
+    start, size = ends[..., :-1], np.diff(ends)
+    whole = np.searchsorted(places, start + size / 2, side="right") - 1
+    whole = np.clip(whole, 0, len(places) - 2)  # the piece that each part is of
+    width = np.diff(places)[whole]
+    t, part = (start - places[whole]) / width, size / width
+    index = np.broadcast_to(whole, (*cubic.shape[:-2], whole.shape[-1]))[..., None]
+    zero, one, two, three = np.moveaxis(np.take_along_axis(cubic, index, axis=-2), -1, 0)
+    value = zero + t * (one + t * (two + t * three))
+    slope = one + t * (2 * two + 3 * t * three)
+    powers = [value, part * slope, part**2 * (two + 3 * t * three), part**3 * three]
+    return np.stack(powers, axis=-1)
+
+
+def add_lines(
+    cubic: Float[np.ndarray, "*shape n_piece 4"],
+    starts: Float[np.ndarray, "*shape n_piece"],
+    ends: Float[np.ndarray, "*shape n_piece"],
+) -> Float[np.ndarray, "*shape n_piece 4"]:
+    """Add to each piece of `hermite_cubics` the line between its values at both ends."""
+    found = cubic.copy()
+    found[..., 0] += starts
+    found[..., 1] += ends - starts
+    return found
+
+
 def polynomial_extremes(
     coefficients: Float[np.ndarray, "*shape n_piece 4"],
-    places: Float[np.ndarray, " 1+n_piece"],
+    places: Float[np.ndarray, "*#shape 1+n_piece"],
 ) -> Extremes:
     """Return the `Extremes` of piecewise cubics.
 
     Args:
         coefficients: coefficients of each piece, as of `hermite_cubics`.
-        places: ends of the pieces, ascending.
+        places: ends of the pieces, ascending; the same for all elements, or their own.
     """
     _, one, two, three = np.moveaxis(coefficients, -1, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -117,7 +167,7 @@ def polynomial_extremes(
     t = np.concatenate([ends, np.where(inside, roots, 0.0)], axis=-1)
     c = coefficients[..., None, :]
     values = c[..., 0] + t * (c[..., 1] + t * (c[..., 2] + t * c[..., 3]))
-    at = places[:-1, None] + np.diff(places)[:, None] * t
+    at = places[..., :-1, None] + np.diff(places)[..., None] * t
     return sampled_extremes(values, at)
 
 

@@ -12,11 +12,17 @@ from ..analysis.solution import Solution
 from ..common import status
 from ..common.types import Bool, Float
 from ..elements import Beams
+from ..elements.abilities import POINT_LOADS
 from ..elements.bending import gauss_lobatto
 from ..elements.element import Element
-from ..model.result_parts import present_elements, values_per_group
+from ..model.result_parts import end_nodes, present_elements, values_per_group
 from ..model.structure import Structure
 from ..results import fibre_stress
+from ..results.interpolation import (
+    acting_point_loads,
+    forces_of_loads_on_pieces,
+    forces_of_point_loads,
+)
 from . import extremes
 
 _SAME = 1e-6
@@ -98,16 +104,20 @@ def increment_stresses(
         name, phase = names[index], solution.phases[index]
         path = phase.path
         stress = _group_stresses(structure, points, phase)
+        loads = _loads_in_path(structure, path)
         kept = [k for k, values in enumerate(stress) if values is not None]
         good = np.flatnonzero(np.asarray(path.status) == status.OK).tolist()
         for n in good if kept else ():
-            own = zip(
-                structure.groups, points, stress, _active_elements(structure, path, n), strict=True
-            )
+            present = _active_elements(structure, path, n)
             parts = [
-                _extreme_stresses(group, place, np.asarray(values[n], float), present)
-                for group, place, values, present in own
-                if values is not None
+                _extreme_stresses(
+                    structure.groups[k],
+                    points[k],
+                    np.asarray(stress[k][n], float),
+                    present[k],
+                    None if loads[k] is None else _loads_and_lengths(structure, path, k, n),
+                )
+                for k in kept
             ]
             factor = float(path.load_factor[n])
             called = name if factor == 1 else f"{name}, {factor:.3g}"
@@ -166,17 +176,34 @@ def _active_elements(structure: Structure, path: Path, k: int) -> list[Bool[np.n
     return [np.asarray(found)[k] > 0 for found in values_per_group(structure, path.present)]
 
 
-def _extreme_stresses(group, points, stress, present):
+def _loads_in_path(structure, path):
+    """Return `POINT_LOADS` of every group in all increments, or None, a list."""
+    return values_per_group(structure, (path.results or {}).get(POINT_LOADS.name))
+
+
+def _loads_and_lengths(structure, path, k, n):
+    """Return the `acting_point_loads` of group `k` in increment `n`, and the lengths, m."""
+    loads = _loads_in_path(structure, path)[k][n]
+    nodes = np.asarray(structure.nodes, float)
+    ends = (nodes + np.asarray(path.motion, float)[n, : len(nodes), :3])[
+        end_nodes(structure.groups[k])
+    ]
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return acting_point_loads(np.asarray(loads, float)), lengths
+
+
+def _extreme_stresses(group, points, stress, present, loads):
     """Return the `ExtremeStresses` of a group.
 
-    Along beams with linear laws the stress of a fibre is a parabola; with other laws only the
-    stresses at the integration points count.
+    Along beams with linear laws the stress of a fibre is a parabola, and between concentrated loads
+    a line more; with other laws only the stresses at the integration points count.
 
     Args:
         group: elements.
         points: their `SectionPoints`, or None.
         stress: [n_elem, n_fibre], or of beams [n_elem, n_point, n_fibre], Pa.
         present: whether each element is active, [n_elem].
+        loads: of beams, as of `_loads_and_lengths`; None without concentrated loads.
     """
     stress = stress.reshape(len(stress), *(1,) * (3 - stress.ndim), *stress.shape[1:])
     stress = np.where(present[:, None, None], stress, np.nan)
@@ -184,8 +211,7 @@ def _extreme_stresses(group, points, stress, present):
     if isinstance(group, Beams):
         places = gauss_lobatto(stress.shape[1])[0]
         if group.section.is_elastic:
-            ends = np.array([0.0, 1.0])
-            found = extremes.polynomial_extremes(extremes.fit_parabola(fibres, places), ends)
+            found = _extremes_of_linear_fibres(group, points, fibres, places, loads)
         else:
             found = extremes.sampled_extremes(fibres[:, :, None], places[None])
     else:
@@ -196,6 +222,36 @@ def _extreme_stresses(group, points, stress, present):
         _governing_fibre(points, *high),
         _stress_utilization(group, stress),
     )
+
+
+def _extremes_of_linear_fibres(group, points, fibres, places, loads):
+    """Return the `Extremes` of the stress along each fibre with a linear law, [n_elem, n_fibre].
+
+    Args:
+        group: beams.
+        points: their `SectionPoints`.
+        fibres: stresses at the integration points, [n_elem, n_fibre, n_point], Pa.
+        places: integration points, from 0 to 1.
+        loads: as of `_loads_and_lengths`, or None.
+    """
+    whole = np.array([0.0, 1.0])
+    if loads is None:
+        return extremes.polynomial_extremes(extremes.fit_parabola(fibres, places), whole)
+    loads, length = loads
+    levers = np.stack([np.ones_like(points.y), points.z, -points.y]) * points.modulus
+    strain_of_force = np.linalg.inv(np.asarray(group.section.stiffness(), float))
+
+    def stress_of(forces):
+        """Return stresses [n_elem, n_fibre, n_place] under section forces of the loads."""
+        return np.swapaxes(forces[..., [0, 4, 5]] @ strain_of_force @ levers, 1, 2)
+
+    smooth = fibres - stress_of(forces_of_point_loads(loads, length, places[None]))
+    ends = extremes.cut_places(whole, loads[..., 0])
+    starts, stops = forces_of_loads_on_pieces(loads, length, ends)
+    ends = ends[:, None]
+    pieces = extremes.cut_cubics(extremes.fit_parabola(smooth, places), whole, ends)
+    pieces = extremes.add_lines(pieces, stress_of(starts), stress_of(stops))
+    return extremes.polynomial_extremes(pieces, ends)
 
 
 def _governing_fibre(points, values, at, sign):

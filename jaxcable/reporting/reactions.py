@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from ..analysis.solution import State
+from ..common.types import Float, Int
 from ..common.units import SI, Units
-from ..elements.spring import SPRING_FORCE
-from ..model.result_parts import values_per_group
+from ..elements.spring import SPRING_FORCE, SPRING_MOMENT
+from ..model.result_parts import named_groups_of, present_elements, values_per_group
 from ..model.structure import Structure
 from ..model.supports import FixedDofs
 from .columns import envelope_columns
@@ -30,8 +32,9 @@ def reaction_table(
 ) -> Table:
     """Return the table of reactions in the final state, and of the largest resultant at each node.
 
-    It has all nodes that are supported in the final state or in one of `states`. A component in a
-    direction that is not supported in the final state has no value.
+    It has all nodes that are supported in the final state or in one of `states`, and then all
+    springs and bearings on the ground. A component in a direction that is not supported in the
+    final state has no value.
 
     Args:
         structure: `Structure`.
@@ -50,27 +53,71 @@ def reaction_table(
     # a skew support that has rotated with its node may push along other axes, too
     held[:, : values.shape[1]] |= np.abs(values) > _rounding_limits(values)
     nodes = np.flatnonzero(ever.any(axis=1))
-    parts = np.where(held[:, : values.shape[1]], values, np.nan)[nodes].T
-    size = np.where(held[:, :3].any(axis=1), np.linalg.norm(values[:, :3], axis=1), np.nan)[nodes]
-    every = [np.linalg.norm(other.result.reactions, axis=1)[nodes] for other in states.values()]
-    sizes = np.array(every).reshape(len(every), len(nodes))
+    parts = np.where(held[:, : values.shape[1]], values, np.nan)[nodes]
+    every = [np.asarray(other.result.reactions, float)[nodes] for other in states.values()]
+    ground = _ground_rows(structure, state)
+    count = values.shape[1]
+    if len(ground.nodes):
+        count = max(count, 6 if np.isfinite(ground.values[:, 3:]).any() else 3)
+        parts = np.pad(parts, ((0, 0), (0, count - parts.shape[1])), constant_values=np.nan)
+        parts = np.vstack([parts, ground.values[:, :count]])
+        also = [_ground_rows(structure, other.result).values for other in states.values()]
+        every = [np.vstack([a, b[:, :3]]) for a, b in zip(every, also, strict=True)]
+    forces = np.nan_to_num(parts[:, :3])
+    some = np.isfinite(parts[:, :3]).any(axis=1)
+    size = np.where(some, np.linalg.norm(forces, axis=1), np.nan)
+    sizes = np.array([np.linalg.norm(other, axis=1) for other in every])
+    sizes = sizes.reshape(len(every), len(parts))
     largest, when = envelope_columns("largest R", "N", sizes, list(states), 1, heading="max. R")
     columns = [
-        Column("node", "", nodes),
-        *(Column(f"R{axis}", "N", part) for axis, part in zip("xyz", parts[:3], strict=True)),
+        Column("node", "", np.concatenate([nodes, ground.nodes])),
+        *(Column(f"R{axis}", "N", part) for axis, part in zip("xyz", parts.T[:3], strict=True)),
         Column("R", "N", size, governs=not states),
-        *(Column(f"M{axis}", "N m", part) for axis, part in zip("xyz", parts[3:], strict=False)),
+        *(Column(f"M{axis}", "N m", part) for axis, part in zip("xyz", parts.T[3:], strict=False)),
         largest._replace(governs=bool(states), detail=not several),
         when._replace(detail=not several),
     ]
+    if len(ground.nodes):
+        columns.insert(1, Column("by", "", ["support"] * len(nodes) + ground.names))
     title = "Support reactions (on the structure)"
-    blank = bool(np.isnan(parts[:3]).any())
-    total = values[:, :3].sum(axis=0)
-    total = np.where(np.abs(total) <= _rounding_limits(values)[:3] * len(values), 0.0, total)
+    total = values[:, :3].sum(axis=0) + np.nan_to_num(ground.values[:, :3]).sum(axis=0)
+    least = _rounding_limits(np.vstack([values[:, :3], np.nan_to_num(ground.values[:, :3])]))
+    total = np.where(np.abs(total) <= least[:3] * (len(values) + len(ground.nodes)), 0.0, total)
     numbers = ", ".join(f"{units.from_si(force, 'N'):.6g}" for force in total.tolist())
     notes = [f"sum of the forces: ({numbers}) {units.name('N')}"]
-    notes += ["blank: direction not supported in the final state"] if blank else []
+    if np.isnan(parts[:, :3]).any():
+        notes.append("blank: direction not supported in the final state")
     return make_table(title, columns, notes)
+
+
+class _GroundRows(NamedTuple):
+    """Springs and bearings on the ground: nodes [n], names, and forces and moments, [n, 6].
+
+    These are NaN without a spring against rotation, and of an inactive element.
+    """
+
+    nodes: Int[np.ndarray, " n"]
+    names: list[str]
+    values: Float[np.ndarray, "n 6"]
+
+
+def _ground_rows(structure, state):
+    """Return the `_GroundRows` of a state: of all groups that have the result `SPRING_FORCE`."""
+    results, present = state.element_results, present_elements(structure, state.present)
+    forces, moments = (
+        values_per_group(structure, results.get(name))
+        for name in (SPRING_FORCE.name, SPRING_MOMENT.name)
+    )
+    nodes, names, values = [np.zeros(0, int)], [], [np.zeros((0, 6))]
+    for k, (label, group) in enumerate(named_groups_of(structure)):
+        if forces[k] is None:
+            continue
+        none = np.full_like(forces[k], np.nan)
+        both = np.hstack([forces[k], none if moments[k] is None else moments[k]])
+        values.append(np.where(present[k][:, None], np.asarray(both, float), np.nan))
+        nodes.append(group.links.array[:, 0])
+        names += [f"{label or type(group).__name__} {n}" for n in range(len(both))]
+    return _GroundRows(np.concatenate(nodes), names, np.concatenate(values))
 
 
 def _supported_components(structure, fixed):
@@ -98,11 +145,8 @@ def _rounding_limits(values):
 
 def _forces_of_ground(structure, state):
     """Return the forces of springs and bearings on all nodes, [n_node, 3], N; zero without any."""
-    total = np.zeros((structure.n_node, 3))
-    values = state.element_results.get(SPRING_FORCE.name)
-    for group, forces in zip(structure.groups, values_per_group(structure, values), strict=True):
-        if forces is not None:
-            np.add.at(total, group.links.array[:, 0], forces)
+    total, ground = np.zeros((structure.n_node, 3)), _ground_rows(structure, state)
+    np.add.at(total, ground.nodes, np.nan_to_num(ground.values[:, :3]))
     return total
 
 

@@ -71,12 +71,13 @@ def _node_table(structure, states, cases):
 def _tilt_table(structure, state, states, several):
     """Return the table of tilt and twist, {"tilts": Table}; empty without beams and bars.
 
-    Groups of bars without compression, which are cables, have no rows.
+    Groups of bars without compression, which are cables, and springs to the ground have no rows.
     """
     kept = [
         k
         for k, group in enumerate(structure.groups)
-        if group.rotates or (isinstance(group, Bars) and not group.tension_only)
+        if group.links.shape[1] > 1  # springs have no chord
+        and (group.rotates or (isinstance(group, Bars) and not group.tension_only))
     ]
     if not kept:
         return {}

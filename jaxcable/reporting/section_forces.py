@@ -9,9 +9,17 @@ import numpy as np
 
 from ..common.types import Float
 from ..elements import Beams
+from ..elements.abilities import POINT_LOADS
+from ..elements.bending import gauss_lobatto
 from ..elements.element import SECTION_FORCES
 from ..model.result_parts import end_nodes, named_groups_of, present_elements, values_per_group
 from ..model.structure import Structure
+from ..results.interpolation import (
+    acting_point_loads,
+    forces_of_loads_on_pieces,
+    forces_of_point_loads,
+    interpolate_section_forces,
+)
 from . import extremes
 from .columns import element_columns, envelope_columns
 from .extremes import Extremes
@@ -58,11 +66,7 @@ def section_force_tables(
     tables: dict[str, Table] = {}
     zero = []
     for index, (name, rounding) in enumerate(zip(SECTION_FORCES.components, least, strict=True)):
-        kept = [
-            k
-            for k in beams
-            if any((np.abs(part[k][0][..., index]) > rounding).any() for part in parts)
-        ]
+        kept = [k for k in beams if any(part[k][2][index] > rounding for part in parts)]
         if not kept:
             zero.append(name)
             continue
@@ -96,50 +100,77 @@ def _group_section_forces(structure, beams, state):
         state: `EnvelopeState`.
 
     Returns:
-        A dict from the index of each group to a pair: the values at its points, N and N m,
-        [n_elem, n_point, 6], NaN for inactive elements; and `Extremes` [n_elem] by force.
+        A dict from the index of each group to a tuple: the values at its points, N and N m,
+        [n_elem, n_point, 6], NaN for inactive elements; `Extremes` [n_elem] by force; and the
+        largest size of each force, [6].
     """
     result, groups = state.result, {}
     forces, present = (
         values_per_group(structure, result.section_forces),
         present_elements(structure, result.present),
     )
+    loads = values_per_group(structure, (result.results or {}).get(POINT_LOADS.name))
     for k in beams:
         values = np.where(present[k][:, None, None], np.asarray(forces[k], float), np.nan)
         ends = np.asarray(result.positions, float)[end_nodes(structure.groups[k])]
-        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[:, None]
-        groups[k] = values, _extremes_along(values, length)
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        own = None if loads[k] is None else acting_point_loads(np.asarray(loads[k], float))
+        found = _extremes_along(values, length, own)
+        groups[k] = values, found, _largest_sizes(values, found, own)
     return groups
 
 
+def _largest_sizes(values, found, loads):
+    """Return the largest size of N, Vy, Vz, T, My, Mz in a group, [6]; 0 without active elements.
+
+    It is that at the points, and with concentrated loads also that of the `Extremes` `found`: a
+    force may act between two loads alone.
+    """
+    sizes = np.nanmax(np.abs(values.reshape(-1, 6)), axis=0, initial=0.0)
+    if loads is None:
+        return sizes
+    low_high = np.array([[found[n].low, found[n].high] for n in SECTION_FORCES.components])
+    return np.fmax(sizes, np.nanmax(np.abs(low_high), axis=(1, 2), initial=0.0))
+
+
 def _extremes_along(
-    values: Float[np.ndarray, "n_elem n_point 6"], length: Float[np.ndarray, "n_elem 1"]
+    values: Float[np.ndarray, "n_elem n_point 6"],
+    length: Float[np.ndarray, " n_elem"],
+    loads: Float[np.ndarray, "n_elem n_load 7"] | None,
 ) -> dict[str, Extremes]:
     """Return the `Extremes` along elements, a dict by name of the section force.
 
-    Between its points a moment is the polynomial whose slopes there are the shear forces, ``My' =
-    Vz`` and ``Mz' = -Vy``, of degree 5 for three points; shear forces are its slopes. This is exact
-    under uniform loads. The moment of an axial force on a deflection of degree 4 is exact, too, to
-    the second order of the rotations.
+    Between its points a force is what `interpolate_section_forces` makes of it, here by a cubic in
+    each of many pieces, and between concentrated loads the lines of `forces_of_point_loads` more.
 
     Args:
         values: section forces at the points, [n_elem, n_point, 6], N and N m.
-        length: lengths of the elements, [n_elem, 1], m.
+        length: lengths of the elements, [n_elem], m.
+        loads: `acting_point_loads`, or None.
     """
-    forces = dict(zip(SECTION_FORCES.components, np.moveaxis(values, -1, 0), strict=True))
-    found = {}
-    for name in ("N", "T"):
-        places, value, slope = extremes.fine_interpolation_matrices(values.shape[1], False)
-        shape = extremes.hermite_cubics(forces[name] @ value, forces[name] @ slope, places)
-        found[name] = extremes.polynomial_extremes(shape, places)
+    count = values.shape[1]
+    places, _, slope = extremes.fine_interpolation_matrices(count, False)
+    if loads is not None:
+        values = values - forces_of_point_loads(loads, length, gauss_lobatto(count)[0][None])
+    forces = interpolate_section_forces(values, length, places)
+    slopes = dict(zip(("N", "T"), np.moveaxis(values[..., [0, 3]], -1, 0) @ slope, strict=True))
+    by_name = dict(zip(SECTION_FORCES.components, np.moveaxis(forces, -1, 0), strict=True))
+    slopes["My"], slopes["Mz"] = length[:, None] * by_name["Vz"], -length[:, None] * by_name["Vy"]
+    cubics = {
+        name: extremes.hermite_cubics(by_name[name], change, places)
+        for name, change in slopes.items()
+    }
     for moment, shear, sign in (("My", "Vz", 1), ("Mz", "Vy", -1)):
-        places, value, slope = extremes.fine_interpolation_matrices(values.shape[1], True)
-        data = np.hstack([forces[moment], sign * length * forces[shear]])
-        shape = extremes.hermite_cubics(data @ value, data @ slope, places)
-        found[moment] = extremes.polynomial_extremes(shape, places)
-        slopes = sign * extremes.cubic_derivatives(shape, places) / length[..., None]
-        found[shear] = extremes.polynomial_extremes(slopes, places)
-    return found
+        change = extremes.cubic_derivatives(cubics[moment], places)
+        cubics[shear] = sign * change / length[:, None, None]
+    if loads is None:
+        return {name: extremes.polynomial_extremes(x, places) for name, x in cubics.items()}
+    ends = extremes.cut_places(places, loads[..., 0])
+    starts, stops = forces_of_loads_on_pieces(loads, length, ends)
+    for index, name in enumerate(SECTION_FORCES.components):
+        pieces = extremes.cut_cubics(cubics[name], places, ends)
+        cubics[name] = extremes.add_lines(pieces, starts[..., index], stops[..., index])
+    return {name: extremes.polynomial_extremes(x, ends) for name, x in cubics.items()}
 
 
 def _rounding_limits(structure, parts):
@@ -147,8 +178,7 @@ def _rounding_limits(structure, parts):
 
     `parts` has the `_group_section_forces` of each state.
     """
-    every = [values.reshape(-1, 6) for part in parts for values, _ in part.values()]
-    sizes = np.nanmax(np.abs(np.concatenate(every)), axis=0, initial=0.0)
+    sizes = np.max([sizes for part in parts for _, _, sizes in part.values()], axis=0)
     extent = np.ptp(np.asarray(structure.nodes, float), axis=0).max()
     force = sizes[:3].max()
     return _NEGLIGIBLE * np.repeat([force, max(sizes[3:].max(), force * extent)], 3)
@@ -198,12 +228,13 @@ def _section_force_notes(zero, parts, kind):
         "sign convention: N > 0 is tension; forces and moments act along the axes of the section, "
         "on the part of the element at its start node, from the part at its end node",
         "x/L: position from the start node, 0 to 1; blank where the force is constant",
-        "extremes: exact for uniform load; error about 1e-4 at element rotations of 0.01 rad",
+        "extremes: exact for uniform and concentrated loads; error about 1e-4 at element rotations "
+        "of 0.01 rad",
     ]
     if kind is not None:
         notes.append(f"min, max: along the element in the final state; envelope: over all {kind}")
     if zero:
         notes.append(f"{', '.join(zero)}: zero everywhere")
-    if any(np.isnan(values[:, 0, 0]).any() for values, _ in parts[0].values()):
+    if any(np.isnan(values[:, 0, 0]).any() for values, *_ in parts[0].values()):
         notes.append("no values: the element is not active in the final state")
     return tuple(notes)

@@ -55,10 +55,10 @@ def interpolation_matrices(
 
 
 def interpolate_section_forces(
-    forces: Float[Array, "n_elem n_point 6"],
-    length: Float[Array, " n_elem"],
+    forces: Float[Any, "n_elem n_point 6"],
+    length: Float[Any, " n_elem"],
     places: Float[np.ndarray, " n_place"],
-) -> Float[Array, "n_elem n_place 6"]:
+) -> Float[Any, "n_elem n_place 6"]:
     """Interpolate section forces to any place from those at the Gauss-Lobatto points of beams.
 
     Moments follow the polynomial whose slopes at the points are the shear forces, ``My' = Vz`` and
@@ -71,27 +71,28 @@ def interpolate_section_forces(
         places: from 0 to 1, [n_place].
 
     Returns:
-        ``N, Vy, Vz, T, My, Mz`` at the places, [n_elem, n_place, 6].
+        ``N, Vy, Vz, T, My, Mz`` at the places, [n_elem, n_place, 6], NumPy or JAX like the forces.
     """
-    count, at = forces.shape[1], tuple(map(float, places))
+    xp, count, at = _module_of(forces), forces.shape[1], tuple(map(float, places))
     plain, (value, slope) = (
         interpolation_matrices(count, False, at)[0],
         interpolation_matrices(count, True, at),
     )
-    parts = jnp.moveaxis(forces, 2, 0)
+    parts = xp.moveaxis(forces, 2, 0)
     axial, torque = parts[0] @ plain, parts[3] @ plain
     span = length[:, None]
-    about_y = jnp.hstack([parts[4], span * parts[2]])
-    about_z = jnp.hstack([parts[5], -span * parts[1]])
+    about_y = xp.hstack([parts[4], span * parts[2]])
+    about_z = xp.hstack([parts[5], -span * parts[1]])
     shear_y, shear_z = -(about_z @ slope) / span, about_y @ slope / span
-    return jnp.stack([axial, shear_y, shear_z, torque, about_y @ value, about_z @ value], axis=2)
+    return xp.stack([axial, shear_y, shear_z, torque, about_y @ value, about_z @ value], axis=2)
 
 
 def forces_of_point_loads(
-    loads: Float[Array, "n_elem n_load 7"],
-    length: Float[Array, " n_elem"],
-    places: Float[np.ndarray, " n_place"],
-) -> Float[Array, "n_elem n_place 6"]:
+    loads: Float[Any, "n_elem n_load 7"],
+    length: Float[Any, " n_elem"],
+    places: Float[np.ndarray, "#n_elem n_place"],
+    seen_from: Float[np.ndarray, "#n_elem n_place"] | None = None,
+) -> Float[Any, "n_elem n_place 6"]:
     """Return section forces of straight cantilevers, held at the second end, under loads.
 
     They have the jumps and kinks of section forces under these loads: what is left without them is
@@ -100,14 +101,21 @@ def forces_of_point_loads(
     Args:
         loads: `elements.abilities.POINT_LOADS`.
         length: of the elements, [n_elem], m.
-        places: from 0 to 1, [n_place]; at the place of a load the forces are those before it,
-            except at the first end.
+        places: from 0 to 1, [n_elem or 1, n_place]; at the place of a load the forces are those
+            before it, except at the first end.
+        seen_from: for each place one on the same side of the loads as the section, where that is
+            the side that counts at the place of a load; default: the places.
+
+    Returns:
+        ``N, Vy, Vz, T, My, Mz`` at the places, [n_elem, n_place, 6], NumPy or JAX like the loads.
     """
-    place, force, moment = jnp.split(loads[:, None], [1, 4], axis=-1)
-    s = jnp.asarray(places)[None, :, None, None]
-    acts = ((s > place) | (place <= 0)).astype(loads.dtype)
+    xp = _module_of(loads)
+    place, force, moment = loads[:, None, :, :1], loads[:, None, :, 1:4], loads[:, None, :, 4:]
+    s = xp.asarray(places)[:, :, None, None]
+    side = s if seen_from is None else xp.asarray(seen_from)[:, :, None, None]
+    acts = ((side > place) | (place <= 0)).astype(loads.dtype)
     arm = (s - place) * length[:, None, None, None]
-    about = jnp.concatenate(
+    about = xp.concatenate(
         [
             moment[..., :1] + 0 * arm,
             moment[..., 1:2] + arm * force[..., 2:],
@@ -115,8 +123,53 @@ def forces_of_point_loads(
         ],
         axis=-1,
     )
-    each = jnp.concatenate([force + 0 * arm, about], axis=-1)
-    return -jnp.sum(acts * each, axis=2)
+    each = xp.concatenate([force + 0 * arm, about], axis=-1)
+    return -(acts * each).sum(axis=2)
+
+
+def forces_of_loads_on_pieces(
+    loads: Float[np.ndarray, "n_elem n_load 7"],
+    length: Float[np.ndarray, " n_elem"],
+    ends: Float[np.ndarray, "n_elem 1+n_piece"],
+) -> tuple[Float[np.ndarray, "n_elem n_piece 6"], Float[np.ndarray, "n_elem n_piece 6"]]:
+    """Return `forces_of_point_loads` just within both ends of pieces that no load divides.
+
+    Args:
+        loads, length: as of `forces_of_point_loads`.
+        ends: of the pieces, ascending, from 0 to 1; the places of all loads are among them.
+
+    Returns:
+        The forces at the starts and at the stops of the pieces, two arrays [n_elem, n_piece, 6].
+        They are linear between.
+    """
+    middle = ends[:, :-1] + np.diff(ends) / 2
+    starts, stops = (
+        forces_of_point_loads(loads, length, at, middle) for at in (ends[:, :-1], ends[:, 1:])
+    )
+    return starts, stops
+
+
+def _module_of(values: Any) -> Any:
+    """Return `numpy` for a NumPy array, `jax.numpy` for a JAX array."""
+    return np if isinstance(values, np.ndarray) else jnp
+
+
+def acting_point_loads(
+    loads: Float[np.ndarray, "n_elem n_load 7"],
+) -> Float[np.ndarray, "n_elem n_acting 7"]:
+    """Return the concentrated loads that are not zero, those of each element in its first rows.
+
+    Loads that follow a path stand in all of its elements, and are zero in all but one or two.
+
+    Returns:
+        Loads [n_elem, n_acting, 7], by their places along the element; elements with fewer loads
+        have rows of zeros.
+    """
+    acts = (loads[..., 1:] != 0).any(axis=-1)
+    order = np.argsort(np.where(acts, loads[..., 0], np.inf), axis=1, kind="stable")
+    order = order[:, : int(acts.sum(axis=1).max(initial=0))]
+    rows = np.take_along_axis(loads, order[..., None], axis=1)
+    return np.where(np.take_along_axis(acts, order, axis=1)[..., None], rows, 0.0)
 
 
 def interpolate_recorded_forces(
@@ -156,9 +209,9 @@ def interpolate_recorded_forces(
             length = jnp.sqrt((chord * chord).sum(axis=1))
             if own is not None:
                 at = gauss_lobatto(values.shape[1])[0]
-                values = values - forces_of_point_loads(own, length, at)
+                values = values - forces_of_point_loads(own, length, at[None])
             values = interpolate_section_forces(values, length, places)
             if own is not None:
-                values = values + forces_of_point_loads(own, length, places)
+                values = values + forces_of_point_loads(own, length, places[None])
         found.append(values)
     return found

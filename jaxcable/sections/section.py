@@ -171,3 +171,12 @@ class Section(Fibres):
 
     strains = strains.solve_strains
     interaction = capacity.interaction
+
+
+def section_hint(value: object) -> str:
+    """Return the end of a message on a profile, or its name, in place of a `Section`; else ""."""
+    if isinstance(value, str):
+        return f" = {value!r}: expected a Section; make one by catalogue.profile(name, law)"
+    if callable(getattr(value, "section", None)):
+        return f": expected a Section, got {type(value).__name__}; make one by its .section(law)"
+    return ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import Literal
 
 import jax
@@ -76,7 +77,11 @@ def natural_frequencies(
     state: Solution | State,
     n: int = 6,
     *,
-    masses: Float[ArrayLike, " n_node"] | Float[ArrayLike, ""] | PointMasses | None = None,
+    masses: Float[ArrayLike, " n_node"]
+    | Float[ArrayLike, ""]
+    | PointMasses
+    | Sequence[PointMasses]
+    | None = None,
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
     gravity: Float[ArrayLike, ""] = STANDARD_GRAVITY,
     distribution: Literal["lumped", "consistent", "mean"] | None = None,
@@ -86,6 +91,11 @@ def natural_frequencies(
     K is the tangent stiffness of the state, which includes prestress and loads. M has the masses of
     the element groups, from their weights and `gravity`, and `masses`. Rotations of nodes and of
     sections of beams have no inertia of their own. Dense, meant for some hundred unknowns.
+
+    A state has forces, and does not know which of them are weights: masses of which only the weight
+    was a load, `PointMasses` included, count here if they are given as `masses`. Without `masses`
+    an `InputWarning` is issued (outside of transformations) where downward nodal loads are larger
+    than the weights of the elements.
 
     A catenary is one element for a whole span: half of its mass moves with each end, and modes
     within the span are not found. An `InputWarning` is issued (outside of transformations) if the
@@ -100,7 +110,9 @@ def natural_frequencies(
         n: number of modes; fewer if fewer have mass (if traced, the remaining frequencies are inf).
 
     Options:
-        masses: added masses at the nodes, [n_node] or scalar, kg, or `PointMasses`; default none.
+        masses: added masses at the nodes, [n_node] or scalar, kg; or `PointMasses`, one or several
+            in a list, such as those that were loads of the analysis; default none. Give 0.0 where
+            nodal loads are no weights.
         fixed: degrees of freedom to leave out, as in `stiffness.tangent_of`.
         gravity: acceleration that weights are divided by, m/s2; default 9.80665.
         distribution: of an element's mass m. "lumped": half at each end. "consistent" with the
@@ -139,14 +151,12 @@ def natural_frequencies(
         names = ", ".join(map(repr, _DISTRIBUTIONS))
         raise ValueError(f"distribution = {distribution!r}: expected one of {names}")
     gravity = nan_if_broken(positive("gravity", gravity))
-    if isinstance(masses, PointMasses):
-        masses.check(structure)
-        masses = masses.masses_of_nodes(structure.n_node)
-    elif masses is not None:
-        masses = jnp.broadcast_to(checks.as_floats(masses, "masses"), structure.n_node)
-        masses = nan_if_broken(not_negative("masses", masses))
+    if masses is not None:
+        masses = _masses_of_nodes(structure, masses)
     require_symmetric_elements(structure, "natural_frequencies")
     without_indices, index_arrays, dof_map = split_solution_state(structure, state, fixed)
+    if masses is None:
+        _warn_of_weights_without_mass(structure, state)
     require_dense_memory(dof_map, _DENSE_MATRICES, "natural_frequencies")
     weights = [group.weight for group in structure.groups]
     known = [checks.array_if_known(amount) for amount in (*weights, masses) if amount is not None]
@@ -176,6 +186,43 @@ def natural_frequencies(
     )
     _warn_of_modes_within_spans(structure, without_indices, index_arrays, gravity, found)
     return found
+
+
+def _masses_of_nodes(structure, masses):
+    """Return the argument `masses` of `natural_frequencies` as an array [n_node], kg."""
+    several = masses if isinstance(masses, list | tuple) else [masses]
+    if any(isinstance(one, PointMasses) for one in several):
+        for k, one in enumerate(several):
+            if not isinstance(one, PointMasses):
+                raise ValueError(f"masses[{k}]: expected PointMasses, got {type(one).__name__}")
+            one.check(structure)
+        return sum(one.masses_of_nodes(structure.n_node) for one in several)
+    hint = "; one mass for each node, one for all, or PointMasses"
+    masses = checks.floats_of_shape(masses, "masses", (), (structure.n_node,), hint=hint)
+    masses = jnp.broadcast_to(masses, structure.n_node)
+    return nan_if_broken(not_negative("masses", masses))
+
+
+def _warn_of_weights_without_mass(structure, state):
+    """Warn if downward nodal loads of a state, which have no mass, are more than its weights."""
+    restart = (state.last if isinstance(state, Solution) else state).restart
+    weights = [
+        group.weights(own)
+        for group, own in zip(structure.groups, restart.states, strict=True)
+        if group.weight is not None
+    ]
+    known = [checks.array_if_known(x) for x in (restart.nodal_load, *weights)]
+    if any(x is None for x in known):
+        return
+    nodal, *weights = known
+    down = -np.minimum(nodal[: structure.n_node, 2], 0.0).sum()
+    weight = sum(float(np.sum(x)) for x in weights)
+    if down > weight > 0:
+        checks.warn_user(
+            f"masses: nodal loads of {down:.4g} N downwards have no mass here, elements weigh "
+            f"{weight:.4g} N; give masses=..., such as the PointMasses of the analysis, or "
+            "masses=0.0 if these loads are no weights"
+        )
 
 
 @functools.partial(jax.jit, static_argnames=("distribution",))

@@ -332,6 +332,15 @@ def test_optimize_says_that_no_pretension_is_needed(scene, capsys):
         assert "\npretension 0 N\n" in out and "KKT" not in out
 
 
+def test_optimize_does_not_say_that_limits_are_met_that_are_not(scene, capsys):
+    """Bounds allow no pretension: the sum is zero, and the net sags more than it may."""
+    jc.save_scene("net.json", (NET.structure, [NET.phases[0], jc.replace(LOADED, increments=1)]))
+    assert command("optimize net.json --deflection 0.001 --bounds 0 0 --one") == 1
+    out = capsys.readouterr().out
+    assert "no pretension is needed" not in out and "violated by" in out
+    assert "the best design found has no pretension" in out
+
+
 def test_optimize_that_fails_writes_nothing_unasked(scene, capsys):
     """The best design of a search that has not ended is written by --keep, none of a bad start."""
     save_bare("bare.json")

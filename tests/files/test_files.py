@@ -277,7 +277,11 @@ def test_tables_have_units_and_all_digits(solved, tmp_path):
     arrays = solution.positions, solution.displacement, solution.load, solution.reactions
     found = np.array([row[2:] for row in nodes[1:-1]], float)
     np.testing.assert_array_equal(found, np.hstack(arrays))
-    assert elements[0][4:] == ["tension (N)", "unstressed length (m)", "peak tension (N)"]
+    assert elements[0][4:] == [
+        "tension (N)",
+        "unstressed length at present temperature (m)",
+        "peak tension (N)",
+    ]
     assert [float(row[4]) for row in elements[1:-1]] == solution.tension["net"].tolist()
     assert len(increments) == 13 and increments[1][:3] == ["1", "1", "1.0"]
 

@@ -265,6 +265,11 @@ frame(HELD + jc.pinned([4]), stay=(4, 3), n_node=5, rigid=[[2, 4]])
 ## beams and sections
 jc.Beams([[0, 1]])  # section: missing; a group of beams needs a Section
 jc.Beams([[0, 1]], section=1e-4)  # section: missing; a group
+jc.Beams([[0, 1]], "HEA 200")  # section = 'HEA 200': expected a Section; ... catalogue.profile(
+jc.Beams([[0, 1]], jc.catalogue.profile_data("HEA 200"))
+    # section: expected a Section, got ProfileData; make one by its .section(law)
+jc.Bars([[0, 1]], section=jc.catalogue.profile_data("HEA 200"))
+    # section: expected a Section, got ProfileData; make one by its .section(law)
 beams(section=ANGLE)  # torsional_stiffness: missing; this section has
 beams(up=[0.0, 1.0])  # up: expected shape (3,) or (2, 3)
 jc.Structure([[0, 0, 0], [2e-3, 0, 1.0]], jc.Beams([[0, 1]], section=BOX), jc.clamped([0]))
@@ -354,6 +359,9 @@ jc.LineLoads(UP, on="net", elements=jc.only([2])).check(net(elements=TWO))
     # elements of elements['net']: elements[0] = 2: the group has elements 0 to 1
 jc.LineLoads((0, 1.0))  # forces: expected shape (3,), got (2,)
 framed(jc.LineLoads(UP, on="mast"))  # ...on = 'mast': no such key in the structure's elements
+loaded(jc.LineLoads(UP, on="soil"), structure=net(elements={"net": cables(), "soil":
+        jc.Bearings([1], 1e9)}))
+    # ...on = 'soil': elements['soil'] (Bearings) has no length to load; loads per length act along
 jc.LineLoads([UP, UP], factor=[1.0])  # factor: expected a scalar or shape (2,), got (1,)
 loaded(jc.LineLoads([UP, UP]))  # ...forces: has values for 2 elements; elements has 3
 loaded(jc.LineLoads(UP, factor=[1.0, 2.0], elements=jc.only([1])))
@@ -530,6 +538,10 @@ jc.Incremental(stiffness="x")  # stiffness = 'x': expected
 jc.Newton(linear_solver="lu")  # linear_solver = 'lu'
 
 ## results
+jc.stiffness.natural_frequencies(HUNG, solution(), masses=np.ones(7))
+    # masses: expected a scalar or shape (4,), got (7,); one mass for each node
+jc.stiffness.natural_frequencies(HUNG, solution(), masses=[jc.PointMasses([1], 1.0), 2.0])
+    # masses[1]: expected PointMasses, got float
 jc.describe(design.Design(*[0] * 9))  # code: got a Design; give its status
 jc.describe(np.zeros(2, int))  # code: expected one code, got shape (2,); take one
 jc.raise_if_failed(0)  # raise_if_failed: expected a solution, got int; describe(code)

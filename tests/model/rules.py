@@ -572,6 +572,7 @@ OTHERWISE = {
     "stiffness/vibration.py:_without_massless_modes": "no rule: how many modes have mass",
     "stiffness/vibration.py:natural_frequencies": "NaN where it is traced: an unsymmetric tangent",
     "stiffness/vibration.py:_warn_of_modes_within_spans": "no rule: a warning",
+    "stiffness/vibration.py:_warn_of_weights_without_mass": "no rule: a warning",
     "stiffness/buckling.py:buckling_factor": "NaN where it is traced",
     "stiffness/buckling.py:_can_be_unstressed": "NaN where it is traced",
     "model/supports.py:_orthonormal_axes": "traced directions are refused",

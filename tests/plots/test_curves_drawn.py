@@ -155,6 +155,30 @@ def test_increments_have_curves(cantilever, rope, tmp_path):
         assert gif.n_frames == 2
 
 
+def test_magnified_after_another_analysis(cantilever):
+    """Two phases, or the second one after an analysis of the first one: one deflected line.
+
+    Displacements and rotations count from the nodes of the input, magnified 40 times.
+    """
+    structure, both = cantilever
+    _, first = loaded(structure, (0.0, 0.0, -LOAD))
+    load = jc.NodalLoads([1], (0.0, 0.0, -LOAD))
+    second = jc.solve(structure, jc.Phase(loads=load), start=first)
+    assert int(second.status) == 0
+    x = np.linspace(0.0, LENGTH, element_curves.PLACES)
+    pictures = [
+        jc.plots.sequence(both, magnify=40.0, structure=structure).axes[1],
+        jc.plots.sequence(second, magnify=40.0, structure=structure).axes[0],
+        jc.plots.net(second, magnify=40.0, structure=structure).axes[1],
+    ]
+    for axes in pictures:
+        # end shortened by the rotation, w'^2, and magnified: 40 * 3e-5 m; of 40 * 3 mm
+        (line,) = colored(axes)
+        np.testing.assert_allclose(line[:, 1], 40 * deflection(x, 2 * LOAD), atol=2e-4)
+    shots = snapshots.Snapshots(second, structure).increments(9)
+    np.testing.assert_allclose(shots[-1].positions, second.positions, atol=1e-12)
+
+
 def test_a_cable_that_is_added_hangs_in_all_increments():
     """Its shape is known from the phase that adds it, not from the end of the phase before."""
     nodes = [[0.0, 0, 0], [100.0, 0, 0], [0, 50.0, 0], [100.0, 50.0, 0]]
@@ -291,6 +315,24 @@ def test_arrows_keep_off_the_elements():
     reactions.draw(axes, view)
     orders = [(q.zorder, q.N) for q in axes.collections if isinstance(q, Quiver)]
     assert orders == [(1.5, 1), (6, 3)]  # one under the elements, at 3, the others above
+
+
+def test_reactions_of_rounding_size_have_no_arrows():
+    """A ring that is prestressed in itself: 1 kN in its bars, 1e-13 kN at its supports."""
+    nodes = np.array([[0.0, 0, 0], [2.0, 0, 0], [0.0, 1e-13, 0]])
+    view = views.choose_view(nodes, "plan")
+    force = np.array([[0.0, 0, 0], [1e-10, 0, 0], [0, 1e-13, 0]])
+    at = force, nodes, view, nodes, np.array([[0, 1]])
+    assert len(symbols.ForceArrows("reaction", *at, push=False).tails) == 2
+    assert not symbols.ForceArrows("reaction", *at, push=False, least=1e3).legend()
+    structure, phases = jc.scenes.flat_net()
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    tiny = jc.replace(solution.last, reactions=1e-13 * solution.last.reactions)
+    for state, count in ((solution.last, 1), (tiny, 0)):
+        figure = jc.plots.net(solution, structure=structure, state=state, reactions=True)
+        texts = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+        assert sum("reaction" in text for text in texts) == count
 
 
 # --- diagrams of section forces

@@ -393,6 +393,38 @@ def test_reactions_have_the_components_that_supports_hold():
     assert "on the structure" in told.tables["reactions"].title
 
 
+def test_springs_and_bearings_are_among_the_reactions():
+    """q L / 2 on a bearing at one end; at the other q L / 2 too, and a spring takes the torque.
+
+    The sum is the load, as in the global equilibrium.
+    """
+    group = jc.Beams([[0, 1]], section=SECTION)
+    elements = {
+        "beam": group,
+        "pad": jc.Bearings([1], 1e6),
+        "soil": jc.Springs([0], (0.0, 0.0, 1e6), rotational_stiffness=(5e4, 0.0, 0.0)),
+    }
+    held = jc.restrained([0], "xy", "z") + jc.restrained([1], "y")
+    structure = jc.Structure([[0.0, 0, 0], [LENGTH, 0, 0]], elements, held)
+    torque, load = 0.4, jc.LineLoads((0.0, 0.0, -SMALL), on="beam")
+    twist = jc.NodalLoads([1], (0.0, 0.0, 0.0), (torque, 0.0, 0.0))
+    solution = jc.solve(structure, jc.Phase(loads=[load, twist]))
+    assert int(solution.status) == 0
+    told = jc.report(structure, solution)
+    table = told.tables["reactions"]
+    found = {(row["by"], row["node"]): row for row in rows(table)}
+    assert set(found) == {("support", 0), ("support", 1), ("pad 0", 1), ("soil 0", 0)}
+    half = SMALL * LENGTH / 2
+    for key in (("pad 0", 1), ("soil 0", 0)):
+        assert [found[key]["Rz"], found[key]["R"]] == pytest.approx([half, half], rel=1e-6)
+    assert found["soil 0", 0]["Mx"] == pytest.approx(-torque, rel=1e-6)
+    assert found["pad 0", 1]["Mx"] is None and found["support", 1]["Rz"] is None
+    assert table.notes[0] == "sum of the forces: (0, 0, 6) N"
+    (sums,) = (row for row in told.tables["equilibrium"].rows if row[0] == "reactions")
+    assert sum(row["Rz"] or 0.0 for row in found.values()) == pytest.approx(sums[3], rel=1e-9)
+    assert all(row["group"] == "beam" for row in rows(told.tables["tilts"]))  # springs have none
+
+
 def test_reactions_balance_the_wind_about_the_foot_of_a_mast(mast):
     """Forces along the wind, and all moments, where nodes are in the end."""
     _, phases, solution, told = mast
@@ -422,3 +454,79 @@ def test_groups_have_their_extremes_and_what_governs(mast):
         assert force[["prestress", "wind"].index(when), of] == low
         assert force[["prestress", "wind"].index(when_high), of_high] == high
     assert len({tuple(row[2:8]) for row in table.rows}) == len(structure.elements) > 1
+
+
+def statics(loads, q=0.0):
+    """Vz and My at many places of the simple beam by cutting it, with both sides of each load.
+
+    `loads` are tuples (place from 0 to 1, force along z, moment about y); q acts along z, N/m.
+    """
+    cuts = np.array([load[0] for load in loads])
+    s = np.concatenate([np.linspace(0.0, 1.0, 20001), cuts, cuts])
+    beyond = np.concatenate([np.zeros(20001 + len(cuts)), np.ones(len(cuts))])
+    x = LENGTH * s
+    # reaction at the start, along z, from the moments of all loads about the other end
+    about = sum(f * (1 - a) * LENGTH + m for a, f, m in loads) + q * LENGTH**2 / 2
+    shear = np.full(len(x), about / LENGTH) - q * x
+    moment = about / LENGTH * x - q * x**2 / 2
+    for a, f, m in loads:
+        passed = (s > a) | ((s == a) & (beyond > 0))
+        shear = shear - f * passed
+        moment = moment - (f * (x - a * LENGTH) + m) * passed
+    return s, shear, moment
+
+
+def test_extremes_at_loads_within_an_element():
+    """Two forces, a couple and a line load; then the first force is gone: both phases govern.
+
+    Between places of the elements the report follows the loads, not a polynomial.
+    """
+    first = [(0.3, -1.0, 0.0), (0.8, -0.6, 0.0), (0.55, 0.0, 1.5)]
+    second = [(0.3, 2.0, 0.0)]
+    structure, line = beam(SIMPLE), 0.2
+    each = [
+        jc.PointLoads([0] * len(p), [a for a, *_ in p], [(0, 0, f) for _, f, _ in p],
+                      [(0, m, 0) for *_, m in p])
+        for p in (first, second)
+    ]  # fmt: skip
+    phases = [
+        jc.Phase(loads=[each[0], jc.LineLoads((0.0, 0.0, line))]),
+        jc.Phase(loads=each[1], increments=2),
+    ]
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    told = jc.report(structure, solution)
+    ways = [statics([*first, (0.3, 0.0, 0.0)], line), statics(first + second, line)]
+    for name, k in (("Vz", 1), ("My", 2)):
+        (row,) = rows(told.tables[name])
+        end = ways[1][k]
+        # slopes of 1e-5; the places of the oracle are 3e-4 m apart: q dx^2 is 1e-8 N m
+        assert [row["lowest"], row["highest"]] == pytest.approx([end.min(), end.max()], abs=3e-8)
+        both = np.concatenate([way[k] for way in ways])
+        assert [row["min"], row["max"]] == pytest.approx([both.min(), both.max()], abs=3e-8)
+        assert np.abs(end - ways[0][k]).max() > 0.5
+    (row,) = rows(told.tables["My"])
+    s, _, moment = ways[1]
+    assert row["at "] == pytest.approx(s[moment.argmax()], abs=1e-4)
+    (stress,), (all_,) = (rows(told.tables[n]) for n in ("stresses", "stress_envelope"))
+    largest = np.abs(moment).max() / MODULUS
+    assert [stress["lowest"], stress["highest"]] == pytest.approx([-largest, largest], rel=1e-6)
+    largest = max(np.abs(way[2]).max() for way in ways) / MODULUS
+    assert [all_["lowest"], all_["highest"]] == pytest.approx([-largest, largest], rel=1e-6)
+
+
+def test_extremes_under_a_train_between_nodes():
+    """Two axles on a deck of two elements: the largest moment is under an axle."""
+    span, axles, at = 10.0, 50e3, np.array([4.0, 5.5])
+    deck = jc.Beams([[0, 1], [1, 2]], section=jc.Section.rectangle(0.3, 0.9, jc.Elastic(210e9)))
+    ends = jc.restrained([0], "xyz", "x") + jc.restrained([2], "yz")
+    structure = jc.Structure([[0.0, 0, 0], [7.0, 0, 0], [span, 0, 0]], deck, ends)
+    train = jc.loads.Train([0, 1], at[1], (0.0, 0.0, -axles), [1.5])
+    solution = jc.solve(structure, jc.Phase(loads=train))
+    assert int(solution.status) == 0
+    told = rows(jc.report(structure, solution).tables["My"])
+    reaction = axles * (2 * span - at.sum()) / span
+    moments = np.array([reaction * at[0], reaction * at[1] - axles * 1.5])
+    # deflections of a few mm: the second order is 1e-6 of the first
+    assert min(row["lowest"] for row in told) == pytest.approx(-moments.max(), rel=1e-5)
+    assert told[0]["at"] * 7.0 == pytest.approx(at[moments.argmax()], abs=1e-6)

@@ -363,3 +363,22 @@ def test_a_sparse_mass_matrix_is_the_dense_one():
     dense, sparse = found
     np.testing.assert_allclose(sparse.dense(), dense, rtol=1e-12, atol=1e-15)
     assert np.count_nonzero(dense) > len(dense)
+
+
+def test_masses_whose_weight_was_a_load():
+    """A pendulum of a second: two bobs in a list, or one that is forgotten, which is said.
+
+    ``sqrt(g / l) / 2 pi`` = 1/2 Hz; the rope has a millionth of the mass.
+    """
+    gravity = 9.80665
+    length = gravity / np.pi**2
+    rope = jc.Cables([[0, 1]], axial_stiffness=1e6, weight=1e-6 * gravity)
+    structure = jc.Structure([[0.0, 0, 0], [0, 0, -length]], rope, jc.pinned([0]))
+    bobs = [jc.PointMasses([1], 0.5), jc.PointMasses([1], 1.5)]
+    solution = jc.solve(structure, jc.Phase(pretension=2 * gravity, loads=bobs))
+    assert int(solution.status) == 0
+    found = jc.stiffness.natural_frequencies(structure, solution, n=2, masses=bobs)
+    assert np.asarray(found.frequency) == pytest.approx(0.5, rel=1e-5)
+    with pytest.warns(jc.InputWarning, match="nodal loads of 19.61 N downwards have no mass here"):
+        jc.stiffness.natural_frequencies(structure, solution, n=2)
+    jc.stiffness.natural_frequencies(structure, solution, n=2, masses=0.0)  # silent
