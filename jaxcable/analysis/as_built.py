@@ -84,7 +84,7 @@ class Iterate(NamedTuple):
         step: Newton's step from them, [n].
         part: part of it that is tried next.
         size: largest error there.
-        code: status: that of the analysis of the start, until that has converged.
+        code: status, once it has ended.
         tries: number of analyses.
         done: whether the search has ended.
     """
@@ -119,7 +119,8 @@ def with_lengths_as_built(
         ValueError: as of `solve`.
     """
     phases = as_phases(structure, phases)
-    if not any(map(are_as_built, phases)):
+    hangs = any(isinstance(group, Sagging) for group in structure.groups)
+    if not any(are_as_built(phase, hangs) for phase in phases):
         return phases, None
     stated = stated_as_built(structure, phases)
     if not stated:

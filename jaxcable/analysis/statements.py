@@ -82,9 +82,13 @@ def statement_path(name: str) -> str:
     return name if name in STATEMENTS else f"own[{name!r}]"
 
 
-def are_as_built(phase: Any) -> bool:
-    """Return whether a phase may state something that holds in equilibrium, at its end."""
-    return any(getattr(phase, name) is not None for name in (*AS_BUILT_STATEMENTS, "jacking"))
+def are_as_built(phase: Any, hangs: bool = True) -> bool:
+    """Return whether a phase may state something as built; `hangs` says that there are catenaries.
+
+    The `jacking` of straight elements is a force that they keep, and nothing has to be found.
+    """
+    names = (*AS_BUILT_STATEMENTS, *(("jacking",) if hangs else ()))
+    return any(getattr(phase, name) is not None for name in names)
 
 
 def _values_by_group(given, structure, name, path):
