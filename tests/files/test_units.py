@@ -465,7 +465,8 @@ def test_csv_and_vtk_results_have_the_stated_units(solved, tmp_path):
     structure, _, solution = solved["net"]
     paths = jc.files.save_result(tmp_path / "r.csv", structure, solution, units="kip, ft")
     text = paths[1].read_text("utf-8").splitlines()
-    assert text[0].startswith("group,element,first,last,tension (kip),unstressed length (ft)")
+    length = "unstressed length at present temperature (ft)"
+    assert text[0].startswith(f"group,element,first,last,tension (kip),{length}")
     value = float(next(line for line in text if line.startswith("ropes,0,")).split(",")[4])
     assert value == pytest.approx(float(solution.tension["ropes"][0]) / 4448.2216152605, rel=1e-14)
     assert "(N)" not in "".join(p.read_text("utf-8") for p in paths)
