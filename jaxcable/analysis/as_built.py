@@ -26,33 +26,31 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .. import linear
 from ..common import status
 from ..common.compilation import is_top_level_call
 from ..common.rules import are_rules_kept
 from ..common.selection import only
-from ..common.tree import replace
+from ..common.tree import copy_with, replace
 from ..common.types import Array, Bool, Float, Int
 from ..elements.abilities import Sagging
 from ..elements.statement import StatedValues
 from ..equilibrium.incremental import Incremental
-from ..equilibrium.newton import Newton
+from ..equilibrium.newton import Newton, residual_tolerance
 from ..model.structure import Structure
 from ..numerics.implicit_root import TangentSolver, implicit_root
 from .element_shapes import ElementShapes, map_shapes, shapes_of_groups
+from .length_search import search, solve_dense
 from .phases import Phase, as_phases
-from .prestress_rules import value_rules
+from .prestress_rules import span_rules, value_rules
 from .recalled_derivative import without_derivatives
 from .sensitivity import measured_results_and_jacobian
 from .solution import Solution, State
-from .statements import AS_BUILT_STATEMENTS, are_as_built
+from .statements import AS_BUILT_STATEMENTS, are_as_built, end_tension_as_jack
 
-Run = Callable[[Structure, Sequence[Phase], "Solution | State | None"], Solution]
-"""Function of structure, phases in which nothing is stated as built, and start: `solve`."""
+Run = Callable[..., Solution]
+"""Function of structure, phases in which nothing is stated as built, method and start: `solve`."""
 
 _MEASURED = "displacement", "positions", "tension", "rest_length", "results"
-_MAX_STEPS = 40  # analyses; a mast whose guys nearly let it sway takes 7
-_LONGEST_STEP = 0.2  # of logarithms of lengths
 
 
 class Stated(NamedTuple):
@@ -61,6 +59,7 @@ class Stated(NamedTuple):
     Attributes:
         phase, group: indices.
         name: "end_tension", "horizontal_tension" or "built_sag".
+        given: the name under which the phase states it, which may be "jacking".
         elements: the cables, [n], NumPy.
         values: stated values, [n], N or m.
         at_first: of end tensions, whether they are those of the first end, [n] bool.
@@ -70,32 +69,11 @@ class Stated(NamedTuple):
     phase: int
     group: int
     name: str
+    given: str
     elements: Int[np.ndarray, " n"]
     values: Float[Array, " n"]
     at_first: Bool[Array, " n"]
     allowed: Bool[Array, ""]
-
-
-class Iterate(NamedTuple):
-    """State of the search for lengths.
-
-    Attributes:
-        unknowns: logarithms of lengths over chords, [n]; the best ones so far.
-        step: Newton's step from them, [n].
-        part: part of it that is tried next.
-        size: largest error there.
-        code: status, once it has ended.
-        tries: number of analyses.
-        done: whether the search has ended.
-    """
-
-    unknowns: Float[Array, " n"]
-    step: Float[Array, " n"]
-    part: Float[Array, ""]
-    size: Float[Array, ""]
-    code: Int[Array, ""]
-    tries: Int[Array, ""]
-    done: Bool[Array, ""]
 
 
 def with_lengths_as_built(
@@ -125,19 +103,30 @@ def with_lengths_as_built(
     stated = stated_as_built(structure, phases)
     if not stated:
         return _with_strains(structure, phases, stated, jnp.zeros(0)), None
-    arguments = structure, phases, method, start
+    last = 1 + max(one.phase for one in stated)  # what comes later changes nothing
+    arguments = structure, phases[:last], method, start
     known = without_derivatives(arguments)
     concrete = is_top_level_call(jax.tree.leaves(known))
     m, code = _find_unknowns(known, run, concrete)
-    leaves, tree = jax.tree.flatten((structure, phases, start))
+    leaves, tree = jax.tree.flatten(arguments)
+    moving = [k for k, leaf in enumerate(leaves) if _has_derivative(leaf)]
 
-    def errors(m, leaves):
-        structure, phases, start = tree.unflatten(leaves)
+    def errors(m, values):
+        every = list(leaves)
+        for k, value in zip(moving, values, strict=True):
+            every[k] = value
+        structure, phases, method, start = tree.unflatten(every)
         given = structure, phases, stated_as_built(structure, phases)
-        return _errors(run(structure, _with_strains(*given, m), start), *given)
+        return _errors(run(structure, _with_strains(*given, m), method, start), *given)
 
-    m = implicit_root(errors, m, leaves, TangentSolver(_solve_dense, _solve_dense))
+    values = [leaves[k] for k in moving]
+    m = implicit_root(errors, m, values, TangentSolver(solve_dense, solve_dense))
     return _with_strains(structure, phases, stated, m), code
+
+
+def _has_derivative(leaf):
+    """Return whether a leaf of the arguments is traced, or a number by which derivatives exist."""
+    return isinstance(leaf, jax.core.Tracer) or jnp.issubdtype(jnp.result_type(leaf), jnp.floating)
 
 
 def with_guessed_lengths(structure: Structure, phases: Sequence[Phase]) -> list[Phase]:
@@ -159,7 +148,7 @@ def refuse_as_built(
     stated = stated_as_built(structure, phases)
     if stated:
         raise ValueError(
-            f"phases[{before + stated[0].phase}].{stated[0].name}: {function} takes no prestress "
+            f"phases[{before + stated[0].phase}].{stated[0].given}: {function} takes no prestress "
             "as built; solve the phases, and state the `rest_length` of the solution"
         )
 
@@ -178,10 +167,12 @@ def stated_as_built(structure: Structure, phases: Sequence[Phase]) -> list[State
                     continue
                 chosen = _chosen(own[name], len(cables.links))
                 values = jnp.asarray(own[name].values, structure.nodes.dtype)[chosen]
-                allowed = are_rules_kept(value_rules(name, values, cables))
-                name = "end_tension" if name == "jacking" else name
+                mask = _mask(own[name], len(cables.links))
+                rules = value_rules(name, values, cables)
+                allowed = are_rules_kept([*rules, *span_rules(name, cables, structure.nodes, mask)])
+                given, name = name, "end_tension" if name == "jacking" else name
                 first = _is_first_end(phase.tension_at, structure, cables, chosen)
-                found.append(Stated(k, number, name, chosen, values, first, allowed))
+                found.append(Stated(k, number, name, given, chosen, values, first, allowed))
     return found
 
 
@@ -210,7 +201,10 @@ def _with_strains(structure, phases, stated, m):
             continue
         every = phase.statements(structure)
         strains: list[Any] = [own.get("prestrain") for own in every]
-        jacks = [_jacking(g, own) for g, own in zip(structure.groups, every, strict=True)]
+        jacks = [
+            None if isinstance(group, Sagging) else end_tension_as_jack(own).get("jacking")
+            for group, own in zip(structure.groups, every, strict=True)
+        ]
         for one in (one for one in stated if one.phase == k):
             cables = structure.groups[one.group]
             values = jnp.expm1(-m[at : at + len(one.elements)])
@@ -225,24 +219,12 @@ def _with_strains(structure, phases, stated, m):
     return found
 
 
-def _jacking(group, own):
-    """Return the jacking force of a group in which no cable hangs, `StatedValues` or None."""
-    if isinstance(group, Sagging):
-        return None
-    jacks = [own[name] for name in ("jacking", "end_tension") if name in own]
-    if len(jacks) < 2:
-        return jacks[0] if jacks else None
-    count, (first, second) = len(group.links), jacks
-    chosen = _chosen(second, count)
-    return _join(first, chosen, jnp.asarray(second.values)[chosen], count)
-
-
 def _join(stated, elements, values, count):
     """Return `StatedValues` with further `values` of some elements."""
     mask = np.zeros(count, bool) if stated is None else _mask(stated, count)
     before = jnp.zeros(count, values.dtype) if stated is None else jnp.asarray(stated.values)
     mask[elements] = True
-    return StatedValues(before.at[elements].set(values), mask)
+    return StatedValues(before.at[elements].set(values), None if mask.all() else mask)
 
 
 def _mask(stated, count):
@@ -285,26 +267,29 @@ def _guess(structure, stated):
         if one.name == "built_sag":
             tension = weight * span * chord / (8 * one.values)
         parts.append((weight * span / tension) ** 2 / 24 - jnp.log1p(tension / stiffness))
-    return jnp.concatenate([jnp.zeros(0, structure.nodes.dtype), *parts])
+    return jnp.concatenate([jnp.zeros(0), *parts]).astype(structure.nodes.dtype)
 
 
 # --- equations
 
 
 def _errors(solution, structure, phases, stated):
-    """Return the relative errors of what is stated of cables, [n]."""
+    """Return the relative errors of what is stated of cables, [n]; zero for those not there."""
     shapes = {one.phase: shapes_of_groups(structure, solution.phases[one.phase]) for one in stated}
     parts = []
     for one in stated:
         tension = structure.group_tree.flatten_up_to(solution.phases[one.phase].tension)
-        own, _ = shapes[one.phase][one.group]
-        own = jax.tree.map(lambda x, k=one.elements: x[k], own)
+        own, there = jax.tree.map(lambda x, k=one.elements: x[k], shapes[one.phase][one.group])
+        # some force, so that derivatives of the one that is not there are finite
+        own = copy_with(own, pull=jnp.where(there[:, None], own.pull, 1.0))
         measured = map_shapes(_MEASURES[one.name], own)
         if one.name == "end_tension":
             measured = jnp.where(one.at_first, measured[:, 0], measured[:, 1])
             measured = jnp.where(own.hangs, measured, tension[one.group][one.elements])
+        measured = jnp.where(there, measured, lax.stop_gradient(one.values))
         inverse = one.name == "built_sag"
-        parts.append((one.values / measured if inverse else measured / one.values) - 1)
+        error = (one.values / measured if inverse else measured / one.values) - 1
+        parts.append(jnp.where(there, error, 0.0))
     return jnp.concatenate(parts)
 
 
@@ -320,13 +305,7 @@ _MEASURES: dict[str, Callable[[ElementShapes], Any]] = {
 }
 
 
-def _solve_dense(_, function, rhs):
-    """Solve a linear function of vectors like `rhs` for it."""
-    matrix = jax.vmap(function, out_axes=1)(jnp.eye(len(rhs), dtype=rhs.dtype))
-    return linear.solve_general(matrix, rhs)[0]
-
-
-# --- Newton's method
+# --- the search
 
 
 def _find_unknowns(arguments, run, concrete):
@@ -350,48 +329,16 @@ def _find_unknowns(arguments, run, concrete):
             )
 
         def errors(m):
-            solution = run(structure, phases_of(m), start)
+            solution = run(structure, phases_of(m), method, start)
             return _errors(solution, *given), solution.status
 
         found, push, code = jax.linearize(errors, m, has_aux=True)
         return found, jax.vmap(push, out_axes=1)(jnp.eye(len(m), dtype=m.dtype)), code
 
     m = _guess(structure, stated)
-    far = jnp.full((), jnp.inf, m.dtype)
-    zero = jnp.zeros((), jnp.int32)
-    state = Iterate(m, jnp.zeros_like(m), jnp.ones_like(far), far, zero, zero, jnp.zeros((), bool))
-
-    def advance(state):
-        return _advance(state, *evaluate(state.unknowns + state.part * state.step))
-
-    if concrete:
-        while not state.done:
-            state = advance(state)
-    else:
-        state = lax.while_loop(lambda state: ~state.done, advance, state)
+    tol = 8 * jnp.sqrt(jnp.finfo(m.dtype).eps)
+    if not isinstance(method, Incremental):  # and above what its equilibria leave
+        tol = jnp.maximum(tol, 10 * residual_tolerance(method or Newton(), m.dtype))
+    m, code = search(evaluate, m, tol, concrete)
     allowed = jnp.all(jnp.stack([one.allowed for one in stated]))
-    return state.unknowns, jnp.where(allowed, state.code, status.INVALID_INPUT)
-
-
-def _advance(state, errors, jacobian, code):
-    """Return the next `Iterate` after an analysis of unknowns, with its errors and its status."""
-    newton, _ = linear.solve_general(jacobian, -errors)
-    size, longest = jnp.max(jnp.abs(errors)), jnp.max(jnp.abs(newton))
-    good = jnp.isfinite(longest) & (code == status.OK) & (size <= state.size)
-    # quadratic convergence: what is left after this step is its square
-    close = good & (size < 8 * jnp.sqrt(jnp.finfo(errors.dtype).eps))
-    failed = ~good & (state.tries == 0)
-    tries = state.tries + 1
-    wrong = jnp.where(failed & (code != status.OK), code, status.NOT_AS_BUILT)
-    done = close | failed | (tries >= _MAX_STEPS)
-    tried = state.unknowns + state.part * state.step
-    unknowns = jnp.where(good, tried, state.unknowns)
-    return Iterate(
-        jnp.where(close, tried + newton, unknowns),
-        jnp.where(good, newton, state.step),
-        jnp.where(good, jnp.minimum(1.0, _LONGEST_STEP / longest), 0.5 * state.part),
-        jnp.where(good, size, state.size),
-        jnp.where(close, status.OK, jnp.where(done, wrong, state.code)).astype(jnp.int32),
-        tries,
-        done,
-    )
+    return m, jnp.where(allowed, code, status.INVALID_INPUT)

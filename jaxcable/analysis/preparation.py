@@ -14,7 +14,7 @@ from ..common.fusion import are_loops_fused
 from ..common.rules import are_rules_kept, collect_rules
 from ..common.tree import cast_floats, computed_once, copy_with, split_indices
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..elements.abilities import TensionElement
+from ..elements.abilities import Sagging, TensionElement
 from ..elements.element import Element
 from ..elements.element_state import OwnState, with_fields
 from ..elements.prestress import Prestressed
@@ -45,6 +45,7 @@ from .phases import Phase, as_phases
 from .prestress_rules import statements_keep_rules
 from .schedule import Schedule, number_phases, stack_nodal_loads, stack_statements
 from .solution import Solution, State
+from .statements import end_tension_as_jack
 
 AnalysisInput: TypeAlias = (
     "tuple[Float[Array, 'n_row 3'], list[Element], RestartState | None, Schedule]"
@@ -118,6 +119,13 @@ def prepare(
     nodal, movements, along = ([kinds[k] for kinds in loads] for k in range(3))
     statements = [
         phase.statements(structure, f"phases[{earlier + k}].") for k, phase in enumerate(phases)
+    ]
+    statements = [
+        [
+            own if isinstance(group, Sagging) else end_tension_as_jack(own)
+            for group, own in zip(structure.groups, each, strict=True)
+        ]
+        for each in statements
     ]
     stacks = load_stacks.stack_loads(along)
     everything = [*([] if restart is None else restart.loads), *stacks]

@@ -140,7 +140,7 @@ def phases_with_lengths(
     Arguments are as of `solve`, the result is that of `as_built.with_lengths_as_built`.
     """
 
-    def run(structure, phases, start):
+    def run(structure, phases, method, start):
         return solve(structure, phases, method, start=start)
 
     return with_lengths_as_built(structure, phases, method, start, run)

@@ -6,6 +6,7 @@ elements knows, such as the clamp of a saddle.
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import jax
@@ -91,6 +92,19 @@ def are_as_built(phase: Any, hangs: bool = True) -> bool:
     return any(getattr(phase, name) is not None for name in names)
 
 
+def end_tension_as_jack(own: dict[str, StatedValues]) -> dict[str, StatedValues]:
+    """Return the statements of straight elements, whose end tension is that of a jack, as such."""
+    if "end_tension" not in own:
+        return own
+    found = {name: stated for name, stated in own.items() if name != "end_tension"}
+    end = own["end_tension"]
+    if "jacking" in own:  # of other elements: neither is of all
+        of_end, of_jack = (np.asarray(x.chosen) for x in (end, own["jacking"]))
+        values = jnp.where(of_end, end.values, own["jacking"].values)
+        end = StatedValues(values, of_end | of_jack)
+    return found | {"jacking": end}
+
+
 def _values_by_group(given, structure, name, path):
     """Return what is `given` for a statement as a list with an item per group, None without."""
     groups = structure.groups
@@ -124,13 +138,14 @@ def _require_compatible(statements, where, key, group):
                 f"{where}{other}, {name}: both state the prestress of {both}; give one of them, or "
                 "give them to different elements by only(elements, values)"
             )
-    for name in (
-        name for name in statements if name in INCREMENTAL_STATEMENTS and "jacking" in statements
-    ):
-        both = _describe_overlap(statements[name], statements["jacking"], key, group)
+    kept = () if isinstance(group, Sagging) else ("jacking", "end_tension")
+    for force, name in itertools.product(kept, INCREMENTAL_STATEMENTS):
+        if force not in statements or name not in statements:
+            continue
+        both = _describe_overlap(statements[name], statements[force], key, group)
         if both is not None:
             raise ValueError(
-                f"{where}jacking, {name}: a jack keeps the force of {both} in this phase; give "
+                f"{where}{force}, {name}: a jack keeps the force of {both} in this phase; give "
                 f"{name} in another phase"
             )
 

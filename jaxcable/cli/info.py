@@ -11,7 +11,7 @@ from ..analysis.phases import all_statements
 from ..analysis.preparation import prepare
 from ..common.units import SI
 from ..elements import Bars, Bearings, Cables, Contacts, Springs
-from ..elements.abilities import STATEMENTS, statements_of
+from ..elements.abilities import STATEMENTS, Sagging, statements_of
 from ..files.net_doubts import describe_likely_mistakes, format_position, pluralize
 from ..files.net_units import unit_of_net_value
 from ..loads import LineLoads, SelfWeight, as_list
@@ -150,7 +150,9 @@ def _print_phase(number, phase, structure, units):
     print(f"phase {number}: {pluralize(phase.increments, 'increment')}")
     stated = phase.statements(structure)
     for name in all_statements(phase):
-        place = f" at the {phase.tension_at} end" if name == "end_tension" else ""
+        hangs = any(isinstance(group, Sagging) for group in structure.groups)
+        jacked = hangs and name in ("end_tension", "jacking")
+        place = f" (of catenaries at the {phase.tension_at} end)" if jacked else ""
         values = [of.get(name) for of in stated]
         print(f"  {name}{place} {_describe_statement(name, values, structure, units)}")
     for load in as_list(phase.loads):

@@ -232,6 +232,8 @@ class Prestressed(Prestressable):
                 ends = jnp.where(jnp.asarray(stated.chosen)[:, None, None], ends, level)
             hung = self.strain_at_sag  # type: ignore[attr-defined]  # it is `Sagging`
             return hung(ends, sag, 1.0 if state.thermal_stretch is None else state.thermal_stretch)
+        if name != "prestrain" and name in STATEMENTS:
+            raise AssertionError(f"{name} is no strain")
         return stated.values
 
 

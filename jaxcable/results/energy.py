@@ -28,6 +28,8 @@ from ..analysis.solver import phases_with_lengths
 from ..common.checks import without_warnings
 from ..common.tree import pytree
 from ..common.types import Float
+from ..equilibrium.incremental import Incremental
+from ..equilibrium.newton import Newton
 from ..model.result_parts import require_single_case
 from ..model.structure import Structure
 from ..model.topology import require_same_topology
@@ -116,10 +118,12 @@ def energy_balance(
     phases: Phase | Sequence[Phase],
     solution: Solution,
     start: Solution | State | None = None,
+    method: Newton | Incremental | None = None,
 ) -> EnergyBalance:
     """Balance the work of loads, supports and prestress with stored and dissipated energy.
 
-    The balance is computed from the increments of the solution, without another analysis. If a
+    The balance is computed from the increments of the solution, without another analysis (but
+    lengths that follow from prestress as built, such as `end_tension`, are found again). If a
     phase failed, it has the increments before the failure, and later phases have zero terms.
 
     Args:
@@ -127,6 +131,7 @@ def energy_balance(
         phases: phases of the analysis, as given to `solve`.
         solution: the `Solution`.
         start: solution or state that the analysis was started from, as given to `solve`.
+        method: as given to `solve`; for prestress as built only.
 
     Returns:
         `EnergyBalance`, NumPy; not for use in transformations.
@@ -149,7 +154,7 @@ def energy_balance(
     require_single_case(solution)
     require_same_topology(structure, solution.last.topology, "solution")
     with without_warnings():  # the analysis has issued them
-        phases, _ = phases_with_lengths(structure, phases, None, start)
+        phases, _ = phases_with_lengths(structure, phases, method, start)
         task = prepare(structure, phases, None, start)
     if task.without_indices[3].present is not None:
         raise ValueError("phases: there is no energy balance where phases add or remove elements")

@@ -271,3 +271,63 @@ def test_files_keep_what_is_stated(tmp_path):
     assert (first.tension_at, second.tension_at) == ("upper", "lower")
     np.testing.assert_array_equal(first.end_tension["guys"], TENSIONS)
     assert second.horizontal_tension["guys"] == 1e3
+
+
+def test_paths_take_an_end_tension_of_straight_elements():
+    """Those of a jack; what has to be found for catenaries is refused, by its name."""
+    nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+    cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+    structure = jc.Structure(nodes, cables, jc.pinned([0, 2]))
+    load = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+    jack, end = (
+        jc.trace_path(structure, jc.Phase(**{name: 500.0}, loads=load))
+        for name in ("jacking", "end_tension")
+    )
+    assert jack.status == end.status == jc.status.OK
+    np.testing.assert_array_equal(jack.tension, end.tension)
+    for name in ("jacking", "end_tension", "horizontal_tension"):
+        phase = jc.Phase(**{name: {"guys": 15e3}}, loads=jc.SelfWeight())
+        with pytest.raises(ValueError, match=rf"phases\[0\].{name}: trace_path takes no prestress"):
+            jc.trace_path(mast(), phase)
+        target = jc.design.Target(of="tension", value=15e3, at=0, on="guys")
+        with pytest.raises(ValueError, match=rf"phases\[0\].{name}: tune takes no prestress"):
+            jc.design.tune(mast(), phase, [(0, "shortening")], [target])
+
+
+def test_statements_in_stages():
+    """A cable is strung, a second one comes, both are tensioned anew; then one of them breaks.
+
+    The failure of a later phase leaves the earlier ones as they are.
+    """
+    cables = jc.Catenaries([[0, 1], [1, 2]], axial_stiffness=2e6, weight=WEIGHT)
+    nodes = [[0.0, 0, 0], [60.0, 0, 5.0], [120.0, 0, 0]]
+    structure = jc.Structure(nodes, cables, jc.pinned([0, 1, 2]))
+    phases = [
+        jc.Phase(end_tension=4e3, loads=jc.SelfWeight()),  # of the one that is there
+        jc.Phase(adds=jc.only([1]), jacking=jc.only([1], 6e3), tension_at="upper"),
+        jc.Phase(horizontal_tension=jc.only([0], 5e3), prestrain=jc.only([1], 2e-3)),
+    ]
+    solution = jc.solve(structure, phases)
+    assert solution.status == jc.status.OK
+    ends = [jc.forms.end_tensions(structure, phase) for phase in solution.phases]
+    np.testing.assert_allclose(ends[0][0, 0], 4e3, rtol=1e-10)
+    np.testing.assert_allclose([ends[1][0, 0], ends[1][1, 0]], [4e3, 6e3], rtol=1e-10)
+    level = jc.results.horizontal_tensions(structure, solution.phases[2])
+    np.testing.assert_allclose(level[0], 5e3, rtol=1e-10)
+    chord = np.hypot(60.0, 5.0)
+    np.testing.assert_allclose(solution.rest_length[1], chord / 1.002, rtol=1e-14)
+    broken = jc.solve(structure, [*phases, jc.Phase(shortening=100.0)])
+    assert broken.status == jc.status.NONFINITE
+    assert [int(phase.status) for phase in broken.phases] == [0, 0, 0, jc.status.NONFINITE]
+    again = jc.forms.end_tensions(structure, broken.phases[0])
+    np.testing.assert_allclose(again[0, 0], 4e3, rtol=1e-10)
+
+
+def test_single_precision():
+    """To the square root of what rounding leaves, or better."""
+    structure = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), mast())
+    phases = built("end_tension", TENSIONS.astype(jnp.float32))[:1]
+    solution = jc.solve(structure, phases)
+    assert solution.status == jc.status.OK and solution.displacement.dtype == jnp.float32
+    size = np.linalg.norm(np.asarray(solution.reactions)[2:5], axis=1)
+    np.testing.assert_allclose(size, TENSIONS, rtol=1e-4)
