@@ -3,6 +3,7 @@
 import gc
 import os
 import pathlib
+import zlib
 
 import jaxlib.version
 
@@ -21,6 +22,9 @@ if FUSED:
     from jaxcable.common import fusion
 
     assert fusion.request_fused_loops()
+
+PART = os.environ.get("TEST_PART")
+"""Which part of the slow tests to run, such as "1/3": part 1 of the parts 0, 1, 2; None for all."""
 
 import choose_tests
 import jax
@@ -57,8 +61,16 @@ def pytest_collection_modifyitems(config, items):
         if choose_tests.is_left_out(name, out):
             item.add_marker(pytest.mark.slow)
             item.add_marker(pytest.mark.listed)
+    if PART is not None and not FUSED:
+        items[:] = [item for item in items if not item.get_closest_marker("slow") or in_part(item)]
     whole = [str(pathlib.Path(name)) for name in config.args] in (["tests"], [str(config.rootpath)])
     config.stash[choose_tests.UNKNOWN] = out - seen if whole else None
+
+
+def in_part(item):
+    """Return whether a test is in `PART`; all cases of a function are in the same one."""
+    number, count = map(int, PART.split("/"))
+    return zlib.crc32(item.nodeid.partition("[")[0].encode()) % count == number
 
 
 MEMORY = 1_250
