@@ -24,7 +24,7 @@ if FUSED:
     assert fusion.request_fused_loops()
 
 PART = os.environ.get("TEST_PART")
-"""Which part of the slow tests to run, such as "1/3": part 1 of the parts 0, 1, 2; None for all."""
+"""Which part of the slow tests to run, such as "1/8": part 1 of the parts 0 to 7; None for all."""
 
 import choose_tests
 import jax

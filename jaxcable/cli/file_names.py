@@ -12,26 +12,29 @@ from pathlib import Path
 from .guard import BadInput
 
 RESULT = {
-    "nodes": "node,support,x (m)",
+    "nodes": "node,support,x (",
     "elements": "group,element,first,last,",
     "increments": "phase,increment,load_factor,status,",
 }
 """Tables of a result (`files.save_result`) by name, and how the first line of each begins."""
 
 _FORCES = "group,element,first,last,at first ("
-REPORT = {
+REPORT: dict[str, str | tuple[str, ...]] = {
     "summary": "of,note",
-    "displacements": "node,phase,ux (m),",
-    "displacement_envelope": "node,min ux (m),",
-    "groups": "group,elements,lowest (N),",
-    "reactions": "node,R",
-    "equilibrium": "of,x (N),",
-    "members": "group,element,first,last,force (N),",
+    "displacements": "node,phase,ux (",
+    "displacement_envelope": "node,min ux (",
+    "groups": "group,elements,lowest (",
+    "reactions": ("node,Rx (", "node,by,Rx ("),
+    "equilibrium": "of,x (",
+    "rotations": ("node,phase,rx (", "node,case,rx ("),
+    "tilts": "group,element,first,last,tilt (",
+    "sags": "group,element,first,last,span (",
+    "members": "group,element,first,last,force (",
     **dict.fromkeys(("N", "Vy", "Vz", "T", "My", "Mz"), _FORCES),
-    "stresses": "group,element,lowest (Pa),",
-    "stress_envelope": "group,element,lowest (Pa),",
-    "cutting_list": "group,element,first,last,unstressed length (m)",
-    "cables": "group,cable,elements,first,last,unstressed length (m)",
+    "stresses": "group,element,lowest (",
+    "stress_envelope": "group,element,lowest (",
+    "cutting_list": "group,element,first,last,unstressed length (",
+    "cables": "group,cable,elements,first,last,unstressed length (",
     "slack": "group,element,in",
     "loose": "node,in",
     "energy": "phase,",
@@ -53,12 +56,13 @@ def path_beside(path: str, suffix: str) -> Path:
         raise BadInput(f"{path or 'scene'}: is not the name of a file") from None
 
 
-def files_to_write(path: str | None, tables: Mapping[str, str]) -> list[Path]:
+def files_to_write(path: str | None, tables: Mapping[str, str | tuple[str, ...]]) -> list[Path]:
     """Return the files that are written for a path: itself, or of a CSV path one for each table.
 
     Args:
         path: path on the command line; None writes no file.
-        tables: `RESULT` or `REPORT`, dicts from the name of a table to how its first line begins.
+        tables: `RESULT` or `REPORT`, dicts from the name of a table to how its first line begins,
+            or to several ways.
 
     Raises:
         BadInput: a table would replace a file that this program has not written.
