@@ -188,7 +188,7 @@ def test_ropes_have_their_mass_where_they_have_slid():
     inertia = np.diag(0.5 * (part[:-1] + part[1:]))
     stiffness = np.asarray(jc.stiffness.tangent_of(structure, solution))
     expected = np.sort(np.linalg.eigvals(np.linalg.solve(inertia, stiffness)))
-    found = frequencies(structure, solution, 2).squared
+    found = frequencies(structure, solution, 2, masses=0.0).squared
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
