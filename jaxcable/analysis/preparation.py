@@ -118,14 +118,8 @@ def prepare(
     ]
     nodal, movements, along = ([kinds[k] for kinds in loads] for k in range(3))
     statements = [
-        phase.statements(structure, f"phases[{earlier + k}].") for k, phase in enumerate(phases)
-    ]
-    statements = [
-        [
-            own if isinstance(group, Sagging) else end_tension_as_jack(own)
-            for group, own in zip(structure.groups, each, strict=True)
-        ]
-        for each in statements
+        _statements_with_jacks(structure, phase, f"phases[{earlier + k}].")
+        for k, phase in enumerate(phases)
     ]
     stacks = load_stacks.stack_loads(along)
     everything = [*([] if restart is None else restart.loads), *stacks]
@@ -184,6 +178,14 @@ def prepare(
         *(without_indices, arrays, method, code, tuple(sets), everything),
         *(bundles, isinstance(method, Newton) and _has_fallbacks(bundled, convex), count, warns),
     )
+
+
+def _statements_with_jacks(structure, phase, where):
+    """Return the prestress of a phase by group; an end tension of a straight element is a jack."""
+    return [
+        own if isinstance(group, Sagging) else end_tension_as_jack(own)
+        for group, own in zip(structure.groups, phase.statements(structure, where), strict=True)
+    ]
 
 
 @computed_once

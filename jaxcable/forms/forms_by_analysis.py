@@ -298,6 +298,7 @@ def _spring_constants(groups, prescribed, nodes):
     for group, numbers, _, length in _given_elements(groups, prescribed):
         zero, one = jnp.zeros(len(group.links), nodes.dtype), jnp.ones(len(group.links))
         memory = group.initial_memory()
+        # (B023: the function is called at once, not after the loop)
         _, slope = jax.jvp(lambda e: group.force(e, memory), (zero,), (one.astype(zero.dtype),))  # noqa: B023
         own = slope[numbers]
         found.append(jnp.where(largest > 0, jnp.minimum(own, largest), own) / length)

@@ -32,7 +32,8 @@ class PrescribedElements(ForceElements):
         natural_length: length L of the spring without force, [n_elem], m.
     """
 
-    force: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # always given
+    # always given: a dataclass allows no field without default after one that has it
+    force: Float[Array, " n_elem"] = None  # type: ignore[assignment]
     stiffness: Float[Array, " n_elem"] = None  # type: ignore[assignment]
     natural_length: Float[Array, " n_elem"] = None  # type: ignore[assignment]
 

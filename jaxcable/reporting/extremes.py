@@ -107,6 +107,7 @@ def cut_places(
         cuts: places in any order; equal ones make pieces without length.
     """
     every = np.broadcast_to(places, (*cuts.shape[:-1], len(places)))
+    # rules keep places of loads within elements: rounding may put one beyond an end
     return np.sort(np.concatenate([every, np.clip(cuts, 0.0, 1.0)], axis=-1), axis=-1)
 
 

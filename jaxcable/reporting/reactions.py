@@ -63,6 +63,7 @@ def reaction_table(
         parts = np.vstack([parts, ground.values[:, :count]])
         also = [_ground_rows(structure, other.result).values for other in states.values()]
         every = [np.vstack([a, b[:, :3]]) for a, b in zip(every, also, strict=True)]
+    # parts are NaN in a direction in which a spring does not act
     forces = np.nan_to_num(parts[:, :3])
     some = np.isfinite(parts[:, :3]).any(axis=1)
     size = np.where(some, np.linalg.norm(forces, axis=1), np.nan)
