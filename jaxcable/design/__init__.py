@@ -3,6 +3,9 @@
 import warnings
 from typing import Any
 
+from .actions import Action
+from .combination_rules import combination_rules
+from .combinations import Combinations, combinations
 from .confidence import Confidence, confidence
 from .constrained import ConstrainedDesign, minimize_subject_to
 from .fit import Fit, FitHistory, fit
@@ -27,6 +30,8 @@ from .targets import Target
 from .tune import Tuned, tune
 
 __all__ = [
+    "Action",
+    "Combinations",
     "Confidence",
     "ConstrainedDesign",
     "Design",
@@ -39,6 +44,8 @@ __all__ = [
     "Tuned",
     "WorstPosition",
     "adjustment",
+    "combination_rules",
+    "combinations",
     "confidence",
     "envelope",
     "fit",

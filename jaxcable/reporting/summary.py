@@ -68,7 +68,7 @@ def _phase_sentence(structure, last, head, phase):
         if any(group.compression_only for group in structure.groups):
             slack = f"{count or 'no'} slack cables or open contacts"
         relative = float(path.relative_residual[k])
-        by_rounding = relative > _TOLERANCE and path.residual[k] <= path.rounding[k]
+        by_rounding = relative > _TOLERANCE and bool(path.residual[k] <= path.rounding[k])
         text += f", relative residual {relative:.1e}{' (limited by rounding)' * by_rounding}"
         text += f"; {slack}"
     if int(phase.status) != status.OK:

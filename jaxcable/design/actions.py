@@ -1,0 +1,131 @@
+"""A named action: loads or changes of an element that a rule multiplies by a factor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from ..common import checks
+from ..common.tree import pytree, set_fields
+from ..common.types import ArrayLike, Bool, Float, PyTree
+from ..loads import as_list
+from ..loads.load import Load
+
+
+@pytree(static=("name", "kind", "in_phases", "exclusive", "source", "needs", "excludes"))
+class Action:
+    """An action with a name and a kind, which `combinations` multiplies by partial factors.
+
+    Args:
+        name: of the action, such as "wind from west".
+        kind: by which the rules give its factors: "permanent", "prestress", "accidental",
+            "seismic", or a variable action such as "snow" and "wind"
+            (``combination_rules(rules)["kinds"]`` has all of them).
+        loads: one load or a list, by their characteristic values.
+        temperature, shortening: as of a `Phase`, by their characteristic values.
+        removes: elements that are lost, an accidental action: booleans [n_elem], by group as for
+            `Phase`. They are lost if the factor is not zero. What the loss does dynamically is not
+            in the analysis.
+        in_phases: whether the phases before the cases apply the action already, by factor 1, as
+            they do a self-weight. A combination with factor 1.35 then adds 0.35 of it. An action
+            without loads and changes, such as a prestress, has to be in the phases.
+        exclusive: name of a set of variable actions that never act together, such as the
+            directions of the wind.
+        source: permanent actions of one source have one factor together, unfavourable or
+            favourable for all of them (EN 1990, table A1.2(B), note 3); without a name each action
+            is a source of its own.
+        needs: names of actions without which this one does not act: wind on iced members needs ice.
+        excludes: names of actions with which this one does not act.
+
+    Raises:
+        ValueError: wrong arguments, named.
+
+    Example:
+        >>> snow = jc.NodalLoads([1], (0.0, 0.0, -1e3))
+        >>> print(jc.design.Action("snow", "snow", snow))
+        snow (snow)
+    """
+
+    name: str
+    kind: str
+    loads: Load | Sequence[Load] | None = None
+    temperature: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"]] | None = None
+    shortening: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"]] | None = None
+    removes: PyTree[Bool[ArrayLike, " n_elem"]] | None = None
+    in_phases: bool = False
+    exclusive: str | None = None
+    source: str | None = None
+    needs: Sequence[str] = ()
+    excludes: Sequence[str] = ()
+
+    def __post_init__(self):
+        for name in ("name", "kind"):
+            value = getattr(self, name)
+            if not isinstance(value, str) or not value.strip():
+                raise ValueError(f"{name} = {value!r}: expected a text that is not empty")
+        for name in ("needs", "excludes"):
+            value = getattr(self, name)
+            value = (value,) if isinstance(value, str) else tuple(value)
+            if not all(isinstance(other, str) for other in value):
+                raise ValueError(f"{name} = {value!r}: expected names of actions")
+            set_fields(self, **{name: value})
+        as_list(self.loads)
+        for name in ("temperature", "shortening"):
+            for leaf in jax.tree.leaves(getattr(self, name)):
+                checks.as_floats(leaf, name)
+        for leaf in jax.tree.leaves(self.removes):
+            known = checks.array_if_known(leaf)
+            if known is not None and (np.ndim(known) != 1 or known.dtype != bool):
+                raise ValueError(
+                    "removes: expected booleans [n_elem], by group: the cases of a batch differ in "
+                    "them"
+                )
+        if not self.has_parts and not self.in_phases:
+            raise ValueError(
+                f"{self.name!r} has no loads and no changes; give some, or in_phases=True if the "
+                "phases before the cases apply it"
+            )
+
+    @property
+    def has_parts(self) -> bool:
+        """Whether there is something that a case can add: loads, changes, or lost elements."""
+        parts = self.loads, self.temperature, self.shortening, self.removes
+        return any(part is not None and part != [] for part in parts)
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.kind})"
+
+
+def check_actions(actions: Sequence[Any]) -> list[Action]:
+    """Return actions as a list.
+
+    Raises ValueError if something else is among them, if two have the same name, or if an action
+    needs or excludes one that is unknown, or itself.
+    """
+    if isinstance(actions, Action):
+        actions = [actions]
+    if not isinstance(actions, list | tuple) or not actions:
+        raise ValueError(
+            f"actions: expected a list of Action, got {checks.describe_type(actions, '[Action()]')}"
+        )
+    for k, one in enumerate(actions):
+        if not isinstance(one, Action):
+            kind = checks.describe_type(one, 'Action("snow", "snow", loads)')
+            raise ValueError(f"actions[{k}]: expected an Action, got {kind}")
+    names = [one.name for one in actions]
+    for k, one in enumerate(actions):
+        if one.name in names[:k]:
+            raise ValueError(
+                f"actions[{k}]: {one.name!r} is the name of actions[{names.index(one.name)}], too"
+            )
+        for argument in ("needs", "excludes"):
+            for other in getattr(one, argument):
+                if other not in names or other == one.name:
+                    hint = checks.suggest_names(other, names)
+                    raise ValueError(
+                        f"actions[{k}]: {argument} = {other!r}: is no other action{hint}"
+                    )
+    return list(actions)

@@ -1,0 +1,113 @@
+"""Factors of actions in the combinations of a rule: every set of them that may act together."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Container, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from .actions import Action
+from .combination_rules import ALWAYS
+
+
+def sets_of_variables(
+    actions: Sequence[Action], kinds: Container[str]
+) -> Iterator[tuple[int, ...]]:
+    """Yield sets of variable actions that may act together, by their indices, the empty set first.
+
+    The sets respect `exclusive` and `excludes`; `needs` is a matter of the factors.
+    """
+    slots: dict[Any, list[int | None]] = {}
+    for k, one in enumerate(actions):
+        if one.kind in kinds:
+            slots.setdefault(one.exclusive or (k,), [None]).append(k)
+    for choice in itertools.product(*slots.values()):
+        acting = tuple(k for k in choice if k is not None)
+        names = {actions[k].name for k in acting}
+        if not any(names & set(actions[k].excludes) for k in acting):
+            yield acting
+
+
+def rows_of_rule(
+    actions: Sequence[Action],
+    rules: Mapping[str, Any],
+    rule: Mapping[str, Any],
+    sets: Sequence[tuple[int, ...]],
+) -> Iterator[tuple[float, ...]]:
+    """Yield the factors of all actions in the combinations of one rule.
+
+    Args:
+        actions: of which there are n_action.
+        rules: all rules, see `combination_rules`.
+        rule: one of their combinations.
+        sets: sets of variable actions that may act together, by index, as `sets_of_variables`.
+
+    Yields:
+        Factors [n_action]; the same ones may come again.
+    """
+    exceptional = rule.get("exceptional", {})
+    special = [k for k, one in enumerate(actions) if one.kind in exceptional]
+    if exceptional and not special:
+        return
+    for always in _factors_of_permanent(actions, rule):
+        for acting in sets:
+            for variable in _factors_of_variables(actions, rules, rule, acting):
+                for k in special or [None]:
+                    row = always | variable
+                    if k is not None:
+                        row[k] = exceptional[actions[k].kind]
+                    if _keeps_conditions(actions, row):
+                        yield tuple(row.get(i, 0.0) for i in range(len(actions)))
+
+
+def _factors_of_permanent(actions, rule) -> Iterator[dict[int, float]]:
+    """Yield factors of permanent actions and prestress by index: each source by each factor."""
+    sources: dict[Any, list[int]] = {}
+    for k, one in enumerate(actions):
+        if one.kind in ALWAYS:
+            sources.setdefault((one.kind, one.source or k), []).append(k)
+    options = [rule[kind] for kind, _ in sources]
+    for factors in itertools.product(*options):
+        yield {
+            k: float(factor)
+            for members, factor in zip(sources.values(), factors, strict=True)
+            for k in members
+        }
+
+
+def _factors_of_variables(actions, rules, rule, acting) -> Iterator[dict[int, float]]:
+    """Yield factors of the variable actions with indices `acting` by index, if all may act."""
+    if "terms" in rule:
+        found = _listed_factors(rule, {actions[k].kind for k in acting})
+        if found is not None:
+            yield {k: found[actions[k].kind] for k in acting}
+        return
+    for leading in acting or [None]:
+        row = {}
+        for k in acting:
+            kind = rules["kinds"][actions[k].kind]
+            psi = dict(zip(("psi0", "psi1", "psi2"), kind.get("psi", ()), strict=False))
+            values = {"gamma": kind.get("gamma", rules["gamma"]), **psi}
+            terms = rule["leading" if k == leading else "accompanying"]
+            row[k] = float(np.prod([values[term] for term in terms]))
+        yield row
+
+
+def _listed_factors(rule, kinds):
+    """Return the factor of each kind by a rule with `terms`; None if they cannot act together."""
+    found = {kind: rule["terms"][kind] for kind in kinds if kind in rule["terms"]}
+    for table in rule.get("one of", ()):
+        one = kinds & set(table)
+        if len(one) > 1:
+            return None
+        found |= {kind: table[kind] for kind in one}
+    return found if set(found) == kinds else None
+
+
+def _keeps_conditions(actions, row):
+    """Return whether the actions with a factor in `row` have what they need, and exclude none."""
+    names = {actions[k].name for k, factor in row.items() if factor != 0}
+    active = (actions[k] for k, factor in row.items() if factor != 0)
+    return all(set(one.needs) <= names and not names & set(one.excludes) for one in active)

@@ -1,0 +1,147 @@
+"""Rules of standards on combinations of actions: data in one file, and files of users.
+
+Rules are a dict, as JSON holds it:
+
+- ``source``: where the numbers are from.
+- ``gamma``: partial factor of variable actions, default 1.
+- ``kinds``: variable actions by name: ``{"snow": {"psi": [psi0, psi1, psi2], "gamma": 1.5}}``, both
+  optional.
+- ``combinations``: by name, each with ``limit state``; ``clause``; factors of ``permanent`` actions
+  (unfavourable, favourable, or one number) and ``prestress``; ``exceptional``, kind and factor of
+  the one exceptional action that is in it (accidental, seismic); ``on request``, true for a
+  combination that is taken only where it is asked for by name; and of variable actions either
+
+  - ``leading``, ``accompanying``: factors to multiply, among "gamma", "psi0", "psi1", "psi2", as
+    in EN 1990: each action that acts leads in turn; or
+  - ``terms``, factor by kind, and ``one of``, list of such dicts of which one kind each acts, as in
+    ASCE 7.
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+import json
+from collections.abc import Mapping
+from importlib import resources
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from ..common import checks
+
+FACTORS = "gamma", "psi0", "psi1", "psi2"
+"""What factors of leading and accompanying actions are products of."""
+ALWAYS = "permanent", "prestress"
+"""Kinds of actions that are in every combination."""
+_COMBINATION_KEYS = {
+    *("limit state", "clause", "permanent", "prestress", "exceptional", "on request"),
+    *("leading", "accompanying", "terms", "one of"),
+}
+
+
+@functools.cache
+def _rules_of_package():
+    """Return the rules that the package has, by name."""
+    text = resources.files(__package__).joinpath("combination_rules.json").read_text("utf-8")
+    return json.loads(text)
+
+
+def combination_rules(rules: str | PathLike[str] | Mapping[str, Any]) -> dict[str, Any]:
+    """Return the rules of a standard on combinations, to be read, or changed as an annex says.
+
+    Args:
+        rules: "EN 1990" or "ASCE 7-16"; or the name of a JSON file of yours; or rules as a dict.
+
+    Returns:
+        A dict of its own: ``source``, ``gamma``, ``kinds`` (of variable actions) and
+        ``combinations``, see the module `jaxcable.design.combination_rules`.
+
+    Raises:
+        ValueError: unknown name, or a rule that is incomplete or has an unknown entry.
+        OSError: the file cannot be read.
+
+    Example:
+        A National Annex with another partial factor:
+
+        >>> rules = jc.design.combination_rules("EN 1990")
+        >>> print(rules["kinds"]["wind"]["psi"], rules["gamma"])
+        [0.6, 0.2, 0.0] 1.5
+        >>> rules["gamma"] = 1.6
+    """
+    if isinstance(rules, Mapping):
+        found = copy.deepcopy(dict(rules))
+    elif isinstance(rules, str) and rules in _rules_of_package():
+        found = copy.deepcopy(_rules_of_package()[rules])
+    elif isinstance(rules, str | PathLike) and str(rules).endswith(".json"):
+        try:
+            found = json.loads(Path(rules).read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise ValueError(f"rules: {rules} is no JSON file: {error}") from None
+    else:
+        hint = checks.suggest_names(rules, _rules_of_package())
+        raise ValueError(f"rules = {rules!r}: expected a name, a .json file or a dict{hint}")
+    _check(found)
+    return found
+
+
+def _check(rules):
+    """Raise ValueError if rules lack something, or have an entry that is unknown."""
+    if not isinstance(rules, dict) or not isinstance(rules.get("combinations"), dict):
+        raise ValueError("rules: expected a dict with the entry 'combinations', a dict by name")
+    unknown = set(rules) - {"source", "gamma", "kinds", "combinations"}
+    if unknown:
+        raise ValueError(f"rules: unknown entry {min(unknown)!r}")
+    kinds = rules.setdefault("kinds", {})
+    _number(rules.setdefault("gamma", 1.0), "gamma")
+    for name, kind in kinds.items():
+        where = f"kinds[{name!r}]"
+        if not isinstance(kind, dict) or set(kind) - {"psi", "gamma"}:
+            raise ValueError(f"rules: {where}: expected a dict with 'psi' and 'gamma' at most")
+        if name in ALWAYS:
+            raise ValueError(f"rules: {where}: this kind is no variable action")
+        if "gamma" in kind:
+            _number(kind["gamma"], f"{where}['gamma']")
+        if "psi" in kind and len(kind["psi"]) != 3:
+            raise ValueError(f"rules: {where}['psi']: expected [psi0, psi1, psi2]")
+        for psi in kind.get("psi", ()):
+            _number(psi, f"{where}['psi']")
+    for name, rule in rules["combinations"].items():
+        _check_combination(f"combinations[{name!r}]", rule, kinds)
+
+
+def _check_combination(where, rule, kinds):
+    """Raise ValueError if the rule of a combination is wrong; `kinds` are the variable actions."""
+    if not isinstance(rule, dict) or not isinstance(rule.get("limit state"), str):
+        raise ValueError(f"rules: {where}: expected a dict with 'limit state', a text")
+    unknown = set(rule) - _COMBINATION_KEYS
+    if unknown:
+        raise ValueError(f"rules: {where}: unknown entry {min(unknown)!r}")
+    for key in ALWAYS:
+        if not isinstance(rule.get(key), list) or not rule[key]:
+            raise ValueError(f"rules: {where}[{key!r}]: expected a list of factors")
+        for factor in rule[key]:
+            _number(factor, f"{where}[{key!r}]")
+    if ("terms" in rule) == ("leading" in rule):
+        raise ValueError(f"rules: {where}: expected either 'leading' or 'terms'")
+    for key in ("leading", "accompanying"):
+        for factor in rule.setdefault(key, []) if "leading" in rule else ():
+            if factor not in FACTORS:
+                raise ValueError(
+                    f"rules: {where}[{key!r}] = {factor!r}: expected one of {', '.join(FACTORS)}"
+                )
+    tables = {"exceptional": rule.get("exceptional", {}), "terms": rule.get("terms", {})}
+    for k, table in enumerate(rule.get("one of", ())):
+        tables[f"one of[{k}]"] = table
+    for key, table in tables.items():
+        for kind, factor in table.items():
+            if key != "exceptional" and kind not in kinds:
+                hint = checks.suggest_names(kind, kinds)
+                raise ValueError(f"rules: {where}: {key}: {kind!r} is none of 'kinds'{hint}")
+            _number(factor, f"{where}: {key}: {kind!r}")
+
+
+def _number(value, name):
+    """Raise ValueError unless `value` is a number that is not negative."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0:
+        raise ValueError(f"rules: {name} = {value!r}: expected a number, not negative")

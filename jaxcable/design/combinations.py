@@ -1,0 +1,288 @@
+"""Combinations of actions by the rules of a standard: names, factors, and the cases as a batch."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..analysis.phases import Phase
+from ..common import checks
+from ..common.tree import pytree
+from ..common.types import Float
+from ..loads import as_list, combine
+from .actions import Action, check_actions
+from .combination_factors import rows_of_rule, sets_of_variables
+from .combination_rules import ALWAYS, combination_rules
+
+_MOST = 20_000  # combinations: more than anybody would look at, and seconds to enumerate
+
+
+@pytree(static=("names", "rules", "limit_states", "clauses", "increments"))
+class Combinations:
+    """Combinations of actions, each with its name and its factors: result of `combinations`.
+
+    Attributes:
+        actions: list of `Action`.
+        factors: factor of every action in every combination, [n_combination, n_action], -.
+        names: of the combinations: that of the rule and a number.
+        rules: name of the rule of each combination, such as "ULS 6.10".
+        limit_states: of the combinations: "ultimate", "serviceability" and so on.
+        clauses: what the factors are taken from, for each combination.
+        increments: in how many equal steps a case is applied.
+    """
+
+    actions: list[Action]
+    factors: Float[np.ndarray, "n_combination n_action"]
+    names: tuple[str, ...]
+    rules: tuple[str, ...]
+    limit_states: tuple[str, ...]
+    clauses: tuple[str, ...]
+    increments: int = 1
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def formula(self, k: int) -> str:
+        """Return combination `k` as a sum: ``1.35 self-weight + 1.5 snow + 0.9 wind``."""
+        terms = zip(np.asarray(self.factors[k]), self.actions, strict=True)
+        return " + ".join(f"{factor:.4g} {one.name}" for factor, one in terms if factor != 0)
+
+    def __str__(self) -> str:
+        width = max(map(len, self.names), default=0)
+        return "\n".join(f"{name:<{width}}  {self.formula(k)}" for k, name in enumerate(self.names))
+
+    def of_limit_state(self, *limit_states: str) -> Combinations:
+        """Return the combinations of some limit states, such as "serviceability"."""
+        return self._where(self.limit_states, limit_states, "limit_states")
+
+    def of_rule(self, *rules: str) -> Combinations:
+        """Return the combinations of some rules, such as "SLS quasi-permanent"."""
+        return self._where(self.rules, rules, "rules")
+
+    def _where(self, have, wanted, argument):
+        """Return the combinations for which an entry of `have` is one of `wanted`."""
+        for one in wanted:
+            if one not in have:
+                hint = checks.suggest_names(one, dict.fromkeys(have))
+                raise ValueError(f"{argument} = {one!r}: no combination is of it{hint}")
+        chosen = [k for k, one in enumerate(have) if one in wanted]
+        every = self.names, self.rules, self.limit_states, self.clauses
+        texts = (tuple(text[k] for k in chosen) for text in every)
+        return Combinations(self.actions, self.factors[np.array(chosen)], *texts, self.increments)
+
+    @property
+    def cases(self) -> Phase:
+        """The cases as a batch, for `solve_cases`: a `Phase` with a leading axis [n_combination].
+
+        Each applies what its factors add to the phases before: all of an action, or, of one that is
+        `in_phases`, by factor - 1.
+
+        Raises:
+            ValueError: an action that is only in the phases would need another factor than 1 in a
+                combination; two actions that state temperatures, shortenings or lost elements in
+                different forms.
+        """
+        held = np.array([one.in_phases for one in self.actions], float)
+        added = np.asarray(self.factors) - held
+        for j, one in enumerate(self.actions):
+            if not one.has_parts and added[:, j].any():
+                k = int((added[:, j] != 0).argmax())
+                raise ValueError(
+                    f"actions: {one.name!r} has factor {self.factors[k][j]:g} in combination "
+                    f"{self.names[k]!r}, but is in the phases by factor 1, and has no loads or "
+                    "changes by which a case could add the rest"
+                )
+        acting = [k for k in range(len(self.actions)) if (added[:, k] != 0).any()]
+        loads = {k: as_list(self.actions[k].loads) for k in acting}
+        loads = {k: one for k, one in loads.items() if one}
+        batch = combine(loads, added[:, list(loads)]) if loads else None
+        changes = {
+            name: self._sum_of(name, acting, added) for name in ("temperature", "shortening")
+        }
+        lost = self._lost(acting, added)
+        return Phase(loads=batch, increments=self.increments, removes=lost, **changes)
+
+    def _sum_of(self, name, acting, added):
+        """Return a change of all cases: a tree whose leaves have a leading axis, or None."""
+        trees = self._stated(name, acting)
+        if not trees:
+            return None
+        factors = jnp.asarray(added[:, list(trees)])
+        return jax.tree.map(
+            lambda *values: sum(
+                jnp.multiply.outer(column, jnp.asarray(value, float))
+                for column, value in zip(factors.T, values, strict=True)
+            ),
+            *trees.values(),
+        )
+
+    def _lost(self, acting, added):
+        """Return which elements are lost in each case, as `_sum_of`."""
+        trees = self._stated("removes", acting)
+        if not trees:
+            return None
+        does = added[:, list(trees)].T != 0
+        return jax.tree.map(
+            lambda *masks: (
+                sum(np.multiply.outer(d, m) for d, m in zip(does, masks, strict=True)) > 0
+            ),
+            *trees.values(),
+        )
+
+    def _stated(self, name, acting):
+        """Return by index of an action what it states; ValueError if two do it in other forms."""
+        trees = {k: getattr(self.actions[k], name) for k in acting}
+        trees = {k: tree for k, tree in trees.items() if tree is not None}
+        forms = {k: (jax.tree.structure(x), _shapes(x)) for k, x in trees.items()}
+        first = next(iter(forms), None)
+        for k, form in forms.items():
+            if form != forms[first]:
+                raise ValueError(
+                    f"actions: {name} of {self.actions[k].name!r} has another form than that of "
+                    f"{self.actions[first].name!r}; give both as one number, or as arrays [n_elem] "
+                    "for the same groups"
+                )
+        return trees
+
+
+def _shapes(tree):
+    """Return the shapes of the leaves of a tree."""
+    return [np.shape(leaf) for leaf in jax.tree.leaves(tree)]
+
+
+def combinations(
+    actions: Sequence[Action],
+    rules: str | PathLike[str] | Mapping[str, Any] = "EN 1990",
+    *,
+    which: Sequence[str] | None = None,
+    increments: int = 1,
+) -> Combinations:
+    """Combine named actions by the rules of a standard.
+
+    Effects on cable structures cannot be superposed, and which actions are favourable is not known
+    before the analysis. So every set of variable actions that may act together is combined, with
+    each of them as the leading one, and permanent actions by both of their factors. Combinations
+    with the same factors are listed once for each rule.
+
+    Args:
+        actions: list of `Action`.
+        rules: "EN 1990" or "ASCE 7-16"; or a JSON file, or a dict, see `combination_rules`.
+
+    Options:
+        which: names of the rules to combine by, such as ["ULS 6.10a", "ULS 6.10b"]; default: all
+            that are not marked "on request".
+        increments: in how many equal steps each case is applied.
+
+    Returns:
+        `Combinations`. Their `cases` are analysed all at once by `solve_cases`; a report with
+        ``names=combinations.names`` says which of them governs.
+
+    Raises:
+        ValueError: wrong actions or rules; a kind that the rules do not have; an action that no
+            combination has; more than 20 000 combinations.
+
+    Example:
+        >>> dead = jc.NodalLoads([1], (0.0, 0.0, -400.0))
+        >>> snow = jc.NodalLoads([1], (0.0, 0.0, -1000.0))
+        >>> wind = jc.NodalLoads([1], (300.0, 0.0, 0.0))
+        >>> actions = [
+        ...     jc.design.Action("dead", "permanent", dead, in_phases=True),
+        ...     jc.design.Action("snow", "snow", snow),
+        ...     jc.design.Action("wind", "wind", wind),
+        ... ]
+        >>> found = jc.design.combinations(actions, "EN 1990", which=["ULS 6.10"])
+        >>> print(found)  # doctest: +NORMALIZE_WHITESPACE
+        ULS 6.10-1   1.35 dead
+        ULS 6.10-2   1.35 dead + 1.5 wind
+        ULS 6.10-3   1.35 dead + 1.5 snow
+        ULS 6.10-4   1.35 dead + 1.5 snow + 0.9 wind
+        ULS 6.10-5   1.35 dead + 0.75 snow + 1.5 wind
+        ULS 6.10-6   1 dead
+        ULS 6.10-7   1 dead + 1.5 wind
+        ULS 6.10-8   1 dead + 1.5 snow
+        ULS 6.10-9   1 dead + 1.5 snow + 0.9 wind
+        ULS 6.10-10  1 dead + 0.75 snow + 1.5 wind
+    """
+    actions = check_actions(actions)
+    checks.require_whole_number(increments, "increments")
+    rules = combination_rules(rules)
+    chosen = _chosen_rules(rules, which)
+    _require_known_kinds(actions, rules, chosen)
+    sets = list(itertools.islice(sets_of_variables(actions, rules["kinds"]), _MOST + 1))
+    _require_few(len(sets))
+    rows: list[tuple[float, ...]] = []
+    texts: list[tuple[str, str, str, str]] = []
+    for name, rule in chosen.items():
+        of_rule: dict[tuple[float, ...], None] = {}
+        for row in rows_of_rule(actions, rules, rule, sets):
+            of_rule[row] = None
+            _require_few(len(rows) + len(of_rule))
+        rows += of_rule
+        texts += [
+            (f"{name}-{k}", name, rule["limit state"], rule.get("clause", ""))
+            for k in range(1, 1 + len(of_rule))
+        ]
+    if not rows:
+        raise ValueError(f"actions: the rules {', '.join(chosen)} make no combination of them")
+    factors = np.array(rows)
+    for one, column in zip(actions, factors.T, strict=True):
+        if not column.any():
+            raise ValueError(f"actions: {one.name!r} is in no combination of these rules")
+    return Combinations(actions, factors, *zip(*texts, strict=True), increments)
+
+
+def _require_few(count):
+    """Raise ValueError if there are more combinations than anybody would look at."""
+    if count > _MOST:
+        raise ValueError(
+            f"actions: make more than {_MOST} combinations; say which of them are exclusive, or of "
+            "one source"
+        )
+
+
+def _chosen_rules(rules, which):
+    """Return the rules of combinations to take, by name; ValueError for unknown names."""
+    every = rules["combinations"]
+    if which is None:
+        return {name: rule for name, rule in every.items() if not rule.get("on request")}
+    which = [which] if isinstance(which, str) else list(which)
+    if not which:
+        raise ValueError(f"which: no rule{checks.suggest_names('', every)}")
+    for name in which:
+        if name not in every:
+            raise ValueError(f"which: {name!r}: no such rule{checks.suggest_names(name, every)}")
+    return {name: every[name] for name in which}
+
+
+def _require_known_kinds(actions, rules, chosen):
+    """Raise ValueError if the rules do not have the kind of an action, or its factors psi."""
+    exceptional = {kind for rule in chosen.values() for kind in rule.get("exceptional", ())}
+    known = [*ALWAYS, *sorted(exceptional), *rules["kinds"]]
+    used = {
+        f
+        for rule in chosen.values()
+        for key in ("leading", "accompanying")
+        for f in rule.get(key, ())
+    }
+    for k, one in enumerate(actions):
+        if one.kind not in known:
+            hint = checks.suggest_names(one.kind, known)
+            raise ValueError(f"actions[{k}]: kind = {one.kind!r}: the rules do not have it{hint}")
+        variable = one.kind in rules["kinds"]
+        if variable and used - {"gamma"} and "psi" not in rules["kinds"][one.kind]:
+            raise ValueError(f"rules: kinds[{one.kind!r}] has no factors 'psi'")
+        if one.exclusive is not None and not variable:
+            raise ValueError(f"actions[{k}]: exclusive: {one.name!r} is no variable action")
+        if one.source is not None and one.kind != "permanent":
+            raise ValueError(f"actions[{k}]: source: {one.name!r} is no permanent action")
+        if one.in_phases and variable and not one.has_parts:
+            raise ValueError(
+                f"actions[{k}]: {one.name!r} is a variable action in the phases and has no loads: "
+                "combinations without it need them"
+            )

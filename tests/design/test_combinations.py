@@ -1,0 +1,288 @@
+"""Combinations of actions: published examples, brute force, and their analyses one by one."""
+
+import itertools
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from oracles.taylor import TIGHT, slope
+
+import jaxcable as jc
+from jaxcable.design import Action, combination_rules, combinations
+
+DOWN = jc.NodalLoads([4, 5, 8, 9], (0.0, 0.0, -10.0))
+
+
+def action(name, kind, **options):
+    """An action whose loads do not matter."""
+    return Action(name, kind, DOWN, **options)
+
+
+def factors(found, name):
+    """The combinations of one rule as a set of factors, in the order of the actions."""
+    rows = zip(found.names, found.factors, strict=True)
+    return {tuple(row.round(9)) for own, row in rows if own.rpartition("-")[0] == name}
+
+
+G, S, W = (
+    action(name, kind) for name, kind in zip("GSW", ("permanent", "snow", "wind"), strict=True)
+)
+Q = action("Q", "imposed B")
+
+
+@pytest.mark.parametrize(
+    ("actions", "rule", "published"),
+    [
+        # Steel Buildings in Europe, single-storey buildings, part 3, 3.2.3: 1.35 G + 1.5 S + 0.9 W,
+        # 1.35 G + 1.5 W + 0.75 S; 3.3.2: G + S + 0.6 W, G + W + 0.5 S; 3.3.3: G + 0.2 S, G + 0.2 W
+        ([G, S, W], "ULS 6.10", {(1.35, 1.5, 0.9), (1.35, 0.75, 1.5)}),
+        ([G, S, W], "SLS characteristic", {(1, 1, 0.6), (1, 0.5, 1)}),
+        ([G, S, W], "SLS frequent", {(1, 0.2, 0), (1, 0, 0.2)}),
+        # the same, multi-storey buildings: G + S + 0.7 Q; G + 0.2 S + 0.3 Q
+        ([G, S, Q], "SLS characteristic", {(1, 1, 0.7)}),
+        ([G, S, Q], "SLS frequent", {(1, 0.2, 0.3)}),
+    ],
+)
+def test_published_combinations(actions, rule, published):
+    """All that a guide of the standard lists are there, and nothing larger."""
+    found = factors(combinations(actions), rule)
+    assert published <= found
+    least, most = (f(np.array(sorted(published)), axis=0) for f in (np.min, np.max))
+    every = np.array(sorted(found))
+    assert (every.max(axis=0)[:1] == most[:1]).all() and (every.min(axis=0) <= least).all()
+
+
+def brute_force(actions, gamma, psi, permanent):
+    """Every row of (6.10): all subsets, each of them leading, each source with both factors."""
+    variable = [k for k, one in enumerate(actions) if one.kind != "permanent"]
+    steady = [k for k, one in enumerate(actions) if one.kind == "permanent"]
+    sources = sorted({actions[k].source or str(k) for k in steady})
+    rows = set()
+    for bits in itertools.product([False, True], repeat=len(variable)):
+        acting = [k for k, bit in zip(variable, bits, strict=True) if bit]
+        for leading in acting or [None]:
+            for choice in itertools.product(permanent, repeat=len(sources)):
+                row = np.zeros(len(actions))
+                for k in steady:
+                    row[k] = choice[sources.index(actions[k].source or str(k))]
+                for k in acting:
+                    row[k] = gamma * (1.0 if k == leading else psi[actions[k].kind])
+                rows.add(tuple(row.round(9)))
+    return rows
+
+
+def test_all_sets_of_actions_against_brute_force():
+    """Their number is 2^s (1 + n 2^(n-1)) with s sources and n variable actions, none of psi0 = 0.
+
+    Roofs of category H have psi0 = 0: with one of them there are fewer.
+    """
+    actions = [
+        *(action("self-weight", "permanent", source="steel"), action("cladding", "permanent")),
+        *(action("rails", "permanent", source="steel"), S, W, Q, action("T", "temperature")),
+    ]
+    psi = {"snow": 0.5, "wind": 0.6, "imposed B": 0.7, "temperature": 0.6}
+    found = combinations(actions, which=["ULS 6.10"])
+    assert factors(found, "ULS 6.10") == brute_force(actions, 1.5, psi, (1.35, 1.0))
+    assert len(found) == 2**2 * (1 + 4 * 2**3) == 132
+    roof = [*actions, action("H", "imposed H")]
+    fewer = combinations(roof, which=["ULS 6.10"])
+    assert factors(fewer, "ULS 6.10") == brute_force(roof, 1.5, psi | {"imposed H": 0.0}, (1.35, 1))
+    assert len(fewer) == 4 * (33 + 1 + 15)  # H leads alone, or with any of the 15 sets
+
+
+def test_eight_winds_with_and_without_ice():
+    """One wind at a time; iced members under the winds on ice only: counted by hand.
+
+    Without ice: no wind, or 8, with snow or not; with ice: no wind, or 8 on ice. Sets of n actions
+    have n leading ones.
+    """
+    winds = [action(f"wind {k}", "wind", exclusive="wind", excludes="ice") for k in range(8)]
+    iced = [action(f"iced wind {k}", "wind", exclusive="wind", needs="ice") for k in range(8)]
+    actions = [action("G", "permanent"), action("ice", "ice"), S, *winds, *iced]
+    found = combinations(actions, which=["ULS 6.10"])
+    n_without = 1 + 1 + 8 + 8 * 2  # none; snow; wind; wind and snow
+    n_with = 1 + 2 + 8 * 2 + 8 * 3  # ice; and snow; and wind; and both
+    assert len(found) == 2 * (n_without + n_with) == 138
+    some = found.factors > 0
+    assert (some[:, 3:].sum(axis=1) <= 1).all() and some[:, 3:].any(axis=0).all()
+    assert not (some[:, 3:11].any(axis=1) & some[:, 1]).any()  # ice excludes the winds without
+    assert (some[:, 1] | ~some[:, 11:].any(axis=1)).all()
+    # psi2 of wind and ice is 0: quasi-permanent is G alone
+    assert factors(combinations(actions), "SLS quasi-permanent") == {(1.0, *[0.0] * 18)}
+
+
+def test_asce():
+    """2.3.1 of ASCE 7-16, for dead, live and roof live loads, snow and wind: written out."""
+    kinds = "permanent", "live", "roof live", "snow", "wind"
+    found = combinations([action(kind, kind) for kind in kinds], "ASCE 7-16")
+    largest = {
+        "LRFD 1": {(1.4, 0, 0, 0, 0)},
+        "LRFD 2": {(1.2, 1.6, 0.5, 0, 0), (1.2, 1.6, 0, 0.5, 0)},
+        "LRFD 3": {
+            *((1.2, 1.0, 1.6, 0, 0), (1.2, 0, 1.6, 0, 0.5)),
+            *((1.2, 1.0, 0, 1.6, 0), (1.2, 0, 0, 1.6, 0.5)),
+        },
+        "LRFD 4": {(1.2, 1.0, 0.5, 0, 1.0), (1.2, 1.0, 0, 0.5, 1.0)},
+        "LRFD 5": {(0.9, 0, 0, 0, 1.0)},
+        "ASD 6": {(1, 0.75, 0.75, 0, 0.45), (1, 0.75, 0, 0.75, 0.45)},
+        "ASD 7": {(0.6, 0, 0, 0, 0.6)},
+    }
+    for name, rows in largest.items():
+        assert rows <= factors(found, name), name
+        every = np.array(sorted(factors(found, name)))
+        assert all((np.array(row) >= every).all(axis=1).any() for row in rows)
+        covered = (every[:, None] <= np.array(sorted(rows)) + 1e-12).all(axis=2).any(axis=1)
+        assert covered.all(), name  # nothing is larger than what the standard lists
+
+
+def test_flat_roof_of_a_textbook():
+    """21 psf dead, 12 roof live, 13.5 snow, 22 wind upward, by hand: 1.2 D + 1.6 S = 46.8 governs.
+
+    The least is 0.9 D - 1.0 W = -3.1.
+    """
+    kinds = "permanent", "roof live", "snow", "wind"
+    found = combinations([action(kind, kind) for kind in kinds], "ASCE 7-16")
+    load = found.of_limit_state("ultimate").factors @ [21.0, 12.0, 13.5, -22.0]
+    assert load.max() == pytest.approx(46.8) and load.min() == pytest.approx(-3.1)
+
+
+def test_accidental_and_rules_of_a_user(tmp_path):
+    """One accidental action each; (6.10a), (6.10b) on request; an annex as a dict and a file."""
+    actions = [G, S, W, *(Action(n, "accidental", DOWN) for n in ("stay 1", "stay 2"))]
+    found = combinations(actions)
+    lost = {(1, 0.2, 0, 1, 0), (1, 0, 0.2, 1, 0), (1, 0, 0, 1, 0)}
+    lost |= {(g, s, w, b, a) for g, s, w, a, b in lost}
+    assert factors(found, "ACC 6.11") == lost
+    assert set(found.limit_states) == {"ultimate", "accidental", "serviceability"}
+    assert found.of_limit_state("accidental").names[0] == "ACC 6.11-1"
+    assert found.formula(found.names.index("ACC 6.11-1")) == "1 G + 1 stay 1"
+    two = combinations([G, S, W], which=["ULS 6.10a", "ULS 6.10b"])
+    assert (1.35, 0.75, 0.9) in factors(two, "ULS 6.10a")
+    assert (1.1475, 1.5, 0.9) in factors(two, "ULS 6.10b")
+    rules = combination_rules("EN 1990")
+    rules["kinds"]["snow"]["psi"] = [0.7, 0.5, 0.2]
+    assert (1.35, 1.05, 1.5) in factors(combinations([G, S, W], rules), "ULS 6.10")
+    path = tmp_path / "annex.json"
+    path.write_text(json.dumps(rules))
+    assert np.array_equal(
+        combinations([G, S, W], path).factors, combinations([G, S, W], rules).factors
+    )
+    assert combination_rules("EN 1990")["kinds"]["snow"]["psi"] == [0.5, 0.2, 0.0]
+
+
+# --- analyses
+
+LINKS = [[0, 1], [1, 2], [2, 3], [4, 1], [1, 5], [6, 2], [2, 7]]
+NODES = [
+    *([0, 0, 0], [2, 0, -0.4], [4, 0, -0.4], [6, 0, 0]),
+    *([2, -3, -2], [2, 3, -2], [4, -3, -2], [4, 3, -2]),
+]
+
+
+def hall():
+    """A hanging rope with two nodes, each held down by two ropes."""
+    ropes = {
+        "ridge": jc.Cables(LINKS[:3], axial_stiffness=2e6, weight=20.0, expansion=1.2e-5),
+        "down": jc.Cables(LINKS[3:], axial_stiffness=1e6, weight=10.0, expansion=1.2e-5),
+    }
+    return jc.Structure(np.array(NODES, float), ropes, jc.pinned([0, 3, 4, 5, 6, 7]))
+
+
+PRESTRESS = jc.Phase(pretension={"ridge": 40e3, "down": 8.3e3}, loads=jc.SelfWeight())
+
+
+def hall_actions(snow=-4e3):
+    warm = {"ridge": jnp.full(3, 30.0), "down": jnp.full(4, 30.0)}
+    lost = {"ridge": np.zeros(3, bool), "down": np.arange(4) == 2}
+    return [
+        Action("self-weight", "permanent", jc.SelfWeight(), in_phases=True),
+        Action("prestress", "prestress", in_phases=True),
+        Action("snow", "snow", jc.NodalLoads([1, 2], jnp.array([0.0, 0.0, 1.0]) * snow)),
+        Action("wind", "wind", [jc.NodalLoads([1], (0.0, 2e3, 1e3)), jc.LineLoads((0.0, 50, 0))]),
+        Action("warm", "temperature", temperature=warm, exclusive="temperature"),
+        Action(
+            "cold", "temperature", exclusive="temperature",
+            temperature=jax.tree.map(lambda t: -0.5 * t, warm),
+        ),
+        Action("turnbuckle", "accidental", shortening={"ridge": None, "down": jnp.full(4, 0.01)}),
+        Action("rope lost", "accidental", removes=lost),
+    ]  # fmt: skip
+
+
+def alone(row):
+    """The result of one combination, stated without `combinations`: all at once, by factors."""
+    dead, _, snow, wind, warm, cold, jack, lost = (float(x) for x in row)
+    loads = [
+        jc.SelfWeight((0.0, 0.0, -dead)),
+        jc.NodalLoads([1, 2], (0.0, 0.0, -4e3 * snow)),
+        jc.NodalLoads([1], (0.0, 2e3 * wind, 1e3 * wind)),
+        jc.LineLoads((0.0, 50.0 * wind, 0.0)),
+    ]
+    case = jc.Phase(
+        loads=loads[1:],
+        temperature=30.0 * warm - 15.0 * cold,
+        shortening={"down": 0.01 * jack},
+        removes={"down": np.arange(4) == 2} if lost else None,
+    )
+    first = jc.Phase(pretension=PRESTRESS.pretension, loads=loads[0])
+    return jc.solve(hall(), [first, case])
+
+
+@pytest.fixture(scope="module")
+def analysed():
+    found = combinations(hall_actions())
+    return found, jc.design.solve_cases(hall(), PRESTRESS, found.cases)
+
+
+def test_a_batch_of_combinations_equals_each_alone(analysed):
+    """Elastic ropes do not depend on the order of loads: all weight first, by its factor.
+
+    One of each limit state and every lost or heated case: 1e-9, the tolerance of the iteration.
+    """
+    found, batch = analysed
+    assert set(np.asarray(batch.status)) == {0}
+    assert len(found.of_limit_state("ultimate")) == 2 * (1 + 4 + 2 * 5 + 3 * 2)  # by set sizes
+    chosen = {}
+    for k, row in enumerate(found.factors):
+        chosen.setdefault((found.limit_states[k], tuple(row > 0)), k)
+    assert len(chosen) > 30
+    for k in list(chosen.values())[::4]:
+        one = alone(found.factors[k])
+        assert int(one.status) == 0
+        for name in ("ridge", "down"):
+            np.testing.assert_allclose(
+                batch.tension[name][k],
+                one.tension[name],
+                rtol=1e-9,
+                atol=1e-6,
+                err_msg=found.names[k],
+            )
+        np.testing.assert_allclose(batch.displacement[k], one.displacement, atol=1e-10)
+
+
+def test_a_report_names_the_combination_that_governs(analysed):
+    """Largest force of a rope, by name; NumPy finds the same."""
+    found, batch = analysed
+    prestressed = jc.solve(hall(), PRESTRESS)
+    assert int(prestressed.status) == 0
+    table = jc.report(hall(), prestressed, cases=batch, names=found.names).tables["members"]
+    force = np.asarray(batch.tension["ridge"])[:, 0]
+    row = next(row for row in table.rows if list(row[:2]) == ["ridge", 0])
+    assert found.names[int(force.argmax())] in row and found.names[int(force.argmin())] in row
+
+
+def test_derivative_through_the_governing_combination():
+    """Largest tension over all ultimate combinations by the snow: Taylor's slope 2, control 1."""
+
+    def largest(snow):
+        found = combinations(hall_actions(snow)).of_limit_state("ultimate")
+        batch = jc.design.solve_cases(hall(), PRESTRESS, found.cases, TIGHT)
+        return jc.design.envelope(batch.tension).highest["ridge"][1]
+
+    largest = jax.jit(largest)
+    gradient = jax.grad(largest)(-4e3)
+    assert gradient != 0
+    assert slope(largest, -4e3, gradient, size=10.0) > 1.9
+    assert slope(largest, -4e3, 1.01 * gradient, size=10.0) < 1.3
