@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..analysis.solution import State
-from ..common.types import Float, Int
+from ..common.types import Bool, Float, Int
 from ..common.units import SI, Units
 from ..elements.spring import SPRING_FORCE, SPRING_MOMENT
 from ..model.result_parts import named_groups_of, present_elements, values_per_group
@@ -44,8 +44,8 @@ def reaction_table(
         several: whether the text shows the largest resultant.
         units: `Units` of the numbers in the notes.
     """
-    values, held = np.asarray(state.reactions, float), _supported_components(structure, fixed)
-    others = [_supported_components(structure, other.fixed) for other in states.values()]
+    values, held = np.asarray(state.reactions, float), supported_components(structure, fixed)
+    others = [supported_components(structure, other.fixed) for other in states.values()]
     ever = np.any([held, *others], axis=0)
     with_moments = state.reaction_moments is not None and bool(ever[:, 3:].any())
     if with_moments:
@@ -55,13 +55,13 @@ def reaction_table(
     nodes = np.flatnonzero(ever.any(axis=1))
     parts = np.where(held[:, : values.shape[1]], values, np.nan)[nodes]
     every = [np.asarray(other.result.reactions, float)[nodes] for other in states.values()]
-    ground = _ground_rows(structure, state)
+    ground = ground_rows(structure, state)
     count = values.shape[1]
     if len(ground.nodes):
         count = max(count, 6 if np.isfinite(ground.values[:, 3:]).any() else 3)
         parts = np.pad(parts, ((0, 0), (0, count - parts.shape[1])), constant_values=np.nan)
         parts = np.vstack([parts, ground.values[:, :count]])
-        also = [_ground_rows(structure, other.result).values for other in states.values()]
+        also = [ground_rows(structure, other.result).values for other in states.values()]
         every = [np.vstack([a, b[:, :3]]) for a, b in zip(every, also, strict=True)]
     # parts are NaN in a direction in which a spring does not act
     forces = np.nan_to_num(parts[:, :3])
@@ -91,7 +91,7 @@ def reaction_table(
     return make_table(title, columns, notes)
 
 
-class _GroundRows(NamedTuple):
+class GroundRows(NamedTuple):
     """Springs and bearings on the ground: nodes [n], names, and forces and moments, [n, 6].
 
     These are NaN without a spring against rotation, and of an inactive element.
@@ -102,8 +102,8 @@ class _GroundRows(NamedTuple):
     values: Float[np.ndarray, "n 6"]
 
 
-def _ground_rows(structure, state):
-    """Return the `_GroundRows` of a state: of all groups that have the result `SPRING_FORCE`."""
+def ground_rows(structure: Structure, state: State) -> GroundRows:
+    """Return the `GroundRows` of a state: of all groups that have the result `SPRING_FORCE`."""
     results, present = state.element_results, present_elements(structure, state.present)
     forces, moments = (
         values_per_group(structure, results.get(name))
@@ -118,10 +118,10 @@ def _ground_rows(structure, state):
         values.append(np.where(present[k][:, None], np.asarray(both, float), np.nan))
         nodes.append(group.links.array[:, 0])
         names += [f"{label or type(group).__name__} {n}" for n in range(len(both))]
-    return _GroundRows(np.concatenate(nodes), names, np.concatenate(values))
+    return GroundRows(np.concatenate(nodes), names, np.concatenate(values))
 
 
-def _supported_components(structure, fixed):
+def supported_components(structure: Structure, fixed: FixedDofs) -> Bool[np.ndarray, "n_node 6"]:
     """Return whether supports take forces (3) and moments (3) along x, y, z, [n_node, 6] bool."""
     held = np.zeros((structure.n_node, 6), bool)
     array = fixed.array[: structure.n_node]
@@ -146,7 +146,7 @@ def _rounding_limits(values):
 
 def _forces_of_ground(structure, state):
     """Return the forces of springs and bearings on all nodes, [n_node, 3], N; zero without any."""
-    total, ground = np.zeros((structure.n_node, 3)), _ground_rows(structure, state)
+    total, ground = np.zeros((structure.n_node, 3)), ground_rows(structure, state)
     np.add.at(total, ground.nodes, np.nan_to_num(ground.values[:, :3]))
     return total
 

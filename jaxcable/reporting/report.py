@@ -11,9 +11,10 @@ from typing import Any
 
 from ..analysis.phases import Phase
 from ..analysis.solution import Solution, State
-from ..common import status
+from ..common import checks, status
 from ..common.units import SI, Units, UnitsLike, as_units
 from ..common.writing import atomic_write_together
+from ..design.combinations import Combinations
 from ..files.results import format_csv
 from ..model.result_parts import require_single_case
 from ..model.structure import Structure
@@ -21,6 +22,7 @@ from ..model.topology import require_same_topology
 from . import stability, states
 from .axial_forces import axial_force_table, exceeded_strength_sentence, group_tables
 from .cable_sags import check_chains, sag_tables
+from .combination_table import combination_table
 from .displacements import (
     displacement_tables,
     large_displacement_sentence,
@@ -30,6 +32,7 @@ from .displacements import (
 from .element_results import element_result_tables
 from .energies import energy_table
 from .lengths import cable_tables, cutting_list_table
+from .reaction_envelope import reaction_envelope_table
 from .reactions import equilibrium_table, reaction_table
 from .rotations import rotation_tables
 from .section_forces import section_force_tables
@@ -61,6 +64,9 @@ class Report:
 
             - ``reactions``: of supports on the structure, along x, y, z; ``equilibrium``: their
               sum, and that of the loads;
+            - ``reaction_envelope``: smallest and largest value of every component, with the others
+              of the same phase or case;
+            - ``combinations`` of actions, if they are given;
             - ``groups``: smallest and largest force of every group, if there are several;
             - ``members``: axial force, utilization and envelope of every element;
             - ``displacements``: of every node that moves, from the start, after every phase (in
@@ -171,6 +177,7 @@ def report(
     units: UnitsLike | None = None,
     since: int | str | None = None,
     chains: Mapping[str, Sequence[int]] | None = None,
+    combinations: Combinations | None = None,
 ) -> Report:
     """Report a result: displacements, reactions, forces and stresses with envelopes, cutting list.
 
@@ -201,6 +208,8 @@ def report(
             tables of displacements: for deflections under load, without those of prestressing.
         chains: node numbers of cables of several elements by name, as for `results.sags`; they get
             rows in the table ``sags``.
+        combinations: the `design.Combinations` that `cases` are the results of: gives their names,
+            and a table of them.
 
     Returns:
         `Report`; its class lists the tables. Force and utilization in ``members`` are those of the
@@ -255,6 +264,8 @@ def report(
     balanced = energy is not False and energy is not None
     if balanced and phases is None:
         raise ValueError("energy: the balance needs the phases of the analysis, too: phases=...")
+    if combinations is not None:
+        names = _names_of_combinations(combinations, cases, names)
     own_names = names if cases is None else None
     labels = states.check_phase_names(solution, own_names)
     if cases is None:
@@ -277,6 +288,8 @@ def report(
         begin = phase_index(since, labels)
         more = tables_since(structure, solution, envelope, good, begin, heads[begin])
         tables = _insert_after("displacements", tables, more)
+    if combinations is not None:
+        tables = {"combinations": combination_table(combinations, failed), **tables}
     findings = (
         exceeded_strength_sentence(tables["members"]),
         large_displacement_sentence(structure, solution, shown),
@@ -292,6 +305,16 @@ def report(
             units=shown,
         )
     return _finish_report(solution, summary, tables, None if units is None else shown)
+
+
+def _names_of_combinations(combinations, cases, names):
+    """Return the names of combinations; ValueError without cases, or with names beside."""
+    if not isinstance(combinations, Combinations):
+        kind = checks.describe_type(combinations, "design.combinations(actions)")
+        raise ValueError(f"combinations: expected Combinations, got {kind}")
+    if cases is None or names is not None:
+        raise ValueError("combinations: come with cases=..., their results, and without names")
+    return combinations.names
 
 
 def _finish_report(solution, summary, tables, units):
@@ -349,6 +372,7 @@ def _make_tables(structure, solution, envelope, cases, labels, units, chains):
     return {
         **group_tables(forces),
         "reactions": reaction_table(structure, state, end.fixed, envelope, several, units),
+        **reaction_envelope_table(structure, envelope, kind),
         "equilibrium": equilibrium_table(structure, state, units),
         "members": forces,
         **displacement_tables(structure, solution, envelope, cases is not None),

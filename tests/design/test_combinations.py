@@ -263,14 +263,25 @@ def test_a_batch_of_combinations_equals_each_alone(analysed):
 
 
 def test_a_report_names_the_combination_that_governs(analysed):
-    """Largest force of a rope, by name; NumPy finds the same."""
+    """Forces, and reactions with all their components, by name: NumPy finds the same."""
     found, batch = analysed
     prestressed = jc.solve(hall(), PRESTRESS)
     assert int(prestressed.status) == 0
-    table = jc.report(hall(), prestressed, cases=batch, names=found.names).tables["members"]
+    tables = jc.report(hall(), prestressed, cases=batch, combinations=found).tables
     force = np.asarray(batch.tension["ridge"])[:, 0]
-    row = next(row for row in table.rows if list(row[:2]) == ["ridge", 0])
+    row = next(row for row in tables["members"].rows if list(row[:2]) == ["ridge", 0])
     assert found.names[int(force.argmax())] in row and found.names[int(force.argmin())] in row
+    listed = tables["combinations"]
+    assert [row[0] for row in listed.rows] == list(found.names)
+    assert listed.rows[0][2] == found.formula(0)
+    envelope, reactions = tables["reaction_envelope"], np.asarray(batch.reactions)
+    assert envelope.columns == ("node", "extreme", "Rx", "Ry", "Rz", "in")
+    assert len(envelope.rows) == 6 * 3 * 2
+    for node, extreme, *parts, case in envelope.rows:
+        word, component = extreme.split()
+        values = reactions[:, node, "xyz".index(component[1])]
+        assert parts["xyz".index(component[1])] == (values.min() if word == "min" else values.max())
+        assert parts == reactions[found.names.index(case), node].tolist()
 
 
 def test_derivative_through_the_governing_combination():
