@@ -25,6 +25,8 @@ REPORT: dict[str, str | tuple[str, ...]] = {
     "displacement_envelope": "node,min ux (",
     "groups": "group,elements,lowest (",
     "reactions": ("node,Rx (", "node,by,Rx ("),
+    "reaction_envelope": ("node,extreme,", "node,by,extreme,"),
+    "combinations": "combination,limit state,actions,status,clause",
     "equilibrium": "of,x (",
     "rotations": ("node,phase,rx (", "node,case,rx ("),
     "tilts": "group,element,first,last,tilt (",
@@ -41,7 +43,12 @@ REPORT: dict[str, str | tuple[str, ...]] = {
 }
 """Tables of a report (`reporting.Report.save`), likewise."""
 
-_UNITLESS = "summary", "slack", "loose"  # no column has a unit: the whole line must be that
+_UNITLESS = (
+    "summary",
+    "slack",
+    "loose",
+    "combinations",
+)  # no column has a unit: the whole line must be that
 
 
 def path_beside(path: str, suffix: str) -> Path:

@@ -54,7 +54,7 @@ def rows_of_rule(
     for always in _factors_of_permanent(actions, rule):
         for acting in sets:
             for variable in _factors_of_variables(actions, rules, rule, acting):
-                for k in special or [None]:
+                for k in special or (None,):
                     row = always | variable
                     if k is not None:
                         row[k] = exceptional[actions[k].kind]

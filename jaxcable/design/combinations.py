@@ -35,6 +35,14 @@ class Combinations:
         limit_states: of the combinations: "ultimate", "serviceability" and so on.
         clauses: what the factors are taken from, for each combination.
         increments: in how many equal steps a case is applied.
+
+    Example:
+        >>> snow = jc.design.Action("snow", "snow", jc.NodalLoads([1], (0.0, 0.0, -1e3)))
+        >>> found = jc.design.combinations([snow])
+        >>> print(found.of_rule("SLS frequent").formula(1))
+        0.2 snow
+        >>> print(found.of_limit_state("ultimate").cases.loads[0].forces[1])
+        [    0.     0. -1500.]
     """
 
     actions: list[Action]
@@ -234,7 +242,8 @@ def combinations(
     for one, column in zip(actions, factors.T, strict=True):
         if not column.any():
             raise ValueError(f"actions: {one.name!r} is in no combination of these rules")
-    return Combinations(actions, factors, *zip(*texts, strict=True), increments)
+    names, of_rules, limit_states, clauses = zip(*texts, strict=True)
+    return Combinations(actions, factors, names, of_rules, limit_states, clauses, increments)
 
 
 def _require_few(count):

@@ -1,7 +1,7 @@
-"""The table of the smallest and the largest reactions over phases or cases, component by component.
+"""The table of the smallest and the largest reactions over load cases, component by component.
 
 Foundations are designed for all components at once: beside each extreme are the others of the same
-state.
+case.
 """
 
 from __future__ import annotations
@@ -16,21 +16,22 @@ from .reactions import ground_rows, supported_components
 from .states import EnvelopeState
 from .table import Column, Table, make_table
 
+_ROUNDING = 1e-9  # of the largest force, or force and moment, as of `reactions`
 _COMPONENTS = {"Rx": "N", "Ry": "N", "Rz": "N", "Mx": "N m", "My": "N m", "Mz": "N m"}
 
 
 def reaction_envelope_table(
-    structure: Structure, states: Mapping[str, EnvelopeState], kind: str
+    structure: Structure, states: Mapping[str, EnvelopeState]
 ) -> dict[str, Table]:
-    """Return the table ``reaction_envelope`` by name, or an empty dict without several states.
+    """Return the table ``reaction_envelope`` by name, or an empty dict without several cases.
 
-    It has two rows for each component of each support, spring or bearing on the ground: the state
-    in which it is smallest, and that in which it is largest, with all components of this state.
+    It has two rows for each component of each support, spring or bearing on the ground that is ever
+    larger than rounding: the case
+    in which it is smallest, and that in which it is largest, with all components of this case.
 
     Args:
         structure: `Structure`.
-        states: the states of the envelope, by name.
-        kind: what they are, such as "cases".
+        states: the ends of the cases, by name.
     """
     if len(states) < 2:
         return {}
@@ -43,6 +44,11 @@ def reaction_envelope_table(
             for state, mask, rows in zip(states.values(), held, ground, strict=True)
         ]
     )  # [n_state, n, 6]
+    sizes = np.nan_to_num(np.abs(values)).max(
+        axis=0, initial=0.0
+    )  # NaN: not supported in that direction
+    limits = _ROUNDING * np.repeat([sizes[:, :3].max(initial=0.0), sizes.max(initial=0.0)], 3)
+    acts = sizes > limits
     names = np.concatenate([nodes, ground[0].nodes])
     by = ["support"] * len(nodes) + ground[0].names
     parts = [
@@ -50,7 +56,7 @@ def reaction_envelope_table(
         for place in range(len(names))
         for component in range(6)
         for sign in (-1, 1)
-        if np.isfinite(values[:, place, component]).any()
+        if acts[place, component]
     ]
     if not parts:
         return {}
@@ -73,7 +79,7 @@ def reaction_envelope_table(
         *others,
         when,
     ]
-    title = f"Smallest and largest reactions over all {kind}, with the other components"
+    title = "Smallest and largest reactions over all cases, with the other components"
     return {"reaction_envelope": make_table(title, columns)}
 
 

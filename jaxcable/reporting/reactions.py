@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..analysis.results import Results
 from ..analysis.solution import State
 from ..common.types import Bool, Float, Int
 from ..common.units import SI, Units
@@ -102,7 +103,7 @@ class GroundRows(NamedTuple):
     values: Float[np.ndarray, "n 6"]
 
 
-def ground_rows(structure: Structure, state: State) -> GroundRows:
+def ground_rows(structure: Structure, state: State | Results) -> GroundRows:
     """Return the `GroundRows` of a state: of all groups that have the result `SPRING_FORCE`."""
     results, present = state.element_results, present_elements(structure, state.present)
     forces, moments = (
@@ -111,10 +112,10 @@ def ground_rows(structure: Structure, state: State) -> GroundRows:
     )
     nodes, names, values = [np.zeros(0, int)], [], [np.zeros((0, 6))]
     for k, (label, group) in enumerate(named_groups_of(structure)):
-        if forces[k] is None:
+        force, moment = forces[k], moments[k]
+        if force is None:
             continue
-        none = np.full_like(forces[k], np.nan)
-        both = np.hstack([forces[k], none if moments[k] is None else moments[k]])
+        both = np.hstack([force, np.full_like(force, np.nan) if moment is None else moment])
         values.append(np.where(present[k][:, None], np.asarray(both, float), np.nan))
         nodes.append(group.links.array[:, 0])
         names += [f"{label or type(group).__name__} {n}" for n in range(len(both))]

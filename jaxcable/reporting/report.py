@@ -64,8 +64,8 @@ class Report:
 
             - ``reactions``: of supports on the structure, along x, y, z; ``equilibrium``: their
               sum, and that of the loads;
-            - ``reaction_envelope``: smallest and largest value of every component, with the others
-              of the same phase or case;
+            - ``reaction_envelope``: smallest and largest value of every component over cases, with
+              the others of the same case;
             - ``combinations`` of actions, if they are given;
             - ``groups``: smallest and largest force of every group, if there are several;
             - ``members``: axial force, utilization and envelope of every element;
@@ -372,7 +372,7 @@ def _make_tables(structure, solution, envelope, cases, labels, units, chains):
     return {
         **group_tables(forces),
         "reactions": reaction_table(structure, state, end.fixed, envelope, several, units),
-        **reaction_envelope_table(structure, envelope, kind),
+        **reaction_envelope_table(structure, {} if cases is None else envelope),
         "equilibrium": equilibrium_table(structure, state, units),
         "members": forces,
         **displacement_tables(structure, solution, envelope, cases is not None),

@@ -274,6 +274,7 @@ def test_a_report_names_the_combination_that_governs(analysed):
     listed = tables["combinations"]
     assert [row[0] for row in listed.rows] == list(found.names)
     assert listed.rows[0][2] == found.formula(0)
+    assert listed.columns == ("combination", "limit state", "actions", "status", "clause")
     envelope, reactions = tables["reaction_envelope"], np.asarray(batch.reactions)
     assert envelope.columns == ("node", "extreme", "Rx", "Ry", "Rz", "in")
     assert len(envelope.rows) == 6 * 3 * 2

@@ -27,6 +27,10 @@ ROUND = [[0, 1], [1, 2], [2, 3], [3, 0]]
 SPIRAL = [[2.0, 2, 0], [0, 2, 0], [0, 0, 0], [4, 0, 0], [4, 4, 0], [-2, 4, 0], [-2, 1, 0]]
 UP, AXIS = (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)
 HALF = [0.0, 0.5, 1.0]
+SNOW = design.Action("snow", "snow", jc.NodalLoads([1], UP))
+DEAD = design.Action("dead", "permanent", jc.NodalLoads([1], UP), in_phases=True)
+WARM = design.Action("warm", "temperature", temperature=20.0)
+RULE = {"limit state": "ultimate", "permanent": [1.0], "prestress": [1.0]}
 BREEZE = jc.WindTable(pressures=500.0)
 Loads, Phase, Target = jc.NodalLoads, jc.Phase, design.Target
 
@@ -637,6 +641,51 @@ design.tension_distance(solution(), {"net": np.ones(3), "mast": 1.0})
 design.tension_distance(solution(), {"nett": 1.0, "mast": 1.0})
     # tension: expected a number, or a pytree like the elements
 design.envelope(3.0)  # values: expected arrays with the cases
+design.Action(" ", "snow", push())  # name = ' ': expected a text that is not empty
+design.Action("snow", 5, push())  # kind = 5: expected a text that is not empty
+design.Action("snow", "snow")  # 'snow' has no loads and no changes
+design.Action("snow", "snow", push(), needs=[5])  # needs = (5,): expected names of actions
+design.Action("lost", "accidental", removes={"net": [0, 1]})  # removes: expected booleans
+design.combinations([])  # actions: expected a list of Action, got list
+design.combinations([push()])  # actions[0]: expected an Action, got NodalLoads
+design.combinations([SNOW, SNOW])  # actions[1]: 'snow' is the name of actions[0], too
+design.combinations([jc.replace(SNOW, needs="ice")])
+    # actions[0]: needs = 'ice': is no other action; there are 'snow'
+design.combinations([jc.replace(SNOW, kind="sno")])
+    # actions[0]: kind = 'sno': the rules do not have it; ...did you mean 'snow'
+design.combinations([jc.replace(SNOW, source="steel")])
+    # actions[0]: source: 'snow' is no permanent action
+design.combinations([DEAD, jc.replace(SNOW, kind="prestress", exclusive="a")])
+    # actions[1]: exclusive: 'snow' is no variable action
+design.combinations([SNOW], which=["ULS"])  # which: 'ULS': no such rule; there are
+design.combinations([SNOW], which=[])  # which: no rule; there are
+design.combinations([SNOW], which=["ACC 6.11"])  # actions: the rules ACC 6.11 make no combination
+design.combinations([jc.replace(SNOW, kind="imposed H")], which=["SLS frequent"])
+    # actions: 'snow' is in no combination of these rules
+design.combinations([SNOW], increments=0)  # increments = 0
+design.combinations([SNOW], "EN 1991")  # rules = 'EN 1991': ...did you mean 'EN 1990'
+design.combinations([SNOW], {"combinations": {}, "kind": {}})  # rules: unknown entry 'kind'
+design.combinations([SNOW], {})  # rules: expected a dict with the entry 'combinations'
+design.combinations([SNOW], {"combinations": {"A": {}}})
+    # rules: combinations['A']: expected a dict with 'limit state'
+design.combinations([SNOW], {"combinations": {"A": {"limit state": "u", "permanent": [-1.0]}}})
+    # rules: combinations['A']['permanent'] = -1.0: expected a number, not negative
+design.combinations([SNOW], {"combinations": {"A": {**RULE, "leading": ["psi"]}}})
+    # rules: combinations['A']['leading'] = 'psi': expected one of gamma, psi0
+design.combinations([SNOW], {"combinations": {"A": {**RULE, "terms": {"snow": 1.0}}}})
+    # rules: combinations['A']: terms: 'snow' is none of 'kinds'
+design.combinations([SNOW], {"combinations": {}, "kinds": {"snow": {"psi": [1.0]}}})
+    # rules: kinds['snow']['psi']: expected [psi0, psi1, psi2]
+design.combinations([jc.replace(SNOW, name=str(k)) for k in range(16)])
+    # actions: make more than 20000 combinations
+design.combinations([jc.replace(DEAD, loads=None)]).cases
+    # actions: 'dead' has factor 1.35 in combination 'ULS 6.10-1', but is in the phases
+design.combinations([SNOW]).of_rule("ULS")  # rules = 'ULS': no combination is of it
+design.combinations([WARM, jc.replace(WARM, name="cold", temperature={"net": 1.0})]).cases
+    # actions: temperature of 'cold' has another form than that of 'warm'
+jc.report(HUNG, solution(), combinations=5)  # combinations: expected Combinations, got int
+jc.report(HUNG, solution(), combinations=design.combinations([SNOW]))
+    # combinations: come with cases=..., their results
 design.utilization(HUNG, {"net": np.ones(3), "mast": np.ones(1)})  # tension: group 1 has 2 elements
 design.utilization(HUNG, np.ones(2))  # tension: has 1 arrays, the structure 2 groups
 design.utilization(3, 1.0)  # structure: expected a Structure, got int

@@ -265,7 +265,8 @@ def test_text_csv_and_dict_say_the_same(told, tmp_path):
     paths = told.save(tmp_path / "net.csv")
     assert sorted(p.name for p in paths)[0] == "net-cables.csv"
     assert json.loads(told.save(tmp_path / "net.json")[0].read_text()) == data
-    assert told.save(tmp_path / "net.txt")[0].read_text() == told.text() == str(told)
+    assert told.save(tmp_path / "net.txt")[0].read_text() == told.text(rows=10**9)  # all rows
+    assert str(told) == told.text()
     with pytest.raises(ValueError, match=r"path = .*expected a name with .txt, .csv or .json"):
         told.save(tmp_path / "net.pdf")
 
