@@ -341,11 +341,12 @@ MANY_CASES = read(
     r"1 000 000 cases: ([\d.]+) hours",
     r"threads ([\d.]+), two workers",
     r"two workers ([\d.]+), bare",
-    r"at best \((\d+) %\)",
-    forms=(rounded(1), str, rounded(1), str, str, str),
+    r"0 ms each way, chunks of 1.0 s: busy (\d+) %",
+    r"^100 simulated cores, chunks of 1 s: busy (\d+) %",
+    forms=(rounded(1), str, rounded(1), str, str, str, str),
 )
 """Rate of two workers over one; cases that differ; hours of a core for a million; ms a chunk in one
-process and by two workers; part of the time that simulated cores are busy, %."""
+process and by two workers; % of the time that simulated cores are busy, without and with files."""
 
 CLUSTER = read(
     "many_cases",
@@ -353,10 +354,14 @@ CLUSTER = read(
     r"threads ([\d.]+), two workers",
     r"two workers ([\d.]+), bare",
     r"bare tasks of Dask ([\d.]+)",
-    r"at best \((\d+) %\)",
-    forms=(rounded(1), str, str, str, str),
+    r"0 ms each way, chunks of 1.0 s: busy (\d+) %",
+    r"0 ms each way, chunks of 0.2 s: busy \d+ %, (\d+) chunks",
+    r"^100 simulated cores, chunks of 1 s: busy (\d+) %",
+    r"cases: ([\d.]+) hours",
+    forms=(rounded(1), *[str] * 7),
 )
-"""Rate of two workers over one; ms a chunk in one process, by two workers, of Dask; % busy."""
+"""Rate of two workers over one; ms a chunk in one process, by two workers, of Dask; % busy without
+files; chunks a second that the scheduler serves; % busy with files; hours of a core for 1e6."""
 
 FRAMES = read(
     "frames_batch",
@@ -634,13 +639,14 @@ CLAIMS = [
     Claim(
         STUDIES,
         r"compute ([\d.]+) times as many cases[^|]+?and (\d+) differ[^|]+?take ([\d.]+) hours[^|]+?"
-        r"costs ([\d.]+) ms[^|]+?([\d.]+) ms through[^|]+?busy (\d+) %",
+        r"costs ([\d.]+) ms[^|]+?([\d.]+) ms through[^|]+?files (\d+) % are busy[^|]+?all, (\d+) %",
         MANY_CASES,
     ),
     Claim(
         "docs/how-to/clusters.md",
         r"workers compute ([\d.]+) times[^|]+?costs ([\d.]+) ms[^|]+?and ([\d.]+) ms through"
-        r"[^|]+?costs ([\d.]+) ms[^|]+?busy\s(\d+) %",
+        r"[^|]+?costs ([\d.]+) ms[^|]+?busy\s(\d+) %[^|]+?serves (\d+) chunks[^|]+?busy\s(\d+) %"
+        r"[^|]+?cases, ([\d.]+) hours",
         CLUSTER,
     ),
     Claim(
