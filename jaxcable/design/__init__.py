@@ -26,6 +26,7 @@ from .objectives import (
     tension_spread,
     total_prestress,
 )
+from .result_envelopes import ResultEnvelope
 from .targets import Target
 from .tune import Tuned, tune
 
@@ -40,6 +41,7 @@ __all__ = [
     "FitHistory",
     "History",
     "InfluenceLine",
+    "ResultEnvelope",
     "Target",
     "Tuned",
     "WorstPosition",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, overload
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +20,7 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.structure import Structure
 from .arguments import require_structure
+from .result_envelopes import ResultEnvelope, result_envelope
 
 
 def solve_cases(
@@ -107,14 +108,55 @@ class Envelope:
     highest_case: PyTree[Int[Array, " ..."]]
 
 
-def envelope(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> Envelope:
+@overload
+def envelope(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> Envelope: ...
+
+
+@overload
+def envelope(
+    values: Structure,
+    solutions: Solution,
+    names: Sequence[str] | None = None,
+    *,
+    also: Mapping[str, Callable[[Solution], PyTree[Array]]] | None = None,
+    places: int = 11,
+) -> ResultEnvelope: ...
+
+
+def envelope(
+    values: PyTree[Float[ArrayLike, "n_case ..."]] | Structure,
+    solutions: Solution | None = None,
+    names: Sequence[str] | None = None,
+    *,
+    also: Mapping[str, Callable[[Solution], PyTree[Array]]] | None = None,
+    places: int = 11,
+) -> Envelope | ResultEnvelope:
     """Find the least and the largest values over load cases, and the cases in which they occur.
 
+    ``envelope(values)`` is that of any values. ``envelope(structure, solutions, names)`` is that of
+    all results, with the names of the cases that govern: "tension" (the largest along each
+    element), "displacement", "reactions"; with beams "rotation", "reaction_moments" and "N", "Vy",
+    "Vz", "T", "My", "Mz" along them; "sag" of catenaries at midspan; "stress" of fibres. Cases that
+    have failed have no part in it.
+
     Args:
-        values: a pytree with the cases on the leading axes, such as ``solution.peak_tension``.
+        values: a pytree with the cases on the leading axes, such as ``solution.peak_tension``; or
+            the `Structure` of `solutions`.
+        solutions: `Solution` with a leading axis [n_case], as of `solve_cases`.
+        names: of the cases, such as ``combinations.names``; default "case 0" and so on.
+
+    Options:
+        also: further results by name, functions of the `Solution` of one case, such as
+            ``{"used": lambda solution: jc.design.utilization(structure, solution)}``.
+        places: number of places along beams of their section forces, from end to end.
 
     Returns:
-        `Envelope`, its entries in the shape of one case.
+        `Envelope`, its entries in the shape of one case; or `ResultEnvelope`. Derivatives are those
+        of the cases that govern.
+
+    Raises:
+        ValueError: values without a leading axis; solutions of one case, or of another structure; a
+            wrong number of names, or one that occurs twice.
 
     Example:
         >>> tension = {"net": jnp.array([[200.0, 250.0], [230.0, 210.0]])}  # [n_case, n_elem], N
@@ -122,6 +164,10 @@ def envelope(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> Envelope:
         >>> print(extremes.highest["net"], extremes.highest_case["net"])
         [230. 250.] [1 0]
     """
+    if isinstance(values, Structure):
+        if solutions is None:
+            raise ValueError("solutions: missing; give envelope(structure, solutions)")
+        return result_envelope(values, solutions, names, also, places)
     if any(np.ndim(v) == 0 or not np.shape(v)[0] for v in jax.tree.leaves(values)):
         raise ValueError("values: expected arrays with the cases on their leading axis")
     functions = (jnp.min, jnp.max, jnp.argmin, jnp.argmax)

@@ -641,6 +641,8 @@ design.tension_distance(solution(), {"net": np.ones(3), "mast": 1.0})
 design.tension_distance(solution(), {"nett": 1.0, "mast": 1.0})
     # tension: expected a number, or a pytree like the elements
 design.envelope(3.0)  # values: expected arrays with the cases
+design.envelope(HUNG)  # solutions: missing; give envelope(structure, solutions)
+design.envelope(HUNG, solution())  # solutions: expected a Solution with a leading axis
 design.Action(" ", "snow", push())  # name = ' ': expected a text that is not empty
 design.Action("snow", 5, push())  # kind = 5: expected a text that is not empty
 design.Action("snow", "snow")  # 'snow' has no loads and no changes
