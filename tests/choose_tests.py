@@ -147,15 +147,18 @@ def chosen(tests, worth, seconds, always):
 
 def write(tests, stay):
     """Write the list: functions by name where none of their cases stays, else the cases."""
+    before = left_out()
     functions = collections.defaultdict(list)
     for name in tests:
         functions[name.partition("[")[0]].append(name)
-    lines = sorted(name for name in left_out() if name not in tests and name not in functions)
-    for function, names in sorted(functions.items()):
-        out = sorted(set(names) - stay)
-        lines += [function] if len(out) == len(names) else out
-    lines.sort()
-    LIST.write_text("# written by tests/choose_tests.py\n" + "\n".join(lines) + "\n")
+    lines = before - set(tests) - set(functions)
+    for function, names in functions.items():
+        out = set(names) - stay
+        if len(out) == len(names):
+            lines = {line for line in lines if line.partition("[")[0] != function} | {function}
+        else:
+            lines |= out
+    LIST.write_text("# written by tests/choose_tests.py\n" + "\n".join(sorted(lines)) + "\n")
     return len(lines)
 
 

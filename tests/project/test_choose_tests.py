@@ -66,6 +66,24 @@ def test_names_and_whole_functions_are_left_out():
     assert not choose_tests.is_left_out(f"{FILE}::test_b[1]", names)
 
 
+def test_what_nothing_has_recorded_stays_in_the_list(tmp_path, monkeypatch):
+    """A record of `make test` alone: of a function whose cases are all out by now, one line."""
+    path = tmp_path / "list.txt"
+    before = "never", "some[1]", "every[1]", "again"
+    path.write_text("# header\n" + "".join(f"{FILE}::test_{name}\n" for name in before))
+    monkeypatch.setattr(choose_tests, "LIST", path)
+    tests = {
+        f"{FILE}::test_{name}": (1.0, ()) for name in ("some[2]", "some[3]", "every[2]", "again")
+    }
+    choose_tests.write(tests, {f"{FILE}::test_{name}" for name in ("some[3]", "again")})
+    assert short(choose_tests.left_out()) == {
+        "test_never",
+        "test_some[1]",
+        "test_some[2]",
+        "test_every",
+    }
+
+
 def test_what_texts_cite_is_in_make_test():
     cited, out = choose_tests.cited(), choose_tests.left_out()
     assert len(cited) > 30
