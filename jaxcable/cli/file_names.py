@@ -26,7 +26,7 @@ REPORT: dict[str, str | tuple[str, ...]] = {
     "groups": "group,elements,lowest (",
     "reactions": ("node,Rx (", "node,by,Rx ("),
     "reaction_envelope": ("node,extreme,", "node,by,extreme,"),
-    "combinations": "combination,limit state,actions,status,clause",
+    "combinations": "combination,limit state,actions,status,named,clause",
     "equilibrium": "of,x (",
     "rotations": ("node,phase,rx (", "node,case,rx ("),
     "tilts": "group,element,first,last,tilt (",

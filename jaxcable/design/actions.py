@@ -9,10 +9,14 @@ import jax
 import numpy as np
 
 from ..common import checks
+from ..common.selection import Only, Selection, WholeGroups
 from ..common.tree import pytree, set_fields
 from ..common.types import ArrayLike, Bool, Float, PyTree
 from ..loads import as_list
 from ..loads.load import Load
+
+_CHOICES = str, Selection, Only, WholeGroups
+"""What a `Phase` takes for lost elements, and the cases of a batch cannot share."""
 
 
 @pytree(static=("name", "kind", "in_phases", "exclusive", "source", "needs", "excludes"))
@@ -76,12 +80,13 @@ class Action:
         for name in ("temperature", "shortening"):
             for leaf in jax.tree.leaves(getattr(self, name)):
                 checks.as_floats(leaf, name)
-        for leaf in jax.tree.leaves(self.removes):
-            known = checks.array_if_known(leaf)
-            if known is not None and (np.ndim(known) != 1 or known.dtype != bool):
+        for leaf in jax.tree.leaves(self.removes, is_leaf=lambda x: isinstance(x, _CHOICES)):
+            known = None if isinstance(leaf, _CHOICES) else checks.array_if_known(leaf)
+            is_wrong = known is not None and (np.ndim(known) != 1 or known.dtype != bool)
+            if isinstance(leaf, _CHOICES) or is_wrong:
                 raise ValueError(
-                    "removes: expected booleans [n_elem], by group: the cases of a batch differ in "
-                    "them"
+                    "removes: expected booleans [n_elem], by group, and neither names nor only(): "
+                    "the cases of a batch differ in them"
                 )
         if not self.has_parts and not self.in_phases:
             raise ValueError(

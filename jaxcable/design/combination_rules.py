@@ -32,6 +32,7 @@ from ..common import checks
 
 FACTORS = "gamma", "psi0", "psi1", "psi2"
 """What factors of leading and accompanying actions are products of."""
+_LARGEST = 10.0  # a factor, not a percentage
 ALWAYS = "permanent", "prestress"
 """Kinds of actions that are in every combination."""
 _COMBINATION_KEYS = {
@@ -102,10 +103,10 @@ def _check(rules):
             raise ValueError(f"rules: {where}: this kind is no variable action")
         if "gamma" in kind:
             _number(kind["gamma"], f"{where}['gamma']")
-        if "psi" in kind and len(kind["psi"]) != 3:
+        if "psi" in kind and (not isinstance(kind["psi"], list) or len(kind["psi"]) != 3):
             raise ValueError(f"rules: {where}['psi']: expected [psi0, psi1, psi2]")
         for psi in kind.get("psi", ()):
-            _number(psi, f"{where}['psi']")
+            _number(psi, f"{where}['psi']", 1.0)
     for name, rule in rules["combinations"].items():
         _check_combination(f"combinations[{name!r}]", rule, kinds)
 
@@ -141,7 +142,26 @@ def _check_combination(where, rule, kinds):
             _number(factor, f"{where}: {key}: {kind!r}")
 
 
-def _number(value, name):
-    """Raise ValueError unless `value` is a number that is not negative."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0:
-        raise ValueError(f"rules: {name} = {value!r}: expected a number, not negative")
+def _number(value, name, most=_LARGEST):
+    """Raise ValueError unless `value` is a number from 0 to `most`."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= most:
+        raise ValueError(f"rules: {name} = {value!r}: expected a number from 0 to {most:g}")
+
+
+def with_origin(clause: str, name: str, rules: Mapping[str, Any]) -> str:
+    """Return the clause of a combination, which says so if the rules are not as published.
+
+    Args:
+        clause: of the combination.
+        name: of the combination.
+        rules: the rules that it is of.
+    """
+    for published in _rules_of_package().values():
+        same = published["combinations"].get(name)
+        if same is not None and same.get("clause") == clause:
+            parts = ("gamma", "kinds")
+            if same != rules["combinations"][name] or any(
+                published.get(part, 1.0) != rules.get(part, 1.0) for part in parts
+            ):
+                return f"{clause}; CHANGED factors, source: {rules.get('source', 'not given')}"
+    return clause

@@ -18,7 +18,7 @@ from ..common.types import Float
 from ..loads import as_list, combine
 from .actions import Action, check_actions
 from .combination_factors import rows_of_rule, sets_of_variables
-from .combination_rules import ALWAYS, combination_rules
+from .combination_rules import ALWAYS, combination_rules, with_origin
 
 _MOST = 20_000  # combinations: more than anybody would look at, and seconds to enumerate
 
@@ -232,16 +232,19 @@ def combinations(
             of_rule[row] = None
             _require_few(len(rows) + len(of_rule))
         rows += of_rule
+        clause = with_origin(rule.get("clause", ""), name, rules)
         texts += [
-            (f"{name}-{k}", name, rule["limit state"], rule.get("clause", ""))
-            for k in range(1, 1 + len(of_rule))
+            (f"{name}-{k}", name, rule["limit state"], clause) for k in range(1, 1 + len(of_rule))
         ]
     if not rows:
         raise ValueError(f"actions: the rules {', '.join(chosen)} make no combination of them")
     factors = np.array(rows)
     for one, column in zip(actions, factors.T, strict=True):
         if not column.any():
-            raise ValueError(f"actions: {one.name!r} is in no combination of these rules")
+            raise ValueError(
+                f"actions: {one.name!r} is in no combination of these rules: none has {one.kind!r} "
+                "together with what the action needs, or its factors are zero"
+            )
     names, of_rules, limit_states, clauses = zip(*texts, strict=True)
     return Combinations(actions, factors, names, of_rules, limit_states, clauses, increments)
 

@@ -13,20 +13,22 @@ from ..analysis.phases import Phase
 from ..analysis.results import ElementResults
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
-from ..common import checks
+from ..common import checks, status
 from ..common.tree import pytree, stack_trees
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
+from ..loads import SelfWeight, as_list
 from ..model.structure import Structure
 from .arguments import require_structure
+from .combinations import Combinations
 from .result_envelopes import ResultEnvelope, result_envelope
 
 
 def solve_cases(
     structure: Structure,
     phases: Phase | Sequence[Phase] | None,
-    cases: Phase | Sequence[Phase],
+    cases: Phase | Sequence[Phase] | Combinations,
     method: Newton | Incremental | None = None,
     *,
     start: Solution | State | None = None,
@@ -37,7 +39,7 @@ def solve_cases(
         structure, phases, method: as for `solve`; `phases` lead to the prestressed state.
         cases: list of `Phase`, one per case, which differ in numbers only (the same kinds of loads
             on the same nodes, zero where a case has none); or one `Phase` whose arrays all have a
-            leading axis [n_case].
+            leading axis [n_case]; or `Combinations`.
 
     Options:
         start: as for `solve`: the state at which `phases` begin.
@@ -47,6 +49,10 @@ def solve_cases(
 
     Raises:
         ValueError: cases that differ in more than numbers.
+
+    Warns:
+        UnstableWarning: cases end in an unstable equilibrium.
+        InputWarning: an action of `Combinations` is a self-weight that the phases have already.
 
     Example:
         A small push on a tripod with legs of 5 m, downward and sideways; its stiffness is
@@ -63,6 +69,10 @@ def solve_cases(
         [0 0] [[ 0.   0.  -0.1]
          [ 0.1  0.   0. ]]
     """
+    names: Sequence[str] | None = None
+    if isinstance(cases, Combinations):
+        _warn_of_weight_twice(phases, start, cases)
+        names, cases = cases.names, cases.cases
     if not isinstance(cases, Phase | list | tuple):
         raise ValueError(f"cases: expected a list of Phase, got {type(cases).__name__}")
     first = solve(structure, phases, method, start=start)
@@ -81,7 +91,42 @@ def solve_cases(
                     "same kinds of loads on the same nodes, zero where there is none"
                 )
         cases = stack_trees(cases)
-    return jax.vmap(lambda case: solve(structure, [case], method, start=first))(cases)
+    solutions = jax.vmap(lambda case: solve(structure, [case], method, start=first))(cases)
+    _warn_of_unstable_cases(solutions, names)
+    return solutions
+
+
+def _warn_of_weight_twice(phases, start, combinations):
+    """Warn if an action that is not in the phases is a self-weight, and the phases have one."""
+    before = [
+        load
+        for phase in ([phases] if isinstance(phases, Phase) else phases or ())
+        for load in as_list(phase.loads)
+    ]
+    if start is not None or not any(isinstance(load, SelfWeight) for load in before):
+        return
+    for one in combinations.actions:
+        if not one.in_phases and any(isinstance(load, SelfWeight) for load in as_list(one.loads)):
+            checks.warn_user(
+                f"actions: {one.name!r} is a SelfWeight, and the phases before the cases have one, "
+                "too: it acts twice; give the action in_phases=True if it is the same weight"
+            )
+
+
+def _warn_of_unstable_cases(solutions, names):
+    """Warn of cases that end in an unstable equilibrium, unless they are traced."""
+    codes, stable = (checks.array_if_known(x) for x in (solutions.status, solutions.stable))
+    if codes is None or stable is None or codes.ndim != 1:
+        return
+    found = np.flatnonzero((codes == status.OK) & ~stable)
+    if len(found):
+        shown = ", ".join(f"case {k}" if names is None else names[k] for k in found[:5])
+        more = f" and {len(found) - 5} more" if len(found) > 5 else ""
+        checks.warn_user(
+            f"{shown}{more}: end in an unstable equilibrium, in which the structure will not stay: "
+            "the tangent stiffness has a negative eigenvalue",
+            checks.UnstableWarning,
+        )
 
 
 @pytree

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -13,10 +13,13 @@ from ..common import checks, status
 from ..common.rules import Rule, are_rules_kept, collect_rules, nan_if_broken
 from ..common.selection import Only, Selection
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..elements.abilities import Sagging
 from ..elements.element import Element, ElementState
 from ..elements.straight import Straight
-from ..loads import NodalLoads
+from ..loads import NodalLoads, SelfWeight, as_list
+from ..loads.load import Load
 from ..mechanics.assembly import System
+from ..model.plausibility import NamedGroups, issues_warnings
 from ..model.result_parts import named_groups_of, path_of_group
 from ..model.structure import Structure, position_rules
 from ..spaces import Translations
@@ -182,3 +185,27 @@ def system_with_fixed_supports(
     """
     space = Translations(dof_map, jnp.zeros_like(nodes))
     return System(nodes, groups, states, load, space, followers)
+
+
+@issues_warnings
+def warn_of_hanging_elements(
+    named: NamedGroups, prescribed: Sequence[bool], loads: Load | Sequence[Load] | None
+) -> Iterator[str]:
+    """Warn of catenaries with given values under their weight: in a form all of them are straight.
+
+    Args:
+        named: pairs of (key in the elements as text, group).
+        prescribed: whether each group has given values.
+        loads: those of the form.
+    """
+    if not any(isinstance(load, SelfWeight) for load in as_list(loads)):
+        return
+    for (where, group), is_given in zip(named, prescribed, strict=True):
+        weight = checks.array_if_known(group.weight)
+        if is_given and isinstance(group, Sagging) and weight is not None and np.any(weight):
+            yield (
+                f"elements{where} (Catenaries): with given values they are straight in the form, "
+                "half of their weight at each end; hanging by the lengths of the form they have "
+                "other forces. Take Cables of several elements, or give no values and state "
+                "end_tension in an analysis"
+            )

@@ -41,7 +41,12 @@ from .force_elements import ForceElementNet
 from .form import Form, arrange_form_as_elements, make_form, most_shortened_element
 from .form_dependent_loads import FormDependentLoads, nodes_coupled_by_loads, split_loads
 from .forms_by_analysis import find_form_by_analysis, needs_analysis
-from .input_checks import input_status, require_structure, sum_nodal_loads
+from .input_checks import (
+    input_status,
+    require_structure,
+    sum_nodal_loads,
+    warn_of_hanging_elements,
+)
 from .prescribed_values import read_prescribed_values
 
 # Stiffness times length of the springs that nearly keep lengths, over the largest force. Where a
@@ -165,6 +170,7 @@ def find_form(
     if not isinstance(method, Newton):
         raise ValueError(f"method: expected Newton, got {type(method).__name__}")
     prescribed = read_prescribed_values(structure, tension, stress, length, force_density)
+    warn_of_hanging_elements(structure.named_groups(), prescribed.is_prescribed, loads)
     if needs_analysis(structure, loads, prescribed.has_lengths, all(prescribed.is_prescribed)):
         return find_form_by_analysis(structure, prescribed, loads, method)
     loads, others = split_loads(structure, loads)

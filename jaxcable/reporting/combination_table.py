@@ -2,28 +2,68 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import collections
+import itertools
+from collections.abc import Collection, Iterable, Mapping
 
 from ..common.status import describe
 from ..design.combinations import Combinations
 from .table import Column, Table, make_table
 
 
-def combination_table(combinations: Combinations, failed: Mapping[str, int]) -> Table:
-    """Return the table of combinations.
+def combination_table(
+    combinations: Combinations,
+    failed: Mapping[str, int],
+    unstable: Collection[str],
+    tables: Iterable[Table],
+) -> Table:
+    """Return the table of combinations; if it is long, its text shows those that govern most.
 
     Args:
         combinations: `Combinations`, in the order of the cases.
         failed: status codes of the cases that have failed, by name.
+        unstable: names of the cases that end in an unstable equilibrium.
+        tables: other tables, which name the cases that govern.
     """
     names = combinations.names
+    cells = itertools.chain.from_iterable(row for table in tables for row in table.rows)
+    count = collections.Counter(cell for cell in cells if isinstance(cell, str))
     columns = [
         Column("combination", "", list(names)),
         Column("limit state", "", list(combinations.limit_states)),
         Column("actions", "", [combinations.formula(k) for k in range(len(names))]),
-        Column("status", "", [describe(failed[name]) if name in failed else "" for name in names]),
+        Column("status", "", [_status(name, failed, unstable) for name in names]),
+        Column("named", "", [count[name] for name in names], governs=True, heading="times named"),
         Column("clause", "", list(combinations.clauses), detail=True),
     ]
     clauses = dict.fromkeys(zip(combinations.rules, combinations.clauses, strict=True))
-    notes = [f"{rule}: {clause}" for rule, clause in clauses if clause]
+    notes = ["times named: in how many rows of the other tables"]
+    notes += [f"{rule}: {clause}" for rule, clause in clauses if clause]
     return make_table("Combinations of actions", columns, notes)
+
+
+def _status(name, failed, unstable):
+    """Return what has become of a case: "" if all is well."""
+    if name in failed:
+        return describe(failed[name])
+    return "UNSTABLE" if name in unstable else ""
+
+
+def combination_sentences(
+    combinations: Combinations, failed: Mapping[str, int], unstable: Collection[str]
+) -> list[str]:
+    """Return sentences on how many combinations there are, which are unstable, and what is mixed.
+
+    Arguments as of `combination_table`.
+    """
+    count = len(combinations)
+    lines = [f"{count} combinations of actions, {count - len(failed)} converged"]
+    if unstable:
+        lines.append(f"UNSTABLE at their ends, but in the envelopes: {', '.join(sorted(unstable))}")
+    states = list(dict.fromkeys(combinations.limit_states))
+    if len(states) > 1:
+        lines.append(
+            f"CHECK: envelopes are over all limit states ({', '.join(states)}); a report of "
+            "combinations.of_limit_state(...) has those of one"
+        )
+    return lines

@@ -22,7 +22,7 @@ from ..model.topology import require_same_topology
 from . import stability, states
 from .axial_forces import axial_force_table, exceeded_strength_sentence, group_tables
 from .cable_sags import check_chains, sag_tables
-from .combination_table import combination_table
+from .combination_table import combination_sentences, combination_table
 from .displacements import (
     displacement_tables,
     large_displacement_sentence,
@@ -104,7 +104,7 @@ class Report:
     def text(self, rows: int = _LONG) -> str:
         """Return the report as text, with at most `rows` rows of each table.
 
-        Of a longer table these are the rows with the largest values.
+        Of a longer table these are the rows with the largest values, or the first ones.
         """
         parts = ["\n".join(self.summary)]
         scales = common_scales(list(self.tables.values()), self.units)
@@ -289,7 +289,10 @@ def report(
         more = tables_since(structure, solution, envelope, good, begin, heads[begin])
         tables = _insert_after("displacements", tables, more)
     if combinations is not None:
-        tables = {"combinations": combination_table(combinations, failed), **tables}
+        unstable = [name for name, case in good.items() if not bool(case.stable)]
+        summary += combination_sentences(combinations, failed, unstable)
+        table = combination_table(combinations, failed, unstable, tables.values())
+        tables = {"combinations": table, **tables}
     findings = (
         exceeded_strength_sentence(tables["members"]),
         large_displacement_sentence(structure, solution, shown),

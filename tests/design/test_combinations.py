@@ -172,6 +172,22 @@ def test_accidental_and_rules_of_a_user(tmp_path):
     assert combination_rules("EN 1990")["kinds"]["snow"]["psi"] == [0.5, 0.2, 0.0]
 
 
+def test_changed_factors_are_said():
+    """The clause of the standard stands beside its own factors only."""
+    rules = combination_rules("EN 1990")
+    same = combinations([G, S], rules)
+    assert set(same.clauses) == set(combinations([G, S]).clauses)
+    rules["gamma"], rules["source"] = 1.6, "NA"
+    assert all(
+        c.endswith("CHANGED factors, source: NA") for c in combinations([G, S], rules).clauses
+    )
+    rules = combination_rules("EN 1990")
+    rules["combinations"]["ULS 6.10"]["permanent"] = [1.2, 0.95]
+    found = combinations([G, S], rules)
+    changed = {rule for rule, c in zip(found.rules, found.clauses, strict=True) if "CHANGED" in c}
+    assert changed == {"ULS 6.10"}
+
+
 # --- analyses
 
 LINKS = [[0, 1], [1, 2], [2, 3], [4, 1], [1, 5], [6, 2], [2, 7]]
@@ -233,7 +249,7 @@ def alone(row):
 @pytest.fixture(scope="module")
 def analysed():
     found = combinations(hall_actions())
-    return found, jc.design.solve_cases(hall(), PRESTRESS, found.cases)
+    return found, jc.design.solve_cases(hall(), PRESTRESS, found)
 
 
 def test_a_batch_of_combinations_equals_each_alone(analysed):
@@ -274,7 +290,11 @@ def test_a_report_names_the_combination_that_governs(analysed):
     listed = tables["combinations"]
     assert [row[0] for row in listed.rows] == list(found.names)
     assert listed.rows[0][2] == found.formula(0)
-    assert listed.columns == ("combination", "limit state", "actions", "status", "clause")
+    assert listed.columns == (
+        *("combination", "limit state", "actions", "status", "named", "clause"),
+    )
+    governing = {cell for row in tables["members"].rows for cell in row} & set(found.names)
+    assert governing and all(row[4] > 0 for row in listed.rows if row[0] in governing)
     envelope, reactions = tables["reaction_envelope"], np.asarray(batch.reactions)
     assert envelope.columns == ("node", "extreme", "Rx", "Ry", "Rz", "in")
     assert len(envelope.rows) == 6 * 3 * 2
@@ -298,3 +318,33 @@ def test_derivative_through_the_governing_combination():
     assert gradient != 0
     assert slope(largest, -4e3, gradient, size=10.0) > 1.9
     assert slope(largest, -4e3, 1.01 * gradient, size=10.0) < 1.3
+
+
+def test_a_post_without_two_of_its_guys_is_named():
+    """It stands upright, but not for long: status OK, a warning, a word in the report.
+
+    A weight that acts twice is warned of before.
+    """
+    top = 4
+    nodes = [[3.0, 0, 0], [0, 3.0, 0], [-3.0, 0, 0], [0, -3.0, 0], [0, 0, 4.0], [0, 0, 0.0]]
+    elements = {
+        "guys": jc.Cables([[k, top] for k in range(4)], axial_stiffness=1e6, weight=1.0),
+        "post": jc.Bars([[5, top]], axial_stiffness=1e8, weight=10.0),
+    }
+    structure = jc.Structure(nodes, elements, jc.pinned([0, 1, 2, 3, 5]))
+    calm = jc.Phase(pretension={"guys": 500.0}, loads=jc.SelfWeight())
+    lost = Action("two lost", "accidental", removes={"guys": np.arange(4) % 2 == 0, "post": None})
+    weight = Action("weight", "permanent", jc.SelfWeight(), in_phases=True)
+    found = combinations([weight, lost], which=["ACC 6.11"])
+    with pytest.warns(jc.UnstableWarning, match=r"^ACC 6.11-1: end in an unstable equilibrium"):
+        solutions = jc.design.solve_cases(structure, calm, found)
+    assert np.asarray(solutions.status).tolist() == [0] and not solutions.stable.any()
+    before = jc.solve(structure, calm)
+    assert int(before.status) == 0
+    report = jc.report(structure, before, cases=solutions, combinations=found)
+    assert "UNSTABLE at their ends, but in the envelopes: ACC 6.11-1" in report.summary
+    assert report.tables["combinations"].rows[0][3] == "UNSTABLE"
+    twice = combinations([jc.replace(weight, in_phases=False), lost], which=["ACC 6.11"])
+    said = pytest.warns(jc.InputWarning, match="'weight' is a SelfWeight.*acts twice")
+    with pytest.warns(jc.UnstableWarning), said:
+        jc.design.solve_cases(structure, calm, twice)

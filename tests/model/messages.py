@@ -648,6 +648,13 @@ design.Action("snow", 5, push())  # kind = 5: expected a text that is not empty
 design.Action("snow", "snow")  # 'snow' has no loads and no changes
 design.Action("snow", "snow", push(), needs=[5])  # needs = (5,): expected names of actions
 design.Action("lost", "accidental", removes={"net": [0, 1]})  # removes: expected booleans
+design.Action("lost", "accidental", removes=jc.only([0]))
+    # removes: expected booleans [n_elem], by group, and neither names nor only()
+design.Action("lost", "accidental", removes={"net": jc.only([0])})  # removes: expected booleans
+design.combinations([SNOW], {"combinations": {}, "kinds": {"snow": {"psi": 0.7}}})
+    # rules: kinds['snow']['psi']: expected [psi0, psi1, psi2]
+design.combinations([SNOW], {"combinations": {}, "kinds": {"snow": {"psi": [60, 20, 0]}}})
+    # rules: kinds['snow']['psi'] = 60: expected a number from 0 to 1
 design.combinations([])  # actions: expected a list of Action, got list
 design.combinations([push()])  # actions[0]: expected an Action, got NodalLoads
 design.combinations([SNOW, SNOW])  # actions[1]: 'snow' is the name of actions[0], too
@@ -671,7 +678,7 @@ design.combinations([SNOW], {})  # rules: expected a dict with the entry 'combin
 design.combinations([SNOW], {"combinations": {"A": {}}})
     # rules: combinations['A']: expected a dict with 'limit state'
 design.combinations([SNOW], {"combinations": {"A": {"limit state": "u", "permanent": [-1.0]}}})
-    # rules: combinations['A']['permanent'] = -1.0: expected a number, not negative
+    # rules: combinations['A']['permanent'] = -1.0: expected a number from 0 to 10
 design.combinations([SNOW], {"combinations": {"A": {**RULE, "leading": ["psi"]}}})
     # rules: combinations['A']['leading'] = 'psi': expected one of gamma, psi0
 design.combinations([SNOW], {"combinations": {"A": {**RULE, "terms": {"snow": 1.0}}}})
@@ -712,6 +719,12 @@ analyse(Phase(pretension=0.01), PUSHED, structure=net(elements=cables(axial_stif
     # phases[1].loads: 1 N on node 1
 stated(prestrain=jc.only([2], 0.2))
     # phases[0].prestrain[2] = 0.2: a strain of 20 %, ... a ratio, not a percentage
+jc.find_form(
+    net(elements=jc.Catenaries(LINKS, axial_stiffness=1e4, weight=1.0)),
+    force_density=1.0,
+    loads=jc.SelfWeight(),
+)
+    # elements (Catenaries): with given values they are straight in the form
 jc.Polygonal([0, 0.2, 5.0], [0, 4e8, 5e8])
     # strain[2] = 5: more than 1; it is a ratio, not a percentage
 jc.Polygonal([0, 4e8, 5e8], [0, 2e-3, 0.05])  # strain[2] = 5e+08: more than 1
