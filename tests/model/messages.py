@@ -27,6 +27,7 @@ ROUND = [[0, 1], [1, 2], [2, 3], [3, 0]]
 SPIRAL = [[2.0, 2, 0], [0, 2, 0], [0, 0, 0], [4, 0, 0], [4, 4, 0], [-2, 4, 0], [-2, 1, 0]]
 UP, AXIS = (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)
 HALF = [0.0, 0.5, 1.0]
+HANGING = jc.Catenaries(LINKS, axial_stiffness=1e4, weight=1.0)
 SNOW = design.Action("snow", "snow", jc.NodalLoads([1], UP))
 DEAD = design.Action("dead", "permanent", jc.NodalLoads([1], UP), in_phases=True)
 WARM = design.Action("warm", "temperature", temperature=20.0)
@@ -719,11 +720,7 @@ analyse(Phase(pretension=0.01), PUSHED, structure=net(elements=cables(axial_stif
     # phases[1].loads: 1 N on node 1
 stated(prestrain=jc.only([2], 0.2))
     # phases[0].prestrain[2] = 0.2: a strain of 20 %, ... a ratio, not a percentage
-jc.find_form(
-    net(elements=jc.Catenaries(LINKS, axial_stiffness=1e4, weight=1.0)),
-    force_density=1.0,
-    loads=jc.SelfWeight(),
-)
+jc.find_form(net(elements=HANGING), force_density=1.0, loads=jc.SelfWeight())
     # elements (Catenaries): with given values they are straight in the form
 jc.Polygonal([0, 0.2, 5.0], [0, 4e8, 5e8])
     # strain[2] = 5: more than 1; it is a ratio, not a percentage
