@@ -31,6 +31,9 @@ of polyester at some 0.12."""
 MAX_LOAD_STRAIN = 0.5
 """Limit of strains from loads; larger, because a batch or a search may contain large loads."""
 
+_DEEP = 4.0
+"""Sag over the distance of the ends above which a loop is most likely given in other units."""
+
 _UNITS = f"check the units: stiffness and forces in N, areas in m2, moduli in Pa; {STATE_UNITS}"
 
 
@@ -68,6 +71,11 @@ def warn_of_prestress(
     elif name == "temperature" and array_or_none(group.expansion) is not None:
         strain = value * array_or_none(group.expansion)
         yield from _describe_unlikely_strain(label, value, strain, "is the expansion in 1/K?")
+    elif name in ("sag", "built_sag"):
+        chord = lengths_over_nodes(group, nodes)
+        over = value > _DEEP * chord
+        text = "".join(f"its ends are {d:.4g} m apart; is the sag in m?" for d in chord[over][:1])
+        yield from describe_first_wrong(label, value, over, text)
     elif name == "rest_length":
         yield from describe_unlikely_length(label, value, lengths_over_nodes(group, nodes))
 

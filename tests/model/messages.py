@@ -723,6 +723,8 @@ stated(prestrain=jc.only([2], 0.2))
     # phases[0].prestrain[2] = 0.2: a strain of 20 %, ... a ratio, not a percentage
 jc.find_form(net(elements=HANGING), force_density=1.0, loads=jc.SelfWeight())
     # elements (Catenaries): with given values they are straight in the form
+stated(HANGING, built_sag=150.0)
+    # phases[0].built_sag[0] = 150: its ends are 1 m apart; is the sag in m?
 jc.Polygonal([0, 0.2, 5.0], [0, 4e8, 5e8])
     # strain[2] = 5: more than 1; it is a ratio, not a percentage
 jc.Polygonal([0, 4e8, 5e8], [0, 2e-3, 0.05])  # strain[2] = 5e+08: more than 1
