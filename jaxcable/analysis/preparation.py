@@ -137,15 +137,7 @@ def prepare(
         warn_of_idle_loads(without_amplitudes(along), presence, earlier)
         presence, attached = presence.on_bundles(bundles), attached_phases(phases)
         idle = presence.inactive_dofs(structure, bundled)
-    for k, phase in enumerate(phases):
-        moving = along[k] or movements[k]
-        alone = not (moving or any(statements[k])) and phase.supports is None
-        mask = sets[k + 1].array
-        waits = None if idle is None or isinstance(idle, jax.core.Tracer) else idle[k + 1]
-        peaks = [scale_to_peak(*pair) for pair in nodal[k]]
-        phase_plausibility.warn_of_nodal_loads(earlier + k, peaks, mask, groups, alone, waits)
-        if not moving:
-            phase_plausibility.warn_if_all_nodes_held(earlier + k, mask, groups)
+    _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, earlier)
     if any(phase.loads is not None or phase.sag is not None for phase in phases):
         weighed = any(isinstance(stack.load, SelfWeight) for stack in everything)
         phase_plausibility.warn_of_unused_weight(structure.named_groups(), weighed)
@@ -178,6 +170,24 @@ def prepare(
         *(without_indices, arrays, method, code, tuple(sets), everything),
         *(bundles, isinstance(method, Newton) and _has_fallbacks(bundled, convex), count, warns),
     )
+
+
+def _warn_of_unlikely_loads(structure, phases, loads, sets, idle, statements, earlier):
+    """Warn of nodal loads that strain elements a lot, and of phases in which nothing can move.
+
+    `loads` are as of `check_loads`, by phase; `sets` and `idle` (or None) are held and inactive
+    degrees of freedom before the first phase and in each.
+    """
+    groups = structure.motion_rows()[1]
+    for k, phase in enumerate(phases):
+        nodal, movements, along = loads[k]
+        moving, mask = along or movements, sets[k + 1].array
+        alone = not (moving or any(statements[k])) and phase.supports is None
+        waits = None if idle is None or isinstance(idle, jax.core.Tracer) else idle[k + 1]
+        peaks = [scale_to_peak(*pair) for pair in nodal]
+        phase_plausibility.warn_of_nodal_loads(earlier + k, peaks, mask, groups, alone, waits)
+        if not moving:
+            phase_plausibility.warn_if_all_nodes_held(earlier + k, mask, groups)
 
 
 def _statements_with_jacks(structure, phase, where):

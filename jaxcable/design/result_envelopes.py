@@ -61,7 +61,7 @@ class ResultEnvelope:
 
     def governing(self, result: str, side: Side = "high") -> PyTree[np.ndarray]:
         """Return the names of the cases that govern a result, in its shape; "" without a value."""
-        which, extreme = self._of_side(result, side)
+        which, extreme = self._cases_and_extremes(result, side)
         names = np.array([*self.names, ""], object)
         return jax.tree.map(
             lambda k, x: names[np.where(np.isnan(np.asarray(x)), -1, np.asarray(k))], which, extreme
@@ -74,21 +74,23 @@ class ResultEnvelope:
 
         Raises ValueError if the two have different shapes, as those of elements and of nodes.
         """
-        which, _ = self._of_side(result, side)
-        values = self._known(other, self.values)
+        which, _ = self._cases_and_extremes(result, side)
+        values = self._values_of_result(other, self.values)
         if [np.shape(x)[1:] for x in jax.tree.leaves(values)] != [
             np.shape(k) for k in jax.tree.leaves(which)
         ]:
             raise ValueError(f"other = {other!r}: has another shape than {result!r}")
-        return jax.tree.map(_take_cases, values, which)
+        return jax.tree.map(_values_in_cases, values, which)
 
-    def _of_side(self, result, side):
+    def _cases_and_extremes(self, result, side):
         """Return the indices of the governing cases of a result, and its extreme values."""
         checks.require_one_of(side, "side", ("low", "high"))
         cases = self.low_case if side == "low" else self.high_case
-        return self._known(result, cases), (self.low if side == "low" else self.high)[result]
+        return self._values_of_result(result, cases), (self.low if side == "low" else self.high)[
+            result
+        ]
 
-    def _known(self, result, values):
+    def _values_of_result(self, result, values):
         """Return `values[result]`; ValueError for an unknown name."""
         if result not in values:
             hint = checks.suggest_names(result, values)
@@ -96,7 +98,7 @@ class ResultEnvelope:
         return values[result]
 
 
-def _take_cases(values, which):
+def _values_in_cases(values, which):
     """Return from values [n_case, ...] those of the cases `which` [...]."""
     return jnp.take_along_axis(values, which[None], axis=0)[0]
 
@@ -142,7 +144,7 @@ def result_envelope(
     low_case, high_case = (
         jax.tree.map(lambda x, sign=sign: extreme_cases(x, sign), values) for sign in (-1, 1)
     )
-    low, high = (jax.tree.map(_take_cases, values, which) for which in (low_case, high_case))
+    low, high = (jax.tree.map(_values_in_cases, values, which) for which in (low_case, high_case))
     return ResultEnvelope(low, high, low_case, high_case, values, solutions.status, tuple(names))
 
 
