@@ -94,11 +94,15 @@ def split_solution_state(
     structure: Structure,
     state: Solution | State,
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
+    *,
+    unknowns: bool = True,
 ) -> tuple[_SplitModel, _IndexArrays, DofMap]:
     """Split the state of a solution into what compiled functions such as `compiled_tangent` take.
 
     Args:
         structure, state, fixed: as for `tangent_of`.
+        unknowns: False for a numbering without unknowns, which does not depend on which elements
+            are there: this can then be traced.
 
     Returns:
         Nodes, element groups and `RestartState`, all without their integer index arrays; these
@@ -111,7 +115,7 @@ def split_solution_state(
     rows, groups = structure.motion_rows()
     held = state.fixed[-1] if fixed is not None else _fixed_dofs_in_phase_of(state)
     fixed = held if fixed is None else FixedDofs(np.asarray(fixed, bool), held.axes)
-    idle = inactive_dofs_of(structure, state.restart.states)
+    idle = inactive_dofs_of(structure, state.restart.states) if unknowns else None
     if idle is not None:
         fixed = FixedDofs(fixed.array | idle, fixed.axes, fixed.spins)
     if fixed.shape != state.fixed[-1].shape:
@@ -120,6 +124,7 @@ def split_solution_state(
         )
     nodes = structure.nodes if rows is None else structure.nodes[rows.node_of_row]
     dof_map = make_dof_map(fixed, rows, rigid=structure.rigid)
+    dof_map = dof_map if unknowns else dof_map.without_unknowns
     return *split_indices((nodes, groups, state.restart)), dof_map
 
 
