@@ -32,6 +32,7 @@ from . import (
     results,
     scenes,
     sections,
+    standards,
     stiffness,
     studies,
 )
@@ -167,6 +168,7 @@ __all__ = [
     "section_forces",
     "sections",
     "solve",
+    "standards",
     "status",
     "stiffness",
     "studies",

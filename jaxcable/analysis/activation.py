@@ -144,8 +144,8 @@ def make_activation(
             )
     changes = [
         (
-            _group_masks(phase.adds, structure, f"phases[{earlier + k}].adds"),
-            _group_masks(phase.removes, structure, f"phases[{earlier + k}].removes"),
+            element_masks(phase.adds, structure, f"phases[{earlier + k}].adds"),
+            element_masks(phase.removes, structure, f"phases[{earlier + k}].removes"),
         )
         for k, phase in enumerate(phases)
     ]
@@ -207,8 +207,17 @@ def _numpy_or_jax(masks):
     return jnp if any(isinstance(mask, jax.core.Tracer) for mask in masks) else np
 
 
-def _group_masks(value: Any, structure, name):
-    """Convert what a phase adds or removes (`value`) to masks, per group [n_elem] bool."""
+def element_masks(value: Any, structure: Structure, name: str) -> list[Bool[ArrayLike, " n_elem"]]:
+    """Convert a choice of elements to masks, [n_elem] bool for each group of the structure.
+
+    Args:
+        value: `WholeGroups`; or selections and booleans in the shape of the elements; None: no
+            element.
+        name: of the argument, for messages.
+
+    Raises:
+        ValueError: anything else, unknown groups or elements.
+    """
     counts = [len(group.links) for group in structure.groups]
     if value is None:
         return [np.zeros(count, bool) for count in counts]

@@ -4,6 +4,9 @@ import warnings
 from typing import Any
 
 from .actions import Action
+from .cable_checks import CableFatigue, CableResistance, CableSafety, CableService
+from .check import Check
+from .checks import CheckResult, Checks, checks
 from .combination_rules import combination_rules
 from .combinations import Combinations, combinations
 from .confidence import Confidence, confidence
@@ -12,7 +15,9 @@ from .fit import Fit, FitHistory, fit
 from .influence import adjustment, flat_matrix, influence, propagate_tolerances
 from .influence_line import InfluenceLine, influence_line
 from .kinks import nearest_kink, slack_distance, slack_margin
+from .limit_checks import DisplacementLimit, OwnCheck, ReactionLimit, TensionLimit
 from .load_cases import Envelope, envelope, solve_cases, utilization
+from .member_checks import MemberBuckling, MemberSection, buckling_factors
 from .minimize import Design, History, minimize
 from .moving_loads import WorstPosition, moving_load, worst_position
 from .objectives import (
@@ -32,20 +37,35 @@ from .tune import Tuned, tune
 
 __all__ = [
     "Action",
+    "CableFatigue",
+    "CableResistance",
+    "CableSafety",
+    "CableService",
+    "Check",
+    "CheckResult",
+    "Checks",
     "Combinations",
     "Confidence",
     "ConstrainedDesign",
     "Design",
+    "DisplacementLimit",
     "Envelope",
     "Fit",
     "FitHistory",
     "History",
     "InfluenceLine",
+    "MemberBuckling",
+    "MemberSection",
+    "OwnCheck",
+    "ReactionLimit",
     "ResultEnvelope",
     "Target",
+    "TensionLimit",
     "Tuned",
     "WorstPosition",
     "adjustment",
+    "buckling_factors",
+    "checks",
     "combination_rules",
     "combinations",
     "confidence",

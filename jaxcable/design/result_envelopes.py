@@ -112,6 +112,22 @@ def extreme_cases(values: Float[ArrayLike, "n_case ..."], sign: int) -> Int[Arra
     return jnp.argmax(jnp.where(jnp.isnan(sizes), -jnp.inf, sizes), axis=0)
 
 
+def values_of_cases(
+    function: Callable[[Solution], PyTree[Array]], solutions: Solution
+) -> PyTree[Float[Array, "n_case ..."]]:
+    """Return the values of a function in all cases, [n_case, ...]; NaN in cases that have failed.
+
+    Derivatives pass by cases that have failed, but are NaN, as all values, where every case has.
+    """
+    good = jnp.asarray(solutions.status) == status.OK
+    taken, factor = good | ~good.any(), jnp.where(good.any(), 1.0, jnp.nan)
+
+    def of_one(solution, is_taken):
+        return jax.tree.map(lambda x: factor * jnp.where(is_taken, x, jnp.nan), function(solution))
+
+    return jax.vmap(of_one)(solutions, taken)
+
+
 def result_envelope(
     structure: Structure,
     solutions: Solution,
@@ -128,19 +144,16 @@ def result_envelope(
     names = [f"case {k}" for k in range(count)] if names is None else list(map(str, names))
     if len(names) != count or len(set(names)) < count:
         raise ValueError(f"names: expected {count} different ones, one for each case")
-    good = jnp.asarray(solutions.status) == status.OK
-    # derivatives pass by cases that have failed, but are NaN, as all values, where every case has
-    taken, factor = good | ~good.any(), jnp.where(good.any(), 1.0, jnp.nan)
 
-    def of_one(solution, is_taken):
+    def of_one(solution):
         found = _results_of_case(structure, solution, places)
         for name, function in (also or {}).items():
             if name in found:
                 raise ValueError(f"also: {name!r} is the name of another result")
             found[name] = function(solution)
-        return jax.tree.map(lambda x: factor * jnp.where(is_taken, x, jnp.nan), found)
+        return found
 
-    values = jax.vmap(of_one)(solutions, taken)
+    values = values_of_cases(of_one, solutions)
     low_case, high_case = (
         jax.tree.map(lambda x, sign=sign: extreme_cases(x, sign), values) for sign in (-1, 1)
     )

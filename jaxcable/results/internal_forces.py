@@ -98,8 +98,8 @@ def section_forces(
         loads = None if loads is None else items_per_group(structure, loads)
         at = state.positions, np.asarray(places), loads
         return structure.arrange(interpolate_recorded_forces(structure.groups, forces, *at))
-    at = split_solution_state(structure, state, unknowns=False)
-    return structure.arrange(_section_forces_at(*at, places))
+    split = split_solution_state(structure, state, unknowns=False)
+    return structure.arrange(_section_forces_at(*split, places))
 
 
 @jax.jit

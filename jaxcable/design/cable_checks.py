@@ -1,0 +1,258 @@
+"""Checks of cables: breaking force by EN 1993-1-11 or a factor of safety, service, fatigue."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from ..common import checks
+from ..common.types import ArrayLike, Float
+from ..elements.element import Element
+from ..standards.cables import (
+    FATIGUE_CATEGORIES,
+    SERVICE_FRACTIONS,
+    TERMINATIONS,
+    cable_fatigue_strength,
+    cable_resistance,
+    termination_factor,
+)
+from .check import SERVICE, ULTIMATE, UTILIZATION, OnElements, in_cases, largest_forces
+from .result_envelopes import extreme_cases
+
+
+@dataclasses.dataclass(frozen=True)
+class _OnCables(OnElements):
+    """Base of checks of elements with tension only that have a `strength`."""
+
+    requirement: ClassVar[str] = (
+        "have no strength, the minimum breaking force in N, or are no cables; give strength=..."
+    )
+    requirement_met: ClassVar[str] = (
+        "has cables with a strength, the minimum breaking force in N; give strength=..."
+    )
+    units: ClassVar = {"F_Ed": "N", "F_Rd": "N"}
+
+    def is_meant_for(self, group: Element) -> bool:
+        """Return whether the elements have tension only, and a strength."""
+        return bool(group.tension_only) and group.strength is not None
+
+    def _rated(self, structure, solution, resistance):
+        """Return the terms force, resistance and utilization."""
+        force = largest_forces(self, structure, solution)
+        return {"F_Ed": force, "F_Rd": resistance, UTILIZATION: force / resistance}
+
+
+@dataclasses.dataclass(frozen=True)
+class CableResistance(_OnCables):
+    """Breaking force of cables by EN 1993-1-11: ``F_Ed / F_Rd`` in ultimate limit states.
+
+    Args:
+        elements: keys of groups, or selections by group; None: all cables with a strength, which is
+            the minimum breaking force.
+        name, of: as of `Check`.
+        termination: name in `standards.TERMINATIONS`, or loss factor k_e.
+        gamma_r: 1.0, or 0.9 where measures at the anchorage keep bending stresses small.
+        proof_force: characteristic proof force F_k, N, one number; None: not checked, as it need
+            not be where it is above the breaking force over 1.5.
+
+    Example:
+        >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e7, strength=300e3)
+        >>> structure = jc.Structure([[0, 0, 0], [0, 0, -2.0]], rope, supports=jc.pinned([0]))
+        >>> solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (0, 0, -90e3))))
+        >>> found = jc.design.checks(structure, solution, jc.design.CableResistance())
+        >>> print(found)
+        cable resistance: utilization 0.450, element 0, case 0, EN 1993-1-11:2006, 6.2
+    """
+
+    name: str = "cable resistance"
+    of: Sequence[str] = ULTIMATE
+    termination: str | Float[ArrayLike, ""] = 1.0
+    gamma_r: Float[ArrayLike, ""] = 1.0
+    proof_force: Float[ArrayLike, ""] | None = None
+
+    clause = "EN 1993-1-11:2006, 6.2"
+    formula = "F_Ed / F_Rd, F_Rd = min(k_e F_min / (1.5 gamma_r), F_k / gamma_r)"
+    not_covered = "saddles, clamps, terminations themselves, bending at anchorages"
+
+    def __post_init__(self):
+        super().__post_init__()
+        cable_resistance(1.0, self.proof_force, termination=self.termination, gamma_r=self.gamma_r)
+
+    def inputs(self):
+        """Return the numbers and words that the user gave."""
+        proof = {} if self.proof_force is None else {"F_k (N)": self.proof_force}
+        return {"k_e": _factor(self.termination), "gamma_r": self.gamma_r, **proof}
+
+    def terms(self, structure, solution):
+        """Return force, resistance and utilization of each cable."""
+        resistance = cable_resistance(
+            self.strengths(structure),
+            self.proof_force,
+            termination=self.termination,
+            gamma_r=self.gamma_r,
+        )
+        return self._rated(structure, solution, resistance)
+
+
+@dataclasses.dataclass(frozen=True)
+class CableService(_OnCables):
+    """Limit of stress in service, as a part of the breaking force: ``F_Ed / (fraction F_uk)``.
+
+    Args:
+        elements: as of `CableResistance`.
+        name, of: as of `Check`.
+        fraction: name in `standards.SERVICE_FRACTIONS`, or a number.
+        termination: as of `CableResistance`.
+    """
+
+    name: str = "cable service stress"
+    of: Sequence[str] = SERVICE
+    fraction: str | Float[ArrayLike, ""] = "service"
+    termination: str | Float[ArrayLike, ""] = 1.0
+
+    clause = "EN 1993-1-11:2006, 7.2"
+    formula = "F_Ed / (fraction k_e F_min)"
+    not_covered = "slip of clamps, deformations"
+
+    def __post_init__(self):
+        super().__post_init__()
+        termination_factor(self.termination)
+        if isinstance(self.fraction, str):
+            checks.require_one_of(self.fraction, "fraction", list(SERVICE_FRACTIONS))
+
+    def _number(self):
+        """Return the limit over the breaking force."""
+        given = self.fraction
+        return SERVICE_FRACTIONS[given] if isinstance(given, str) else given
+
+    def inputs(self):
+        """Return the numbers that the user gave."""
+        return {"fraction": self._number(), "k_e": _factor(self.termination)}
+
+    def terms(self, structure, solution):
+        """Return force, limit and utilization of each cable."""
+        limit = self._number() * termination_factor(self.termination) * self.strengths(structure)
+        return self._rated(structure, solution, limit)
+
+
+@dataclasses.dataclass(frozen=True)
+class CableSafety(_OnCables):
+    """A factor of safety on the breaking force, under actions without factors.
+
+    Args:
+        elements: as of `CableResistance`.
+        name, of: as of `Check`.
+        factor: smallest breaking force over force; 2.2 is that of ASCE 19.
+        termination: efficiency of fittings, as of `CableResistance`.
+    """
+
+    name: str = "cable safety"
+    of: Sequence[str] = SERVICE
+    factor: Float[ArrayLike, ""] = 2.2
+    termination: str | Float[ArrayLike, ""] = 1.0
+
+    clause = "ASCE 19, factor of safety on the minimum breaking strength"
+    formula = "factor F_Ed / (k_e F_min)"
+    not_covered = "fittings themselves, fatigue, bending over saddles"
+
+    def __post_init__(self):
+        super().__post_init__()
+        termination_factor(self.termination)
+
+    def inputs(self):
+        """Return the numbers that the user gave."""
+        return {"factor": self.factor, "k_e": _factor(self.termination)}
+
+    def terms(self, structure, solution):
+        """Return force, resistance and utilization of each cable."""
+        resistance = termination_factor(self.termination) * self.strengths(structure)
+        return self._rated(structure, solution, resistance / jnp.asarray(self.factor))
+
+
+@dataclasses.dataclass(frozen=True)
+class CableFatigue(_OnCables):
+    """Fatigue of cables: the range of stress between any two of the cases that count.
+
+    Args:
+        elements: as of `CableResistance`.
+        name: as of `Check`.
+        of: limit states or rules whose combinations bound the cycle, such as ("SLS frequent",);
+            empty: all cases.
+        category: name in `standards.FATIGUE_CATEGORIES`, or the range at 2 million cycles, Pa.
+        cycles: number of cycles of constant range.
+        gamma_mf: partial factor of fatigue strength (EN 1993-1-9, table 3.1).
+        gamma_ff: partial factor of the range.
+        area: metallic area, m2, one number; None: that of the groups, where they have one.
+
+    The range is one of axial stress. Bending at terminations is to be added by ``gamma_ff``.
+    """
+
+    name: str = "cable fatigue"
+    of: Sequence[str] = ()
+    category: str | Float[ArrayLike, ""] = 150e6
+    cycles: Float[ArrayLike, ""] = 2e6
+    gamma_mf: Float[ArrayLike, ""] = 1.35
+    gamma_ff: Float[ArrayLike, ""] = 1.0
+    area: Float[ArrayLike, ""] | None = None
+
+    clause = "EN 1993-1-11:2006, 9.2"
+    formula = "gamma_ff (max F_Ed - min F_Ed) / A / (range_R / gamma_mf)"
+    not_covered = "spectra of ranges, bending of the cable, vibration"
+    units: ClassVar = {"range": "Pa", "range_Rd": "Pa", "highest F": "N", "lowest F": "N"}
+    requirement: ClassVar[str] = "have no metallic area, or are no cables; give area=..."
+    requirement_met: ClassVar[str] = "has cables with a metallic area; give area=..."
+
+    def __post_init__(self):
+        super().__post_init__()
+        cable_fatigue_strength(self.category, self.cycles)
+
+    def is_meant_for(self, group: Element) -> bool:
+        """Return whether the elements have tension only, and an area."""
+        return bool(group.tension_only) and not (self.area is None and group.area is None)
+
+    def inputs(self):
+        """Return the numbers that the user gave."""
+        name = self.category
+        return {
+            "range at 2e6 cycles (Pa)": FATIGUE_CATEGORIES[name] if isinstance(name, str) else name,
+            "cycles": self.cycles,
+            "gamma_mf": self.gamma_mf,
+            "gamma_ff": self.gamma_ff,
+        }
+
+    def terms(self, structure, solution):
+        """Return the force and the area of each cable; `over_cases` makes the utilization."""
+        given = [one.area if self.area is None else self.area for one in structure.groups]
+        areas = [
+            None if area is None else jnp.broadcast_to(jnp.asarray(area), len(one.links))
+            for area, one in zip(given, structure.groups, strict=True)
+        ]
+        force = largest_forces(self, structure, solution)
+        # the sum makes the area NaN where the case has failed, as the force is
+        return {UTILIZATION: force, "area": self.taken(structure, areas) + 0.0 * force}
+
+    def over_cases(self, terms):
+        """Return the range, its resistance and the utilization, and the two cases."""
+        force = terms[UTILIZATION]
+        low_case, high_case = (extreme_cases(force, sign) for sign in (-1, 1))
+        low, high = in_cases(force, low_case), in_cases(force, high_case)
+        resistance = cable_fatigue_strength(self.category, self.cycles) / self.gamma_mf
+        stress = self.gamma_ff * (high - low) / in_cases(terms["area"], high_case)
+        found = {
+            "lowest F": low,
+            "highest F": high,
+            "range": stress,
+            "range_Rd": jnp.broadcast_to(resistance, stress.shape),
+            UTILIZATION: stress / resistance,
+        }
+        return found, high_case, low_case
+
+
+def _factor(termination):
+    """Return a loss factor with its name, for reports."""
+    if isinstance(termination, str):
+        return f"{TERMINATIONS[termination]:g} ({termination})"
+    return termination

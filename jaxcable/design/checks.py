@@ -1,0 +1,299 @@
+"""Checks of load cases: utilizations, the cases that govern, and what has passed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..analysis.solution import Solution
+from ..common import checks as arguments
+from ..common import status
+from ..common.tree import pytree
+from ..common.types import Array, Float, Int
+from ..model.structure import Structure
+from ..model.topology import require_same_topology
+from .cable_checks import CableResistance, CableSafety, CableService
+from .check import UTILIZATION, Check, text_of_input
+from .combinations import Combinations
+from .result_envelopes import values_of_cases
+
+RULES = {
+    "EN 1993-1-11": (CableResistance, CableService),
+    "ASCE 19": (CableSafety,),
+}
+"""Checks of all cables of a structure, by the name of a standard."""
+
+
+@pytree(static=("name", "of", "clause", "formula", "inputs", "not_covered", "items", "units"))
+class CheckResult:
+    """What a check has found: utilizations, and the terms of the cases that govern.
+
+    Attributes:
+        utilization: largest one of each item over the cases that count, [n_item], -; NaN where all
+            of these have failed.
+        case: indices of the cases that govern, [n_item].
+        second_case: of checks of ranges: the cases at their lower ends, [n_item]; otherwise None.
+        terms: forces, resistances and so on in these cases, by name, [n_item] each.
+        values: utilizations in all cases that count, [n_counted, n_item]; for ranges the forces.
+        counted: indices of the cases that count, [n_counted].
+        name, of, clause, formula, not_covered: of the `Check`.
+        inputs: pairs of names and texts: what was given.
+        items: names of the items.
+        units: pairs of names of terms and their units.
+    """
+
+    utilization: Float[Array, " n_item"]
+    case: Int[Array, " n_item"]
+    second_case: Int[Array, " n_item"] | None
+    terms: dict[str, Float[Array, " n_item"]]
+    values: Float[Array, "n_counted n_item"]
+    counted: Int[Array, " n_counted"]
+    name: str
+    of: tuple[str, ...]
+    clause: str
+    formula: str
+    inputs: tuple[tuple[str, str], ...]
+    not_covered: str
+    items: tuple[str, ...]
+    units: tuple[tuple[str, str], ...]
+
+    @property
+    def largest(self) -> Float[Array, ""]:
+        """Largest utilization of all items, -; NaN if an item has none."""
+        return jnp.max(self.utilization)
+
+
+@pytree(static=("names",))
+class Checks:
+    """Checks of load cases: result of `checks`.
+
+    Attributes:
+        results: list of `CheckResult`, in the order of the checks.
+        status: status codes of the cases, [n_case].
+        names: of the cases.
+
+    Example:
+        >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e7, strength=300e3)
+        >>> structure = jc.Structure([[0, 0, 0], [0, 0, -2.0]], rope, supports=jc.pinned([0]))
+        >>> hung = jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -1e3)))
+        >>> cases = [jc.Phase(loads=jc.NodalLoads([1], (0, 0, -p))) for p in (60e3, 99e3)]
+        >>> solutions = jc.design.solve_cases(structure, hung, cases)
+        >>> found = jc.design.checks(structure, solutions, "ASCE 19", names=["snow", "ice"])
+        >>> print(found.passed, found.governing("cable safety"))
+        True ['ice']
+        >>> print(found)
+        cable safety: utilization 0.733, element 0, ice, ASCE 19, factor of safety on the minimum \
+breaking strength
+    """
+
+    results: list[CheckResult]
+    status: Int[Array, " n_case"]
+    names: tuple[str, ...]
+
+    def __getitem__(self, name: str) -> CheckResult:
+        """Return the result of a check by its name."""
+        for one in self.results:
+            if one.name == name:
+                return one
+        known = [one.name for one in self.results]
+        raise KeyError(f"{name!r}{arguments.suggest_names(name, known)}")
+
+    @property
+    def utilization(self) -> dict[str, Float[Array, " n_item"]]:
+        """Utilizations by the name of the check."""
+        return {one.name: one.utilization for one in self.results}
+
+    @property
+    def largest(self) -> Float[Array, ""]:
+        """Largest utilization of all checks, -; NaN if an item has none. Differentiable."""
+        return jnp.max(jnp.stack([one.largest for one in self.results]))
+
+    @property
+    def failed(self) -> dict[str, int]:
+        """Status codes of the cases that have failed, by name; nothing is known of them."""
+        codes = zip(self.names, np.asarray(self.status).tolist(), strict=True)
+        return {name: code for name, code in codes if code != status.OK}
+
+    @property
+    def passed(self) -> bool:
+        """Whether all utilizations are at most 1, and no case that counts has failed."""
+        sound = all(
+            (np.asarray(self.status)[np.asarray(one.counted)] == status.OK).all()
+            for one in self.results
+        )
+        return sound and bool(np.asarray(self.largest) <= 1.0)
+
+    def governing(self, name: str) -> list[str]:
+        """Return the names of the cases that govern each item of a check; "" without a value."""
+        one = self[name]
+        second = one.case if one.second_case is None else one.second_case
+        parts = zip(
+            np.asarray(one.case).tolist(),
+            np.asarray(second).tolist(),
+            np.asarray(one.utilization).tolist(),
+            strict=True,
+        )
+        return [
+            ""
+            if np.isnan(used)
+            else self.names[k]
+            if one.second_case is None
+            else f"{self.names[j]} to {self.names[k]}"
+            for k, j, used in parts
+        ]
+
+    def __str__(self) -> str:
+        lines = []
+        for one in self.results:
+            used = np.asarray(one.utilization)
+            k = int(np.argmax(np.where(np.isnan(used), -np.inf, used)))
+            case = self.governing(one.name)[k] or "no case has converged"
+            clause = f", {one.clause}" if one.clause else ""
+            fails = "FAILS: " if used[k] > 1 else ""
+            lines.append(
+                f"{one.name}: {fails}utilization {used[k]:.3f}, {one.items[k]}, {case}{clause}"
+            )
+        if self.failed:
+            lines.append(f"NOT CHECKED, the analysis has failed: {', '.join(self.failed)}")
+        return "\n".join(lines)
+
+
+def checks(
+    structure: Structure,
+    solutions: Solution,
+    rules: str | Check | Sequence[Check] = "EN 1993-1-11",
+    *,
+    combinations: Combinations | None = None,
+    names: Sequence[str] | None = None,
+) -> Checks:
+    """Check load cases: the utilization of every item, its clause and the case that governs.
+
+    Args:
+        structure: `Structure` that was analysed.
+        solutions: `Solution` with a leading axis [n_case], as of `solve_cases`; or that of one
+            case.
+        rules: a `Check` or a list of them; or the name of a standard for all cables with a
+            strength: "EN 1993-1-11" (`CableResistance`, and `CableService` where combinations of
+            serviceability are given) or "ASCE 19" (`CableSafety`, 2.2).
+
+    Options:
+        combinations: the `Combinations` that `solutions` are the results of; checks of ultimate
+            limit states then count ultimate combinations only, and so on, see `Check.of`. Without
+            them every check counts all cases.
+        names: of the cases, without combinations; default "case 0" and so on.
+
+    Returns:
+        `Checks`. Utilizations are differentiable, by the case that governs.
+
+    Raises:
+        ValueError: wrong arguments; a check without elements that it can be made for, or that none
+            of the combinations counts for; two checks of the same name.
+
+    Example:
+        >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e7, strength=300e3)
+        >>> structure = jc.Structure([[0, 0, 0], [0, 0, -2.0]], rope, supports=jc.pinned([0]))
+        >>> load = jc.NodalLoads([1], (0, 0, -60e3))
+        >>> crowd = jc.design.Action("crowd", "imposed A", load)
+        >>> combinations = jc.design.combinations([crowd])
+        >>> solutions = jc.design.solve_cases(structure, jc.Phase(pretension=1e3), combinations)
+        >>> print(jc.design.checks(structure, solutions, combinations=combinations))
+        cable resistance: utilization 0.450, element 0, ULS 6.10-2, EN 1993-1-11:2006, 6.2
+        cable service stress: utilization 0.444, element 0, SLS characteristic-2, \
+EN 1993-1-11:2006, 7.2
+    """
+    if not isinstance(solutions, Solution):
+        kind = arguments.describe_type(solutions, "solve_cases(structure, phases, cases)")
+        raise ValueError(f"solutions: expected a Solution, got {kind}")
+    require_same_topology(structure, solutions.last.topology, "solutions")
+    if np.ndim(solutions.status) == 0:
+        solutions = jax.tree.map(lambda x: jnp.asarray(x)[None], solutions)
+    count = len(solutions.status)
+    if combinations is not None:
+        if names is not None:
+            raise ValueError("names: combinations have names of their own; give one of them")
+        names = combinations.names
+    names = tuple(f"case {k}" for k in range(count)) if names is None else tuple(map(str, names))
+    if len(names) != count or len(set(names)) < count:
+        raise ValueError(f"names: expected {count} different ones, one for each case")
+    results = [
+        _result_of_check(one, structure, solutions, combinations)
+        for one in _list_of_checks(rules, combinations)
+    ]
+    return Checks(results, solutions.status, names)
+
+
+def _list_of_checks(rules, combinations):
+    """Return the checks that rules stand for, a list."""
+    if isinstance(rules, str):
+        arguments.require_one_of(rules, "rules", list(RULES))
+        found = [make() for make in RULES[rules]]
+        states = () if combinations is None else (*combinations.limit_states, *combinations.rules)
+        known = [one for one in found if set(one.of) & set(states)]
+        # without combinations all cases are taken for ultimate ones: the first check alone
+        return known or found[:1]
+    found = [rules] if isinstance(rules, Check) else rules
+    if not isinstance(found, list | tuple) or not found:
+        kind = arguments.describe_type(rules, "[CableResistance()]")
+        raise ValueError(f"rules: expected checks, or the name of a standard, got {kind}")
+    known = {}
+    for k, one in enumerate(found):
+        if not isinstance(one, Check):
+            kind = arguments.describe_type(one, "CableResistance()")
+            raise ValueError(f"rules[{k}]: expected a check, got {kind}")
+        if one.name in known:
+            raise ValueError(
+                f"rules[{k}]: {one.name!r} is the name of rules[{known[one.name]}], too; give "
+                "name=..."
+            )
+        known[one.name] = k
+    return list(found)
+
+
+def _counted_cases(check, combinations, count):
+    """Return the indices of the cases that count for a check."""
+    if combinations is None or not check.of:
+        return np.arange(count)
+    pairs = zip(combinations.limit_states, combinations.rules, strict=True)
+    found = np.flatnonzero([bool({state, rule} & set(check.of)) for state, rule in pairs])
+    if not len(found):
+        have = dict.fromkeys([*combinations.limit_states, *combinations.rules])
+        raise ValueError(
+            f"{check.name}: of = {check.of!r}: no combination is of it"
+            f"{arguments.suggest_names(check.of[0], have)}"
+        )
+    return found
+
+
+def _result_of_check(check, structure, solutions, combinations):
+    """Return the `CheckResult` of one check."""
+    counted = _counted_cases(check, combinations, len(solutions.status))
+    chosen = solutions
+    if len(counted) < len(solutions.status):
+        chosen = jax.tree.map(lambda x: jnp.asarray(x)[counted], solutions)
+    terms = values_of_cases(lambda one: check.terms(structure, one), chosen)
+    found, which, second = check.over_cases(terms)
+    used = found.pop(UTILIZATION)
+    items = tuple(check.items(structure)) or tuple(f"value {k}" for k in range(len(used)))
+    if len(items) != len(used):
+        raise ValueError(f"{check.name}: has {len(items)} names of items for {len(used)} values")
+    inputs = tuple((name, text_of_input(value)) for name, value in check.inputs().items())
+    index = jnp.asarray(counted)
+    return CheckResult(
+        used,
+        index[which],
+        None if second is None else index[second],
+        found,
+        terms[UTILIZATION],
+        index,
+        check.name,
+        tuple(check.of),
+        check.clause,
+        check.formula,
+        inputs,
+        check.not_covered,
+        items,
+        tuple((name, check.units.get(name, "-")) for name in found),
+    )

@@ -1,0 +1,289 @@
+"""Checks of limits: displacements, tensions that must remain, reactions, own functions.
+
+A value is compared with a lower or an upper limit. Its utilization is above 1 where the limit is
+passed: ``value / upper``; ``lower / value`` for a lower limit above zero (infinite where nothing is
+left of the value), ``value / lower`` for one below; for a lower limit of zero it is infinite where
+the value is negative, and 0 elsewhere.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..analysis.solution import Solution, State
+from ..common import checks
+from ..common.types import Array, ArrayLike, Float, Int
+from ..elements.element import TENSION, Element
+from ..model.structure import Structure
+from .check import SERVICE, ULTIMATE, UTILIZATION, Check, OnElements, largest_forces
+
+
+def limit_utilization(
+    value: Float[Array, " ..."],
+    lower: Float[ArrayLike, ""] | None = None,
+    upper: Float[ArrayLike, ""] | None = None,
+) -> Float[Array, " ..."]:
+    """Return the utilization of limits, see the module; the larger one of both."""
+    found = []
+    if upper is not None:
+        found.append(value / upper)
+    if lower is not None:
+        lower = jnp.asarray(lower)
+        left = value > 0
+        part = jnp.where(left, lower / jnp.where(left, value, 1.0), jnp.inf)
+        below = jnp.where(value < 0, jnp.inf, 0.0)
+        ratio = value / jnp.where(lower == 0, 1.0, lower)
+        used = jnp.where(lower > 0, part, jnp.where(lower < 0, ratio, below))
+        found.append(jnp.where(jnp.isnan(value), jnp.nan, used))
+    return jnp.stack(found).max(axis=0)
+
+
+def _check_limits(name, lower, upper, text="lower, upper: missing; give at least one limit"):
+    """Raise ValueError unless a limit is given, the upper one positive and above the lower one."""
+    if lower is None and upper is None:
+        raise ValueError(f"{name}: {text}")
+    low, high = (None if x is None else checks.array_if_known(x) for x in (lower, upper))
+    if high is not None and not (np.asarray(high) > 0).all():
+        raise ValueError(f"{name}: upper = {upper}: expected a positive limit")
+    if low is not None and high is not None and not (np.asarray(low) < np.asarray(high)).all():
+        raise ValueError(f"{name}: lower = {lower}: expected below upper = {upper}")
+
+
+def _unit_vector(direction, name):
+    """Return a direction as a unit vector [3]; ValueError for another shape, or zero."""
+    vector = np.asarray(direction, float)
+    if vector.shape != (3,) or not np.linalg.norm(vector) > 0:
+        raise ValueError(f"{name}: direction = {direction}: expected three numbers, not all zero")
+    return vector / np.linalg.norm(vector)
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnCheck(Check):
+    """A check by a function: its values against limits.
+
+    Args:
+        name: of the check.
+        function: of the structure and the `Solution` of one case: values, [n_item] or one.
+        lower, upper: limits; upper is positive. Default: the values are utilizations, at most 1.
+        of: limit states or rules whose combinations count, see `Check`.
+        unit: of the values.
+        labels: names of the items, [n_item]; default "value 0" and so on.
+        source: clause or text that a report shows.
+
+    Example:
+        The horizontal thrust on a support must not exceed 12 kN:
+
+        >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e7)
+        >>> structure = jc.Structure([[0, 0, 0], [2.0, 0, 0]], rope, supports=jc.pinned([0, 1]))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=9e3))
+        >>> def push(structure, solution):
+        ...     return -solution.reactions[0, 0]
+        >>> thrust = jc.design.OwnCheck("thrust", push, upper=12e3, unit="N")
+        >>> print(jc.design.checks(structure, solution, thrust)["thrust"].utilization)
+        [0.75]
+    """
+
+    name: str
+    function: Callable[[Structure, Solution], Float[Array, " n_item"]]
+    lower: Float[ArrayLike, ""] | None = None
+    upper: Float[ArrayLike, ""] | None = None
+    of: Sequence[str] = ()
+    unit: str = "-"
+    labels: Sequence[str] | None = None
+    source: str = ""
+
+    formula: ClassVar[str] = "value / upper limit, or lower limit / value"
+
+    def __post_init__(self):
+        object.__setattr__(self, "of", (self.of,) if isinstance(self.of, str) else tuple(self.of))
+        if not callable(self.function):
+            kind = checks.describe_type(self.function, "lambda structure, solution: ...")
+            raise ValueError(f"function: expected a function, got {kind}")
+        if self.lower is None and self.upper is None:
+            object.__setattr__(self, "upper", 1.0)
+        _check_limits(self.name, self.lower, self.upper)
+
+    @property
+    def units(self):
+        """Unit of the values."""
+        return {"value": self.unit}
+
+    @property
+    def clause(self):
+        """What a report shows as the source."""
+        return self.source
+
+    def inputs(self):
+        """Return the limits."""
+        given = {"lower": self.lower, "upper": self.upper}
+        return {f"{k} ({self.unit})": v for k, v in given.items() if v is not None}
+
+    def items(self, structure):
+        """Return the names of the items; empty if the values have to be known for them."""
+        return list(self.labels or ())
+
+    def terms(self, structure, solution):
+        """Return the values of the function and their utilization."""
+        value = jnp.atleast_1d(jnp.asarray(self.function(structure, solution)))
+        if value.ndim != 1:
+            raise ValueError(f"{self.name}: function: expected [n_item], got shape {value.shape}")
+        return {"value": value, UTILIZATION: limit_utilization(value, self.lower, self.upper)}
+
+
+@dataclasses.dataclass(frozen=True)
+class DisplacementLimit(Check):
+    """Limit of displacements of nodes.
+
+    Args:
+        upper: largest displacement, m.
+        nodes: numbers of nodes; None: all.
+        direction: along which the displacement is taken, either way, [3]; None: its size.
+        since: `Solution` or `State` from which displacements count, such as the prestressed state;
+            None: from the nodes of the input.
+        name, of: as of `Check`.
+    """
+
+    upper: Float[ArrayLike, ""]
+    nodes: Int[ArrayLike, " n"] | None = None
+    direction: Float[ArrayLike, " 3"] | None = None
+    since: Solution | State | None = None
+    name: str = "displacement"
+    of: Sequence[str] = SERVICE
+
+    clause: ClassVar[str] = "given limit"
+    formula: ClassVar[str] = "displacement / limit"
+    units: ClassVar = {"displacement": "m"}
+
+    def __post_init__(self):
+        object.__setattr__(self, "of", (self.of,) if isinstance(self.of, str) else tuple(self.of))
+        _check_limits(self.name, None, self.upper)
+        if self.direction is not None:
+            _unit_vector(self.direction, self.name)
+
+    def _numbers(self, structure):
+        return _node_numbers(self.nodes, structure, self.name)
+
+    def inputs(self):
+        """Return the limit and the direction."""
+        along = {} if self.direction is None else {"direction": str(list(self.direction))}
+        since = {} if self.since is None else {"since": "a state that was given"}
+        return {"limit (m)": self.upper, **along, **since}
+
+    def items(self, structure):
+        """Return the names of the nodes."""
+        return [f"node {k}" for k in self._numbers(structure)]
+
+    def terms(self, structure, solution):
+        """Return displacements and their utilization."""
+        moved = solution.displacement
+        if self.since is not None:
+            moved = moved - self.since.displacement
+        moved = moved[self._numbers(structure)]
+        if self.direction is None:
+            square = jnp.sum(moved**2, axis=-1)
+            # a node at rest has no direction, and no derivative
+            value = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), square)
+        else:
+            value = jnp.abs(moved @ _unit_vector(self.direction, self.name))
+        return {"displacement": value, UTILIZATION: value / self.upper}
+
+
+@dataclasses.dataclass(frozen=True)
+class TensionLimit(OnElements):
+    """Smallest tension that cables must keep, so that none goes slack.
+
+    Args:
+        lower: smallest tension, N, above zero; a slack cable has infinite utilization.
+        elements: keys of groups, or selections by group; None: all cables.
+        name, of: as of `Check`; the default is serviceability.
+    """
+
+    lower: Float[ArrayLike, ""] | None = None
+    name: str = "tension that remains"
+    of: Sequence[str] = SERVICE
+
+    clause: ClassVar[str] = "given limit"
+    formula: ClassVar[str] = "smallest tension / tension"
+    units: ClassVar = {"tension": "N"}
+    requirement: ClassVar[str] = "are no cables"
+    requirement_met: ClassVar[str] = "has cables"
+
+    def __post_init__(self):
+        super().__post_init__()
+        _check_limits(self.name, self.lower, None, "lower: missing; give the smallest tension, N")
+        known = checks.array_if_known(self.lower)
+        if known is not None and not known > 0:
+            raise ValueError(f"{self.name}: lower = {self.lower}: expected a positive tension, N")
+
+    def is_meant_for(self, group: Element) -> bool:
+        """Return whether the elements have tension only."""
+        return bool(group.tension_only) and any(one.name == TENSION.name for one in group.results)
+
+    def inputs(self):
+        """Return the limit."""
+        return {"smallest tension (N)": self.lower}
+
+    def terms(self, structure, solution):
+        """Return tensions, the largest along each element, and utilizations."""
+        force = largest_forces(self, structure, solution)
+        return {"tension": force, UTILIZATION: limit_utilization(force, self.lower)}
+
+
+@dataclasses.dataclass(frozen=True)
+class ReactionLimit(Check):
+    """Limits of a component of the reactions: uplift, anchors, bearings.
+
+    Args:
+        nodes: numbers of supported nodes.
+        direction: along which the reaction on the structure is taken, [3]; upward by default.
+        lower: smallest reaction, N: 0 where nothing holds a support down, minus the resistance of
+            an anchor where one does.
+        upper: largest reaction, N.
+        name, of: as of `Check`.
+    """
+
+    nodes: Int[ArrayLike, " n"]
+    direction: Float[ArrayLike, " 3"] = (0.0, 0.0, 1.0)
+    lower: Float[ArrayLike, ""] | None = None
+    upper: Float[ArrayLike, ""] | None = None
+    name: str = "reaction"
+    of: Sequence[str] = ULTIMATE
+
+    clause: ClassVar[str] = "given limit"
+    formula: ClassVar[str] = "reaction / limit"
+    units: ClassVar = {"reaction": "N"}
+
+    def __post_init__(self):
+        object.__setattr__(self, "of", (self.of,) if isinstance(self.of, str) else tuple(self.of))
+        _check_limits(self.name, self.lower, self.upper)
+        _unit_vector(self.direction, self.name)
+
+    def inputs(self):
+        """Return the limits and the direction."""
+        given = {"lower (N)": self.lower, "upper (N)": self.upper}
+        known = {name: value for name, value in given.items() if value is not None}
+        return {**known, "direction": str(list(self.direction))}
+
+    def items(self, structure):
+        """Return the names of the nodes."""
+        return [f"node {k}" for k in _node_numbers(self.nodes, structure, self.name)]
+
+    def terms(self, structure, solution):
+        """Return reactions and their utilization."""
+        numbers = _node_numbers(self.nodes, structure, self.name)
+        value = solution.reactions[numbers] @ _unit_vector(self.direction, self.name)
+        return {"reaction": value, UTILIZATION: limit_utilization(value, self.lower, self.upper)}
+
+
+def _node_numbers(nodes: Any, structure, name):
+    """Return numbers of nodes, [n], of a structure; all for None; ValueError for unknown ones."""
+    if nodes is None:
+        return np.arange(structure.n_node)
+    numbers = checks.as_indices(nodes, f"{name}: nodes")
+    checks.require_known_nodes(numbers, structure.n_node, f"{name}: nodes")
+    return numbers

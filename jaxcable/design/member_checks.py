@@ -1,0 +1,259 @@
+"""Checks of steel members by EN 1993-1-1: cross-sections, and flexural buckling."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..analysis.solution import Solution, State
+from ..common import checks, status
+from ..common.types import ArrayLike, Float
+from ..elements.abilities import Bending, is_one_sided
+from ..elements.element import TENSION, Element
+from ..model.result_parts import items_per_group
+from ..model.structure import Structure
+from ..results import section_forces
+from ..standards.steel_members import (
+    IMPERFECTION_FACTORS,
+    SteelSection,
+    buckling_reduction,
+    critical_force,
+    section_utilization,
+    steel_section,
+)
+from ..stiffness.buckling import buckling_factor
+from .check import ULTIMATE, UTILIZATION, OnElements
+
+_COMPONENTS = "N", "Vy", "Vz", "T", "My", "Mz"
+_UNITS = {"N": "N", "Vy": "N", "Vz": "N", "T": "N m", "My": "N m", "Mz": "N m"}
+
+
+@dataclasses.dataclass(frozen=True)
+class _OnMembers(OnElements):
+    """Base of checks of beams, and of bars, which have axial forces alone."""
+
+    profile: Any = None
+    yield_strength: Float[ArrayLike, ""] | None = None
+    section_class: int = 3
+    places: int = 11
+
+    requirement: ClassVar[str] = "are neither beams nor bars"
+    requirement_met: ClassVar[str] = "has beams or bars"
+
+    def __post_init__(self):
+        super().__post_init__()
+        if self.profile is None or self.yield_strength is None:
+            raise ValueError(
+                f"{self.name}: profile, yield_strength: missing; give "
+                'profile=catalogue.profile_data("IPE 300"), yield_strength=355e6'
+            )
+        checks.as_scalar(self.yield_strength, "yield_strength")
+        object.__setattr__(self, "profile", steel_section(self.profile, self.section_class))
+
+    def is_meant_for(self, group: Element) -> bool:
+        """Return whether the elements can be compressed and have an axial force."""
+        has_axial_force = any(one.name == TENSION.name for one in group.results)
+        return has_axial_force and not is_one_sided(group)
+
+    def inputs(self):
+        """Return the numbers and words that the user gave."""
+        s: SteelSection = self.profile
+        return {
+            "section": s.label,
+            "f_y (Pa)": self.yield_strength,
+            "A (m2)": s.A,
+            "Wy (m3)": s.Wy,
+            "Wz (m3)": s.Wz,
+        }
+
+    def _forces(self, structure, solution):
+        """Return section forces along the checked elements, [n_item, n_place, 6]."""
+        axial = items_per_group(structure, solution.peak_tension)
+        along = [None] * len(structure.groups)
+        if any(isinstance(one, Bending) for one in structure.groups):
+            along = items_per_group(structure, section_forces(structure, solution, self.places))
+        for k, force in enumerate(axial):
+            if along[k] is None and force is not None:  # bars
+                along[k] = (
+                    jnp.zeros((*force.shape, self.places, 6)).at[..., 0].set(force[..., None])
+                )
+        return self.taken(structure, along)
+
+
+@dataclasses.dataclass(frozen=True)
+class MemberSection(_OnMembers):
+    """Cross-sections of members by EN 1993-1-1: N with My and Mz, and shear, along each element.
+
+    Forces are those of the deformed structure. With imperfections in the geometry this check alone
+    is what 5.2.2 (7) a) asks for; otherwise check `MemberBuckling`, too.
+
+    Args:
+        elements: keys of groups, or selections by group; None: all beams and bars.
+        name, of: as of `Check`.
+        profile, section_class: as of `standards.steel_section`.
+        yield_strength: f_y, Pa.
+        places: number of places along beams.
+        gamma_m0: partial factor.
+    """
+
+    name: str = "cross-section"
+    of: Sequence[str] = ULTIMATE
+    gamma_m0: Float[ArrayLike, ""] = 1.0
+
+    clause = "EN 1993-1-1:2005, 6.2.1 (7), 6.2.6, 6.2.8"
+    formula = "N/N_Rd + My/My_Rd + Mz/Mz_Rd, or V/V_Rd"
+    units: ClassVar = _UNITS
+    not_covered = "torsion, holes, class 4, local buckling in shear, concentrated forces"
+
+    def inputs(self):
+        """Return the numbers and words that the user gave."""
+        s = self.profile
+        shear = {
+            f"Av{k} (m2)": "not checked" if v is None else v
+            for k, v in {"y": s.Avy, "z": s.Avz}.items()
+        }
+        return {**super().inputs(), **shear, "gamma_m0": self.gamma_m0}
+
+    def terms(self, structure, solution):
+        """Return the section forces at the place that governs, and the utilization."""
+        forces = self._forces(structure, solution)
+        used = section_utilization(forces, self.profile, self.yield_strength, self.gamma_m0)
+        place = jnp.argmax(jnp.where(jnp.isnan(used), -jnp.inf, used), axis=1)
+        at = jnp.take_along_axis(forces, place[:, None, None], axis=1)[:, 0]
+        found = {name: at[:, k] for k, name in enumerate(_COMPONENTS)}
+        most = jnp.take_along_axis(used, place[:, None], axis=1)[:, 0]
+        return {**found, "x/L": place / (self.places - 1) + 0.0 * most, UTILIZATION: most}
+
+
+@dataclasses.dataclass(frozen=True)
+class MemberBuckling(_OnMembers):
+    """Flexural buckling of members: ``N/N_b,Rd + My/My_Rd + Mz/Mz_Rd`` with largest moments.
+
+    Moments are those of the deformed structure, so they contain the effect of the axial force on
+    deflections, and interaction factors are 1 (conservative beside 6.3.3). Elements in tension have
+    the moments alone.
+
+    Args:
+        elements, name, of, profile, section_class, yield_strength, places: as of `MemberSection`.
+        lengths: buckling lengths about y and z, m; or one number for both. An element is seldom a
+            member: give the length of the member.
+        factors: instead of lengths, the lowest buckling factor of the loads, from
+            `stiffness.buckling_factor`; the same for all cases: the smallest of `buckling_factors`.
+            The critical force is then ``N_ref + factor (N - N_ref)``, the same for elements that do
+            not take part in buckling, which is conservative.
+        reference: `Solution` or `State` that the factors refer to, whose forces are N_ref; None: 0.
+        curves: buckling curves about y and z, table 6.2; or one for both.
+        chi_lt: reduction of My for lateral torsional buckling; 1.0 for hollow sections, or where
+            the flange in compression is held.
+        gamma_m1: partial factor.
+        youngs_modulus: Pa.
+    """
+
+    name: str = "member buckling"
+    of: Sequence[str] = ULTIMATE
+    lengths: float | Sequence[float] | None = None
+    factors: Float[ArrayLike, ""] | None = None
+    reference: Solution | State | None = None
+    curves: str | Sequence[str] = ("c", "c")
+    chi_lt: Float[ArrayLike, ""] = 1.0
+    gamma_m1: Float[ArrayLike, ""] = 1.0
+    youngs_modulus: Float[ArrayLike, ""] = 210e9
+
+    clause = "EN 1993-1-1:2005, 6.3.1, with moments of second order"
+    formula = "-N/(chi A f_y/gamma_m1) + My/(chi_lt Wy f_y/gamma_m1) + Mz/(Wz f_y/gamma_m1)"
+    units: ClassVar = {"N": "N", "N_b,Rd": "N", "My": "N m", "Mz": "N m"}
+    not_covered = "torsional buckling, lateral torsional buckling beyond chi_lt, class 4"
+
+    def __post_init__(self):
+        super().__post_init__()
+        pair = (self.curves,) * 2 if isinstance(self.curves, str) else tuple(self.curves)
+        if len(pair) != 2:
+            raise ValueError(f"curves = {self.curves!r}: expected two, about y and z")
+        for curve in pair:
+            checks.require_one_of(curve, "curves", list(IMPERFECTION_FACTORS))
+        object.__setattr__(self, "curves", pair)
+        if (self.lengths is None) == (self.factors is None):
+            raise ValueError("lengths, factors: give one of them, buckling lengths or factors")
+        if self.lengths is not None:
+            lengths = np.broadcast_to(np.asarray(self.lengths, float), (2,))
+            if not (lengths > 0).all():
+                raise ValueError(f"lengths = {self.lengths}: expected positive lengths, m")
+            object.__setattr__(self, "lengths", tuple(lengths.tolist()))
+        if self.reference is not None and self.factors is None:
+            raise ValueError("reference: belongs to factors, which are missing")
+
+    def inputs(self):
+        """Return the numbers and words that the user gave."""
+        if self.lengths is None:
+            how = {"buckling factor": self.factors}
+        else:
+            how = {f"L_cr,{k} (m)": v for k, v in zip("yz", self.lengths, strict=True)}
+        how |= {"curves": " and ".join(self.curves), "chi_lt": self.chi_lt}
+        return {**super().inputs(), **how, "gamma_m1": self.gamma_m1}
+
+    def _reduction(self, structure, pressed):
+        """Return chi, the smaller of those about y and z, for compressions [n_item], N."""
+        s, strength = self.profile, jnp.asarray(self.yield_strength)
+        if self.lengths is None:
+            reference = jnp.zeros_like(pressed)
+            if self.reference is not None:
+                reference = -self.taken(structure, self.reference.peak_tension)
+            critical = reference + self.factors * (pressed - reference)
+            critical = [jnp.where(critical > 0, critical, jnp.inf)] * 2
+        else:
+            modulus = jnp.asarray(self.youngs_modulus)
+            pairs = zip((s.Iy, s.Iz), self.lengths, strict=True)
+            critical = [critical_force(inertia, length, modulus) for inertia, length in pairs]
+        about = [
+            buckling_reduction(jnp.sqrt(s.A * strength / force), curve)
+            for force, curve in zip(critical, self.curves, strict=True)
+        ]
+        return jnp.broadcast_to(jnp.minimum(*about), pressed.shape)
+
+    def terms(self, structure, solution):
+        """Return axial force, its resistance, the largest moments, and the utilization."""
+        forces = self._forces(structure, solution)
+        smallest = forces[..., 0].min(axis=1)
+        pressed = jnp.maximum(-smallest, 0.0)
+        chi = self._reduction(structure, pressed)
+        s = self.profile
+        strength = jnp.asarray(self.yield_strength) / self.gamma_m1
+        My, Mz = (jnp.abs(forces[..., k]).max(axis=1) for k in (4, 5))
+        bending = My / (self.chi_lt * s.Wy * strength) + Mz / (s.Wz * strength)
+        resistance = chi * s.A * strength
+        return {
+            "N": smallest,
+            "chi": chi,
+            "N_b,Rd": resistance,
+            "My": My,
+            "Mz": Mz,
+            UTILIZATION: pressed / resistance + bending,
+        }
+
+
+def buckling_factors(
+    structure: Structure, solutions: Solution, reference: Solution | State | None = None
+) -> Float[np.ndarray, " n_case"]:
+    """Find the lowest buckling factor of every case, one eigenproblem each.
+
+    Args:
+        structure: `Structure`.
+        solutions: `Solution` with a leading axis [n_case].
+        reference: as of `stiffness.buckling_factor`: the prestressed state.
+
+    Returns:
+        Factors, [n_case], -; NaN for cases that have failed.
+
+    Raises:
+        ValueError: as `stiffness.buckling_factor`.
+    """
+    found = np.full(len(solutions.status), np.nan)
+    for k in np.flatnonzero(np.asarray(solutions.status) == status.OK):
+        one = jax.tree.map(lambda values, k=k: values[k], solutions)
+        found[k] = float(buckling_factor(structure, one, reference).factor[0])
+    return found
