@@ -5,7 +5,7 @@ Question   200 cases of a guyed mast, a suspension footbridge and a wheel (`jaxc
            `design.envelope` beside a loop over `solve`, one case each: are all extremes of all
            results the same? Milliseconds a case, second calls.
 Reference  The loop, and NumPy's minimum and maximum over its results.
-Error      Largest difference of an extreme, over the largest value of that result.
+Error      Largest difference of an extreme, over the largest value of all results of its unit.
 Command    python experiments/envelopes.py
            (writes experiments/results/envelopes.txt; some minutes)
 """
@@ -48,12 +48,29 @@ def results(structure, solution):
     return {name: [np.asarray(x) for x in jax.tree.leaves(v)] for name, v in found.items()}
 
 
-def difference(envelope, key, values):
-    """Largest difference of the extremes of a result from NumPy's, over its largest value."""
+UNITS = {
+    "displacement": "m",
+    "rotation": "rad",
+    **dict.fromkeys(("tension", "reactions", "N", "Vy", "Vz"), "N"),
+    **dict.fromkeys(("T", "My", "Mz"), "N m"),
+}
+
+
+def largest_by_unit(cases):
+    """Largest value of all results of a unit, by the unit."""
+    found = {}
+    for one in cases:
+        for key, values in one.items():
+            own = max(float(np.max(np.abs(value))) for value in values)
+            found[UNITS[key]] = max(found.get(UNITS[key], 0.0), own)
+    return found
+
+
+def difference(envelope, key, values, size):
+    """Largest difference of the extremes of a result from NumPy's, over `size`."""
     worst = 0.0
     sides = (jax.tree.leaves(side[key]) for side in (envelope.low, envelope.high))
     for own, low, high in zip(zip(*values, strict=True), *sides, strict=True):
-        size = max(np.max(np.abs(own)), 1e-12)
         for extreme, expected in ((low, np.min(own, axis=0)), (high, np.max(own, axis=0))):
             worst = max(worst, float(np.max(np.abs(extreme - expected))) / size)
     return worst
@@ -86,7 +103,10 @@ def compare(record, name, scene):
     looping, each = seconds(loop)
     assert len(envelope.failed) == sum(int(one.status) != 0 for one in each)
     good = [results(structure, one) for one in each if int(one.status) == 0]
-    worst = max(difference(envelope, key, [one[key] for one in good]) for key in good[0])
+    sizes = largest_by_unit(good)
+    worst = max(
+        difference(envelope, key, [one[key] for one in good], sizes[UNITS[key]]) for key in good[0]
+    )
     record(
         f"{name:<12}{3 * structure.n_node:>7}{len(envelope.failed):>8}{1e3 * solving / COUNT:>9.2f}"
         f"{1e3 * taking / COUNT:>10.2f}{1e3 * looping / COUNT:>9.2f}{compiled:>8.1f}{worst:>10.1e}"
