@@ -25,6 +25,11 @@ class SteelSection(NamedTuple):
             ones in class 3.
         Avy, Avz: shear areas along y and z, m2; None: shear is not checked.
         label: of what they are, such as "IPE 300, class 1"; for reports.
+
+    Example:
+        >>> rod = jc.standards.SteelSection(A=1e-3, Iy=1e-7, Iz=1e-7, Wy=1e-5, Wz=1e-5)
+        >>> print(rod.label, rod.Avz)
+        given numbers None
     """
 
     A: Float[ArrayLike, ""]
