@@ -647,7 +647,7 @@ design.envelope(3.0)  # values: expected arrays with the cases
 design.envelope(HUNG)  # solutions: missing; give envelope(structure, solutions)
 design.envelope(HUNG, solution())  # solutions: expected a Solution with a leading axis
 design.checks(HUNG, push())  # solutions: expected a Solution, got NodalLoads
-design.checks(HUNG, solution(), "EN 1993-1-1")  # rules = 'EN 1993-1-1': expected one of EN 1993-1-11
+design.checks(HUNG, solution(), "EN 1993-1-1")  # rules = 'EN 1993-1-1': expected one of
 design.checks(HUNG, solution(), 5)  # rules: expected checks, or the name of a standard, got int
 design.checks(HUNG, solution(), [5])  # rules[0]: expected a check, got int
 design.checks(HUNG, solution())  # cable resistance: no group of the structure has cables with a
@@ -668,7 +668,7 @@ design.ReactionLimit([0])  # reaction: lower, upper: missing
 design.ReactionLimit([0], lower=2.0, upper=1.0)  # reaction: lower = 2.0: expected below upper
 design.OwnCheck("own", 5)  # function: expected a function, got int
 design.CableResistance(termination="swaged")  # termination = 'swaged': expected one of metal filled
-design.CableResistance(gamma_r=0.0)  # gamma_r: is 0.0
+design.CableResistance(gamma_r=0.0)  # gamma_r = 0.0: must be positive
 design.CableService(fraction="use")  # fraction = 'use': expected one of service
 design.CableFatigue(category="rope")  # category = 'rope': expected one of prestressing bar
 design.MemberSection()  # cross-section: profile, yield_strength: missing
@@ -677,7 +677,7 @@ design.MemberSection(profile=5, yield_strength=235e6)  # profile: expected catal
 design.MemberSection(profile=TUBE, yield_strength=235e6, section_class=4)
     # section_class = 4: expected 1, 2 or 3
 design.MemberSection(profile=jc.catalogue.profile_data("L 100x100x10"), yield_strength=235e6)
-    # profile: L 100x100x10 is an angle
+    # profile: L 100x10 is an angle
 design.MemberBuckling(profile=TUBE, yield_strength=235e6)  # lengths, factors: give one of them
 design.MemberBuckling(profile=TUBE, yield_strength=235e6, lengths=0.0)
     # lengths = 0.0: expected positive lengths
