@@ -32,7 +32,7 @@ def written():
 
 def test_the_overview_is_sorted_and_says_what_has_passed(written):
     """One line a check; figures of the checks, by hand: 151 / (300 / 1.5), 101 / (200 / 1.5)."""
-    found, report = written
+    _, report = written
     table = report.tables["checks"]
     assert table.columns[:3] == ("check", "utilization", "item")
     (first, second) = table.rows
