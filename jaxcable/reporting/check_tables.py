@@ -91,7 +91,8 @@ def _items(checks, result):
     notes = [f"utilization = {result.formula}"] if result.formula else []
     if result.clause:
         notes.append(f"source: {result.clause}")
-    notes += [f"{name} = {value}" for name, value in result.inputs]
+    if result.inputs:
+        notes.append("input: " + "; ".join(f"{name} = {value}" for name, value in result.inputs))
     notes.append(f"counted: {', '.join(result.of) if result.of else 'all cases'}")
     if result.not_covered:
         notes.append(f"not covered: {result.not_covered}")

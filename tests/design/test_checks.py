@@ -337,3 +337,13 @@ def test_own_checks():
     np.testing.assert_allclose(found["clearance"].utilization, [7.9 / height], rtol=1e-12)
     assert found["clearance"].items == ("top",)
     assert str(found) == f"clearance: utilization {7.9 / height:.3f}, top, case 0, client"
+
+
+def test_cases_that_begin_at_a_solution_need_no_phases():
+    """The same as with the phases that lead there, to rounding of two iterations, 1e-9."""
+    cases = [jc.Phase(loads=jc.NodalLoads([1], (push, 0.0, 0.0))) for push in (30e3, 45e3)]
+    structure, calm = stayed(), jc.solve(stayed(), CALM)
+    begun = design.solve_cases(structure, None, cases, start=calm)
+    led = design.solve_cases(structure, CALM, cases)
+    assert not np.asarray(begun.status).any()
+    np.testing.assert_allclose(begun.tension["stays"], led.tension["stays"], rtol=1e-9)
