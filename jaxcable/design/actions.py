@@ -41,8 +41,8 @@ class Action:
         exclusive: name of a set of variable actions that never act together, such as the
             directions of the wind.
         source: permanent actions of one source have one factor together, unfavourable or
-            favourable for all of them (EN 1990, table A1.2, set B, note 3); without a name each action
-            is a source of its own.
+            favourable for all of them (EN 1990, table A1.2, set B, note 3); without a name each
+            action is a source of its own.
         needs: names of actions without which this one does not act: wind on iced members needs ice.
         excludes: names of actions with which this one does not act.
 
