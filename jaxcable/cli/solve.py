@@ -88,6 +88,7 @@ def _write_files(options, structure, solution, findings, over_cases):
     if options.report not in (None, "-"):
         wrote = findings.save(
             options.report,
+            pictures=_pictures_for_report(options, structure, solution, findings, over_cases),
             title=options.title or Path(options.scene).stem,
             author=options.author,
             date=options.date,
@@ -102,6 +103,15 @@ def _write_files(options, structure, solution, findings, over_cases):
         else:
             print_message(f"{options.plot}: not drawn: the analysis failed")
     return wrote
+
+
+def _pictures_for_report(options, structure, solution, findings, over_cases):
+    """Return the pictures of a report by their captions, of a format that shows them."""
+    if not options.report.lower().endswith((".pdf", *outputs.PAGES)):
+        return None
+    names = over_cases["combinations"].names if over_cases else None
+    cases = over_cases.get("cases")
+    return plots.for_report(structure, solution, cases=cases, names=names, units=findings.units)
 
 
 def _choose_method(options):
